@@ -1,4 +1,4 @@
-"""Description of a camera: optics, lenslets, sensor, and the plan of its scan.
+"""Description of a camera (optics, lenslets, sensor) and the plan of its scan.
 
 - ``main_lens``: photographic main lens or microscope
 - ``lattice``: lenslet array, square or hexagonal, one or three types

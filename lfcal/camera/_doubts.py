@@ -18,12 +18,12 @@ FEWEST_PIXELS = 4.0
 
 
 def doubts(camera: Camera) -> tuple[str, ...]:
-    """Return doubts about ``camera``, one line each: values that are possible, but probably not intended.
+    """Return warnings about values of ``camera`` that are possible but probably not intended, one line each.
 
     Raises
     ------
     InputError
-        If its values are so extreme that nothing can be calculated.
+        If the values are so extreme that nothing can be calculated.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def _unusual(camera: Camera, quantity: Quantity) -> list[str]:
 
 
 def _lenslets(camera: Camera, lenslets: PupilLenslets) -> list[str]:
-    """Return doubts about single lenslets: they overlap, get no light, or their images miss the sensor."""
+    """Return warnings about single lenslets that overlap, get no light, or whose images miss the sensor."""
     assert isinstance(camera.optics, Microscope)
     found, centres = [], np.array(lenslets.lens_centres_um)
     if lenslets.clear_um > 1.001 * lenslets.spacing_um:
@@ -107,7 +107,7 @@ def _sensor(camera: Camera) -> list[str]:
 
 
 def _apertures(camera: Camera) -> list[str]:
-    """Return a doubt if micro-images overlap because the main optics are faster than the lenslets."""
+    """Return a warning if micro-images overlap because the main optics are faster than the lenslets."""
     optics, lattice = camera.optics, camera.lattice
     ratio = lattice.gap_um / (optics.working_f_number * lattice.clear_diameter_um)
     if ratio <= 1.5:

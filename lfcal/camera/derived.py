@@ -1,4 +1,4 @@
-"""Quantities derived from a camera's values, with the values they depend on: none is more reliable than its inputs."""
+"""Quantities derived from a camera's values, with the assumed values on which they depend."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _assumed(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _that_matter(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the paths without the gap if lattice and image are telecentric: magnification does not depend on it."""
+    """Return ``paths``, without the gap if magnification does not depend on it (telecentric optics and a lattice)."""
     unneeded = camera.has_lattice and camera.optics.telecentric
     return tuple(path for path in paths if not (unneeded and path == "lattice.gap_um"))
 
@@ -228,7 +228,7 @@ def _depth(camera: Camera, virtual: float) -> float:
 
 
 def _depth_of_field(camera: Camera) -> _Row:
-    """Depth of field of the objective alone, λn/NA²."""
+    """Return the depth of field of the objective alone, λn/NA² (µm)."""
     optics = camera.optics
     assert not isinstance(optics, MainLens)
     depth = camera.wavelength_um * optics.medium_index / optics.numerical_aperture**2

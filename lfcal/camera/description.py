@@ -323,7 +323,7 @@ class Camera:
 
 
 def _lattice(entries: Any) -> LensletLattice | PupilLenslets:
-    """Return the lenslets that ``entries`` describe: a lattice has no type, for older programs wrote none."""
+    """Return the lenslets that ``entries`` describe; entries without a type (from older versions) are a lattice."""
     kind = entries.get("type", "LensletLattice") if isinstance(entries, Mapping) else "LensletLattice"
     if kind not in ("LensletLattice", "PupilLenslets"):
         raise FileFormatError.expected(
@@ -336,7 +336,7 @@ def _lattice(entries: Any) -> LensletLattice | PupilLenslets:
 
 
 def _completed(data: Mapping[str, Any], version: int) -> dict[str, Any]:
-    """Return the entries of a description of ``version``, completed by those that later versions added."""
+    """Return the entries of a description of an older ``version``, completed with the entries that were added later."""
     body = {key: value for key, value in data.items() if key not in ("format", "version")}
     for added in (ADDED[later] for later in ADDED if later > version):
         for part, entries in added.items():
@@ -389,7 +389,7 @@ def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
 
 @cache
 def _hints(kind: type) -> dict[str, Any]:
-    """Return the types of a dataclass's entries, cached because parsing them takes longer than everything else."""
+    """Return the types of a dataclass's fields; they are cached, because parsing them is slow."""
     return get_type_hints(kind)
 
 

@@ -1,4 +1,4 @@
-"""Distortion of the micro-image lattice, and lens distortion as a manufacturer states it."""
+"""Distortion of the micro-image lattice, and lens distortion as stated by a manufacturer."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _monomial_slopes(u: Array, degree: int) -> Array:
 
 
 def _radial_slopes(u: Array, terms: int) -> Array:
-    """Return the derivatives of |u|² u, |u|⁴ u, …: ``(..., 2, 2, terms)``, rows are displaced coordinates."""
+    """Return the derivatives of |u|² u, |u|⁴ u, …: ``(..., 2, 2, terms)``; rows are displaced coordinates."""
     square = (u**2).sum(-1)[..., None, None]
     outer = u[..., :, None] * u[..., None, :]
     return np.stack([square**m * np.eye(2) + 2 * m * square ** (m - 1) * outer for m in range(1, terms + 1)], axis=-1)
@@ -211,7 +211,7 @@ class LatticeDistortion:
         return displaced
 
     def _weighted(self, slopes: Array) -> Array:
-        """Return the derivative of the displacement ``(..., 2, 2)`` from those of its terms."""
+        """Return the derivative of the displacement ``(..., 2, 2)``, given the derivatives of its terms."""
         terms = np.array(self.terms)
         found: Array = slopes @ terms[0] if self.model == "radial" else (slopes @ terms.T).swapaxes(-1, -2)
         return found

@@ -1,4 +1,4 @@
-"""An incomplete camera: values are added as they become known, each with its source."""
+"""Incomplete camera: values are added as they become known, each with its origin."""
 
 from __future__ import annotations
 
@@ -192,7 +192,7 @@ class Draft:
         return replace(camera, marks=self._marks(camera, mark))
 
     def _in_a_pupil(self, optics: Microscope) -> PupilLenslets:
-        """Return the lenslets in a pupil plane; unknown ones are assumed to be seven, side by side across the pupil."""
+        """Return the lenslets in a pupil plane; unknown centres are assumed to be those of seven adjacent lenslets."""
         self.put("lattice.fourier_um", FOURIER_UM, "assumed")
         focal = self._values.get("lattice.focal_lengths_um")
         self.put("lattice.gap_um", LENSLET_UM if focal is None else focal[0][0], "assumed")

@@ -1,4 +1,4 @@
-"""Forecast of the cost of a scan."""
+"""Forecast of the time, disk space and memory of a scan."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ class Forecast:
 
 
 def _travel_um(plan: ScanPlan, positions: NDArray[np.intp] | None) -> float:
-    """Return the path length of the stage (µm), counting the longest axis of each move."""
+    """Return the path length of the stage (µm); each move counts with the axis that travels farthest."""
     # all steps of a row are equal, so the ends of the rows suffice if there are no gaps
     path = plan.stage_um(plan.row_ends() if positions is None else positions)
     # the axes move simultaneously, so the longest component determines the duration

@@ -1,4 +1,4 @@
-"""The lenslet array as seen on the sensor, and the cell of its lattice."""
+"""Lenslet array as seen on the sensor, and the cell of its lattice."""
 
 from __future__ import annotations
 
@@ -249,7 +249,7 @@ class LensletLattice:
 
     @property
     def _upright_um(self) -> tuple[Vector, Vector]:
-        """The vectors of `basis_um` if the rows ran along +x."""
+        """Vectors of `basis_um` for rows along +x."""
         lean = self.pitch_um / 2 if self.kind == "hexagonal" else 0.0
         return (self.pitch_um, 0.0), (lean + self.row_step_um * math.tan(self.shear_rad), self.row_step_um)
 

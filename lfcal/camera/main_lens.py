@@ -1,4 +1,4 @@
-"""The optics in front of the lenslets: a photographic main lens or a microscope."""
+"""Optics in front of the lenslets: a photographic main lens or a microscope."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scan plan: the source positions to record, their coordinates, and their order."""
+"""Scan plan: the source positions to record, their coordinates, and their order."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]
 
 
 def _check_near(optics: Microscope, z_um: float) -> None:
-    """Raise unless the depth z is close enough to the focal plane for the objective's cone to apply."""
+    """Raise `InputError` unless the depth is so close to the focal plane that the objective's cone can be used."""
     focal = optics.medium_index * optics.tube_length_um / optics.magnification
     if not abs(z_um) < MAX_DEFOCUS * focal:
         share = f"{MAX_DEFOCUS:g} of the objective's focal length"
@@ -384,7 +384,7 @@ class ScanPlan:
         return self._ordered(self.period[1])
 
     def _ordered(self, columns: int) -> NDArray[np.intp]:
-        """Return the positions of rows of so many columns."""
+        """Return the positions (z, y, x) in scan order for rows of ``columns`` positions."""
         nz, ny = len(self.depths_um), self.period[0]
         index = np.indices((nz, ny, columns), dtype=np.intp)
         if self.order == "serpentine":
@@ -461,7 +461,7 @@ class ScanPlan:
 
 
 def _check_on_sensor(plan: ScanPlan) -> None:
-    """Raise unless the cutout of every position lies on the sensor; the anchor and step are plane-independent."""
+    """Raise `InputError` unless the cutouts of all positions are on the sensor."""
     factors = plan.resample_factors
     for axis, name in enumerate(("row", "column")):
         size = plan.camera.sensor.shape[axis]
@@ -524,18 +524,18 @@ def moved_onto_sensor(
 
 
 def _span(plan: ScanPlan, axis: int) -> float:
-    """Return the way from the first position to the last one along an axis (sensor pixels)."""
+    """Return the distance from the first position to the last one along an axis (sensor pixels)."""
     return (plan.period[axis] - 1) / plan.resample_factors[axis]
 
 
 def _anchors_on_sensor(plan: ScanPlan, cutout: int, axis: int) -> tuple[float, float]:
-    """Return the lowest and the highest pixel of an anchor along an axis with which all cutouts are on the sensor."""
+    """Return the smallest and the largest anchor pixel along an axis for which all cutouts are on the sensor."""
     half = (cutout - 1) / 2 / plan.resample_factors[axis]
     return math.ceil(half - 0.5), math.floor(plan.camera.sensor.shape[axis] - 0.5 - half - _span(plan, axis))
 
 
 def _nearest_place(plan: ScanPlan, anchor: float, period_px: float, low: float, high: float) -> float:
-    """Return the place nearest to an anchor with its pixel in a range, by whole periods, else by whole pixels."""
+    """Return the position nearest to an anchor with its pixel in a range, by whole periods or else whole pixels."""
     pixel = math.floor(anchor + 0.5)
     if low <= pixel <= high:
         return anchor

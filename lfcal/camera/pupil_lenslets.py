@@ -1,4 +1,4 @@
-"""The lenslets of a Fourier light-field microscope: a few large ones in a plane conjugate to the objective's pupil."""
+"""Lenslets of a Fourier light-field microscope: a few large ones in a plane conjugate to the objective's pupil."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class PupilLenslets:
         object.__setattr__(self, "offset_um", check_tuple("optical axis on the sensor (x, y) (µm)", self.offset_um, 2))
 
     def __getattr__(self, name: str) -> Any:
-        """Raise for what only a lattice has: Python asks here for names that this class lacks."""
+        """Raise `NoLatticeError` for attributes that only a lattice has."""
         if name.startswith("__"):
             raise AttributeError(name)
         raise NoLatticeError.of(f"lenslet {name.removesuffix('_um').replace('_', ' ')}")

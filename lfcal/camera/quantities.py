@@ -188,7 +188,7 @@ def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
 
 
 def _fitting(quantity: Quantity, lattice: LensletLattice) -> Quantity:
-    """Return the clear diameter's quantity with its meaning in an array, which the number alone does not show."""
+    """Return the quantity of the clear diameter with a text that states its meaning in this array."""
     shape = "without gaps" if lattice.gapless else "round"
     if not lattice.gapless and lattice.clear_diameter_um > lattice.cell_um[0]:
         shape = "round, cut off where the next lenslet begins"

@@ -1,4 +1,4 @@
-"""Several representative regions of the field in one plan; each is scanned like that of a `ScanPlan`."""
+"""Several representative regions of the field in one plan; each is scanned according to a `ScanPlan`."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ def _anchor_of_phase(
     high: NDArray[np.float64],
     reach: NDArray[np.float64],
 ) -> tuple[float, float]:
-    """Return the whole-pixel anchor next to ``place`` with the scan's phase, to `PHASE_TOLERANCE_PX` if possible."""
+    """Return the integer anchor near ``place`` with the scan's phase, to `PHASE_TOLERANCE_PX` if possible."""
     camera = scan.camera
     offset = np.array(scan.anchor) - nearest_lens(camera, scan.anchor)
     pixel = camera.sensor.pixel_um

@@ -1,4 +1,4 @@
-"""The image sensor."""
+"""Image sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Size of the image of a point on the sensor, by geometry."""
+"""Geometric size of the image of a point on the sensor."""
 
 from __future__ import annotations
 
@@ -39,9 +39,10 @@ def _edge_slope(camera: Camera, z_um: float) -> tuple[float, float]:
 
 
 def _elemental(camera: Camera, lenslets: PupilLenslets, z_um: float) -> tuple[NDArray[np.float64], float]:
-    """Return the spots ``(n, 2)`` of a point about its chief ray, and the largest radius of one by rays (µm).
+    """Return the spots ``(n, 2)`` of a point about its chief ray, and the largest geometric radius of a spot (µm).
 
-    A ray through c + e of a lenslet at c meets the sensor at c (1 + s) + e (1 - B/f + s), s = `PupilLenslets.spread`.
+    A ray through the point c + e of a lenslet at c meets the sensor at c (1 + s) + e (1 - B/f + s), where s is
+    `PupilLenslets.spread`.
     """
     assert isinstance(camera.optics, Microscope)
     spread = lenslets.spread(camera.optics, z_um)

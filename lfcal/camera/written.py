@@ -1,4 +1,4 @@
-"""Parsing of camera values: with units, as lists in the order of an option, or as a pitch in pixels."""
+"""Parse camera values: with units, as lists in the order of an option, or as a pitch in pixels."""
 
 from __future__ import annotations
 

@@ -25,11 +25,11 @@ class ColourError:
     Attributes
     ----------
     differences
-        Colour difference of each reflectance.
+        Colour difference of each reflectance, ``(n,)``.
     matrix
-        Matrix ``(3, kinds)`` from the samples of the array's kinds of filters to XYZ, for white with Y = 1.
+        Matrix ``(3, kinds)`` from the samples of the array's different filters to XYZ, scaled so that white has Y = 1.
     noise
-        Rms colour difference due to the camera's noise; None without a camera.
+        Rms colour difference due to the camera's noise; None if no noise is given.
 
     Examples
     --------
@@ -47,26 +47,27 @@ class ColourError:
 
     @property
     def mean(self) -> float:
-        """Mean difference; about 1 is just visible."""
+        """Mean colour difference; a difference of about 1 is just visible."""
         return float(self.differences.mean())
 
     @property
     def worst(self) -> float:
-        """Largest difference."""
+        """Largest colour difference."""
         return float(self.differences.max())
 
 
 def lab(xyz: ArrayLike, white: ArrayLike) -> Array:
-    """Return CIELAB of XYZ ``(..., 3)`` under a white ``(3,)`` (CIE 15)."""
+    """Return the CIELAB colours ``(..., 3)`` of XYZ ``(..., 3)`` for a white point ``(3,)`` (CIE 15)."""
     t = np.asarray(xyz, float) / np.asarray(white, float)
     f = np.where(t > (6 / 29) ** 3, np.cbrt(t), t / (3 * (6 / 29) ** 2) + 4 / 29)
     return np.stack([116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], -1)
 
 
 def colour_difference(one: ArrayLike, two: ArrayLike) -> Array:
-    """Return CIEDE2000 between CIELAB colours ``(..., 3)``.
+    """Return the CIEDE2000 differences ``(...)`` between CIELAB colours ``(..., 3)``.
 
-    It follows Sharma, Wu and Dalal 2005, Color Research and Application 30:21, and reproduces their test pairs.
+    The calculation follows Sharma, Wu and Dalal 2005, Color Research and Application 30:21, and reproduces their test
+    pairs.
 
     Examples
     --------
@@ -106,7 +107,7 @@ def _weights(ml: Array, mc: Array, mh: Array) -> tuple[Array, Array, Array, Arra
 
 
 def smooth_reflectances(count: int, rng: np.random.Generator) -> Spectra:
-    """Return random smooth reflectances 0.02 … 0.98 over 400 … 700 nm, as a model of surfaces."""
+    """Return ``count`` random smooth reflectance spectra between 400 and 700 nm, as a model of surfaces."""
     check_number("reflectances", count, at_least=1, at_most=100_000, integer=True)
     waves = np.linspace(395.0, 705.0, 63)
     phase = np.pi * (waves - 395) / 310
@@ -125,9 +126,10 @@ def colour_error(
     noise: SensorNoise | None = None,
     rng: np.random.Generator | None = None,
 ) -> ColourError:
-    """Return the colour error of a filter array with the best matrix from its samples to XYZ.
+    """Return the colour error of a filter array, with the best matrix from its samples to XYZ.
 
-    The matrix is fitted to 200 smooth reflectances with white balance and tested on others.
+    The matrix is fitted to 200 smooth reflectances, under the condition that white remains white. It is tested on other
+    reflectances.
 
     Parameters
     ----------
@@ -136,9 +138,10 @@ def colour_error(
     illuminant
         Relative power of the illuminant, one curve; D65 by default.
     reflectances
-        Reflectances of the test; by default 100 other smooth ones.
+        Reflectances for the test; by default 100 random smooth ones.
     noise
-        Noise of the camera, for the error that it adds; unmodulated light is its full scale.
+        Noise of the camera, to compute the colour error that it causes; unmodulated light reaches full scale. None: no
+        noise.
     rng
         Random generator for reflectances and noise; with a fixed seed by default.
 
@@ -175,7 +178,7 @@ def colour_error(
 
 
 def _fitted(seen: Array, wanted: Array, white: Array, white_xyz: Array) -> Array:
-    """Return the matrix of least squared error that shows white as white."""
+    """Return the matrix with the least squared error that maps white to white."""
     fit = np.linalg.lstsq(seen, wanted, rcond=None)[0].T
     # the constraint by one Lagrange multiplier in the metric of the samples
     step = np.linalg.pinv(seen.T @ seen) @ white

@@ -29,7 +29,7 @@ class Mosaic(NamedTuple):
 def estimate_rows(mosaic: Mosaic, weights: Float, out: Float, start: int) -> None:
     """Write the estimates of rows ``start …`` to ``out`` ``(samples, rows, columns)``.
 
-    ``weights`` are those of ``estimation_weights``. The columns of each place in the super-pixel are stored next to
+    ``weights`` are those of ``estimation_weights``. The columns of each position in the super-pixel are stored next to
     each other, so that the inner loops run over contiguous memory.
     """
     side_x, cells = mosaic.columns.shape
@@ -55,7 +55,7 @@ def estimate_rows(mosaic: Mosaic, weights: Float, out: Float, start: int) -> Non
 
 @njit()
 def _deal(mosaic: Mosaic, row: int, target: Float) -> None:
-    """Deal one row of the frame, with its margins, to the places in the super-pixel: ``target`` (px, cells)."""
+    """Sort one row of the frame, with its margins, by position in the super-pixel into ``target`` ``(px, cells)``."""
     line = mosaic.frame[mosaic.rows[row]]
     for b in range(target.shape[0]):
         columns = mosaic.columns[b]
@@ -65,7 +65,7 @@ def _deal(mosaic: Mosaic, row: int, target: Float) -> None:
 
 @njit()
 def _weigh(rows: Float, kernel: Float, y: int, first: int, acc: Float) -> None:
-    """Add up the windows in row ``y`` that begin at column ``first`` and super-pixels further on."""
+    """Add the windows in row ``y`` that begin at column ``first`` and at the following super-pixels."""
     window, side_x = kernel.shape[0], rows.shape[1]
     acc[:] = 0
     for i in range(window):
@@ -81,11 +81,11 @@ def _weigh(rows: Float, kernel: Float, y: int, first: int, acc: Float) -> None:
 
 @njit()
 def blend_rows(one: Float, two: Float, half: int, out: Float, skip: int) -> None:
-    """Blend two estimates by the changes of their colours along the rows (``one``) and the columns (``two``).
+    """Blend two estimates according to how their colours change along the rows (``one``) and the columns (``two``).
 
-    An estimate along an edge has colours that change little in that direction. Each estimate is weighted with the
-    other's change, summed over a window of ``2 half + 1`` pixels, to the fourth power. ``out`` ``(samples, rows,
-    columns)`` begins ``skip`` rows into the estimates.
+    The colours of an estimate along an edge change little in that direction. Each estimate is therefore weighted by the
+    change of the other one, summed over a window of ``2 half + 1`` pixels, to the fourth power. ``out`` ``(samples,
+    rows, columns)`` begins ``skip`` rows into the estimates.
     """
     samples, height, width = one.shape
     change = np.zeros((2, height, width), out.dtype)
@@ -113,7 +113,7 @@ def blend_rows(one: Float, two: Float, half: int, out: Float, skip: int) -> None
 
 @njit()
 def _changes(estimate: Float, step_y: int, step_x: int, change: Float) -> None:
-    """Write the sum over samples of how much the colour, a sample less the mean, differs one step further."""
+    """Write the sum over samples of the change of colour (sample minus mean) from each pixel to the next."""
     samples, height, width = estimate.shape
     for y in range(height - step_y):
         for x in range(width - step_x):
@@ -129,7 +129,7 @@ def _changes(estimate: Float, step_y: int, step_x: int, change: Float) -> None:
 
 @njit()
 def _window(values: Float, first: int, last: int) -> float:
-    """Return the sum of ``values[first … last]``, as far as they are."""
+    """Return the sum of ``values[first … last]``, limited to existing values."""
     total = 0.0
     for k in range(max(first, 0), min(last + 1, values.size)):
         total += values[k]

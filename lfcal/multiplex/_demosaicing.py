@@ -1,7 +1,7 @@
 """Demosaic any colour filter array: linear estimates with a prior for images, optionally blended by direction.
 
-Neighbouring pixels receive almost the same light, and colours differ from each other much less than they vary
-together. With these two facts as a prior covariance, the best linear estimate can be computed for any filter array
+Neighbouring pixels receive almost the same light, and colours differ from each other much less than they vary together.
+If these two facts are expressed as a prior covariance, the best linear estimate can be computed for any filter array
 (Trussell and Hartwell 2002, "Mathematics for demosaicking", IEEE Trans. Image Processing 11:485). The two greens of a
 Bayer pattern are one colour, and a pixel behind any filter contains information about all samples.
 """
@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Covariance exp(-d/length) of the light at two places with the elliptical distance d.
+    """Covariance exp(-d/length) of the light at two positions with the elliptical distance d.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Prior:
     noise: float = 1e-9
 
     def alike(self, dy: NDArray[Any], dx: NDArray[Any]) -> Array:
-        """Return the correlation of the light at places ``(dy, dx)`` apart (pixels)."""
+        """Return the correlation of the light at two positions that are ``(dy, dx)`` apart (pixels)."""
         correlation: Array = np.exp(-np.hypot(dy * self.elongation, dx / self.elongation) / self.length_px)
         return correlation
 
@@ -79,21 +79,22 @@ LEAST_REACH = (3, 4)
 
 
 def reach_of(modulator: Modulator, estimates: int) -> int:
-    """Return the distance of the pixels used for an estimate (pixels): at least a super-pixel."""
+    """Return how far away pixels are used for an estimate (pixels): at least one super-pixel."""
     return max(LEAST_REACH[estimates - 1], -(-max(modulator.side) // 2))
 
 
 def sample_levels(frame: NDArray[Any], modulator: Modulator) -> Array:
-    """Return the variation of each sample in a frame ``(N,)``, relative to their mean.
+    """Return the variation of each sample in a frame, ``(N,)``, relative to the mean of all samples.
 
-    It is the rms of differences between neighbouring super-pixels. At edges, all colours change equally, whatever the
-    colour of the light (grey-edge assumption: van de Weijer, Gevers and Gijsenij 2007, IEEE Trans. Image Processing
-    16:2207). Without this scale, a sensor twice as sensitive to green as to red would look like a green scene.
+    The variation is the rms of differences between neighbouring super-pixels. At edges, all colours are assumed to
+    change equally, independent of the colour of the light (grey-edge assumption: van de Weijer, Gevers and Gijsenij
+    2007, IEEE Trans. Image Processing 16:2207). Without this scale, a sensor twice as sensitive to green as to red
+    would look like a green scene.
 
     Parameters
     ----------
     frame
-        ``(rows, columns)``, whole super-pixels.
+        Frame ``(rows, columns)``, a whole number of super-pixels.
     modulator
         Filter array.
     """
@@ -118,19 +119,19 @@ def estimation_weights(modulator: Modulator, prior: Prior, reach: int, levels: N
     """Return the weights ``(K, N, 2 reach + 1, 2 reach + 1)`` of the pixels around each pixel of a super-pixel.
 
     The weights reproduce uniform light exactly (if the window measures it). Among all such weights, they have the
-    smallest mean square error under ``prior``. If samples cannot be separated, uniform light gives the least-norm
-    solution.
+    smallest mean squared error under ``prior``. If samples cannot be separated, the result for uniform light is the
+    least-norm solution.
 
     Parameters
     ----------
     modulator
-        Colour filter array: every pixel samples the light at its own place.
+        Colour filter array, in which every pixel samples the light at its own position.
     prior
         Prior covariance of the light.
     reach
         Distance from the middle of the window to its edge (pixels).
     levels
-        Scale of each sample ``(N,)``: ``prior`` describes samples divided by these.
+        Scale of each sample ``(N,)``; ``prior`` describes the samples after division by these scales.
     """
     scale = np.ones(modulator.count) if levels is None else np.asarray(levels, float)
     n, (dy, dx), windows = modulator.count, _offsets(reach), _windows(modulator, reach)
@@ -150,7 +151,7 @@ def estimation_weights(modulator: Modulator, prior: Prior, reach: int, levels: N
 
 
 def thinned(weights: Array, modulator: Modulator) -> Array:
-    """Return `estimation_weights` without the smallest, for speed; uniform light gives the same result.
+    """Return `estimation_weights` without the smallest ones, for speed; the result for uniform light does not change.
 
     The other weights are changed as little as possible.
     """
@@ -164,14 +165,14 @@ def thinned(weights: Array, modulator: Modulator) -> Array:
 
 
 def _offsets(reach: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return rows and columns of a window's pixels from its middle."""
+    """Return rows and columns of a window's pixels relative to its middle."""
     along = np.arange(-reach, reach + 1)
     dy, dx = np.meshgrid(along, along, indexing="ij")
     return dy.ravel(), dx.ravel()
 
 
 def _windows(modulator: Modulator, reach: int) -> Array:
-    """Return what the pixels of the window about each pixel see, ``(K, pixels of the window, N)``."""
+    """Return the response of the pixels in the window about each pixel, ``(K, pixels of the window, N)``."""
     (py, px), (dy, dx) = modulator.side, _offsets(reach)
     a, b = np.divmod(np.arange(py * px), px)
     places = (a[:, None] + dy) % py * px + (b[:, None] + dx) % px
@@ -180,7 +181,7 @@ def _windows(modulator: Modulator, reach: int) -> Array:
 
 
 def _unbiased(covariance: Array, cross: Array, seen: Array) -> Array:
-    """Return W of least error among those with W seen = identity, as far as ``seen`` has that rank."""
+    """Return the W of least error for which W seen = identity, as far as the rank of ``seen`` allows."""
     n = seen.shape[1]
     solved = np.linalg.solve(covariance, np.hstack([cross.T, seen]))
     free, by_seen = solved[:, :n].T, solved[:, n:]
@@ -201,28 +202,28 @@ HALF_WINDOW = 3
 
 
 def can_estimate(modulator: Modulator, samples: tuple[int, int]) -> bool:
-    """Return whether the modulator is a colour filter array whose colours are requested at every pixel."""
+    """Return whether the modulator is a colour filter array and its colours are requested at every pixel."""
     return bool(modulator.colours) and modulator.views == (1, 1) and samples == modulator.side
 
 
 def reconstruct_by_estimation(
     frame: Image, modulator: Modulator, filter: str, out: Image, *, workers: int | None = None
 ) -> Image:
-    """Write the colours of a frame of whole super-pixels to ``out`` ``(N, rows, columns)`` and return it.
+    """Write the colours of a frame to ``out`` ``(N, rows, columns)`` and return it.
 
     Parameters
     ----------
     frame
-        ``(rows, columns)``, whole super-pixels.
+        Frame ``(rows, columns)``, a whole number of super-pixels.
     modulator
         Colour filter array.
     filter
         ``"lmmse"``: the linear estimate for isotropic surroundings. ``"directional"``: two estimates, for edges along
-        the rows and along the columns, blended by how little colours change in these directions. As in Menon, Andriani
-        and Calvagno 2007 ("Demosaicing with directional filtering and a posteriori decision", IEEE Trans. Image
-        Processing 16:132), the change is measured on the estimates themselves.
+        the rows and along the columns, blended according to how little colours change in these directions. As in Menon,
+        Andriani and Calvagno 2007 ("Demosaicing with directional filtering and a posteriori decision", IEEE Trans.
+        Image Processing 16:132), the change is measured on the estimates themselves.
     out
-        Float array; its type is that of the arithmetic.
+        Output array; its float type is also used for the calculation.
     workers
         Number of threads; None: all processors.
 
@@ -257,7 +258,7 @@ def reconstruct_by_estimation(
 
 
 def _blend(mosaic: Mosaic, tables: list[Image], out: Image, start: int, stop: int) -> None:
-    """Write rows ``start … stop`` from the estimates of these rows and of those about them."""
+    """Write rows ``start … stop``, computed from the estimates of these and the neighbouring rows."""
     low, high = max(start - HALF_WINDOW - 1, 0), min(stop + HALF_WINDOW + 1, out.shape[1])
     estimates = np.empty((2, len(out), high - low, out.shape[2]), out.dtype)
     for estimate, table in zip(estimates, tables, strict=True):
@@ -273,7 +274,7 @@ def _mosaic(frame: Image, side: tuple[int, int], reach: int) -> Mosaic:
 
 
 def _continued(length: int, margin: int, period: int) -> NDArray[np.intp]:
-    """Return the pixels ``-margin … length + margin``: beyond the ends those mirrored to the same place in a period."""
+    """Return the pixel indices ``-margin … length + margin``, mirrored at the ends to the same phase of the period."""
     place = np.arange(-margin, length + margin)
     mirrored = np.where(place < 0, -place, np.where(place >= length, 2 * (length - 1) - place, place))
     # the nearest pixel with the same position in its super-pixel

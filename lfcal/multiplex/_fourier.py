@@ -16,7 +16,7 @@ Spectrum = NDArray[Any]
 
 
 def _signed(count: int) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the frequencies of a tile, ``count`` super-pixels long, and their weights (halves at even ends)."""
+    """Return the frequencies of a tile of ``count`` super-pixels, and their weights (1/2 at the ends of even tiles)."""
     k = np.arange(-(count // 2), count // 2 + 1)
     weight = np.ones(len(k))
     if count % 2 == 0:
@@ -48,10 +48,11 @@ def reconstruct_fourier(
     out: Image,
     rcond: float | None = None,
 ) -> Image:
-    """Write the plenoptic samples of a frame of whole super-pixels to ``out`` ``(N, rows, columns)`` and return it.
+    """Write the plenoptic samples of a frame to ``out`` ``(N, rows, columns)`` and return it.
 
-    l-hat(w') = (Sigma-hat Pi^T)^+ c-hat(w') with Sigma-hat = F Sigma (equation 8), zero-padded to the output and
-    inverse transformed: a sinc filter for every modulator (section 3.2). Frames are assumed to be periodic.
+    The spectrum of the samples is l-hat(w') = (Sigma-hat Pi^T)^+ c-hat(w') with Sigma-hat = F Sigma (equation 8). It is
+    zero-padded to the size of the output and inverse transformed, which corresponds to a sinc filter for every
+    modulator (section 3.2). The frame must consist of complete super-pixels and is assumed to be periodic.
     """
     from scipy import fft
 

@@ -21,9 +21,9 @@ Index = NDArray[np.intp]
 
 
 class Taps(NamedTuple):
-    """Interpolation along both axes, m output places per super-pixel: weights of neighbouring super-pixels.
+    """Interpolation along both axes with m output positions per super-pixel: weights of neighbouring super-pixels.
 
-    Output place q of super-pixel k is ``sum_t weight[q, a, t] * (channel a of super-pixel k + first[q, a] + t)``.
+    Output position q of super-pixel k is ``sum_t weight[q, a, t] * (channel a of super-pixel k + first[q, a] + t)``.
     """
 
     first_y: Index  # (my, py): first neighbour, in super-pixels
@@ -42,7 +42,7 @@ class Channels(NamedTuple):
 
 
 class Guided(NamedTuple):
-    """A frame, and the image whose edges the interpolation preserves."""
+    """Frame, and the image whose edges the interpolation preserves."""
 
     frame: NDArray[Any]  # (rows, columns)
     guide: Float  # the same shape
@@ -53,8 +53,8 @@ class Guided(NamedTuple):
 def linear_rows(frame: NDArray[Any], taps: Taps, channels: Channels, out: Float, start: int, stop: int) -> None:
     """Write rows ``start … stop`` of all samples ``out`` ``(samples, rows, columns)``.
 
-    The steps are: down the columns, across the channels, along the rows. All are linear, so their order is free; this
-    one accesses each sample of the frame least often.
+    The steps are: down the columns, across the channels, along the rows. Because all steps are linear, any order is
+    possible. This order accesses each sample of the frame least often.
     """
     py, px = channels.side_y, channels.side_x
     my, taps_x = taps.weight_y.shape[0], taps.weight_x.shape[2]
@@ -89,7 +89,7 @@ def _down(frame: NDArray[Any], taps: Taps, cell: int, phase: int, g: Float) -> N
 
 @njit()
 def _across(channels: Channels, j: int, g: Float, u: Float, margin: int) -> None:
-    """Write sample ``j``'s part of every column b of channels to ``u`` (px, margin + cells + margin)."""
+    """Write the part of sample ``j`` from every column b of channels to ``u`` ``(px, margin + cells + margin)``."""
     py, px, inverse, used = channels.side_y, channels.side_x, channels.inverse, channels.used
     cells_x = u.shape[1] - 2 * margin
     for b in range(px):
@@ -110,7 +110,7 @@ def _across(channels: Channels, j: int, g: Float, u: Float, margin: int) -> None
 
 @njit()
 def _along(taps: Taps, used: NDArray[np.bool_], u: Float, margin: int, acc: Float, target: Float) -> None:
-    """Interpolate one row along x to ``target`` (cells mx); ``acc`` (cells,) is scratch."""
+    """Interpolate one row along x to ``target`` ``(cells mx)``; ``acc`` ``(cells,)`` is a work array."""
     first_x, weight_x = taps.first_x, taps.weight_x
     cells_x = acc.size
     mx, px = first_x.shape
@@ -134,7 +134,7 @@ def _along(taps: Taps, used: NDArray[np.bool_], u: Float, margin: int, acc: Floa
 def bilateral_rows(image: Guided, taps: Taps, channels: Channels, out: Float, start: int, stop: int) -> None:
     """Write output rows of the joint bilateral filter (Petschnigg et al. 2004), ``out`` ``(samples, rows, columns)``.
 
-    Each channel is sum w f / sum w with w the linear weight times exp(-(guide difference)^2 / (2 sigma^2)).
+    Each channel is sum w f / sum w, where w is the linear weight times exp(-(guide difference)^2 / (2 sigma^2)).
     """
     # take arrays out of their records before the loops, where each access would count references
     frame, guide, sharpness, inverse = image.frame, image.guide, image.sharpness, channels.inverse

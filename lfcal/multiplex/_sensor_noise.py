@@ -1,7 +1,7 @@
 """Noise of a sensor, weights of recorded samples, and black level of recorded frames.
 
-Noise consists of read, dark, shot, quantization and fixed-pattern noise. The black level is one number, or one per
-place of a pattern, as in RAW files.
+Noise consists of read, dark, shot, quantization and fixed-pattern noise. The black level is one number, or one number
+for each position in a pattern, as in RAW files.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ __all__ = ["SensorNoise", "black_level_map", "pixel_weights", "sensor_noise", "w
 
 
 def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return the black level of every pixel, ``(rows, columns)``, or of all pixels as an array of shape ``()``.
+    """Return the black level of every pixel, ``(rows, columns)``; for a single level, an array of shape ``()``.
 
     Parameters
     ----------
     levels
-        One number, one per pixel ``(rows, columns)``, or those of a square pattern by rows, such as (R, G, G, B), as
-        in the metadata ``black_level`` of a frame.
+        One level, one per pixel ``(rows, columns)``, or the levels of a square pattern by rows, such as (R, G, G, B),
+        as in the metadata ``black_level`` of a frame.
     shape
-        Rows and columns of the frame, which begins with the first pixel of the pattern.
+        Rows and columns of the frame; its first pixel is the first one of the pattern.
 
     Raises
     ------
     InputError
-        If the levels are not finite or not of a square pattern.
+        If the levels are not finite, or are not those of a square pattern.
     """
     values = np.asarray(levels, float)
     if values.ndim == 2 and values.shape == tuple(shape) and np.isfinite(values).all():
@@ -54,7 +54,7 @@ def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.flo
 
 
 def without_black_level(frame: ArrayLike, levels: ArrayLike) -> NDArray[Any]:
-    """Subtract the black level (`black_level_map`) from a frame; float64 for float64 frames, else float32.
+    """Return a frame minus its black level (`black_level_map`): float64 for float64 frames, else float32.
 
     Examples
     --------
@@ -80,16 +80,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """Variance of a sample in electrons squared: additive + signal + (prnu signal)^2.
+    """Noise model of a sensor: the variance of a sample is additive + signal + (prnu signal)^2 (electrons squared).
 
     Attributes
     ----------
     full_e
-        Electrons of unmodulated light at full scale.
+        Electrons of unmodulated light, which reaches full scale.
     additive_e2
-        Read noise, dark current, offsets and quantisation.
+        Variance of read noise, dark current, offsets and quantization (electrons squared).
     prnu
-        Response non-uniformity, relative; 0 where frames are corrected for it.
+        Relative rms of the response non-uniformity; 0 if frames are corrected for it.
 
     Examples
     --------
@@ -105,11 +105,11 @@ class SensorNoise:
 
     @property
     def chi2(self) -> float:
-        """Ratio of photon to additive noise variance at full scale (equation 12), without fixed-pattern noise."""
+        """Ratio of photon to additive noise variance at full scale (equation 12), without response non-uniformity."""
         return self.full_e / self.additive_e2 if self.additive_e2 > 0 else float("inf")
 
     def variance(self, electrons: ArrayLike) -> Array:
-        """Return the variance (e-^2) of samples with these numbers of electrons."""
+        """Return the noise variance (electrons squared) of samples with the given numbers of electrons."""
         signal = np.maximum(np.asarray(electrons, float), 0.0)
         return np.asarray(self.additive_e2 + signal + (self.prnu * signal) ** 2)
 
@@ -117,18 +117,18 @@ class SensorNoise:
 def sensor_noise(
     sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0, flat_corrected: bool = True
 ) -> SensorNoise:
-    """Return the noise of a sensor: read, dark shot, offsets, quantization, and response unless it is corrected.
+    """Return the noise model of a sensor for a gain and an exposure time.
 
     Parameters
     ----------
     sensor
-        Full well, read noise, dark current, bit depth, DSNU and PRNU are used.
+        Sensor; its full well, read noise, dark current, bit depth, DSNU and PRNU are used.
     gain
-        Amplifier gain: full scale is reached at full well over gain.
+        Amplifier gain: full scale is reached at full well divided by gain.
     exposure_s
         Exposure time, for the dark current (s).
     flat_corrected
-        Whether frames are divided by a white image, which removes the pattern of the response.
+        Whether frames are divided by a white image, which removes the response non-uniformity.
 
     Examples
     --------
@@ -157,26 +157,27 @@ def pixel_weights(
     flat_corrected: bool = True,
     black_level: ArrayLike | None = None,
 ) -> Array:
-    """Return the weight of each recorded sample ``(rows, columns)``: inverse variance; 0 for saturated and dead ones.
+    """Return the weight ``(rows, columns)`` of each recorded sample: its inverse variance, 0 if saturated or dead.
 
     Parameters
     ----------
     frame
-        Raw sample values, black level included; saturated ones (`Sensor.saturated_from`) get weight 0.
+        Raw sample values ``(rows, columns)``, including the black level; saturated ones (`Sensor.saturated_from`) get
+        weight 0.
     sensor, gain, exposure_s, flat_corrected
         As in `sensor_noise`.
     dead
-        Non-zero for dead pixels, same shape.
+        Mask of the same shape, not zero for dead pixels; None: no dead pixels.
     expected
-        Sample values for the shot noise, such as a prediction or a smoothed frame. By default the frame itself; its
-        noise then gives dark samples slightly too much weight.
+        Sample values from which to compute the shot noise, such as a prediction or a smoothed frame. None: the frame
+        itself; because of its noise, dark samples then get slightly too much weight.
     black_level
         Black level as stated by the frame's file (`lfcal.multiplex.without_black_level`); None: that of the sensor.
 
     Raises
     ------
     InputError
-        If a shape differs.
+        If the arrays have different shapes.
 
     Examples
     --------

@@ -30,20 +30,20 @@ def reconstruct_spatial(
     *,
     workers: int | None = None,
 ) -> Image:
-    """Write the plenoptic samples of a frame of whole super-pixels to ``out`` ``(N, rows, columns)`` and return it.
+    """Write the plenoptic samples of a frame to ``out`` ``(N, rows, columns)`` and return it.
 
     Parameters
     ----------
     frame
-        ``(rows, columns)``, whole super-pixels.
+        Frame ``(rows, columns)``, a whole number of super-pixels.
     modulator, inverse
-        The modulator and its decorrelation ``(N, K)``.
+        Modulator, and its decorrelation ``(N, K)``.
     samples
         Output samples per super-pixel ``(rows, columns)``.
     filter
         One of `lfcal.multiplex.filters.SPATIAL_FILTERS`.
     out
-        Float array; its type is that of the arithmetic.
+        Output array; its float type is also used for the calculation.
     workers
         Number of threads; None: all processors.
     """
@@ -75,7 +75,7 @@ def _tables(name: str, modulator: Modulator, samples: tuple[int, int]) -> list[t
 def _by_sinc(
     frame: Image, modulator: Modulator, inverse: NDArray[np.float64], samples: tuple[int, int], out: Image
 ) -> Image:
-    """Interpolate by the periodic sinc, a product with a full matrix along each axis: slow, and exact."""
+    """Interpolate with the periodic sinc, by a product with a full matrix along each axis: exact but slow."""
     (py, px), (rows, columns) = modulator.side, frame.shape
     down, across = (
         dirichlet_table(length // side, side, positions, m)
@@ -95,7 +95,7 @@ def _by_sinc(
 
 
 def guide_image(frame: Image, side: tuple[int, int], dtype: np.dtype[Any]) -> Image:
-    """Return the mean over a super-pixel about each pixel, with equal weight of every channel."""
+    """Return the mean over a super-pixel about each pixel, in which every channel has the same weight."""
     import cv2
 
     kernels = []

@@ -192,7 +192,7 @@ def display_frames(
 
 
 def _corners(length: int, size: int, step: int) -> range:
-    """Return where blocks begin: as many as fit, in the middle."""
+    """Return the first pixels of as many blocks as fit into ``length``, centred."""
     count = 1 + (length - size) // step
     first = (length - size - (count - 1) * step) // 2
     return range(first, first + count * step, step)

@@ -496,7 +496,7 @@ def measured_coding_gain(
 def _error(
     overlap: _Overlap, code: Array, noise: SensorNoise, signal_e: float, trials: int, rng: np.random.Generator
 ) -> float:
-    """Return the mean squared error of the entries from simulated series of frames."""
+    """Return the mean squared error of the entries, measured on simulated series of frames."""
     light, inverse, total = np.maximum(overlap.light, 0), np.linalg.pinv(code) / signal_e, 0.0
     for _ in range(trials):
         response = 1 + noise.prnu * rng.standard_normal(light.shape[1])  # of a pixel, the same in all its frames
@@ -514,7 +514,7 @@ class _Overlap:
     light
         Light ``(points, pixels)`` divided by the brightest entry, 0 where a point has none.
     entries
-        True where a point has an entry, same shape.
+        Mask of the same shape: true where a point has an entry.
     code
         Code ``(frames, points)``.
     shape
@@ -553,7 +553,7 @@ class _Overlap:
         self.light: Array = np.where(self.entries, flat, 0.0) / np.nanmax(given)
 
     def signals(self, noise: SensorNoise, signal_e: float, limit: str) -> tuple[float, float]:
-        """Return the electrons of the brightest entry in a single point's frame and in the coded frames."""
+        """Return the electrons of the brightest entry in the frame of a single point, and in the coded frames."""
         full = noise.full_e / float((self.code @ self.light).max())
         return (signal_e, min(signal_e, full)) if limit == "time" else (noise.full_e, full)
 
@@ -567,7 +567,7 @@ class _Overlap:
         return single + fixed, np.asarray(coded + fixed)
 
     def numbers(self, single: Array, coded: Array, signals: tuple[float, float]) -> CodingNumbers:
-        """Summarize the gain over all, bright and dark entries."""
+        """Return the gains over all, bright and dark entries."""
         share = self.light / np.maximum(self.light.max(axis=1, keepdims=True), 1e-300)
 
         def over(chosen: NDArray[np.bool_]) -> float:

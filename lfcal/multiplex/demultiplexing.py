@@ -235,7 +235,7 @@ def _samples(samples: int | tuple[int, int] | None, modulator: Modulator) -> tup
 
 
 def _whole(image: NDArray[Any], side: tuple[int, int]) -> NDArray[Any]:
-    """Return the frame continued to whole super-pixels by the pixels one period before."""
+    """Return the frame extended to complete super-pixels with the pixels of the previous period."""
     missing = [-n % s for n, s in zip(image.shape, side, strict=True)]
     if not any(missing):
         return image
@@ -305,7 +305,7 @@ def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
 
 
 def _gathered(light: NDArray[np.float64], cell: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the mean over each cell, at every pixel of it."""
+    """Return an image in which every pixel has the mean over its cell."""
     starts = [np.arange(0, n, c) for n, c in zip(light.shape[1:], cell, strict=True)]
     total = np.add.reduceat(np.add.reduceat(light, starts[0], 1), starts[1], 2)
     # the last cell may be incomplete: its mean is over the pixels there are

@@ -1,4 +1,4 @@
-"""Search manufacturable filter layouts and printed masks for the best gain, with a bound on better ones."""
+"""Search for manufacturable filter layouts and printed masks with the best gain, and bound the gain of better ones."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def _known_equal(
     side: tuple[int, int],
     noise: Callable[[NDArray[np.intp]], Array],
 ) -> NDArray[np.intp]:
-    """Return a known pattern of the same kinds and noise where there is one: places then do not matter."""
+    """Return a known pattern with no more different filters and no more noise than ``best``; otherwise ``best``."""
     for rows in CFA_PATTERNS.values():
         letters = [letter for row in rows.split("/") for letter in row]
         shape = (rows.count("/") + 1, len(rows.split("/")[0]))
@@ -195,7 +195,7 @@ def _known_equal(
 
 
 def _batches(kinds: int, count: int, *, places: bool) -> Iterator[NDArray[np.intp]]:
-    """Yield all choices ``(n, count)``; without crosstalk places do not matter."""
+    """Yield all choices ``(n, count)``; without crosstalk, the order of the filters does not matter."""
     every = (
         itertools.product(range(kinds), repeat=count)
         if places
@@ -214,7 +214,7 @@ def _makeable(batch: NDArray[np.intp], table: Array, most_kinds: int | None, lea
 
 
 def _noise(batch: NDArray[np.intp], table: Array, side: tuple[int, int], chi2: float, crosstalk: float) -> Array:
-    """Return the variance of the samples of each choice (equation 12), infinite where a colour is lost."""
+    """Return the variance of the samples of each choice (equation 12); infinite if a colour is not recovered."""
     additive, photon = noise_shares(chi2)
     block = table[batch].reshape(len(batch), *side, 3)
     near = sum(np.roll(block, step, axis) for axis in (1, 2) for step in (1, -1))
@@ -363,7 +363,7 @@ def _open_masks(size: int) -> list[Array]:
 
 
 def _climbed(start: Array, levels: int, gains: _MaskGain) -> tuple[Array, float, int]:
-    """Change the one pixel that gains most until none does."""
+    """Repeatedly change the pixel that increases the gain most, until no change increases it."""
     now, tried = start, 0
     value = float(gains.of(now[None] / (levels - 1))[0])
     while True:

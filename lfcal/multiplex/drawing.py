@@ -1,4 +1,4 @@
-"""Plots of modulators, gains, choices, codes and reconstructions (matplotlib, loaded when drawn)."""
+"""Plots of modulators, gains, candidates, codes and reconstructions (matplotlib is imported when a plot is drawn)."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def draw_modulator(modulator: Modulator, path: Path) -> None:
 
 
 def _basis(axes: Axes, basis: Any, title: str, xlabel: str, ylabel: str) -> None:
-    """Draw the real part of a basis; of a large one its first rows and columns."""
+    """Draw the real part of a basis; only the first rows and columns of a large one."""
     from matplotlib.ticker import MaxNLocator
 
     part = np.real(basis[:MOST_SHOWN, :MOST_SHOWN])
@@ -191,7 +191,7 @@ def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:
 
 
 def _name_points(axes: Axes, frontier: Frontier, order: NDArray[np.intp], named: int) -> None:
-    """Write the names of up to ``named`` candidates; names that would lie on each other are left out."""
+    """Write the names of up to ``named`` candidates; names that would overlap are omitted."""
     seen: set[tuple[float, float]] = set()
     # known patterns first, because readers look for these
     for k in sorted(order, key=lambda k: frontier.modulators[k].name not in CFA_PATTERNS):

@@ -1,4 +1,4 @@
-"""Modulators over exposure, time and cameras: assorted pixels, coded shutters, arrays of cameras."""
+"""Modulators for exposure, time and cameras: assorted pixels, coded shutters, arrays of cameras."""
 
 from __future__ import annotations
 

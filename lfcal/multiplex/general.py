@@ -1,10 +1,10 @@
-"""The general route: regularised least squares for any modulator m(x, p), periodic or not, separable or not.
+"""The general route: regularized least squares for any modulator m(x, p), periodic or not, separable or not.
 
 If every pixel has different transmissions, no measurement channel can be interpolated, and super-pixels have no common
 decorrelation. The samples are then computed from all pixels together, on a separate grid with linear interpolation
 between its nodes. Conjugate gradients minimize sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2. Each iteration
-takes about 14 multiply-adds per pixel and sample (`GeneralModel.operations`), while the routes for super-pixels take
-one pass. Usually 20 to 200 iterations are needed.
+takes about 14 multiply-adds per pixel and sample (`GeneralModel.operations`), and usually 20 to 200 iterations are
+needed. The routes for super-pixels take one pass.
 """
 
 from __future__ import annotations
@@ -282,7 +282,7 @@ def _roughness(x: Array) -> Array:
 
 
 def _hats(length: int, spacing: float) -> Any:
-    """Return linear interpolation to pixels from nodes ``spacing`` apart, the first in the middle of its pixels."""
+    """Return the linear interpolation to pixels from nodes that are ``spacing`` pixels apart."""
     from scipy.sparse import csr_array
 
     count = max(1, round(length / spacing))

@@ -112,7 +112,7 @@ def _by_sinusoids(lattice: MicroImageLattice, table: Array, y: Array, x: Array) 
 
 
 def _harmonics(n: int) -> tuple[NDArray[np.intp], Array]:
-    """Return harmonics of a period of n values and their weights (halves at even ends)."""
+    """Return the harmonics of a period of n values and their weights (1/2 at both ends if n is even)."""
     k = np.arange(-(n // 2), n // 2 + 1)
     weight = np.ones(len(k))
     if n % 2 == 0:
@@ -121,7 +121,7 @@ def _harmonics(n: int) -> tuple[NDArray[np.intp], Array]:
 
 
 def _waves(place: Array, n: int) -> Complex:
-    """Return the harmonics at places in periods from the middle of one, ``(..., harmonics)``."""
+    """Return the harmonics ``(..., harmonics)`` at positions in periods, relative to the middle of a period."""
     k, weight = _harmonics(n)
     return np.asarray(weight * np.exp(2j * np.pi * k * (place[..., None] + (n - 1) / (2 * n))))
 
@@ -148,7 +148,7 @@ def _steps(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
 
 
 def _vectors(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
-    """Return origin, along and across of a lattice as (row, column); it must be straight to be a lattice of waves."""
+    """Return origin and vectors of a lattice as (row, column); raise `InputError` if its rows are not straight."""
     if not is_straight(lattice):
         raise InputError.expected(
             "lattice for the route fourier",
@@ -186,7 +186,7 @@ def lattice_by_spectrum(
 
 
 def _tile(shape: tuple[int, ...], along: Array, across: Array, k1: int, k2: int) -> Array:
-    """Return which fraction of each frequency of a frame (order of the transform) lies in the tile about g_k."""
+    """Return the fraction of each frequency of a frame (in transform order) that is in the tile about g_k."""
     inside = np.zeros(shape)
     for turn_y in (-1, 0, 1):  # a tile at the end of the band wraps around
         for turn_x in (-1, 0, 1):
@@ -197,7 +197,7 @@ def _tile(shape: tuple[int, ...], along: Array, across: Array, k1: int, k2: int)
 
 
 def _share(away: Array) -> Array:
-    """Return which fraction of a tile a frequency is, ``away`` from its middle in cycles per super-pixel."""
+    """Return the fraction of a frequency that belongs to a tile, ``away`` cycles per super-pixel from its middle."""
     size = np.abs(away)
     return np.where(size < 0.5 - 1e-9, 1.0, np.where(size <= 0.5 + 1e-9, 0.5, 0.0))
 
@@ -214,7 +214,7 @@ def _decorrelation(modulator: Modulator, rcond: float | None) -> Complex:
 
 
 def _interpolated(image: Complex, places: Array) -> Complex:
-    """Return a smooth image at places between its pixels by a Kaiser-windowed sinc, across its borders."""
+    """Return a smooth, periodic image between its pixels, interpolated with a Kaiser-windowed sinc."""
     first = np.floor(places).astype(np.intp) - TAPS // 2 + 1
     away = places[:, :, None] - first[:, :, None] - np.arange(TAPS)
     window = np.i0(SHAPE * np.sqrt(np.maximum(0, 1 - (2 * away / TAPS) ** 2))) / np.i0(SHAPE)
@@ -265,7 +265,7 @@ def lattice_by_sinc(
 
 
 def _cells(shape: tuple[int, ...], origin: Array, along: Array, across: Array) -> Array:
-    """Return the super-pixels' centres (row, column) within the frame, its lower borders excluded."""
+    """Return the centres (row, column) of the super-pixels within the frame, without its lower and right borders."""
     reach = math.ceil(2 * math.hypot(*shape) / min(math.hypot(*along), math.hypot(*across))) + 1
     if reach * reach > 64 * MAX_SAMPLES:
         raise InputError.expected(
@@ -290,7 +290,7 @@ def _cell_waves(shape: tuple[int, ...], along: Array, across: Array) -> tuple[Ar
 
 
 def _off_grid(image: Array, places: Array) -> Array:
-    """Return the trigonometric polynomial through a frame's pixels at places (row, column)."""
+    """Return the trigonometric polynomial through a frame's pixels at positions (row, column)."""
     down, across = (_dirichlet(places[:, k, None] - np.arange(n), n) for k, n in enumerate(image.shape))
     return np.asarray(((down @ image) * across).sum(1))
 

@@ -1,7 +1,7 @@
 """Super-pixels of any pitch and angle: light fields behind a real lenslet lattice or mask.
 
 A channel of a sample is interpolated linearly between pixels and between super-pixels. Each pixel contributes with its
-interpolation coefficient h and its weight w: ``c = sum h w f / sum h w``. If none of its pixels has weight, those of
+interpolation coefficient h and its weight w: ``c = sum h w f / sum h w``. If all of its pixels have weight 0, those of
 the same channel within two super-pixels are used. Decorrelation is weighted least squares. Its noise is computed from
 the pixels, because neighbouring channels may share some.
 """
@@ -49,10 +49,10 @@ class Offsets(NamedTuple):
 
 
 class _Source(NamedTuple):
-    """What samples are read from.
+    """Data from which samples are computed.
 
-    The super-pixels, their shares in each sample and those of the super-pixels about it (sparse), the frame's shape,
-    its light times the root of the weights, and the weights, by pixel.
+    It consists of the super-pixels, their fractions in each sample (sparse), those of the super-pixels around it, the
+    frame's shape, its light times the root of the weights, and the weights of the pixels.
     """
 
     grid: ViewGrid
@@ -64,7 +64,7 @@ class _Source(NamedTuple):
 
 
 class _Pixels(NamedTuple):
-    """What each sample takes of the pixels: shares ``(samples, pixels)`` of those numbered ``at`` in the frame."""
+    """Fractions ``(samples, pixels)`` of pixels in each sample; ``at`` contains the pixels' indices in the frame."""
 
     shares: Any
     at: NDArray[np.intp]
@@ -138,7 +138,7 @@ def _hats(shape: tuple[int, int]) -> Any:
 
 
 def _weighed(source: _Source, offset: Array, part: slice) -> _Pixels:
-    """Return a channel as shares ``h sqrt(w) / sum h w`` of pixels, whose squares add up to its variance."""
+    """Return the fractions ``h sqrt(w) / sum h w`` of pixels in a channel; the sum of their squares is its variance."""
     from scipy.sparse import diags_array
 
     near, wide = source.near[part], source.wide[part]
@@ -154,7 +154,7 @@ def _weighed(source: _Source, offset: Array, part: slice) -> _Pixels:
 
 
 def _taps(source: _Source, offset: Array, shares: Any) -> _Pixels:
-    """Return what each sample takes of the pixels at ``offset`` from its super-pixels' centres, linear between."""
+    """Return the fractions of pixels in each sample at ``offset`` from the super-pixels' centres (linear)."""
     from scipy.sparse import csr_array
 
     shares, shape = shares.tocsr(), source.shape
@@ -173,7 +173,7 @@ def _taps(source: _Source, offset: Array, shares: Any) -> _Pixels:
 
 
 def _decorrelated(matrix: Array, read: list[_Pixels], light: Array, rcond: float | None) -> tuple[Array, Array]:
-    """Return samples ``(N, places)`` of the channels read and their variance, pixel by pixel."""
+    """Return samples ``(N, n)`` and their variances for n positions, from the channels of the pixels."""
     from scipy.sparse import bsr_array, csr_array
 
     values = np.array([one.shares @ light[one.at] for one in read])
@@ -271,7 +271,7 @@ def lattice_channels(
 
 
 def _check_linear(route: str, filter: str) -> None:
-    """Raise unless the route and the filter are those that take weights."""
+    """Raise `InputError` unless route and filter support weights."""
     if (route, filter) != ("spatial", "linear"):
         remedy = "choose the route spatial with the filter linear, or omit the weights"
         raise InputError.expected(
@@ -361,7 +361,7 @@ def _channel_grid(
     spacing_px: float | tuple[float, float] | None,
     axes: str,
 ) -> tuple[ViewGrid, tuple[int, ...], tuple[float, float]]:
-    """Return the super-pixels, and number and distance of their channels."""
+    """Return the grid of super-pixels, and the number and the distance of their channels."""
     pair = (size, size) if isinstance(size, int | np.integer) else size
     count = check_tuple("channels of a super-pixel", pair, 2, at_least=1, at_most=512, integer=True)
     step = _spacing(spacing_px, lattice, count)
@@ -378,7 +378,7 @@ def _channel_grid(
 
 
 def _output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return ``out``, or an array where it is None: float64 for frames of float64, else float32."""
+    """Return ``out``; if it is None, a new array, float64 for float64 frames and float32 for others."""
     if out is None:
         return np.empty(shape, np.float64 if dtype == np.float64 else np.float32)
     if out.shape != shape or out.dtype not in (np.float32, np.float64):

@@ -1,6 +1,6 @@
 """Light-field modulators: pinholes, lenslets, MURA and sum-of-sinusoids masks, masks at a distance.
 
-Their gain can be compared with an upper bound for any mask, and with the best of all small binary masks.
+Their gain can be compared with an upper bound for any mask, and with that of the best small binary mask.
 """
 
 from __future__ import annotations
@@ -114,10 +114,10 @@ def _mura(p: int) -> Array:
 
 
 def _sinusoids(p: int) -> Array:
-    """Sum of all harmonics with equal weight, shifted and scaled to 0 … 1 on its continuous profile.
+    """Return the sum of all harmonics with equal weight, shifted and scaled so that its continuous profile is in 0 … 1.
 
-    The profile is D(x) D(y), D(x) = 1 + 2 sum_k cos(2 pi k x/p): p at its peaks and zero on every other pixel, with
-    negative lobes between the pixels; scaled on the samples alone it would be a pinhole.
+    The profile is D(x) D(y) with D(x) = 1 + 2 sum_k cos(2 pi k x/p). D is p at its peaks and zero on every other pixel,
+    with negative lobes between the pixels. If only the samples were scaled, the mask would be a pinhole.
     """
     if p % 2 == 0:
         raise InputError.expected("size of sum_of_sinusoids (px)", "an odd number", p, "choose an odd number")
@@ -200,14 +200,14 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
 
 
 def _fourier(n: int) -> NDArray[np.complex128]:
-    """Return exp(-2 pi i k w/n), ``(k, w)``; phases are reduced in integers, exact to rounding."""
+    """Return exp(-2 pi i k w/n), ``(k, w)``; phases are reduced as integers, so only rounding errors remain."""
     k = np.arange(n)
     result: NDArray[np.complex128] = np.exp(-2j * np.pi * (np.outer(k, k) % n) / n)
     return result
 
 
 def _moved_cell(n: int, shift: float, view_width: float) -> NDArray[np.complex128]:
-    """Return the Fourier transform of a mask's cell as each view sees it on the pixels, ``(view, frequency)``."""
+    """Return the Fourier transform of a mask cell's shadow on the pixels for each view, ``(view, frequency)``."""
     width = abs(shift) * view_width
     views = np.arange(n)
     distance = np.arange(n) - shift * views[:, None]  # from the shadow of the first cell to each pixel

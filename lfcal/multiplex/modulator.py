@@ -167,7 +167,7 @@ class Modulator:
 
     @cached_property
     def _decomposition(self) -> tuple[Basis, Array, Basis]:
-        """Singular value decomposition of `matrix`, largest value first; the bases themselves where orthogonal."""
+        """Singular value decomposition of `matrix`, largest value first; the bases themselves if orthogonal."""
         # columns of orthogonal bases are already the singular vectors, so no decomposition is needed
         if not (_orthogonal(self.spatial) and _orthogonal(self.plenoptic)):
             left, values, right = np.linalg.svd(self.matrix, full_matrices=False)
@@ -312,21 +312,21 @@ def _check_factors(one: Modulator, two: Modulator, entries: int) -> None:
 
 
 def _kinds(factor: Modulator) -> set[str]:
-    """Return what the samples part; colours and bands of a spectrum are one kind."""
+    """Return which kinds of sample a factor separates; colours and bands of a spectrum are one kind."""
     words = {word for name in factor.colours for word in name.split(" ")}
     views = set() if factor.views == (1, 1) else {"view"}
     return views | {"colour" if word in ("R", "G", "B", "nm") else word for word in words if not word.isdigit()}
 
 
 def _tiled(factor: Modulator, side: tuple[int, int]) -> Basis:
-    """Return the spatial basis over a larger super-pixel."""
+    """Return the spatial basis repeated over a larger super-pixel."""
     r, c = np.divmod(np.arange(math.prod(side)), side[1])
     rows: Basis = factor.spatial[(r % factor.side[0]) * factor.side[1] + c % factor.side[1]]
     return rows
 
 
 def _order(one: Modulator, two: Modulator) -> NDArray[np.intp]:
-    """Return where the samples by view, then by colour, lie among the pairs of samples."""
+    """Return the order of the pairs of samples in which they are sorted by view, then by colour."""
     (av, au), (bv, bu) = one.views, two.views
     shape = (av, au, max(1, len(one.colours)), bv, bu, max(1, len(two.colours)))
     return np.arange(math.prod(shape)).reshape(shape).transpose(0, 3, 1, 4, 2, 5).ravel()

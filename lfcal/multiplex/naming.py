@@ -1,4 +1,4 @@
-"""Modulators from names."""
+"""Create modulators from names."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _bands(text: str) -> Modulator:
 
 
 def _spectra(text: str) -> Spectra:
-    """Return the table of a file, or by name one that ships or one of the illuminants."""
+    """Return the table in a file, or the included table or illuminant of this name."""
     illuminants = shipped_spectra("illuminants")
     if text.upper() in illuminants.names:
         return illuminants.named(text.upper())

@@ -1,6 +1,6 @@
-"""Noise of multiplexed acquisition: transmission, noise amplification, and gain of SNR (equations 12 to 14).
+"""Noise of multiplexed acquisition: transmission, noise amplification and SNR gain (equations 12 to 14).
 
-In addition to equation 14, the gains of each sample, and the gain for a sensor with all its noise, are computed.
+In addition to equation 14, it computes the gain of each sample and the gain for a sensor with all its noise.
 """
 
 from __future__ import annotations
@@ -210,7 +210,7 @@ def decorrelation_gain(modulator: Modulator, chi2: float) -> float:
 
 
 def _variance(modulator: Modulator, chi2: Array) -> Array:
-    """Variance of a sample per pixel, as a fraction of s_c^2 + s_p^2."""
+    """Return the variance of a sample per pixel, as a fraction of s_c^2 + s_p^2."""
     alpha = amplification(modulator)
     if not math.isfinite(alpha):
         return np.full(chi2.shape, math.inf)
@@ -352,7 +352,7 @@ def monte_carlo_gain(
 
 
 def _error(modulator: Modulator, chi2: float, rng: np.random.Generator, trials: int, noise: str) -> float:
-    """Return the rms error of the recovered samples where s_c^2 + s_p^2 = 1."""
+    """Return the rms error of the recovered samples for s_c^2 + s_p^2 = 1."""
     check_choice("noise", noise, ("mean", "pixel"))
     even = modulator.light
     light = modulator.matrix @ even

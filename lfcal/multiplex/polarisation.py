@@ -82,7 +82,7 @@ def _plates(retardance: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.
 
 
 def _rows(angles: NDArray[np.float64], contrast: float, plates: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the first rows ``(K, 4)`` of the Mueller matrices of plate, then polariser."""
+    """Return the first rows ``(K, 4)`` of the Mueller matrices of a plate followed by a polariser."""
     bare = np.isnan(angles)
     double = 2 * np.where(bare, 0.0, angles)
     # a plate with its fast axis at 0° turns S2 into S3 and leaves S1

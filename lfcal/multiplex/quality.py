@@ -108,7 +108,7 @@ def ringing(result: ArrayLike, truth: ArrayLike, side: tuple[int, int]) -> Ringi
 
 
 def _inside(shape: tuple[int, ...], side: tuple[int, int]) -> NDArray[np.bool_]:
-    """Mark the pixels farther than four super-pixels from the border, or a quarter of a small frame."""
+    """Return a mask of the pixels more than four super-pixels (or a quarter of a small frame) from the border."""
     inside = np.zeros(shape, bool)
     cut = [min(4 * s, n // 4) for n, s in zip(shape, side, strict=True)]
     inside[cut[0] : shape[0] - cut[0], cut[1] : shape[1] - cut[1]] = True

@@ -1,4 +1,4 @@
-"""Filter arrays for any number of spectral bands, from tables over wavelength.
+"""Filter arrays for any number of spectral bands, from curves over wavelength.
 
 Tables of filters, illuminants and quantum efficiencies are read from files, or are included in lfcal.
 """
@@ -331,7 +331,7 @@ def spectral_array(
 
 
 def _samples(seen: Array, edges: Array, basis: ArrayLike | None) -> tuple[Array, tuple[str, ...], Array]:
-    """Return Pi ``(N, kinds)``, names of the samples, and the samples of even light."""
+    """Return Pi ``(N, kinds)``, the names of the samples, and the samples of unmodulated light."""
     width = np.diff(edges) / (edges[-1] - edges[0])  # uniform light: each band has its share of the spectrum
     if basis is None:
         middles = (edges[1:] + edges[:-1]) / 2

@@ -1,4 +1,4 @@
-"""Summarize a modulator in numbers."""
+"""Key figures of modulators."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Super-pixels of any shape: a tile of pixels, repeated without gaps along two vectors."""
+"""Super-pixels of any shape: a tile of pixels that is repeated without gaps along two vectors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reconstruct with weights: without saturated and dead pixels, and with the others weighted by their noise."""
+"""Weighted reconstruction: saturated and dead pixels are excluded, and others are weighted by their noise."""
 
 from __future__ import annotations
 
@@ -115,9 +115,9 @@ def reconstruct_weighted(
 
 
 def _axis(length: int, side: int, positions: Array, samples: int) -> list[tuple[Any, Any]]:
-    """Return for each pixel along the super-pixel two interpolations as sparse matrices (output, super-pixels).
+    """Return two interpolations for each pixel along the super-pixel as sparse matrices ``(output, super-pixels)``.
 
-    The linear one, and one of three times its reach for where samples are missing.
+    The first is linear. The second has three times its reach and is used where samples are missing.
     """
     first, weight = tap_table("linear", side, positions, samples)
     wanted = (np.arange(samples) + 0.5) * side / samples - 0.5
@@ -140,7 +140,7 @@ def _taps(first: NDArray[np.intp], weight: Array, cells: int) -> Any:
 
 
 def _channels(light: Array, weights: Array, side: tuple[int, int], axes: list[Any], part: slice) -> tuple[Array, Array]:
-    """Return values and weights of the channels ``(K, places)`` in some rows of the output."""
+    """Return values and weights ``(K, n)`` of the channels at the n positions in some rows of the output."""
     down, across = axes
     values, trust = [], []
     for k in range(side[0] * side[1]):
@@ -156,7 +156,7 @@ def _channels(light: Array, weights: Array, side: tuple[int, int], axes: list[An
 
 
 def _weighed(f: Array, w: Array, down: Any, across: Any) -> tuple[Array, Array]:
-    """Return the weighted mean of a channel at each place, and its weight; 0 where nothing has any."""
+    """Return the weighted mean of a channel at each position, and its weight; 0 where all weights are 0."""
     total = (down @ w) @ across.T
     squared = (down.multiply(down) @ w) @ across.multiply(across).T
     some = total > 1e-12

@@ -1,4 +1,4 @@
-"""Reconstruct a series in units of one frame: several at a time, and restartable after a crash."""
+"""Reconstruct a series in units of one frame, several of them at a time; a run can be resumed after a crash."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ def frame_units(
 ) -> list[Unit]:
     """Return a unit for each frame; with ``warm``, each starts from the volume of the previous frame.
 
-    ``hints`` contain the memory that projections may use, and `device_hints`; ``recipe`` is the fastest method here.
+    ``hints`` contain the memory that projections may use, and `device_hints`; ``recipe`` is the fastest method on this
+    computer.
     """
     hints = {**hints, "alone": len(frames) == 1}
     shared = {"optics": optics.plain(), "choice": asdict(choice)}
@@ -65,7 +66,7 @@ def frame_units(
 
 
 def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Reconstruct one frame into a separate volume file: the task of a unit.
+    """Reconstruct one frame into a separate volume file, as the task of a unit.
 
     If one of several frames has no volume, the file states the reason, and contains the start for the next frame.
     """
@@ -106,18 +107,18 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
 
 
 def _save_nothing(out: Path, initial: NDArray[Any] | None, error: Exception, began: float) -> None:
-    """Write why there is no volume; the volume of the previous frame, if any, is passed on to the next."""
+    """Write the reason why there is no volume; the volume of the previous frame, if any, is passed on to the next."""
     details = {"failed": str(error), "seconds": time.perf_counter() - began, "empty": initial is None}
     save_volume(out, np.zeros((1, 1, 1)) if initial is None else initial, details=details)
 
 
 def _begun_from(file: str) -> NDArray[Any] | None:
-    """Return the volume that a frame begins with, which the unit of the frame before has written."""
+    """Return the start of a frame: the volume that the unit of the previous frame has written."""
     return None if not file or _details(Path(file)).get("empty", False) else load_volume(file)
 
 
 def _details(part: Path) -> dict[str, Any]:
-    """Return what the file of a unit says of its volume."""
+    """Return the details in the file of a unit."""
     with H5File(part) as file:
         found: dict[str, Any] = json.loads(file.attributes().text("details", "{}"))
     return found
@@ -125,7 +126,7 @@ def _details(part: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Tool:
-    """What the frames of a series share, made once in each process."""
+    """Objects shared by the frames of a series, created once in each process."""
 
     projector: Projector
     view: Resampling | None
@@ -157,7 +158,7 @@ def device_for(text: str, room: int | None) -> ArrayDevice | None:
 
 
 def _tool_for(optics: SharedOptics, shape: tuple[int, ...], how: How) -> _Tool:
-    """Return what frames of ``shape`` need."""
+    """Return the shared objects for frames of ``shape``."""
     key = (json.dumps(optics.plain(), sort_keys=True), stamp_of(optics.inputs), shape, how)
     return _HELD.get(key, lambda: _made(optics, shape, how))
 
@@ -183,7 +184,7 @@ def _made(optics: SharedOptics, shape: tuple[int, ...], how: How) -> _Tool:
 
 
 def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, results: list[FrameResult]) -> Work[None]:
-    """Save the volume of each frame with its details, and add the outcome of each to ``results``.
+    """Save the volume of each frame with its details, and add the result of each frame to ``results``.
 
     If no frame has a volume, nothing is saved.
     """

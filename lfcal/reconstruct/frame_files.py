@@ -131,7 +131,7 @@ def is_series(path: Path) -> bool:
 
 
 def _session(path: Path) -> tuple[RecordingSource, tuple[int, ...]]:
-    """Return a session, and the numbers of its frames in the order in which they were recorded."""
+    """Return a session, and the indices of its frames in the order of recording."""
     return _opened(os.path.abspath(path), stamp_of(FrameFile("", path, 0).inputs))
 
 

@@ -123,7 +123,7 @@ class FrameRun:
 
     @cached_property
     def _grid(self) -> MetricGrid | None:
-        """The grid of voxels of one size, where it is asked for."""
+        """Grid of voxels of one size; None if none is requested."""
         side, H = self.voxels.voxel, self.matrices[0]
         if side is None:
             return None
@@ -132,7 +132,7 @@ class FrameRun:
 
     @property
     def _details(self) -> dict[str, Any]:
-        """What is written into a volume about how it was made."""
+        """Details on the reconstruction, which are written into each volume."""
         P, choice = self.projector, self.choice
         anchor = tuple(at - choice.margin for at in P.grid.anchor)
         known: dict[str, Any] = {"psf": self.optics.psf.name, "solver": asdict(choice), "method": P.method}
@@ -195,7 +195,7 @@ class FrameRun:
         return (yield from iter_series(P, frames, len(frames), choice, take, **how))
 
     def _iter_units(self, out: Path, run: RunChoice, saved: Saved) -> Work[tuple[FrameResult, ...]]:
-        """Reconstruct frame by frame, each volume in a file that stays until all are there and ``saved``."""
+        """Reconstruct the frames as units; each volume is in a separate file until all are finished and ``saved``."""
         if self.warm and run.executor != "threads":
             raise InputError.expected(
                 "--warm",
@@ -220,7 +220,7 @@ class FrameRun:
 def _room(
     optics: SharedOptics, choice: SolverChoice, planes: int, shape: Sequence[int], warm: bool, share: int = 1
 ) -> int:
-    """Return the memory that projections of images of ``shape`` may take in each of ``share`` processes."""
+    """Return the memory that projections of images of ``shape`` may use in each of ``share`` processes (bytes)."""
     own = optics.projection
     most = None if own.memory is None else int(own.memory * 1e9)
     sizes = (planes, shape[0], shape[1])

@@ -1,8 +1,8 @@
 """Add a margin around the frame, because sources outside it also illuminate the frame.
 
-A volume that ends at the border of the frame must explain all light with sources inside the frame. Its edges then
-become too bright. With a margin, the volume extends as far as patterns reach or memory allows. The added pixels have
-weight 0, and the margin is cropped from the result.
+A volume that ends at the border of the frame must explain all light with sources inside the frame, so its edges become
+too bright. With a margin, the volume extends beyond the frame. The added pixels have weight 0, and the margin is
+cropped from the result.
 """
 
 from __future__ import annotations

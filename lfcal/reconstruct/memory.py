@@ -44,7 +44,7 @@ class RunMemory:
         return self.matrix + self.solver + self.projection + self.program
 
     def __str__(self) -> str:
-        """Return it as one line."""
+        """Return the memory as a one-line text."""
         parts = {"H": self.matrix, "solver": self.solver, "projection": self.projection, "program": self.program}
         return f"{format_bytes(self.total)}: " + ", ".join(f"{name} {format_bytes(b)}" for name, b in parts.items())
 
@@ -114,7 +114,7 @@ def room_for_projections(
 
 
 def _solver_bytes(shape: tuple[int, int, int], choice: SolverChoice, itemsize: int, warm: bool) -> tuple[int, int]:
-    """Return the most bytes of a solver's arrays during a projection, and between projections."""
+    """Return the peak memory of a solver's arrays during a projection, and between projections (bytes)."""
     nz, rows, columns = shape
     held, most = _held(choice, warm)
     # no projection result is in memory while model and frame are compared
@@ -124,7 +124,7 @@ def _solver_bytes(shape: tuple[int, int, int], choice: SolverChoice, itemsize: i
 
 
 def _held(choice: SolverChoice, warm: bool) -> tuple[int, int]:
-    """Return how many arrays of the size of the volume are held during a projection, and most between them."""
+    """Return the number of arrays of the volume's size during a projection, and the peak between projections."""
     # a run that stops automatically keeps its best volume and that of the previous iteration
     more = choice.solver.parts(choice.subsets) - 1 + int(warm) + 2 * int(choice.auto)
     held, most = choice.solver.volumes

@@ -1,8 +1,7 @@
 """Resample volumes to one voxel size, because behind a main lens the voxel size differs between planes.
 
-A voxel of plane z is as wide as the step of the source that moves its image by one pixel. These steps grow with the
-distance: 3-7 % over the depths of an R29, 12 % on a bench. Stacking the planes pixel by pixel would turn a cone into a
-cylinder.
+A voxel of plane z is as wide as the step of the source that moves its image by one pixel. These steps increase with the
+distance, by 3 to 12 % over usual depth ranges. Stacking the planes pixel by pixel would turn a cone into a cylinder.
 """
 
 from __future__ import annotations
@@ -159,7 +158,7 @@ class MetricGrid:
 
 
 def _shares(count: int, axis: float, width: float, low: float, cells: int, side: float) -> Any:
-    """Return which fraction of each of ``count`` pixels falls into each of ``cells`` voxels, ``(cells, count)``."""
+    """Return the fraction of each of ``count`` pixels that falls into each of ``cells`` voxels, ``(cells, count)``."""
     edges = (np.arange(count + 1) - axis - 0.5) * width
     first = np.clip(np.floor((edges[:-1] - low) / side).astype(np.int64), 0, cells - 1)
     last = np.clip(np.ceil((edges[1:] - low) / side).astype(np.int64), 1, cells)

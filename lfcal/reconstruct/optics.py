@@ -151,12 +151,12 @@ def files_of_regions(psf: Path, regions: Sequence[str]) -> list[Path]:
 
 
 def _places(psf: Path, regions: Sequence[str]) -> list[tuple[Path, str]]:
-    """Return file and region of each of ``regions``: a region of ``psf`` by its name, or another file.
+    """Return file and region for each of ``regions``, which are names of regions in ``psf`` or paths of other files.
 
     Raises
     ------
     InputError
-        If it is neither.
+        If an entry is neither.
     """
     if not regions:
         return []

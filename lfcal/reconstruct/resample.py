@@ -343,7 +343,7 @@ def resampling_for(
 def _known_resampling(
     H: Any, shape: tuple[int, int], light_field: LightFieldSettings, quiet: bool
 ) -> Resampling | None:
-    """Return the map by the lattice in the white image, or else that of H's camera; None: unknown."""
+    """Return the map based on the lattice in the white image, or else on that of H's camera; None if unknown."""
     if light_field.white:
         try:
             return resampling_of(H, light_field)
@@ -381,9 +381,10 @@ def resampling_of(H: Any, light_field: LightFieldSettings) -> Resampling:
 
 
 def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None) -> Camera:
-    """Return ``camera`` of three lens types with the lattice of ``fit``: a lenslet of type 0 is at its offset.
+    """Return ``camera`` with the measured lattice ``fit``, for three lens types with a type-0 lenslet at the offset.
 
-    The white frame shows which one that is; without it, or where it does not, it is the nearest to the offset stated.
+    The type of each lenslet is determined in the white image. Without a result, the lenslet nearest to the stated
+    offset is of type 0.
     """
     from lfcal.lattice import classify_lens_types, expected_blur
 
@@ -407,7 +408,7 @@ def drift_note(camera: Any, period: tuple[int, int], shape: tuple[int, int]) -> 
 
 
 def _is_whole(camera: Any, shape: tuple[int, int]) -> bool:
-    """Return whether ``shape`` is that of the sensor of ``camera`` (None: unknown), whose lattice may drift."""
+    """Return whether ``shape`` is that of the sensor of ``camera``, whose lattice may drift; None: false."""
     return camera is not None and camera.has_lattice and tuple(shape) == tuple(camera.sensor.shape)
 
 

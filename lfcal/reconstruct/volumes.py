@@ -151,7 +151,7 @@ def write_ome_zarr(
 
 
 def _attributes(target: Path, facts: VolumeFacts) -> dict[str, Any]:
-    """Return what the folder says of its array: axes, sizes in micrometres, and lfcal's own words."""
+    """Return the metadata of the folder's array: axes, sizes in micrometres, and entries of lfcal."""
     scale, start = [1.0, 1.0, 1.0, 1.0], [0.0, 0.0, 0.0, 0.0]
     known: set[str] = set()
     depths = None if facts.depths_um is None else np.asarray(facts.depths_um, np.float64)
@@ -421,7 +421,7 @@ def is_ome(path: Path) -> bool:
 def _ome_tiff(
     target: Path, shape: tuple[int, ...], facts: VolumeFacts
 ) -> Iterator[Callable[[NDArray[np.float32]], None]]:
-    """Write what OME readers open: sizes in µm, and the depth of every plane, uneven ones too (`PositionZ`)."""
+    """Write the metadata that OME readers need: sizes in µm, and the depth of every plane (`PositionZ`)."""
     import tifffile
 
     metadata: dict[str, Any] = {"axes": "TZYX"[-len(shape) :], "MapAnnotation": {"lfcal": json.dumps(facts.details)}}

@@ -1,7 +1,7 @@
 """System configuration (.cfg) and metadata (metadata.txt) of Micro-Manager: pixel size, magnification, sensor.
 
-Its pixel size refers to the specimen. The pixel size of the sensor is derived from it and the magnification, which may
-appear in the objective's label. Micro-Manager has no information on lenslets.
+The pixel size in these files refers to the specimen. The pixel size of the sensor is derived from it and from the
+magnification, which may appear in the objective's label. Micro-Manager has no information on lenslets.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ UNKNOWN = (
 
 @dataclass
 class _Preset:
-    """A resolution preset: pixel size of the specimen (µm), and the labels that select it."""
+    """Resolution preset: pixel size at the specimen (µm), and the labels that select it."""
 
     pixel_um: float | None = None
     label: str = ""
@@ -93,7 +93,7 @@ def _chosen(presets: dict[str, _Preset], name: str, source: Path) -> tuple[float
 
 
 def _take(draft: Draft, specimen_um: float, label: str) -> None:
-    """Set pixel and magnification from the pixel size of the specimen and an objective's label."""
+    """Set pixel pitch and magnification from the pixel size at the specimen and the label of the objective."""
     if aperture := APERTURE.search(label):
         draft.put("optics.numerical_aperture", float(aperture[1]), "derived")
     match = OBJECTIVE.search(label)
@@ -111,7 +111,7 @@ def _tidy(value: float) -> float:
 
 
 def _summary(text: str, source: Path, draft: Draft) -> None:
-    """Set the values in the summary of a recording: width, height, bits, pixel size."""
+    """Set the values in the summary of a recording: width, height, bit depth, pixel size."""
     data = parse_json(text, str(source), finite=False)
     summary = data.get("Summary") if isinstance(data, Mapping) else None
     if not isinstance(summary, Mapping):

@@ -1,6 +1,6 @@
 """Reader for configurations of oLaF and pyolaf: a flat yaml file (Stefanoiu et al. 2019, LFM_setCameraParams).
 
-Those of Fourier light-field microscopes (FLFM_setCameraParams) state the focal length ``fobj`` of the objective, the
+Files for Fourier light-field microscopes (FLFM_setCameraParams) state the focal length ``fobj`` of the objective, the
 relay lenses ``f1`` and ``f2``, and the number of elemental images with their distance in pixels.
 """
 
@@ -60,10 +60,10 @@ def _read(text: str, source: Path, options: ImportOptions) -> Imported:
 
 
 class _Plain(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
-    """Loads plain entries without references, since a few references can expand to gigabytes of text."""
+    """YAML loader without references, because a few references can expand to gigabytes of text."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Refuse references."""
+        """Raise an error for references."""
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError("a reference (*name), which is not allowed in a camera file")
         return super().compose_node(parent, index)
@@ -121,7 +121,7 @@ def _read_fourier(entries: Mapping[str, Any], source: Path, options: ImportOptio
 
 
 def _lit_centres(entries: Mapping[str, Any], draft: Draft, what: str) -> tuple[tuple[tuple[float, float], ...], int]:
-    """Return the centres of the lenslets that the pupil reaches, and how many it does not reach."""
+    """Return the centres of the lenslets that the pupil illuminates, and the number of the other lenslets."""
     counts = [number(entries, name, what) for name in ("noLensHoriz", "noLensVert")]
     if not all(n is not None and n == int(n) and 1 <= n <= MOST_ACROSS for n in counts):
         wanted = f"whole numbers from 1 to {MOST_ACROSS}"
@@ -159,7 +159,7 @@ def _kind(entries: Mapping[str, Any], what: str) -> str | None:
 
 
 def _focal_lengths(entries: Mapping[str, Any], what: str) -> tuple[float, ...]:
-    """Return the focal lengths of the lens types: one, or three if ``focus`` is multi."""
+    """Return the focal lengths of the lens types: one, or three if ``focus`` is ``multi``."""
     given = entries["fm"]
     parts = given if isinstance(given, list) else [given]
     found = tuple(number({"fm": part}, "fm", what) for part in parts)
@@ -172,7 +172,7 @@ def _focal_lengths(entries: Mapping[str, Any], what: str) -> tuple[float, ...]:
 
 
 def _place(entries: Mapping[str, Any], focal: tuple[float, ...], draft: Draft, what: str) -> tuple[str, ...]:
-    """Set the gap as oLaF would if the file does not state it; return a remark about the position of the array."""
+    """Set the gap as oLaF does if the file does not state it; return a note about the position of the array."""
     tube, array = number(entries, "ftl", what), number(entries, "tube2mla", what) or 0.0
     design = entries.get("plenoptic", 1)
     if design not in (1, 2):

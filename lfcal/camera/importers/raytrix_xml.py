@@ -307,7 +307,7 @@ def placement(
 
 
 def _row_angle(angle: float) -> float:
-    """Return the angle nearest a sensor axis, among those 60 degrees apart (rad, about [0, 90] degrees)."""
+    """Return the angle closest to a sensor axis among ``angle`` and those at multiples of 60 degrees from it (rad)."""
     sixth, quarter = math.pi / 3, math.pi / 2
     # a hexagonal lattice looks the same every 60 degrees; the rounding makes ties reproducible
     candidates = [angle + k * sixth for k in range(-6, 7)]
@@ -315,7 +315,7 @@ def _row_angle(angle: float) -> float:
 
 
 def _check_sub_grid(vector: NDArray[np.float64], types: int, source: Path) -> None:
-    """Raise unless the sub-grid is the rectangular cell of the lattice: (3, √3) lenses for three types."""
+    """Raise unless the sub-grid is the rectangular cell of the lattice: (3, √3) lens diameters for three types."""
     wanted = (3.0 if types == 3 else 1.0, math.sqrt(3))
     if np.abs(np.abs(vector) - wanted).max() > 0.01:
         got = np.abs(vector).round(4).tolist()

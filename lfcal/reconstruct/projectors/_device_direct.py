@@ -37,7 +37,7 @@ def direct_bytes(grid: Grid, sources: tuple[int, int], itemsize: int) -> int:
 
 @dataclass(frozen=True)
 class _Run:
-    """Rows of sources that share windows of ``height`` rows, the first of which is that of a cell's row ``top``."""
+    """Rows of sources that share windows of ``height`` rows; ``top`` is the first of these rows in a cell."""
 
     group: slice
     down: tuple[int, ...]  # from the first row of the window to the first of each row's patterns; may be negative
@@ -132,7 +132,7 @@ class DeviceDirect(DeviceEngine):
         return xp.reshape(cells, (ny, cells_y * cells_x, nx))
 
     def _padded_shape(self, patterns: Any) -> tuple[int, int]:
-        """Return the size of an image that holds every window, in whole cells as they are folded."""
+        """Return the size of an image that contains every window, in whole cells as they are folded."""
         (ny, nx), (cells_y, cells_x), (nt, ns) = self.grid.period, self.grid.cells, patterns.shape[2:]
         return (cells_y + -(-(nt + ny) // ny) + 1) * ny, (cells_x + -(-(nx + ns - 1) // nx)) * nx
 
@@ -154,7 +154,7 @@ class DeviceDirect(DeviceEngine):
                 yield run, band
 
     def _laid(self, patterns: Any) -> Any:
-        """Return patterns ``(k, columns, nt, ns)`` in rows of ``nx + ns - 1``, each as far right as its column is."""
+        """Return patterns ``(k, columns, nt, ns)`` in rows of ``nx + ns - 1``, each shifted right by its column."""
         xp, (rows, columns, nt, ns) = self.device.xp, patterns.shape
         width = self.grid.period[1] + ns - 1
         laid = self.device.zeros((rows, columns, nt, width), self.dtype)
@@ -172,14 +172,14 @@ class DeviceDirect(DeviceEngine):
         return xp.reshape(flat, (rows, columns, nt, width))
 
     def _blocks(self, height: int, width: int) -> Iterator[tuple[int, int]]:
-        """Yield runs of lattice rows whose windows fit into the room there is."""
+        """Yield runs of lattice rows whose windows fit into the available memory."""
         (cells_y, cells_x), (ny, nx) = self.grid.cells, self.grid.period
         one = 4 * cells_x * (height + ny) * (width + nx) * self.dtype.itemsize
         step = max(1, self.placement.room // one)
         yield from ((k, min(k + step, cells_y)) for k in range(0, cells_y, step))
 
     def _folded(self, windows: Any) -> Any:
-        """Return the rows of the image that windows ``(cells_y, cells_x, height, width)`` add up to."""
+        """Return the rows of the image that are the sum of windows ``(cells_y, cells_x, height, width)``."""
         xp, (ny, nx), (down, across, height, width) = self.device.xp, self.grid.period, windows.shape
         reach_y, reach_x = -(-height // ny), -(-width // nx)
         columns = self.device.zeros((down, reach_y * ny, across + reach_x, nx), self.dtype)

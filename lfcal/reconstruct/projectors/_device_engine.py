@@ -23,7 +23,7 @@ class Placement:
     Attributes
     ----------
     device
-        The device.
+        Device of the arrays.
     kept
         Whether prepared planes stay on the device; otherwise they stay in host memory and are moved in every
         projection.
@@ -49,7 +49,7 @@ class DeviceOperand:
 class DeviceEngine(ABC):
     """Project on a device: see `lfcal.reconstruct.projectors._engine.Engine`.
 
-    Volume planes and images are moved to the device for each projection, and results back.
+    Volume planes and images are moved to the device for each projection, and results are moved back.
     """
 
     name: str
@@ -124,7 +124,7 @@ class DeviceEngine(ABC):
         return DeviceOperand(arrays, operand.nbytes, True, operand.facts)
 
     def packed(self, plane: Any, before: tuple[int, int] = (0, 0), after: tuple[int, int] = (0, 0)) -> Any:
-        """Return ``plane`` on whole cells of the lattice, zeros around: `Grid.pack` on the device."""
+        """Return ``plane`` padded with zeros to whole cells of the lattice: `Grid.pack` on the device."""
         grid = self.grid
         (ny, nx), (cy, cx), (oy, ox) = grid.period, grid.cells, grid.origin
         out = self.device.zeros((before[0] + cy * ny + after[0], before[1] + cx * nx + after[1]), self.dtype)

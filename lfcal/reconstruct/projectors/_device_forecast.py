@@ -95,13 +95,13 @@ def _rate(device: ArrayDevice, make: Callable[[int], Callable[[], Any]], amount:
 
 
 def _wait(device: ArrayDevice, array: Any) -> None:
-    """Return when an array is computed: its last value is brought back."""
+    """Wait until an array is computed, by copying its last value to the host."""
     device.fetched(array[-1:, -1:])
 
 
 @dataclass(frozen=True, slots=True)
 class _Option:
-    """One way: seconds to prepare, forward and back, bytes of operands, and the least of working memory."""
+    """Cost of one method: seconds to prepare and to project in both directions, operand and work memory."""
 
     method: str
     prepare_s: float
@@ -115,7 +115,7 @@ class _Option:
 def device_forecast(
     problem: ProjectionProblem, method: str, memory_limit: int, device: ArrayDevice
 ) -> ProjectionForecast:
-    """Return the cheapest method on ``device``, with prepared planes kept there or moved each time.
+    """Return the fastest method on ``device``, with prepared planes stored there or moved for each projection.
 
     ``memory_limit`` is that of the processor (bytes), for planes that do not fit on the device. If they do not fit
     there either, they are prepared again in each projection.
@@ -159,7 +159,7 @@ def device_forecast(
 def _placed(
     option: _Option, problem: ProjectionProblem, rates: DeviceRates, free: int, memory_limit: int
 ) -> tuple[Cost, DeviceUse]:
-    """Return what an option takes of the processor and of the device, planes kept as near as they can be."""
+    """Return the memory that an option uses on the processor and on the device, which stores planes if possible."""
     once = option.operand_bytes // problem.planes
     kept = option.operand_bytes + option.least_bytes <= free
     there = option.operand_bytes if kept else 2 * once
@@ -252,7 +252,7 @@ def _polyphase(problem: ProjectionProblem, rates: DeviceRates) -> Iterator[_Opti
 def forecast_on(
     device: str | ArrayDevice, problem: ProjectionProblem, method: str, memory_limit: int
 ) -> tuple[ArrayDevice | None, ProjectionForecast]:
-    """Return the device named ``device``, None for the processor, and the cheapest method there.
+    """Return the device named ``device`` (None: the processor) and the fastest method on it.
 
     ``auto`` falls back to the processor if the device does not support the method, or has too little memory.
     """

@@ -27,7 +27,7 @@ def band_bytes(plan: TilePlan, rows: int, itemsize: int) -> int:
 
 
 class DevicePolyphase(DeviceEngine):
-    """Polyphase projection on a device; see `projectors._polyphase.Polyphase`. ``plan`` contains the tiles."""
+    """Polyphase projection on a device with the tiles in ``plan``; see `projectors._polyphase.Polyphase`."""
 
     name = "polyphase"
     any_phases = False

@@ -49,7 +49,7 @@ Task = tuple[list[tuple[int, int]], slice]
 
 
 class _Scratch:
-    """Arrays a worker uses again and again, zero when first made."""
+    """Work arrays that a worker reuses; they are zero when they are created."""
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
         self.dtype = dtype
@@ -64,18 +64,18 @@ class _Scratch:
 
 
 def rows_at_once(nt: int, width: int, itemsize: int) -> int:
-    """Return the number of window rows in a product for which the windows of `CELLS` cells fill `WINDOW_BYTES`."""
+    """Return the number of window rows per product for which the windows of `CELLS` cells fill `WINDOW_BYTES`."""
     return max(1, min(nt, WINDOW_BYTES // (CELLS * width * itemsize)))
 
 
 def cells_at_once(rows: int, width: int, itemsize: int) -> int:
-    """Return the number of lattice cells in a product."""
+    """Return the number of lattice cells per product."""
     # a product of fewer rows is limited by reading its right factor
     return max(16, WINDOW_BYTES // (rows * width * itemsize))
 
 
 def strips_of(cells: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return the runs of lattice rows that are processed at a time, if there are enough cells."""
+    """Return the runs of lattice rows that are processed together, if there are enough cells."""
     return chunks(cells[0], min(PARTS, cells[0] * cells[1] // CELLS))
 
 
@@ -203,7 +203,7 @@ class Direct:
         return [slice(k, min(k + step, len(operand))) for k in range(0, len(operand), step)]
 
     def _tasks(self, groups: int) -> list[Task]:
-        """Return what is worked on at a time; the strips are added up in the same order however many share bands."""
+        """Return the units of work; strips are added in the same order for any number of strips that share bands."""
         strips, step = strips_of(self.grid.cells), strips_together(self.grid, self.workers)
         parts = chunks(groups, math.ceil(PARTS / len(strips)))
         return [(strips[k : k + step], slice(*part)) for part in parts for k in range(0, len(strips), step)]
@@ -236,7 +236,7 @@ class Direct:
         cells: list[NDArray[Any]],
         scratch: _Scratch,
     ) -> None:
-        """Add the patterns' products with each strip's image to its ``cells``: the transpose of `_spread`."""
+        """Add the products of the patterns and each strip's image to its ``cells``: the transpose of `_spread`."""
         (ny, nx), cells_x, y = self.grid.period, self.grid.cells[1], int(self.sources[0][group.start])
         by_cell = [np.zeros((one.shape[1], len(one) * one.shape[2]), self.dtype) for one in cells]
         for rows, own, band in self._bands(operand, group, scratch):
@@ -252,10 +252,10 @@ class Direct:
     def _bands(
         self, operand: NDArray[Any], group: slice, scratch: _Scratch
     ) -> Iterator[tuple[slice, slice, NDArray[Any]]]:
-        """Yield runs of window rows, the group's sources whose rows reach there, and their banded matrix.
+        """Yield runs of window rows, the sources of the group whose patterns have these rows, and their banded matrix.
 
-        The matrix is ``(rows of sources, columns of sources, window rows, nx + ns - 1)``: pattern ``x`` is ``x``
-        columns to the right, and those of later rows of sources are lower.
+        The matrix is ``(rows of sources, columns of sources, window rows, nx + ns - 1)``: pattern ``x`` is shifted by
+        ``x`` columns to the right, and patterns of later rows of sources are lower.
         """
         at_y, at_x = self.sources
         nt, ns = operand.shape[2:]

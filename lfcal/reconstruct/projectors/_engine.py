@@ -22,7 +22,7 @@ class Cost:
     method
         Name of the method.
     prepare_s, forward_s, adjoint_s
-        Seconds for preparing all planes, for one forward, and for one adjoint projection of the whole volume.
+        Time to prepare all planes, to project the entire volume, and to back-project an image (s).
     operand_bytes
         Memory of all prepared planes.
     scratch_bytes
@@ -30,8 +30,8 @@ class Cost:
     prepare_bytes
         Working memory while a plane of H is read and prepared, without the operand.
     resident
-        Whether all prepared planes are kept; otherwise they are prepared again in every projection, which the seconds
-        include.
+        Whether all prepared planes are stored; otherwise they are prepared again in every projection, and the times
+        include this.
     """
 
     method: str
@@ -63,7 +63,7 @@ class DeviceUse:
     Attributes
     ----------
     operand_bytes
-        Prepared planes that are on the device together (bytes).
+        Prepared planes that are on the device at the same time (bytes).
     room
         Working memory for which steps are planned (bytes).
     free
@@ -83,13 +83,13 @@ class DeviceUse:
         return self.operand_bytes + self.room
 
     def __str__(self) -> str:
-        """Return it as part of a line."""
+        """Return the memory as part of a line of text."""
         used, free = format_bytes(self.memory_bytes), format_bytes(self.free)
         return f"device {used} of {free}" + ("" if self.kept else ", planes transferred for each projection")
 
 
 class Engine(Protocol):
-    """A projection method: prepares planes of H as operands, and projects with them in both directions.
+    """Projection method: it prepares planes of H as operands and projects with them in both directions.
 
     Images are ``(Y, X)``, volume planes ``(Y, X)``; ``forward`` and ``adjoint`` are exact transposes of each other.
     """

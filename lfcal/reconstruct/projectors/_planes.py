@@ -28,7 +28,7 @@ class PlaneReader:
     dtype
         float32 or float64.
     threshold
-        Entries whose magnitude is below this fraction of their plane's largest are treated as zero.
+        Entries whose magnitude is below this fraction of the largest one in their plane are treated as zero.
     denoise
         Whether to reduce the noise of recorded patterns, if it is known.
     """
@@ -59,7 +59,7 @@ class PlaneReader:
         return check_psf_shape(tuple(self.H.shape))
 
     def read(self, z: int) -> NDArray[Any]:
-        """Return plane ``z`` as ``(ny, nx, nt, ns)`` of `dtype`; it must not be written to.
+        """Return plane ``z`` as ``(ny, nx, nt, ns)`` of `dtype`; it must not be modified.
 
         Raises
         ------
@@ -84,7 +84,7 @@ class PlaneReader:
         return plane
 
     def density(self, samples: int = 24) -> float:
-        """Estimate the fraction of non-zero entries after the threshold, from evenly spread positions."""
+        """Return an estimate of the fraction of non-zero entries after the threshold, from some of the positions."""
         nz, ny, nx = self.shape[:3]
         rng = np.random.default_rng(0)
         count = max(1, min(samples, ny * nx))
@@ -97,9 +97,9 @@ class PlaneReader:
         return filled / (nz * count * self.shape[3] * self.shape[4])
 
     def reduced(self, tolerance: float, spacings: Sequence[float], *, planes: int = 3) -> dict[float, float]:
-        """Estimate the fraction of kept entries by spacing of nodes (see `lfcal.reconstruct.projectors._reduction`).
+        """Return an estimate of the fraction of kept entries for each spacing of nodes.
 
-        The estimate is based on a few positions of some planes.
+        The estimate is based on a few positions of some planes (see `lfcal.reconstruct.projectors._reduction`).
         """
         nz, *period = self.shape[:3]
         chosen = sorted({z * (nz - 1) // max(1, planes - 1) for z in range(planes)})
@@ -116,7 +116,7 @@ class PlaneReader:
 
 
 def trim(plane: NDArray[Any]) -> NDArray[Any]:
-    """Crop the cutout of ``plane`` ``(ny, nx, nt, ns)`` about its centre to the entries that are not zero."""
+    """Return ``plane`` ``(ny, nx, nt, ns)`` with its cutout cropped about the centre to the non-zero entries."""
     sizes = []
     for axis, other in ((2, 3), (3, 2)):
         n = plane.shape[axis]

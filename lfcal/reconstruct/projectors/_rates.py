@@ -19,7 +19,7 @@ LIMIT = 1 << 24
 
 
 def _best(run: Callable[[], Any], *, budget: float = 0.03) -> float:
-    """Return the least seconds of a run, repeated for ``budget`` seconds and at least three times."""
+    """Return the shortest time of a run (s), repeated for ``budget`` seconds and at least three times."""
     run()  # compiles, and loads the arrays into the caches
     best, spent, runs = float("inf"), 0.0, 0
     while runs < 3 or spent < budget:
@@ -33,7 +33,7 @@ def _best(run: Callable[[], Any], *, budget: float = 0.03) -> float:
 
 
 def _threaded(run: Callable[[int], Any], workers: int) -> float:
-    """Return the seconds per run when all workers are busy at the same time, divided among them."""
+    """Return the time per run (s) when all workers are busy simultaneously, divided by their number."""
     with one_blas_thread():
         # runs are repeated until each worker has 4 ms of work, so that the start of threads does not matter
         repeats = max(1, round(0.004 / _best(lambda: run(0), budget=0.0)))

@@ -1,4 +1,4 @@
-"""Describe how a projection is computed in one word; the same recipe gives identical results."""
+"""Describe in one word how a projection is computed; the same recipe leads to identical results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Tiles(NamedTuple):
 
 
 def recipe_of(method: str, plan: TilePlan | None, band: int | None) -> str:
-    """Return the method with its tiles (and rows of tiles per pass, if not all), e.g. ``"polyphase:7x3/2"``."""
+    """Return the method with its tiles (and rows of tiles per pass, if not all), such as ``"polyphase:7x3/2"``."""
     if plan is None:
         return method
     down, across = plan.counts
@@ -31,7 +31,7 @@ def recipe_of(method: str, plan: TilePlan | None, band: int | None) -> str:
 
 
 def read_recipe(text: str) -> tuple[str, Tiles | None]:
-    """Parse a recipe into a method and its tiles, if it states them.
+    """Return the method and the tiles in a recipe; None as tiles if it states none.
 
     Raises
     ------

@@ -44,8 +44,7 @@ class Reduced:
     """Project a plane with few patterns, for weighted sums of sources, plus sparse corrections.
 
     |(H - Hs) g|_1 is at most ``tolerance`` times the sum of g_v |H_v|_1 over all voxels v, for any non-negative g; Hs
-    is the projected operator, forward and back. A plane for which no spacing of nodes pays off is projected
-    completely.
+    is the projected operator, forward and back. A plane that no spacing of nodes makes faster is projected completely.
 
     Parameters
     ----------
@@ -54,8 +53,8 @@ class Reduced:
     tolerance
         Largest fraction of a pattern (L1) that is omitted.
     work
-        Function for the cost of one projection with a spacing of nodes and a fraction of kept entries; each plane uses
-        the cheapest.
+        Function that returns the cost of one projection for a spacing of nodes and a fraction of kept entries. Each
+        plane uses the spacing with the lowest cost.
     """
 
     name = "reduced"
@@ -89,7 +88,7 @@ class Reduced:
         return ReducedOperand(trim(found.patterns), rest, spacing, float(found.error.max()))
 
     def _quickest(self, plane: Array) -> float:
-        """Return the spacing that is quickest for a plane, by some of its positions."""
+        """Return the fastest spacing for a plane, determined from some of its positions."""
         period, tolerance = self.grid.period, self.tolerance
         kept = {g: sampled_share(lambda y, x: plane[y, x], period, g, tolerance) for g in SPACINGS}
         return quickest_spacing(kept, self.work)
@@ -132,7 +131,7 @@ class Reduced:
         return nodes, Direct(self.wide, self.dtype, self.workers, self.phases, nodes)
 
     def _entries_engine(self, spacing: float) -> Sparse:
-        """Return the engine of the entries that nodes do not explain: their cutouts are wider."""
+        """Return the engine for the entries that are not interpolated from nodes; their cutouts are wider."""
         cutout = Nodes.of(self.grid.period, spacing).widened(self.grid.cutout)
         return Sparse(replace(self.grid, cutout=cutout), self.dtype, self.workers, self.phases)
 

@@ -39,7 +39,7 @@ class AxisNodes:
     period
         Number of positions along the axis.
     spacing
-        Requested distance of two nodes (positions).
+        Requested distance between two nodes (positions).
     """
 
     period: int
@@ -110,7 +110,7 @@ class Nodes:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Nodes along both axes."""
+        """Number of nodes along both axes."""
         return len(self.y.at), len(self.x.at)
 
     def widened(self, cutout: tuple[int, int]) -> tuple[int, int]:
@@ -182,7 +182,7 @@ class Corners(NamedTuple):
 
 @njit(fastmath={"contract", "reassoc"}, error_model="numpy")
 def _add(pattern: NDArray[Any], share: float, onto: NDArray[Any]) -> None:
-    """Add ``share`` times a pattern to as large a part of an array."""
+    """Add ``share`` times a pattern to a part of an array that has the same size."""
     part = onto.dtype.type(share)
     for t in range(pattern.shape[0]):
         line, to = pattern[t], onto[t]
@@ -198,7 +198,7 @@ def residual_entries(
     tolerance: float,
     rest: NDArray[Any],
 ) -> tuple[int, float]:
-    """Fill ``rest`` with the residual of ``pattern`` from its nodes, without the smallest entries.
+    """Write the difference between ``pattern`` and its interpolation to ``rest``, without the smallest entries.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ NODE_WORK, ENTRY_WORK = 1.2, 2.0
 
 @dataclass(frozen=True)
 class Reduction:
-    """A plane of H within a tolerance: interpolated from ``patterns``, plus ``rest``.
+    """Plane of H within a tolerance: interpolated from ``patterns``, plus ``rest``.
 
     Attributes
     ----------
@@ -324,12 +324,12 @@ def reduce_plane(plane: Array, spacing: float, tolerance: float, workers: int | 
 
 
 def relative_work(spacing: float, kept: float) -> float:
-    """Return the cost of one projection relative to that of the whole plane, with a share ``kept`` of its entries."""
+    """Return the cost of a projection relative to the complete plane, with a fraction ``kept`` of its entries."""
     return 1.0 if spacing == 1 else NODE_WORK / spacing**2 + ENTRY_WORK * kept
 
 
 def quickest_spacing(kept: Mapping[float, float], work: Callable[[float, float], float] = relative_work) -> float:
-    """Return the cheapest spacing, given the fraction of kept entries for each; 1 (the whole plane) if none is cheaper.
+    """Return the spacing with the lowest cost, given the fraction of kept entries for each; 1 if none is lower.
 
     The choice depends on counts and not on times, so that projections are the same on every computer.
     """
@@ -339,9 +339,9 @@ def quickest_spacing(kept: Mapping[float, float], work: Callable[[float, float],
 def sampled_share(
     pattern: Callable[[int, int], Array], period: tuple[int, int], spacing: float, tolerance: float, samples: int = 16
 ) -> float:
-    """Estimate the fraction of entries that a reduced plane keeps, from ``samples`` positions.
+    """Return an estimate of the fraction of entries that a reduced plane keeps, from ``samples`` positions.
 
-    ``pattern`` (y, x) gives a position's pattern ``(nt, ns)``.
+    ``pattern`` is a function that returns the pattern ``(nt, ns)`` of position (y, x).
     """
     nodes = Nodes.of(period, spacing)
     rng = np.random.default_rng(0)

@@ -62,7 +62,7 @@ class Sparse:
         return SparseOperand(pixels, sources)
 
     def _room_for(self, counts: NDArray[np.int64]) -> Entries:
-        """Return unfilled entries, so many per phase."""
+        """Return empty arrays for a given number of entries per phase."""
         start = np.concatenate(([0], np.cumsum(counts)))
         return Entries(start, np.empty(start[-1], np.int32), np.empty(start[-1], self.dtype))
 

@@ -120,22 +120,22 @@ class TilePlan:
         return self.y.frequencies * self.x.frequencies
 
     def product_flops(self, pixels: int) -> float:
-        """Real operations of the matrix products with all frequencies, ``pixels`` image phases selected."""
+        """Return the real operations of the matrix products at all frequencies, for ``pixels`` selected phases."""
         return 8.0 * self.frequencies * self.tiles * self.grid.phases * pixels
 
     def transform_flops(self, phases: int) -> float:
-        """Real operations to transform ``phases`` components forward; the inverse takes as many."""
+        """Return the real operations of the forward transform of ``phases`` components; the inverse takes as many."""
         y, x = self.y, self.x
         along_x = x.count * x.frequencies * x.taken * y.padded
         along_y = y.count * x.count * x.frequencies * y.frequencies * y.taken
         return 8.0 * phases * (along_x + along_y)
 
     def spectrum_bytes(self, itemsize: int, pixels: int) -> int:
-        """Bytes of one plane's spectra, ``itemsize`` of a complex number."""
+        """Return the size of one plane's spectra (bytes), with complex numbers of ``itemsize`` bytes."""
         return self.frequencies * self.grid.phases * pixels * itemsize
 
     def scratch_bytes(self, itemsize: int) -> int:
-        """Bytes of the tiles' spectra during the projection of one plane, in three buffers."""
+        """Return the size of the tiles' spectra during the projection of one plane, in three buffers (bytes)."""
         y, x = self.y, self.x
         slabs = x.count * x.frequencies * (y.padded + y.count * y.valid)
         spectra = 2 * self.frequencies * self.tiles

@@ -1,7 +1,7 @@
 """Compute on an accelerator: a device of an array library, used through the array API standard.
 
 PyTorch and CuPy are used through array-api-compat (https://data-apis.org/array-api). Without an accelerator, numpy and
-array-api-strict do the same arithmetic in host memory.
+array-api-strict can do the same arithmetic in host memory.
 """
 
 from __future__ import annotations

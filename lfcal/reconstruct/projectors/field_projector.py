@@ -1,10 +1,10 @@
 """Projector pair for an H that varies over the field: H of several regions, blended linearly.
 
-Patterns change slowly over the field. Between positions where H is known, each voxel's pattern is the mean of the
-surrounding ones, with weights that are linear between positions (the spatial variation of Nagy & O'Leary 1998, SIAM J.
-Sci. Comput. 19, 1063). The weights belong to the emitting voxel, not to the pixel. The light of a voxel is thus the
-weighted mean over the regions, patterns are unchanged where only one region counts, and the operator ``sum_r H_r W_r``
-has the exact adjoint ``sum_r W_r HT_r``.
+Patterns change slowly over the field. Between positions with a known H, the pattern of a voxel is the weighted mean of
+the surrounding patterns, with weights that are linear between positions (the spatial variation of Nagy & O'Leary 1998,
+SIAM J. Sci. Comput. 19, 1063). The weights belong to the emitting voxel, not to the pixel. The light of a voxel is thus
+the weighted mean over the regions, and a pattern is unchanged if only one region has a weight there. The operator
+``sum_r H_r W_r`` has the exact adjoint ``sum_r W_r HT_r``.
 """
 
 from __future__ import annotations
@@ -147,9 +147,9 @@ _Place = tuple[Any, tuple[int, ...], tuple[slice, slice], NDArray[Any] | None]
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A region's share: its projector on a window of the image, and the weight of each voxel there.
+    """Contribution of a region: its projector on a window of the image, and the weight of each voxel there.
 
-    ``weight`` is None where the region is the only one.
+    ``weight`` is None if there is only one region.
     """
 
     projector: Projector
@@ -249,7 +249,7 @@ class FieldProjector(Projector):
         weights: Sequence[NDArray[Any]],
         method: str,
     ) -> list[_Part]:
-        """Return the parts on a device; with ``auto`` on the processor where that has no room for them."""
+        """Return the parts on a device; with ``auto``, on the processor if the device has too little memory."""
         found = find_device(device) if isinstance(device, str) else device
         if found is None:
             return self._made(anchors, weights, method)
@@ -265,7 +265,7 @@ class FieldProjector(Projector):
             return self._made(anchors, weights, method)
 
     def _made(self, anchors: Sequence[tuple[int, ...]], weights: Sequence[NDArray[Any]], method: str) -> list[_Part]:
-        """Return the parts of regions that weigh anything in the image, the largest first."""
+        """Return the parts of regions that have a weight in the image, the largest first."""
         places: list[_Place] = []
         for H, at, weight in zip(self._matrices, anchors, weights, strict=True):
             if weight.any():
@@ -323,13 +323,13 @@ class FieldProjector(Projector):
         return 0 if parts == 1 else 3 * self._grid.pixels * self.dtype.itemsize
 
     def _phases_of(self, anchor: tuple[int, ...], first: tuple[int, ...]) -> NDArray[np.bool_] | None:
-        """Return the mask of phases, which are counted from the first H's anchor, as counted from another's."""
+        """Return the mask of phases relative to the anchor of another H instead of the first one."""
         if self._phases is None:
             return None
         return np.roll(self._phases, (first[0] - anchor[0], first[1] - anchor[1]), axis=(0, 1))
 
     def _total(self) -> ProjectionForecast:
-        """Return what all regions cost together; they are projected one after the other."""
+        """Return the total cost of all regions, which are projected one after another."""
         each = [part.projector.forecast() for part in self._parts]
         if len(each) == 1:
             return each[0]
@@ -425,7 +425,7 @@ class FieldProjector(Projector):
                 yield clock.at(done)
 
     def __reduce__(self) -> Any:
-        """Travel to another process as what it is made of again: each H as it travels, and the settings."""
+        """Pickle the projector as its arguments: H of each region, and the settings."""
         own = {"memory_limit": self._limit, "workers": self._workers, "phases": self._phases}
         device = "cpu" if self._device is None else replace(self._device, room=None)
         settings = self._settings | own | {"device": device}
@@ -434,12 +434,12 @@ class FieldProjector(Projector):
         return (_remade, (made,)) if self._reader.denoise else (made, ())
 
     def __repr__(self) -> str:
-        """Return size, regions and method as one line."""
+        """Return size, regions and method as a one-line text."""
         return f"<FieldProjector {self.volume_shape} -> {self.image_shape}, {self.regions} regions, {self.method}>"
 
 
 def _check_together(matrices: Sequence[Any]) -> None:
-    """Raise `InputError` unless there are matrices, all of one period and the same planes, that say where they lie."""
+    """Raise `InputError` unless there are matrices with the same period and planes, each with a position."""
     if not matrices:
         raise InputError.expected("regions of the field", "at least one H", "none", "give H of a region")
     first = matrices[0]
@@ -458,7 +458,7 @@ def _check_together(matrices: Sequence[Any]) -> None:
 
 
 def _window(weight: NDArray[Any], cutout: tuple[int, int]) -> tuple[slice, slice]:
-    """Return where patterns of voxels with a weight reach within the image."""
+    """Return the part of the image that the patterns of voxels with a weight can reach."""
     found = []
     for axis, size in enumerate(cutout):
         used = np.flatnonzero(weight.any(axis=1 - axis))
@@ -472,7 +472,7 @@ def _pixels(window: tuple[slice, slice]) -> int:
 
 
 def _together(costs: Sequence[Cost], weights: int, blending: int) -> Cost:
-    """Return the cost of projections one after the other; ``weights`` are kept, ``blending`` is taken in each."""
+    """Return the total cost of consecutive projections; ``weights`` are stored, ``blending`` is needed during each."""
     resident = all(cost.resident for cost in costs)
     kept = [cost.operand_bytes for cost in costs if cost.resident]
     # even if some planes are prepared each time, the kept ones use memory

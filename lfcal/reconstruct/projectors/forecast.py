@@ -147,7 +147,7 @@ class ProjectionForecast:
     device: DeviceUse | None = None
 
     def __str__(self) -> str:
-        """Return the forecast as one line."""
+        """Return the forecast as a one-line text."""
         cost = self.chosen
         kept = "" if cost.resident else ", planes prepared again for each projection"
         return (
@@ -272,7 +272,7 @@ def _direct_scratch(problem: ProjectionProblem, grid: Grid, sources: tuple[int, 
 
 
 def _direct_seconds(problem: ProjectionProblem, sources: tuple[int, int]) -> tuple[float, float]:
-    """Return the seconds forward and back of a plane with patterns at ``sources`` (rows, columns) of a period."""
+    """Return the times (s) to project a plane forward and back, with patterns at ``sources`` of a period."""
     grid, workers, dtype = problem.grid, problem.workers, problem.dtype.str
     nx, (nt, ns), cells = grid.period[1], grid.cutout, grid.cells[0] * grid.cells[1]
     (down, across), width = sources, nx + ns - 1
@@ -331,7 +331,7 @@ def _sparse_scratch(problem: ProjectionProblem) -> int:
 
 
 def _sparse_seconds(problem: ProjectionProblem, density: float) -> float:
-    """Return the seconds of one projection of a plane of which a share ``density`` of entries is not zero."""
+    """Return the time (s) of one projection of a plane in which a fraction ``density`` of the entries is not zero."""
     grid = problem.grid
     entries = density * grid.cutout[0] * grid.cutout[1] * problem.pixels
     positions = grid.cells[0] * (grid.cells[1] + grid.reach[1])
@@ -339,7 +339,7 @@ def _sparse_seconds(problem: ProjectionProblem, density: float) -> float:
 
 
 def _polyphase(problem: ProjectionProblem, limit: int) -> list[Option]:
-    """Return the best plans whose spectra fit into memory, and the smallest if none does."""
+    """Return the fastest plans whose spectra fit into memory, or the smallest plan if none does."""
     complex_type = np.result_type(problem.dtype, np.complex64)
     grid, workers = problem.grid, problem.workers
     smallest = grid.phases * problem.pixels * complex_type.itemsize

@@ -282,7 +282,7 @@ class Projector:
         return part
 
     def __reduce__(self) -> Any:
-        """Travel to another process as what it is made of again: H as it travels, and the settings."""
+        """Pickle the projector as its arguments: H and the settings."""
         settings: dict[str, Any] = {
             "dtype": self.dtype,
             "threshold": self._reader.threshold,
@@ -359,12 +359,12 @@ class Projector:
         return data
 
     def __repr__(self) -> str:
-        """Return size and method as one line."""
+        """Return size and method as a one-line text."""
         return f"<Projector {self.volume_shape} -> {self.image_shape}, period {self.period}, {self.method}>"
 
 
 def _remade(make: Callable[[], Projector]) -> Projector:
-    """Return the denoised projector of what ``make`` makes."""
+    """Return the denoised version of the projector that ``make`` creates."""
     return make().denoised()
 
 

@@ -1,6 +1,6 @@
 """Solvers, found by registry; other distributions can add theirs (``docs/extending.md``).
 
-- ``choice``: all solvers by name; ``solver``: definition of a solver; ``records``: its reports
+- ``choice``: all solvers by name; ``solver``: definition of a solver; ``records``: its progress and result
 - ``multiplicative`` (Richardson-Lucy alone, with a penalty, extrapolated), ``ordered_subsets`` (of pixels, of views),
   ``sieve``, ``image_space``: multiplicative solvers; ``_em`` is their common iteration
 - ``least_squares``: conjugate gradients, for linear problems

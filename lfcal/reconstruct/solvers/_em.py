@@ -1,4 +1,4 @@
-"""The iteration of all multiplicative solvers: update rules, penalties, extrapolation, subsets and smoothing."""
+"""Iteration of all multiplicative solvers: update rules, penalties, extrapolation, subsets and smoothing."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def check_acceleration(name: str) -> None:
 
 
 def extrapolate(state: SolverState, name: str) -> tuple[NDArray[Any], float]:
-    """Return the start of the next update, and the step along the last change.
+    """Return the start of the next update, extrapolated along the last change, and the length of the step.
 
     ``biggs-andrews`` computes the step from two successive updates (Biggs & Andrews 1997, equation 10), ``nesterov``
     from the iteration number (Beck & Teboulle 2009, equation 4.2). A state without memory is returned unchanged. A
@@ -95,8 +95,8 @@ def remember(
 ) -> tuple[tuple[NDArray[Any], ...], tuple[float, ...]]:
     """Return the memory for the next extrapolation: arrays and numbers of the next state.
 
-    ``restart`` discards the memory, because the likelihood had decreased and the last step was too long.
-    ``likelihood``, that of ``start``, is the last of the numbers, with which the next one is compared.
+    ``restart`` discards the memory, because the likelihood has decreased and the last step was too long. ``likelihood``
+    is that of ``start``; it is stored as the last number and compared with the next one.
     """
     if name == "none":
         return (), ()
@@ -124,15 +124,16 @@ class EmUpdates:
     Attributes
     ----------
     penalty
-        `TotalVariation` or `Tikhonov`, one step late (Green 1990; Dey et al. 2006); None: none.
+        `TotalVariation` or `Tikhonov`, applied one step late (Green 1990; Dey et al. 2006); None: no penalty.
     acceleration
         ``"none"``, ``"biggs-andrews"`` or ``"nesterov"``.
     subsets
-        Masks of image phases to update with in turn (`interleaved_subsets`, `angular_subsets`); None: all together.
+        Masks of image phases for consecutive updates (`interleaved_subsets`, `angular_subsets`); None: all phases
+        together.
     relaxation
         Fraction of each update that is applied, in (0, 1].
     smoothing
-        `DepthSmoothing` after each iteration; None: none.
+        `DepthSmoothing` that is applied after each iteration; None: no smoothing.
     """
 
     penalty: Penalty | None = None
@@ -151,13 +152,13 @@ class EmOptions(EmUpdates):
     rule
         ``"richardson-lucy"`` (Poisson likelihood) or ``"isra"`` (least squares, Daube-Witherspoon & Muehllehner 1986).
     tolerance
-        Stop when the relative change falls below this value.
+        Stop when the relative change of the volume falls below this value.
     repeating
         Removal of updates that repeat from lenslet to lenslet; None: no removal.
     stretch
         Lengthening of the first updates, with the acceleration ``"nesterov"``; None: no lengthening.
     model_noise
-        The noise of H, for the rule ``"richardson-lucy"``; None: not used.
+        Noise of H, for the rule ``"richardson-lucy"``; None: not used.
     """
 
     rule: str = "richardson-lucy"
@@ -193,14 +194,14 @@ class EmOptions(EmUpdates):
 
 @dataclass(frozen=True, eq=False)
 class IsraSettings(EmUpdates, SolverSettings):
-    """Settings of ISRA: those of every solver, and options of the updates.
+    """Settings of ISRA: those common to all solvers, and options of the updates.
 
     Attributes
     ----------
     iterations
         Number of iterations, in addition to those of ``resume``.
     initial
-        Non-negative start ``(nz, Y, X)``; by default uniform, with the light of the image.
+        Non-negative initial volume ``(nz, Y, X)``; by default uniform, with the total light of the image.
     """
 
     iterations: int = 20
@@ -208,7 +209,7 @@ class IsraSettings(EmUpdates, SolverSettings):
     initial: ArrayLike | None = None
 
     def options(self, rule: str) -> EmOptions:
-        """Return the options of updates with ``rule``."""
+        """Return the options of the updates for the update rule ``rule``."""
         own = {one.name: getattr(self, one.name) for one in fields(EmUpdates)}
         return EmOptions(rule, self.tolerance, **own)
 
@@ -229,7 +230,7 @@ class RichardsonLucySettings(IsraSettings):
 
 @dataclass(frozen=True)
 class _Part:
-    """One subset: its projector, its pixels, and what its updates always need."""
+    """One subset: its projector, its pixels, and arrays that all its updates need."""
 
     projector: Projector
     mask: NDArray[np.bool_] | None
@@ -240,16 +241,16 @@ class _Part:
 
 @dataclass
 class _Pace:
-    """How far updates go.
+    """State of the stretching of updates.
 
     Attributes
     ----------
     strength
-        By which they are stretched.
+        Strength by which updates are stretched.
     model
-        The model ``(Y, X)`` that the last update began with.
+        Model ``(Y, X)`` at the start of the last update.
     likelihood
-        Of that model.
+        Likelihood of that model.
     """
 
     strength: float
@@ -279,7 +280,7 @@ class _Pace:
 class _Pass:
     """One pass over all subsets: the volumes before and after it, and the fit in between.
 
-    ``turned_back``: the last update had been stretched too far, so this one began with a shorter one.
+    ``turned_back`` states that the last update was stretched too far and was shortened before this pass.
     """
 
     start: NDArray[Any]
@@ -297,22 +298,22 @@ def iter_em(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Run ``iterations`` iterations, yielding a `SolverProgress` after each.
+    """Run ``iterations`` iterations, yield a `SolverProgress` after each, and return the `Reconstruction`.
 
     Parameters
     ----------
     P
-        Projector pair.
+        Projector of H.
     data
-        Image, weights and background.
+        Measurement: image, weights and background.
     iterations
         Number of iterations, in addition to those of ``resume``.
     options
         Update rule, options and stopping criteria.
     initial
-        Non-negative start ``(nz, Y, X)``; by default uniform, with the light of the image.
+        Non-negative initial volume ``(nz, Y, X)``; by default uniform, with the total light of the image.
     resume
-        State to continue from instead.
+        State of a stopped run to continue from; it replaces ``initial``.
     """
     _check(P, data, iterations)
     parts = _parts(P, data, options)
@@ -362,7 +363,7 @@ def iter_run(P: Projector, image: ArrayLike, run: SolverRun, options: EmOptions)
 
 
 def penalised(name: str, title: str, penalty: Callable[..., Penalty], rank: int) -> Solver:
-    """Return the solver of Richardson-Lucy with a penalty, whose weight is the requested strength."""
+    """Return the solver function of Richardson-Lucy with a penalty, whose weight is the requested strength."""
     iterate = partial(_iter_penalised, penalty=penalty)
     return Solver(name, title, iterate, EM | {"strength"}, rank=rank, volumes=(3, 4), settles=True)
 
@@ -373,7 +374,7 @@ def _iter_penalised(P: Projector, image: ArrayLike, run: SolverRun, *, penalty: 
 
 
 def _why_stop(change: float, iteration: int, options: EmOptions) -> str:
-    """Return why a run ends after an iteration that changed the volume by ``change``, empty where it does not."""
+    """Return the reason to end after an iteration that changed the volume by ``change``; empty: continue."""
     settled = options.model_noise is not None and options.model_noise.settled()
     if change < options.tolerance:
         return f"changed by less than {options.tolerance:g} in iteration {iteration}"
@@ -450,10 +451,10 @@ def _iterate(
     pace: _Pace,
     previous: NDArray[Any] | None,
 ) -> _Pass:
-    """Return one pass over all subsets, from ``volume`` on.
+    """Return the result of one pass over all subsets that starts from ``volume``.
 
-    Where a stretched update has lowered the likelihood, the pass begins between ``previous``, the volume before that
-    update, and ``volume``: where the likelihood is highest.
+    If a stretched update has lowered the likelihood, the pass starts at the point of highest likelihood between
+    ``previous``, the volume before that update, and ``volume``.
     """
     square, likelihood, held_out, error, norm = 0.0, 0.0, 0.0, 0.0, float(np.linalg.norm(data.weighted(data.image)))
     start, turned_back = volume, False
@@ -480,7 +481,7 @@ def _iterate(
 
 
 def _compared(part: _Part, volume: NDArray[Any], data: Measurement) -> tuple[NDArray[Any], float, GoodnessOfFit]:
-    """Return the model ``(Y, X)`` of a volume, the value below which it is rounding, and how well it fits."""
+    """Return the model ``(Y, X)`` of a volume, the value below which it is rounding, and the goodness of fit."""
     P = part.projector
     model = P.forward(volume) + data.background
     floor = max(P.rounding * float(model.max(initial=0)), float(np.finfo(model.dtype).tiny))
@@ -490,9 +491,9 @@ def _compared(part: _Part, volume: NDArray[Any], data: Measurement) -> tuple[NDA
 def _shortened(
     part: _Part, previous: NDArray[Any], volume: NDArray[Any], model: NDArray[Any], data: Measurement
 ) -> tuple[NDArray[Any], NDArray[Any], float]:
-    """Return the volume of the highest likelihood between two, its model, and the value below which that is rounding.
+    """Return the volume of highest likelihood between two volumes, its model, and the value of rounding errors.
 
-    Models are linear in volumes: only that of ``previous`` is projected, ``model`` is that of ``volume``.
+    ``model`` is the model of ``volume``. Because models are linear in the volume, only ``previous`` is projected.
     """
     first, floor, _ = _compared(part, previous, data)
     share = first.dtype.type(best_share(first, model, data, floor))
@@ -505,7 +506,7 @@ def _shortened(
 def _ratio(
     volume: NDArray[Any], model: NDArray[Any], floor: float, part: _Part, data: Measurement, options: EmOptions
 ) -> NDArray[Any]:
-    """Return the factor from the image of a volume to the frame ``(Y, X)``."""
+    """Return the ratio of the frame to the image of a volume, ``(Y, X)``."""
     if options.model_noise is not None:
         return options.model_noise.ratio(volume, model, part.mask, data, floor)
     found: NDArray[Any] = np.divide(data.image, model, out=np.zeros_like(model), where=model > floor)
@@ -522,7 +523,7 @@ def _update(
     *,
     strength: float,
 ) -> NDArray[Any]:
-    """Return the volume after the update of one subset; a model below ``floor`` is rounding."""
+    """Return the volume after the update of one subset; values of a model below ``floor`` are rounding errors."""
     P = part.projector
     top = part.sensitivity.max(initial=0)
     if options.rule == "isra":

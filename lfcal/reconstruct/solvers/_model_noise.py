@@ -39,7 +39,7 @@ FEWEST = 10
 
 @dataclass(eq=False)
 class ModelNoise:
-    """The noise of H in one run.
+    """Noise of H in one run.
 
     Attributes
     ----------
@@ -48,13 +48,13 @@ class ModelNoise:
     sieve
         Sieve applied to volumes.
     noise
-        Variance of entries of H without light and per unit of signal, for each plane ``(nz, 2)``.
+        Variance of H's entries without light, and variance per unit of signal, for each plane, ``(nz, 2)``.
     gain
         Counts per photo-electron of the frame.
     ends
         Whether the run ends when the misfit levels off.
     misfits
-        Misfit of each iteration so far; the last entry is that of the current one.
+        Misfit of each iteration so far; the last entry belongs to the current iteration.
     """
 
     projector: Projector
@@ -66,7 +66,10 @@ class ModelNoise:
 
     @classmethod
     def of(cls, P: Projector, sieve: Sieve, run: SolverRun) -> ModelNoise | None:
-        """Return the noise of H in a run; None if it is unknown. Held-out pixels end a run without it."""
+        """Return the noise of H in a run; None if it is unknown.
+
+        If there are held-out pixels, they end the run instead of the misfit.
+        """
         noise = P.noise
         if noise is None:
             return None
@@ -88,7 +91,7 @@ class ModelNoise:
     ) -> NDArray[Any]:
         """Return data divided by model ``(Y, X)``, both with the variance of H, and accumulate the misfit.
 
-        ``mask``: pixels of the model (None: all); ``floor``: smaller values of the model are rounding errors.
+        ``mask`` selects the pixels of the model (None: all). Values of the model below ``floor`` are rounding errors.
         """
         own = self.variance(volume) / model.dtype.type(self.gain)
         spread = np.maximum(model + own, floor)
@@ -99,7 +102,7 @@ class ModelNoise:
         return found
 
     def settled(self) -> bool:
-        """Return whether the misfit has levelled off; called once after each iteration."""
+        """Return whether the misfit no longer decreases; call it once after each iteration."""
         self.misfits.append(0.0)
         done = self.misfits[:-1]
         return self.ends and len(done) >= FEWEST and done[-1] > (1 - 2 * LEAST_FALL) * done[-3]

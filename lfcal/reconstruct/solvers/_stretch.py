@@ -7,9 +7,9 @@ therefore multiplied by ``1 + strength`` (over-relaxation in the exponent, Tanak
 the volume's light remains that of the plain update.
 
 The image shows when an update is too long: between the models of two iterations, the likelihood is nearly a parabola.
-If its maximum is before the second model (a Newton step along the way, Kaufman 1987), the strength is reduced
+If its maximum is before the second model (a Newton step along the line, Kaufman 1987), the strength is reduced
 accordingly. If the second model is less likely than the first, the update ends at the maximum instead. The likelihood
-is concave along the way, so the maximum follows from the two models without another projection.
+is concave along the line between the models, so the maximum follows from the two models without another projection.
 """
 
 from __future__ import annotations
@@ -47,16 +47,16 @@ STEEPEST = 3.0
 
 @dataclass(frozen=True)
 class Stretch:
-    """Settings of the lengthening of updates.
+    """Settings for stretching updates.
 
     Attributes
     ----------
     window
-        ``(rows, columns)`` of the window whose mean is not stretched (voxels).
+        Size ``(rows, columns)`` of the window whose mean is not stretched (voxels).
     period
         Period ``(ny, nx)`` of H (voxels).
     shares
-        Fraction of details finer than a period that is not stretched, for each plane, in [0, 1]; empty: 0.
+        Fraction, in [0, 1], of details finer than a period that is not stretched, for each plane; empty: 0 for all.
     first
         Strength of the first update.
     """
@@ -67,7 +67,7 @@ class Stretch:
     first: float = FIRST
 
     def apply(self, z: int, factor: NDArray[Any], seen: NDArray[np.bool_], strength: float) -> NDArray[Any]:
-        """Return the update ``(Y, X)`` of plane ``z`` stretched: times ``exp(strength (l - mean l))``, l its logarithm.
+        """Return the stretched update ``(Y, X)`` of plane ``z``: times ``exp(strength (l - mean l))``, l its logarithm.
 
         ``seen`` marks voxels with an update; the others are unchanged.
         """
@@ -96,7 +96,7 @@ def weaker(strength: float, before: NDArray[Any], model: NDArray[Any], data: Mea
 
 
 def best_share(before: NDArray[Any], model: NDArray[Any], data: Measurement, floor: float) -> float:
-    """Return the fraction of the way between two models ``(Y, X)`` with the highest likelihood, rounded down."""
+    """Return the fraction of the step between two models ``(Y, X)`` that has the highest likelihood, rounded down."""
     way = np.subtract(model, before, dtype=np.float64)
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):

@@ -45,7 +45,7 @@ def angular_subsets(
     Parameters
     ----------
     period
-        Period with one lenslet: the place of a pixel under it is its direction of view.
+        Period ``(ny, nx)`` with one lenslet, so that the position of a pixel in it corresponds to a direction of view.
     views
         Number of blocks down and across.
     lenslet_centre
@@ -66,7 +66,7 @@ def angular_subsets(
 
 
 def by_energy(masks: Masks, image: NDArray[Any], grid: Grid) -> Masks:
-    """Sort ``masks`` by their light in ``image``, brightest first (the order of Lu et al. 2019)."""
+    """Return ``masks`` sorted by their light in ``image``, the brightest first (the order of Lu et al. 2019)."""
     energy = [float(image[grid.tiled(mask)].sum()) for mask in masks]
     return tuple(masks[k] for k in np.argsort(energy, kind="stable")[::-1])
 

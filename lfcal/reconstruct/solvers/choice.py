@@ -161,7 +161,7 @@ class SolverChoice:
             self._check_without_weights()
 
     def _check_without_weights(self) -> None:
-        """Raise where some pixels would have to have no weight."""
+        """Raise `InputError` if a setting needs pixels of weight 0, which the solver does not support."""
         known = any_of(other.name for other in SOLVERS if "weights" in other.honours)
         if self.auto and self.stop == "left-out":
             raise InputError.expected(
@@ -324,7 +324,7 @@ def iter_solve(
 
 
 def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver, goal: str) -> SolverWork:
-    """Return a run that stops by pixels it leaves out."""
+    """Return a run that stops according to the prediction of held-out pixels."""
     held_out = replace(run, held_out=held_out_pixels(P.image_shape))
     if "held_out" in solver.honours:
         found = held_out.measure(P, image)
@@ -344,7 +344,7 @@ def _iter_auto(P: Projector, image: ArrayLike, run: SolverRun, solver: Solver, g
 
 
 def _iter_to_noise(P: Projector, image: ArrayLike, run: SolverRun, choice: SolverChoice) -> SolverWork:
-    """Return a run that stops by the noise of the sensor; each volume is projected once more for it."""
+    """Return a run that stops according to the noise of the sensor; this needs one more projection per iteration."""
     data = run.measure(P, image, signed=True)
 
     def misfit_of(volume: NDArray[Any]) -> float:
@@ -356,7 +356,7 @@ def _iter_to_noise(P: Projector, image: ArrayLike, run: SolverRun, choice: Solve
 def _iter_judged(
     work: SolverWork, P: Projector, image: ArrayLike, run: SolverRun, noise: tuple[float, float]
 ) -> SolverWork:
-    """Run ``work`` and state chi2 per pixel of its volume, which is projected once more for it."""
+    """Run ``work`` and add chi-square per pixel to its result, which needs one more projection."""
     result = yield from work
     gain, read_noise = noise
     data = replace(run, read_noise=read_noise).measure(P, image, signed=True)
@@ -370,6 +370,6 @@ def _iter_noted(work: SolverWork, note: str) -> SolverWork:
 
 
 def _iter_cropped(work: SolverWork, margin: int) -> Generator[SolverProgress, None, Reconstruction]:
-    """Run ``work`` and return its volume without margin; states keep the margin, to continue from."""
+    """Run ``work`` and return its volume without margin; states include the margin, to continue from."""
     result = yield from work
     return replace(result, volume=cropped(result.volume, margin))

@@ -1,4 +1,4 @@
-"""The image-space reconstruction algorithm: least squares without negative values."""
+"""Image-space reconstruction algorithm: least squares without negative values."""
 
 from __future__ import annotations
 

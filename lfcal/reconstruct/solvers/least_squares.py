@@ -1,4 +1,4 @@
-"""Linear least squares by conjugate gradients: a tool for linear problems, not offered as a solver of frames.
+"""Linear least squares by conjugate gradients, for linear problems; it is not offered as a solver for frames.
 
 Without a bound at zero, it fits noise from the first iterations. The NRMSE of beads is 0.5 after 15 iterations and
 0.9 after 80, while Richardson-Lucy reaches 0.26.
@@ -179,6 +179,6 @@ def _step(
 
 
 def _largest(P: Projector, data: Measurement) -> float:
-    """Return a bound of the largest eigenvalue of HT w H, for a matrix without negative entries."""
+    """Return an upper bound of the largest eigenvalue of HT w H, for a matrix without negative entries."""
     ones = np.ones(P.volume_shape, P.dtype)
     return float(np.abs(P.adjoint(data.weighted(P.forward(ones)))).max(initial=0))

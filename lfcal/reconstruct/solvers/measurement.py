@@ -186,9 +186,9 @@ class Measurement:
     def _band(
         self, model: NDArray[Any], mask: NDArray[Any] | None, least: float, band: slice
     ) -> tuple[float, float, float, NDArray[np.float64], NDArray[np.float64]]:
-        """Return sums over some rows: of squares of the data, of the misses and of half the deviance.
+        """Return sums over some rows: of the squared data, of the squared residuals, and of half the deviance.
 
-        And of pixels that are left out half the deviance, and the weight, of each.
+        The last two results are half the deviance and the weight of each held-out pixel.
         """
         data, m = self.image[band].astype(np.float64), model[band].astype(np.float64)
         trust = None if mask is None else mask[band].astype(np.float64)

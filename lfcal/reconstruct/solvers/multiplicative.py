@@ -1,7 +1,8 @@
 """Richardson-Lucy, the multiplicative solver for Poisson data: plain, with a penalty, or extrapolated.
 
-Penalties act one step late: total variation (Dey et al. 2006) and the squared gradient (Tikhonov-Miller). Extrapolation
-is along the last two updates (Biggs & Andrews 1997) or by the iteration number (Beck & Teboulle 2009, equation 4.2).
+The penalties, total variation (Dey et al. 2006) and the squared gradient (Tikhonov-Miller), are applied one step late.
+The extrapolation depends on the last two updates (Biggs & Andrews 1997) or on the iteration number (Beck & Teboulle
+2009, equation 4.2).
 """
 
 from __future__ import annotations

@@ -121,9 +121,9 @@ def _check(weight: float, z_weight: float) -> None:
 
 
 def _by_slabs(volume: NDArray[Any], of: Callable[[NDArray[Any]], NDArray[Any]], z_weight: float) -> NDArray[Any]:
-    """Return ``of`` a volume, made of a few planes at a time: it takes several arrays of the size of what it is given.
+    """Return the result of ``of`` for a volume, computed for a few planes at a time to save memory.
 
-    A plane asks for its neighbours alone, and for none where planes are not compared.
+    Each plane needs only its neighbours, or no other plane if planes are not compared.
     """
     out = np.empty_like(volume)
     beside, step = (1, SLAB) if z_weight > 0 else (0, 1)

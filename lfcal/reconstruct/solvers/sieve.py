@@ -1,18 +1,18 @@
 """Accelerated Richardson-Lucy within a sieve: few artefacts near the native plane, no rings.
 
-Near the native plane, a lenslet sees all points behind it almost identically, and the differences are mostly the error
-of H: there, Richardson-Lucy reconstructs the lenslets. The method of sieves (Snyder & Miller 1985) seeks ``g = S s``
-with non-negative s and a Gaussian S, ``s <- s / (S HT1) * S HT(f / (H S s + b))``. The likelihood is that of H and the
-volume fits the image, unlike methods that smooth the volume after each iteration. A Gaussian does not ring, and
-details below its width are not sought. Elsewhere it is half a voxel wide, and rejects noise finer than the grid. The
-part of the updates of those planes that repeats from lenslet to lenslet is removed (`repeating`), because a wrong H
-has the same effect.
+Near the native plane, the patterns of all points behind a lenslet are almost identical, and their differences are
+mostly errors of H. In these planes, Richardson-Lucy reconstructs the lenslets. The method of sieves (Snyder & Miller
+1985) seeks ``g = S s`` with non-negative s and a Gaussian S, ``s <- s / (S HT1) * S HT(f / (H S s + b))``. The
+likelihood is that of H and the volume fits the image, unlike methods that smooth the volume after each iteration. A
+Gaussian does not cause ringing, and details below its width are not reconstructed. In other planes, the Gaussian is
+half a voxel wide and rejects noise finer than the grid. Near the native plane, the part of the updates that repeats
+from lenslet to lenslet is removed (`repeating`), because a wrong H has the same effect.
 
 All views are used together, extrapolated by the iteration number (Beck & Teboulle 2009) as in `rl-nesterov`, and the
-first updates are longer (`stretch`). Blocks of views in turn, brightest first, need even fewer iterations, but if H
-differs slightly from the camera, they reconstruct lenslets in planes near the native one.
+first updates are longer (`stretch`). Updates with one block of views after another, brightest first, need even fewer
+iterations. However, if H differs slightly from the camera, they reconstruct lenslets in planes near the native one.
 
-If the noise of a recorded H is known, it is included, and ends the run (`model_noise`).
+If the noise of a recorded H is known, it is included and determines the end of the run (`model_noise`).
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def stretch_of(P: Projector) -> Stretch:
 
 @dataclass(frozen=True, eq=False)
 class _Sieved:
-    """A projector seen through a sieve: ``H S``, and its transpose ``S HT``."""
+    """Projector combined with a sieve: ``H S``, and its transpose ``S HT``."""
 
     projector: Projector
     sieve: Sieve
@@ -114,7 +114,7 @@ def _blocks(subsets: int | None) -> int:
 
 
 def _parts_of(P: Projector, image: ArrayLike, subsets: int | None) -> Masks | None:
-    """Return blocks of views, None if all are used together.
+    """Return blocks of views; None if all views are used together.
 
     If a period has several lenslets with separate views, pixels are distributed evenly instead.
     """

@@ -1,11 +1,12 @@
 """Early stopping: held-out pixels show when a reconstruction begins to fit noise.
 
-Deconvolution first finds the object and then fits noise, earlier with subsets and acceleration. The prediction of a
-few held-out pixels by a volume fitted to the others improves while the object is being found, and then gets worse
+Deconvolution first finds the object and then fits noise, earlier with subsets and acceleration. The prediction of a few
+held-out pixels by a volume fitted to the others improves while the object is being found, and then gets worse
 (cross-validation: Coakley 1991 for Richardson-Lucy). The last improvements are small while noise still grows. A run
-therefore ends when twice the expected further improvement is below the standard deviation of the score (the rule of
-one standard error, Breiman et al. 1984, section 3.4.3). Methods that suppress noise by a penalty lose nothing by
-continuing: they end at the best prediction. Neither the gain of the camera nor its noise needs to be known.
+therefore ends when, after two consecutive iterations, the expected further improvement is below the standard deviation
+of the score (the rule of one standard error, Breiman et al. 1984, section 3.4.3). Methods that suppress noise by a
+penalty lose nothing by continuing: they end at the best prediction. Neither the gain of the camera nor its noise needs
+to be known.
 
 This rule is suitable for volumes that are viewed. In sums over regions, noise averages out, but parts of the object
 that have not been found do not. An estimate of sums needs less regularization than one of the whole (undersmoothing:
@@ -65,7 +66,7 @@ def held_out_pixels(shape: tuple[int, int], seed: int = 0) -> NDArray[np.bool_]:
 
 @dataclass
 class _Best:
-    """The best estimate so far, by its prediction of the held-out pixels."""
+    """Best estimate so far, according to its prediction of the held-out pixels."""
 
     settles: bool
     goal: str = GOALS[0]
