@@ -248,8 +248,8 @@ def iter_adaptive(
     Raises
     ------
     InputError
-        If the noise of frames will be unknown, or the session to continue is a complete scan (nothing was moved), or
-        if the patterns do not fit such a camera.
+        If the noise of the frames will be unknown, if the session to continue is a complete scan, or if no such camera
+        explains the patterns.
     AcquisitionStopped
         If recording had to end early; it can be resumed.
 

@@ -196,7 +196,7 @@ def _usable(found: FoundPoints, plan: TargetPlan) -> NDArray[np.intp]:
 
 
 HELD_OUT_EVERY = 5
-"""One point in this many is held out."""
+"""Every n-th point is held out."""
 
 SAME_PX = 0.05
 """Distance below which positions of one hole are repeats (pixels)."""

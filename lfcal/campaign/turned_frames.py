@@ -19,7 +19,7 @@ from lfcal.simulate.engines import EnergyError
 __all__ = ["SeenPattern", "TurnedFrames", "find_turned_frames", "seen_patterns"]
 
 REACH = 2
-"""Largest distance of the image's place from the centre of light (pixels)."""
+"""Largest distance of the image from the centre of the light (pixels)."""
 
 EXPLAINED = 0.2
 """Largest unexplained fraction of the light in a reported orientation."""

@@ -40,7 +40,7 @@ HOLE_SHARE = 0.03
 """Smallest area of the hole of a ring, relative to the area within its outline."""
 
 MOSTLY_RINGS = 0.7
-"""Share of the bright islands that must have one hole."""
+"""Fraction of the bright islands that must have one hole."""
 
 MIN_LAG_PEAK = 0.1
 """Smallest autocorrelation at a lattice vector, relative to that without a lag."""
@@ -49,7 +49,7 @@ MAX_LAGS = 12
 """Number of the shortest lags that form lattices."""
 
 INDEX_TOLERANCE = 0.15
-"""Largest distance of a lag from a whole multiple of the lattice vectors."""
+"""Largest distance of a lag from an integer combination of the lattice vectors."""
 
 MIN_EXPLAINED = 0.8
 """Fraction of the heights of all lags that a lattice must explain."""

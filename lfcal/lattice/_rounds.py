@@ -62,7 +62,7 @@ MIN_SHARE_EXPLAINED = 0.2
 """Smallest explained fraction of a single lenslet, relative to the typical one; with less it cannot be located."""
 
 NEW_DEAD = 0.1
-"""Fraction of lenslets that turn out dead above which the mean micro-image is computed again without them."""
+"""Fraction of newly found dead lenslets above which the mean micro-image is computed again without them."""
 
 EVEN, STEEP = 0.01, 0.1
 """Relative changes of light between lenslets at which their effect is distinguished from chance, and well known."""
@@ -71,7 +71,7 @@ RIM = 0.3
 """Deviation of a lenslet's light from its neighbourhood above which a part of it may be shaded."""
 
 LIT_AROUND = 0.45
-"""Mean contrast around a place, relative to bright lenslets, above which it lies in the lit field: 0.4 next to it."""
+"""Mean contrast around a place, relative to bright lenslets, above which it is in the lit field: 0.4 next to it."""
 
 PARTLY_LIT = 0.6
 """Fraction of working lenslets below which light covers a part of the frame only."""

@@ -16,7 +16,7 @@ __all__ = ["LensletDiscs", "fit_discs"]
 F8 = NDArray[np.float64]
 
 INNER = 0.6
-"""Share of the largest distance to the edge above which a pixel belongs to the middle of a disc."""
+"""Fraction of the largest distance to the edge above which a pixel belongs to the middle of a disc."""
 
 ANGLES = 360
 """Directions in which the edge of a disc is searched for."""
@@ -28,13 +28,13 @@ BEYOND = 1.2
 """Distance up to which the edge is searched for, in radii; touching discs have no edge between them."""
 
 EDGES = 0.5
-"""Share of the pairs of opposite edges that must be seen."""
+"""Fraction of the pairs of opposite edges that must be found."""
 
 AROUND_PX = (2.0, 5.0)
-"""Distances from an edge: of the light just outside, and of the even light inside (pixels)."""
+"""Distances from an edge at which the light just outside and the uniform light inside are measured (pixels)."""
 
 FAR = 3.0
-"""Standard deviations of the edges beyond which one is not used."""
+"""Deviation beyond which an edge is not used (standard deviations of the edges)."""
 
 ROUNDS = 12
 """Largest number of corrections of a centre."""
@@ -79,7 +79,7 @@ def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
     ------
     InputError
         If the camera has a lattice, the number of discs is not that of the lenslets, a disc is cut by the edge of the
-        frame, or the discs are far from the described places.
+        frame, or the discs are far from the described positions.
 
     Examples
     --------

@@ -36,7 +36,7 @@ MAX_RESIDUAL = 0.08
 """Largest rms residual of an accepted lattice, in pitches."""
 
 CELL_LENSLETS, MIN_CELLS = 400, 9
-"""Largest and smallest number of cells whose mean is judged."""
+"""Largest and smallest number of cells whose mean is checked."""
 
 RATIO_TOLERANCE = 0.06
 """Largest relative deviation of the distance of hexagonal rows from 0.87 pitches."""

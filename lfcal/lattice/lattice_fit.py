@@ -158,7 +158,7 @@ class LatticeFit:
         return LatticeModel(self.kind, origin, along, ratio, math.tan(self.shear_rad), self.distortion)
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return the centres ``(..., 2)`` as (row, column) of lenslets q, r, including distortion (pixels)."""
+        """Return the centres ``(..., 2)`` as (row, column) of lenslets q, r, including the distortion (pixels)."""
         index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
         return self.model.places(index)[..., ::-1]
 

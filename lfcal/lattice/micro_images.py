@@ -104,7 +104,7 @@ class CameraLattice:
         return self.camera.lattice.rotation_rad
 
     def basis_px(self) -> Array:
-        """Return the lattice vectors ``(2, 2)`` as rows (x, y) (pixels)."""
+        """Return the lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
         return self.camera.lattice.basis_um() / self.camera.sensor.pixel_um
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
@@ -154,7 +154,7 @@ class CroppedLattice:
         return self.whole.rotation_rad
 
     def basis_px(self) -> Array:
-        """Return the lattice vectors ``(2, 2)`` as rows (x, y) (pixels)."""
+        """Return the lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
         return self.whole.basis_px()
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
@@ -213,7 +213,7 @@ class TypeLattice:
         return math.atan2(y, x)
 
     def basis_px(self) -> Array:
-        """Return the lattice vectors ``(2, 2)`` as rows (x, y) (pixels)."""
+        """Return the lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
         basis: Array = np.array([[2.0, -1.0], [1.0, 1.0]]) @ self.every.basis_px()
         return basis
 

@@ -27,7 +27,7 @@ Image = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 MIN_SLOPE = 1.5
-"""Smallest slope for rendering: nearer to the lenslets, some places are seen by no lenslet; refocus views instead."""
+"""Smallest slope for rendering: nearer to the lenslets, no lenslet sees some points; refocus views instead."""
 
 FLOOR_PX = 1.0
 """Blur of a lenslet in focus: a pixel, and the diffraction of a suitable lenslet (pixels)."""

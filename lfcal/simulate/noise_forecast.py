@@ -82,7 +82,7 @@ class ExpectedLight:
         Parameters
         ----------
         plan
-            The scan with this light, possibly with other exposures or averages.
+            The scan with this light; exposures and averages may differ from those of the simulated plan.
         peak
             Fraction of the full well that the brightest pixel of the scan reaches.
         """

@@ -50,7 +50,7 @@ class Budget:
     selection: EffectSelection | None = None
 
     def at(self, z_um: float) -> tuple[tuple[Effect, ...], float]:
-        """Return the effects at a depth, and the fraction of the tolerance that remains for the computation."""
+        """Return the effects at a depth, and the relative L1 error that remains for the computation there."""
         chosen = self.selection
         if chosen is None:
             return self.effects, self.tolerance

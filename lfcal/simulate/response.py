@@ -45,8 +45,8 @@ class PlaneResponse:
     depth_error_um
         Displacement of the plane away from the camera, relative to the plan (µm).
     on_sensor
-        Whether to compute on the sensor's pixels if the plan resamples its frames, as `point` needs. Positions of
-        `rows` are then one sensor pixel apart, not a resampled one.
+        Whether to compute on the sensor's pixels if the plan resamples its frames, as `point` requires. Positions of
+        `rows` are then one sensor pixel apart instead of one resampled pixel.
 
     Attributes
     ----------

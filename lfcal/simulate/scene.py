@@ -245,7 +245,7 @@ class Scene:
         Distance a of the source's image behind the lenslet array, signed; 0 is the native plane.
     lattice
         The lenslets on the array itself (not their micro-images), with focal lengths, clear diameter and gap B; its
-        offset is the centre of a type-0 lenslet from source position (0, 0).
+        offset is the centre of a type-0 lenslet relative to source position (0, 0).
     cutout, period
         Pixels (nt, ns) around each source position; number of source positions (ny, nx) of a full plane.
     f_number
@@ -265,8 +265,9 @@ class Scene:
     exact_defocus
         Whether the main lens's defocus is a(1 - cos theta) instead of a theta^2 / 2.
     lens_law
-        q of u/(2 Nw) = sin theta / (1 - q sin² theta)^1/2, the height u in the pupil of the ray at theta: 0 is the sine
-        condition, 1 the tangent law. It needs exact angles; the pupil is uniformly lit.
+        Parameter q of the law u/(2 Nw) = sin theta / (1 - q sin² theta)^½ for a ray from the relative height u in the
+        pupil at the angle theta: 0 for the sine condition, 1 for the tangent law. It needs exact angles; the pupil is
+        uniformly lit.
     exact_rays
         Whether rays between lenslet and sensor follow tan theta instead of sin theta. The wave level follows them ray
         by ray, away from the native plane. Together with `exact_defocus`, which should have the same value, chief rays
@@ -279,9 +280,10 @@ class Scene:
     pixel_aspect
         Ratio of a pixel's height to its width ``pixel_um``: not 1 if frames are resampled by unequal factors.
     vectorial
-        Whether a microscope's source is a dipole of any orientation with its vector field, instead of a scalar point.
+        Whether a microscope's source is a dipole of any orientation with its vector field, instead of a scalar point
+        source.
     specimen
-        Media between a microscope's source and its immersion medium; None: nothing.
+        Media between a microscope's source and its immersion medium; None: no specimen.
     offsets_um
         Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The pixels do
         not move.

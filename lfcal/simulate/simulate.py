@@ -217,9 +217,9 @@ def iter_simulate_psf(
     Raises
     ------
     InputError
-        If plan and effects do not fit, or H is too large for memory.
+        If plan and effects are incompatible, or H is too large for memory.
     EnergyError
-        If a response has more light than its input, because the sampling is too coarse.
+        If a response contains more light than its input, because the sampling is too coarse.
     StorageError
         If the file cannot be written.
 

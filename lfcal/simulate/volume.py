@@ -90,7 +90,7 @@ def iter_light_field(
     Returns
     -------
     ndarray
-        Image ``(rows, columns)``, float32, without the sensor; `lfcal.simulate.expose` converts it to a frame.
+        Image ``(rows, columns)``, float32, before the sensor's effects; `lfcal.simulate.expose` converts it to a frame.
 
     Yields
     ------

@@ -38,7 +38,7 @@ RUN = "simulated with and without it at a few positions"
 """Text in place of the formula of an estimate that was measured."""
 
 CACHED = 4096
-"""Number of measurements kept, because a plan is judged again after every change of a slider."""
+"""Number of measurements kept, because a plan is evaluated again after every change of a slider."""
 
 
 def estimates_of(

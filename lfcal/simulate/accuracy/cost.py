@@ -97,7 +97,7 @@ def _timed_rate() -> float:
 
 
 def machine_rate() -> float:
-    """Return complex multiply-adds per CPU-second of one thread of this machine.
+    """Return the number of complex multiply-adds per CPU-second that one thread of this machine performs.
 
     The rate is the best of several measurements, corrected with the times of the planes that this process has
     simulated.

@@ -40,9 +40,10 @@ def predict_seconds(
     tolerance: float | None = None,
     sampling: Sampling | None = None,
 ) -> float:
-    """Return the CPU-seconds that `simulate_psf` will take, from a short run of the engine.
+    """Predict the CPU-seconds that `simulate_psf` will take, from a short run of the engine.
 
-    The plane that takes longest is measured; the others are scaled by the costs estimated from their descriptions.
+    The plane that takes longest is measured. Its time is scaled to the other planes by costs estimated from their
+    descriptions.
 
     Examples
     --------

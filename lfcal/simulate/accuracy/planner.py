@@ -103,7 +103,7 @@ class EffectSelection:
     seconds
         CPU-seconds for the whole plan with all effects that are on, accurate to within a factor of about 2.
     ideal_seconds
-        CPU-seconds of the ideal camera.
+        CPU-seconds for the whole plan with the ideal camera.
     left_out
         Sum of the estimates of omitted effects for each plane (relative L1); at most half the tolerance.
 

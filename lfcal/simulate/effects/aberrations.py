@@ -260,7 +260,7 @@ class FieldAberrations(SceneEffect):
 
 
 def wavefront_rms(terms: Wavefront) -> tuple[float, float]:
-    """Return the rms of a wavefront about its mean and the rms of its gradient per radius (waves), by quadrature."""
+    """Return the rms of a wavefront about its mean (waves), and the rms of its gradient (waves per pupil radius)."""
     nodes, weights = np.polynomial.legendre.leggauss(24)
     rho = (nodes + 1) / 2
     area = weights * rho  # sums to 1: the mean over the disc is twice the integral over rho d rho

@@ -55,7 +55,7 @@ class Telecentricity(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class LensletGap(SceneEffect):
-    """The sensor is farther behind the lenslets than described; their focal lengths are unchanged.
+    """The gap between lenslets and sensor differs from the described one; the focal lengths do not.
 
     Attributes
     ----------
@@ -181,7 +181,7 @@ class ArrayTilt(SceneEffect):
     """The lenslet array is not parallel to the sensor: it is tilted about the point where the optical axis meets it.
 
     The region's lenslets are farther from the sensor, and closer to the image by the same distance. The distance also
-    varies from lenslet to lenslet, which moves the rays through their centres. The lattice of micro-images stays as
+    varies from lenslet to lenslet, which moves the rays through their centres. The lattice of micro-images remains as
     described.
 
     Attributes

@@ -37,7 +37,7 @@ __all__ = [
 
 
 class ActsOn(Enum):
-    """Part of the light path or of the recording that an effect changes, in the order of the light path."""
+    """Part of the light path or of the recording that an effect changes; members are in the order of the light path."""
 
     SCENE = "optics"
     """The `Scene` given to the engine; costs nothing, unless waves must be computed."""
@@ -223,7 +223,7 @@ class Effect(ABC):
     name: ClassVar[str]
     """Name in plans, files and commands; it must never change, because files contain it."""
     title: ClassVar[str]
-    """For people."""
+    """Display name."""
     acts_on: ClassVar[ActsOn]
     rank: ClassVar[int] = 50
     """Order along the light path, among the effects that act on the same thing."""
@@ -238,7 +238,7 @@ class Effect(ABC):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Smallest and largest values of magnitudes that are limited."""
     units: ClassVar[Mapping[str, str]] = {}
-    """Units of magnitudes whose names do not end with one (``_um``, ``_rad``, ``_s``): waves, pupil radii, a share."""
+    """Units of magnitudes whose names contain none (``_um``, ``_rad``, ``_s``): waves, pupil radii, a fraction."""
     titles: ClassVar[Mapping[str, str]] = {}
     """Display names of magnitudes, if they differ from the name of the field."""
     described: ClassVar[Mapping[str, str]] = {}
@@ -263,7 +263,7 @@ class Effect(ABC):
             check_number(f"{self.title}: {field.name}", value, at_least=low, at_most=high)
 
     def spectrum_um(self) -> float | None:
-        """Return the full width of the spectrum stated by an effect that depends on wavelength; None: the camera's."""
+        """Return the stated full width of the spectrum (µm); None: the camera's, or no dependence on wavelength."""
         return None
 
     def applies_to(self, camera: Camera) -> bool:
@@ -420,7 +420,7 @@ class FrameEffect(Effect):
     pixel_ns: ClassVar[float] = 1.0
     """Computing time per pixel of a frame (ns, measured)."""
     whole_numbers: ClassVar[bool] = False
-    """Whether frames contain whole numbers after it; they are then stored as such, and it is always planned."""
+    """Whether the effect rounds frames to whole numbers; they are then stored as integers, and it is always planned."""
 
     @abstractmethod
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:

@@ -86,7 +86,7 @@ class LensletDiffraction(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the Airy radius 1.22 lambda B / d and the error from the spot's Fresnel number."""
+        """Return the Airy radius 1.22 lambda B / d (px), and the error from the spot's Fresnel number."""
         airy = 1.22 * outlook.wavelength_um * outlook.gap_um / (2 * outlook.lit_px * outlook.pixel_um**2)
         return Estimate(airy, "px", outlook.diffracted, "1.22 lambda B/d; 0.65/(1 + N_F)^(1/3) per type")
 

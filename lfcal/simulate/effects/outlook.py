@@ -153,7 +153,7 @@ class Outlook:
 
     @cached_property
     def lenslets(self) -> float:
-        """Number of lenslets under the shadow, at least 1."""
+        """Number of lenslets within the shadow of the iris, at least 1."""
         cell = self.camera.pitch_px * self.camera.lattice.row_step_um / self.pixel_um
         return max(1.0, math.pi * self.shadow_px * self.shadow_px / cell)
 

@@ -77,7 +77,7 @@ class StrayLight(FrameEffect):
     rank: ClassVar[int] = 20
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the share, and the light lost by the spots plus that gained by the cutout."""
+        """Return the scattered fraction, and the light lost by the spots plus that gained by the cutout."""
         rows, columns = outlook.camera.sensor.shape
         # the light is lost in the cutout and returns spread over the whole sensor
         veil = min(1.0, outlook.pixels / (rows * columns))

@@ -34,7 +34,7 @@ from lfcal.simulate.scene import Scene, pixel_response
 __all__ = ["WavePlane"]
 
 TOLERANCE = 0.02
-"""Share by which a response's energy may exceed its input before the sampling counts as too coarse."""
+"""Fraction by which a response's energy may exceed its input before the sampling counts as too coarse."""
 
 FAINT = 0.01
 """Fraction of the best-lit lenslet's energy that limits the absolute error of fainter lenslets."""

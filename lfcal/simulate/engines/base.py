@@ -39,7 +39,7 @@ class Sampling:
         Lenslets are left out if they transmit less than this fraction of the brightest one, or of a sixteenth of all
         light.
     coherent
-        Whether the fields of different lenslets are summed before squaring; None: the plane decides.
+        Whether the fields of different lenslets are summed before squaring; None: chosen for the plane.
     double
         Whether to compute in complex128 instead of complex64.
     """

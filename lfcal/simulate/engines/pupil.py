@@ -36,7 +36,7 @@ OUTSIDE = 0.27
 aperture), and interferes with the other lenslets' spots."""
 
 PERIODS = 1.5
-"""Distance of the aliases of a spot over the width of its window: no light of an alias reaches into it."""
+"""Ratio of the distance of a spot's aliases to the width of its window, so that no alias reaches into it."""
 
 FEWEST, ROWS_PER_SAMPLE = 48, 8
 """Samples over a lenslet, at least; rows by which the area of its samples within the aperture is found."""
@@ -49,7 +49,7 @@ BLOCK_NODES = 1 << 22
 """Nodes on the sensor whose field is in memory at a time (complex64)."""
 
 SPARE_ENERGY = 0.01
-"""Share by which light out of a response may exceed that into it: pixels are integrated that accurately."""
+"""Fraction by which the light of a response may exceed its input, due to the integration over pixels."""
 
 F8 = NDArray[np.float64]
 Complex = NDArray[Any]

@@ -58,7 +58,7 @@ class LensTable:
     Attributes
     ----------
     width
-        Window on the sensor (pixels).
+        Width of the window on the sensor (pixels).
     pull
         The middle of the window is at c + pull (X0 - c), for a lenslet at c and a chief ray at X0.
     half
@@ -68,7 +68,7 @@ class LensTable:
     energy
         Light transmitted by a lenslet at each sample of the field.
     field_reach_um
-        Distance from the source up to which the field is valid.
+        Distance from the source up to which the field is valid (µm).
     """
 
     width: int
@@ -98,7 +98,7 @@ class PlaneTables:
     floor
         Energy below which a lenslet is left out.
     reach_um
-        Distance from the source beyond which no lenslet exceeds the floor.
+        Distance from the source beyond which no lenslet exceeds the floor (µm).
     """
 
     kinds: tuple[LensTable, ...]
@@ -231,7 +231,7 @@ def _lens_table(
 
 
 def window_of(scene: Scene, sampling: Sampling, mode: str, kind: int) -> tuple[int, float]:
-    """Return half the window on the sensor (pixels) and the sample distance on the array (µm) of a lens type."""
+    """Return half the window on the sensor (pixels) and the sample spacing on the array (µm) for a lens type."""
     px = scene.reduced_pixel_um
     _, extent, pull = _spot(scene, mode, kind)
     extent += abs(pull) * ray_aberration(scene) + lenslet_aberration(scene)

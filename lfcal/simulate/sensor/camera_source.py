@@ -57,7 +57,7 @@ class SimulatedCamera(Frames):
     Raises
     ------
     InputError
-        If plan and effects do not fit.
+        If plan and effects are incompatible.
 
     Examples
     --------

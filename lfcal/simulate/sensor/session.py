@@ -98,7 +98,7 @@ def iter_write_session(
     InputError
         If the frames are not integers, or ``resume`` finds the frames of another session.
     StorageError
-        If they cannot be written.
+        If a file cannot be written.
 
     Examples
     --------
