@@ -69,7 +69,7 @@ class RedoList:
 
     @classmethod
     def read(cls, path: Path) -> RedoList:
-        """Return the list in ``path``; raises `FileFormatError` if it is not one."""
+        """Return the list in the file ``path``; raises `FileFormatError` if the file does not contain one."""
         data: Any = parse_json(read_text(path, limit=LARGEST), str(path))
         if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
             raise FileFormatError.expected(

@@ -232,7 +232,7 @@ def _is_alive_on_windows(process: int) -> bool:
 
 
 def processors(root: Path = Path("/")) -> int:
-    """Return the number of processors that this process may use, by its affinity and the limit of a container.
+    """Return the number of processors that this process may use, given its affinity and the limit of a container.
 
     ``root`` contains ``proc`` and ``sys``, from which the limit is read.
     """

@@ -84,7 +84,7 @@ class Repeats:
         place
             Position of the exposures.
         raws
-            Exposures ``(rows, columns)``, the same region of the sensor for every frame.
+            Exposures ``(rows, columns)``, of the same region of the sensor in all frames.
         floor
             Samples above this value are light (counts).
         """
