@@ -1,4 +1,4 @@
-"""Sources of frames, and their corrections.
+"""Frame sources, and corrections of frames.
 
 - ``source``: the protocol of all frame sources, and parts of a frame; ``view``: a source that views another one
 - ``opening``: `open_frames`, the only entry point; ``sources``: the kinds of source that it opens

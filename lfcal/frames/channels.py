@@ -1,4 +1,4 @@
-"""Colour mosaics by channel, with their gains, and one colour of a scan with a separate plan and camera."""
+"""Channels of colour mosaics, colour gains, and the part of a scan that one channel records."""
 
 from __future__ import annotations
 
@@ -268,7 +268,7 @@ def _odd(n: int, step: int) -> int:
 
 
 def _camera(plan: ScanPlan, phase: tuple[int, int], step: int) -> Any:
-    """Return the camera that the channel forms: its pixels are larger, its centre is displaced by up to a pixel."""
+    """Return the camera that the channel forms; its pixels are larger, and its centre is displaced by up to a pixel."""
     camera, sensor = plan.camera, plan.camera.sensor
     shape = tuple(-(-(n - r0) // step) for n, r0 in zip(sensor.shape, phase, strict=True))
     aside = [

@@ -1,4 +1,4 @@
-"""Frames that are left out: those that cannot be read, and those at positions found to be bad."""
+"""Selection of frames: those that cannot be read, and those at unwanted positions, are left out."""
 
 from __future__ import annotations
 

@@ -35,8 +35,8 @@ def stated_noise(camera: Camera) -> Noise | None:
 class DescribedSource(SourceView):
     """Frames completed with the exposures and sensor facts of the plan where they do not state their own.
 
-    Sensor facts are added only to raw samples: integers with enough bits for the sensor's bit depth. Frames of floats
-    are taken as already processed.
+    Sensor facts are added only to raw samples: integers with enough bits for the sensor's bit depth. Floating-point
+    frames are assumed to have been processed.
     """
 
     def __init__(self, source: FrameSource, plan: ScanPlan) -> None:

@@ -1,4 +1,4 @@
-"""A half-cell scan as a complete one: every frame is also used for the position half a period away."""
+"""Completion of a half-cell scan: a frame is also used for the unrecorded position half a period away."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class HalfCellSource(SourceView):
         return replace(known, half_cell=facts)
 
     def __len__(self) -> int:
-        """Return the number of frames; frames that also serve for their partners count twice."""
+        """Return the number of frames, including the copies."""
         return len(self.source) + len(self._frames)
 
     def info(self, index: int) -> FrameInfo:

@@ -1,4 +1,4 @@
-"""The single entry for frames from any source."""
+"""`open_frames`, which opens frames of any kind."""
 
 from __future__ import annotations
 
@@ -137,10 +137,10 @@ def open_frames(
 
 
 class _Converted(SourceView):
-    """Frames of a plug-in that returns its metadata as a mapping, with a metadata record."""
+    """Frames of a plug-in whose metadata, a mapping, are converted to a record."""
 
     def repeats(self) -> FrameSource | None:
-        """Return the plug-in's repeated frames."""
+        """Return the repeated frames of the plug-in."""
         return self.source.repeats() if isinstance(self.source, Frames) else None
 
 

@@ -92,7 +92,7 @@ def missing_numbers(names: Sequence[str]) -> list[int]:
 
 
 def first_number(numbers: NDArray[np.intp], counts: Sequence[int] | NDArray[np.intp] | None = None) -> int:
-    """Return whether positions are numbered from 0 or from 1, as the number of the first position.
+    """Return the number from which positions are counted, 0 or 1.
 
     Parameters
     ----------

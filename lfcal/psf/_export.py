@@ -57,9 +57,10 @@ __all__ = [
 def iter_write_npy(
     matrix: PSFMatrix, path: str | os.PathLike[str], read: Callable[[int], NDArray[Any]] | None = None
 ) -> Work[Path]:
-    """Write an ``.npy`` file that numpy can memory-map, one plane at a time; ``read`` returns planes made elsewhere.
+    """Write an ``.npy`` file, one plane at a time; ``read`` (None: ``matrix``) is a function that returns plane z.
 
-    The file is written, not mapped: with a map, a full disk would end the process instead of raising an error.
+    numpy can memory-map the file. It is not written through a map, because a full disk would then end the process
+    instead of raising an error.
     """
     target = Path(path)
     require_space(target.parent, matrix.nbytes, what=target.name)
@@ -74,7 +75,7 @@ def iter_write_npy(
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """Options of an export; None: the format decides.
+    """Options of an export; None: the default of the format.
 
     Attributes
     ----------
@@ -90,9 +91,9 @@ class ExportOptions:
         ``.mat``, ``.npy``, ``.npz``, TIFF: write zeros for positions that were never recorded, which these formats
         cannot mark.
     code
-        Code that reads the file, one of `lfcal.psf.codes.CODES`; it sets order, centring and names of variables.
+        Code that reads the file, one of `lfcal.psf.codes.CODES`; it determines axis order, centring and variable names.
     quality
-        ``.mat``, ``.npz``, TIFF: quality of H in words, such as ``"good"``, written into the file.
+        ``.mat``, ``.npz``, TIFF: quality of H, such as ``"good"``, which is written to the file.
     """
 
     compress: bool | None = None
@@ -107,24 +108,24 @@ class ExportOptions:
     quality: str | None = None
 
     def given(self) -> dict[str, Any]:
-        """Return the options that were given, by name."""
+        """Return the options that are not None, by name."""
         found = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         return {name: value for name, value in found.items() if value is not None}
 
     @property
     def mat(self) -> MatOptions:
-        """The options of a ``.mat`` file."""
+        """The options for a ``.mat`` file."""
         names = {entry.name for entry in fields(MatOptions)}
         known = {name: value for name, value in self.given().items() if name in names}
         return MatOptions(**known, cells=self.code == "olaf")
 
     @property
     def reader(self) -> Code | None:
-        """The code that reads the file; None if none is named."""
+        """The code that reads the file; None if none is stated."""
         return None if self.code is None else code_of(self.code)
 
     def for_code(self, matrix: PSFMatrix) -> ExportOptions:
-        """Return the options, completed with those of the code that reads the file."""
+        """Return the options, completed with those that the reading code needs."""
         code = self.reader
         if code is None:
             return self
@@ -202,7 +203,7 @@ WRITERS = {
 def export_files(
     matrix: PSFMatrix, path: str | os.PathLike[str], position: tuple[int, int] | None = None
 ) -> list[Path]:
-    """Return the files that an export of ``matrix`` to ``path`` writes; a large H as TIFF has one for each plane."""
+    """Return the paths of the files that an export to ``path`` writes; a large H as TIFF has one file per plane."""
     is_tiff = WRITERS.get(Path(path).suffix.lower()) is _TIFF
     return tiff_files(matrix, path, position) if is_tiff else [Path(path)]
 
@@ -210,7 +211,7 @@ def export_files(
 def export_notes(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> tuple[str, ...]:
     """Return notes for users of the file, one line each, with what to do.
 
-    They are about missing positions, and about conventions of the codes that read ``.mat`` files.
+    The notes concern missing positions, and conventions of the codes that read ``.mat`` files.
     """
     suffix, code = Path(path).suffix.lower(), options.reader
     notes = mat_notes(matrix, options.for_code(matrix).mat) if suffix in (".mat", ".npz") else ()
@@ -247,13 +248,13 @@ def iter_export(
     quality: str | None = None,
     run: RunChoice | None = None,
 ) -> Work[Path]:
-    """Write ``matrix`` in the format of the suffix.
+    """Write ``matrix`` to ``path`` in the format that the suffix indicates.
 
-    The suffixes are ``.h5`` (H file), ``.mat`` (MATLAB v7.3 with H, Ht, Nnum, CAindex, x3objspace, anchor,
-    lensCentre), ``.npy``, ``.npz`` (H, Ht), and ``.tif`` (hyperstacks). With ``code``, the file has the form that this
-    code reads. See `ExportOptions` for the options, and `export_notes` for conventions that differ in other programs.
-    With ``run``, a matrix opened from a file is written in units of a plane, by the given executor, and finished
-    planes stay for the next run. TIFF has no units.
+    The suffixes are ``.h5`` (H file), ``.mat`` (MATLAB v7.3 with H, Ht, Nnum, CAindex, x3objspace, anchor, lensCentre),
+    ``.npy``, ``.npz`` (H, Ht), and ``.tif`` (hyperstacks). With ``code``, the file has the form that this code reads.
+    See `ExportOptions` for the options, and `export_notes` for conventions that differ in other programs. With ``run``,
+    the planes of a matrix opened from a file are written as units of a run by the given executor, and finished planes
+    are kept if the run is stopped. TIFF files cannot be written in this way.
 
     Raises
     ------
@@ -305,7 +306,7 @@ export = drained(
 
 
 def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> str:
-    """Return the suffix of the format; raises `InputError` as `iter_export` does."""
+    """Return the suffix of the format; raises the same `InputError` as `iter_export`."""
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
         raise InputError.expected(
@@ -353,7 +354,7 @@ PLANE, CROP = "plane", "crop"
 
 
 def _iter_units(matrix: PSFMatrix, target: Path, options: ExportOptions, run: RunChoice) -> Work[Path]:
-    """Write a ``.mat`` or ``.npy`` file from planes that are separate files until all are complete."""
+    """Write a ``.mat`` or ``.npy`` file as units of a run, each of which writes one plane to a separate file."""
     from lfcal.work import Unit, iter_made
 
     suffix = target.suffix.lower()
@@ -378,7 +379,7 @@ def _iter_units(matrix: PSFMatrix, target: Path, options: ExportOptions, run: Ru
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Write one plane, as it is stored in the final file, into a separate file: the task of a unit."""
+    """Write one plane to a separate file, in the form of the final file; this is the task of a unit."""
     z, suffix = int(arguments["z"]), arguments["suffix"]
     clock = Clock(f"export plane {z}", 1)
     yield clock.at(0)
@@ -394,7 +395,7 @@ def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
 
 
 def _iter_joined(parts: Sequence[Path], *, matrix: PSFMatrix, target: Path, options: ExportOptions) -> Work[None]:
-    """Make the file of its planes."""
+    """Write the final file from the files of its planes."""
     if target.suffix.lower() == ".npy":
         yield from iter_write_npy(matrix, target, lambda z: _read(parts[z]))
     else:

@@ -26,7 +26,7 @@ _TYPES: dict[str, tuple[type, ...]] = {
 
 
 class Deviation(NamedTuple):
-    """A place in a value, as names and indices from its top level, and what is wrong there."""
+    """A deviation from a schema: its place in the value, as names and indices from the top level, and what is wrong."""
 
     place: Place
     what: str

@@ -1,4 +1,4 @@
-"""Import H from calibration files (``.lfc``) of napari-LF, which hold a sparse PSF for each voxel of a lenslet.
+"""Import H from calibration files (``.lfc``) of napari-LF, which contain a sparse PSF for each voxel of a lenslet.
 
 A file is HDF5 with the groups ``optics``, ``geometry``, ``radiometry``, ``rayspread`` and ``psf``. ``psf/psf_db`` is a
 pickled table ``(x, y, z) -> ((u, v, s, t), coefficient)``: pixel (u, v) behind lenslet (s, t), relative to the lenslet
@@ -32,14 +32,14 @@ MOST_PIXELS = 1 << 12
 def open_lfc(path: Path) -> PSFMatrix:
     """Open the PSFs of a napari-LF calibration as an H in float32, whose planes are computed when they are read.
 
-    Its period is a lenslet of ``nv`` x ``nu`` pixels. All pixels of a voxel have the same pattern, so the image of a
-    volume is that of the volume summed over each voxel. The order of depths is reversed: napari-LF counts them
+    The period of H is a lenslet of ``nv`` x ``nu`` pixels. All pixels of a voxel have the same pattern, so the image of
+    a volume is that of the volume summed over each voxel. The order of depths is reversed: napari-LF counts them
     towards the objective.
 
     Raises
     ------
     FileFormatError, UnsafeFileError
-        If it holds no PSFs (the message says what it holds), or the PSFs are damaged.
+        If the file contains no PSFs (the message states what it contains), or they are damaged.
     """
     with H5File(path) as file:
         name = "psf/psf_db"

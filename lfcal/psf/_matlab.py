@@ -93,14 +93,14 @@ class MatOptions:
     compress
         Whether to compress with gzip; otherwise data are contiguous.
     lens_centred
-        Whether to roll the positions so that a micro-image centre is on pixel ceil(Nnum/2) of the period.
+        Whether to roll the positions so that a micro-image centre is on pixel ceil(Nnum/2) of the period, from 1.
     interpolation
         With ``lens_centred``: interpolation for the remaining fraction of a pixel; ``"nearest"`` leaves it
         uncorrected.
     cells
         Whether to store ``H{y,x,z}(t, s)``, a cell array of patterns, as oLaF does.
     quality
-        Quality of H in words, written as the variable ``quality``; empty: none.
+        Quality of H as text, written as the variable ``quality``; empty: not written.
     """
 
     include_transpose: bool = True
@@ -132,16 +132,16 @@ def iter_write_mat(
     matrix
         The PSF matrix.
     path
-        Path of the file, which is written atomically.
+        The file, which is written atomically.
     options
         Options; None: the defaults.
     store
-        Function that writes planes made elsewhere; None: they are made here.
+        Function that writes planes which other processes have made; None: planes are made here.
 
     Raises
     ------
     InputError
-        If lens-centring is requested, but the places of the lenses of H are unknown.
+        If lens-centring is requested, but the positions of the lenses in H are unknown.
 
     Notes
     -----
@@ -269,7 +269,7 @@ def _write_small(file: Any, values: dict[str, NDArray[np.float64] | str]) -> Non
 
 
 def mat_notes(matrix: PSFMatrix, options: MatOptions | None = None) -> tuple[str, ...]:
-    """Return where the conventions of codes that read ``.mat`` files differ from those of H, with what to do."""
+    """Return notes on conventions of codes that read ``.mat`` files and differ from those of H, with what to do."""
     options = options or MatOptions()
     ny, nx = matrix.period
     notes = []

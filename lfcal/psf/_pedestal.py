@@ -29,13 +29,13 @@ BLOCKS = 8
 
 
 def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float, bool]:
-    """Return the constant level of some frames of a plane (sample values), and its share of their cutouts' light.
+    """Return the constant level of some frames (sample values), its fraction of their cutouts' light, and a flag.
 
-    The third value says whether the level was measured outside the point's light. A negative level has a negative
-    share; a level with more light than the pattern has an infinite share.
+    The flag is true if the level was measured outside the light of the point. A negative level has a negative fraction.
+    A level with more light than the pattern has an infinite fraction.
 
-    On whole sensor frames, the level is measured outside the cutout, where the point sends no light. Frames that are
-    cutouts have no such place. There, the level is that of the darkest block of their mean, which is too high if a
+    On whole sensor frames, the level is measured outside the cutout, where the point sends no light. If frames are
+    cutouts, there is no such area. The level is then that of the darkest block of their mean, which is too high if a
     pattern fills the cutout.
     """
     levels, cuts = [], []
@@ -60,7 +60,7 @@ def pedestal_share(gatherer: Gatherer, indices: list[int]) -> tuple[float, float
 
 
 def _level(around: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the level of samples that few of are lit, and its standard error.
+    """Return the level of samples, few of which are lit, and its standard error.
 
     It is their mean near the median, which itself is a whole number.
     """
@@ -88,7 +88,7 @@ def _darkest_block(mean: NDArray[np.float64]) -> float:
 
 
 def check_pedestal(gatherer: Gatherer, planes: int, limit: float = LIMIT, *, subtracted: bool = False) -> None:
-    """Raise `InputError` if a constant level makes up more than the share ``limit`` of a plane's light.
+    """Raise `InputError` if a constant level exceeds the fraction ``limit`` of a plane's light.
 
     It may be too high or too low, if a level was already ``subtracted``.
     """

@@ -122,7 +122,7 @@ class DatasetPlanes:
             return self._kept[1]
 
     def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
-        """Return one pattern, from the kept plane if possible, else from its chunk alone."""
+        """Return one pattern from the last plane read, or else from its chunk."""
         with self._lock:
             if self._kept is not None and self._kept[0] == z:
                 pattern: NDArray[Any] = self._kept[1][y, x]
@@ -138,7 +138,7 @@ class DatasetPlanes:
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """Path of the file."""
         return self.dataset.path
 
     def close(self) -> None:
@@ -157,7 +157,7 @@ def as_planes(data: Any) -> Planes:
     Raises
     ------
     InputError
-        If it holds no numbers.
+        If ``data`` does not contain numbers.
     """
     if isinstance(data, H5Data):
         return DatasetPlanes(data)

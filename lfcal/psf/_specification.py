@@ -30,7 +30,7 @@ def schema(version: int = VERSION) -> dict[str, Any]:
 
 
 def deviations_of(file: H5File) -> list[str]:
-    """Return the deviations of an H file from the specification of its version, one line each with its place."""
+    """Return the deviations of an H file from the specification of its version, one line each with the place."""
     unread: list[str] = []
     description = describe(file, unread)
     found = list(deviations(description, schema(file.attributes().integer("version") or VERSION)))

@@ -29,7 +29,7 @@ FAINT = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpotPath:
-    """Places of the pattern on the sensor.
+    """Observed positions of the pattern on the sensor.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class SpotPath:
 
 
 def path_frames(infos: Sequence[FrameInfo], shape: tuple[int, int, int]) -> list[int]:
-    """Return about 20 frames spread over a scan of ``shape`` (nz, ny, nx): first, middle and last plane, wide apart.
+    """Return the numbers of about 20 widely separated frames in the first, middle and last plane of a scan.
 
     Frames of many points and frames beyond the scan are skipped. Instead of a missing position, the nearest one is
     used.
@@ -76,7 +76,7 @@ def iter_spot_path(source: FrameSource, shape: tuple[int, int, int], cutout: tup
     """Read about 20 frames and find the pattern in each.
 
     Static content (background, reflections, hot pixels) is subtracted. The pattern is in the window of the cutout's
-    size that contains most of the remaining light; its place is the centroid in that window.
+    size that contains most of the remaining light; its position is the centroid in that window.
 
     Parameters
     ----------

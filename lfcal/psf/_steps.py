@@ -60,7 +60,7 @@ class SteppedPlane:
     step
         ``(ny, nx)``, float32, with at most `DIGITS` binary digits, so that multiples have few digits and compress well.
     cut, rounding
-        ``(ny, nx)``: error of each pattern outside and inside the window, as shares (L1) of the pattern.
+        ``(ny, nx)``: error of each pattern outside and inside the window, as a fraction (L1) of the pattern.
     error
         Error of all patterns together, as a fraction of the plane.
     """
@@ -73,12 +73,12 @@ class SteppedPlane:
 
     @property
     def bound(self) -> NDArray[np.float64]:
-        """Largest share that a pattern loses: by cutting, by rounding, and by both together ``(3,)``."""
+        """Largest fraction that a pattern loses, ``(3,)``: by cutting, by rounding, and by both together."""
         return np.array([self.cut.max(), self.rounding.max(), (self.cut + self.rounding).max()])
 
 
 def check_store_tolerance(tolerance: float) -> float:
-    """Return a tolerance of storage; raises `InputError` unless it is between 0 and 1."""
+    """Return a storage tolerance; raises `InputError` unless it is between 0 and 1."""
     if not 0 < tolerance < 1:
         raise InputError.expected(
             "storage tolerance",
@@ -118,7 +118,7 @@ def stepped_plane(
     Raises
     ------
     InputError
-        If it holds NaN or infinity, or 65535 steps of a pattern are not fine enough.
+        If the plane contains NaN or infinity, or 65535 steps of a pattern are not fine enough.
     """
     limit = check_store_tolerance(tolerance)
     ny, nx, nt, ns = plane.shape

@@ -42,7 +42,7 @@ def tiff_files(matrix: PSFMatrix, path: str | os.PathLike[str], position: Positi
 def iter_write_tiff(
     matrix: PSFMatrix, path: str | os.PathLike[str], *, position: Position | None = None, quality: str = ""
 ) -> Work[Path]:
-    """Write patterns as hyperstacks; ``quality``, the quality of H in words, goes into the file's description.
+    """Write patterns as hyperstacks; ``quality``, the quality of H as text, is stored in the file's description.
 
     With ``position`` (y, x), write a single stack over depth, ``ZYX``. Without it, write every position: one file
     ``TZYX`` (positions y slow, x fast), or for an H above 1 GiB one file ``TYX`` per plane, ``NAME_z000.tif`` …

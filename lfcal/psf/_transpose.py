@@ -32,18 +32,18 @@ def transpose(
     out: NDArray[Any] | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Return the transposed matrix HT of H as a new array.
+    """Return the transposed matrix HT of H, in the shape and dtype of H.
 
     Parameters
     ----------
     array
-        H ``(nz, ny, nx, nt, ns)``: any array, memory map or dataset of numbers, in any memory layout and byte
-        order; read one depth plane at a time.
+        H ``(nz, ny, nx, nt, ns)``: any array, memory map or dataset of numbers, in any memory layout and byte order.
+        One depth plane is read at a time.
     method
-        ``"exact"`` for the transpose; ``"paper"`` for Eberhart's equations 4 to 9 as printed, which need an odd
-        period and leave a border of HT zero; ``"paper-padded"`` for the same on zero-padded H, equal to exact.
+        ``"exact"``: the transpose. ``"paper"``: Eberhart's equations 4 to 9 as printed, which need an odd period and
+        leave a border of HT zero. ``"paper-padded"``: these equations applied to zero-padded H, which is exact.
     out
-        Array of H's shape and dtype to fill; it may not share memory with H.
+        Array of H's shape and dtype to fill, which must not share memory with H; None: a new array.
     workers
         Number of threads; None: all processors.
 
@@ -79,7 +79,7 @@ def transpose(
 
 
 def _plain(array: NDArray[Any]) -> bool:
-    """Whether the kernels can walk the array as a row of words."""
+    """Return whether the kernels can process the array as contiguous words."""
     return array.flags.c_contiguous and array.ctypes.data % min(array.itemsize, 8) == 0
 
 
@@ -203,9 +203,9 @@ def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = Non
     plane
         Depth plane of H, ``(ny, nx, nt, ns)``.
     y, x
-        Position within the period; negative counts from the end.
+        Position within the period; negative numbers count from the end.
     out
-        Array ``(nt, ns)`` of H's dtype to fill.
+        Array ``(nt, ns)`` of H's dtype to fill; None: a new array.
 
     Raises
     ------
@@ -274,8 +274,8 @@ def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
 def border_energy(H: Any) -> float:
     """Return the fraction of the energy of H that lies within (nx-1)/2 or (ny-1)/2 pixels of the cutout's edge.
 
-    Energy is the sum of absolute values, all positions and depths together. Other codes' transposers drop part of this
-    border, and so does ``method="paper"``; `transpose` keeps it.
+    Energy is the sum of absolute values over all positions and depths. Other codes lose part of this border when they
+    transpose, as does ``method="paper"``; the exact method does not.
     """
     shape = check_psf_shape(tuple(H.shape))
     _, ny, nx, nt, ns = shape

@@ -41,9 +41,9 @@ def reduced(
     planes
         Planes that provide its values.
     again
-        Function that opens it from its file; None if it was not opened that way.
+        Function that opens the matrix from its file; None if it was not opened in that way.
     transposed
-        Whether it is the view ``H.T``.
+        Whether the matrix is the view ``H.T``.
 
     Raises
     ------

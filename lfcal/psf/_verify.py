@@ -35,11 +35,11 @@ class DamagedPlane:
     z
         Depth plane.
     what
-        ``"damaged"``: patterns cannot be decoded; ``"changed"``: all can, but their checksum differs; ``"not
-        finite"``: there are NaN or infinite values; ``"depth sum changed"``: the stored sum over all positions is not
-        the sum of the patterns; ``"uncertainty damaged"``: stored standard deviations cannot be decoded.
+        ``"damaged"``: patterns cannot be decoded. ``"changed"``: all patterns can be decoded, but their checksum
+        differs. ``"not finite"``: there are NaN or infinite values. ``"depth sum changed"``: the stored depth-plane sum
+        is not the sum of the patterns. ``"uncertainty damaged"``: stored standard deviations cannot be decoded.
     positions
-        The affected patterns (z, y, x); empty if only the plane is known.
+        Positions (z, y, x) of the affected patterns; empty if only the plane is known.
     """
 
     region: str
@@ -61,7 +61,7 @@ class MatrixCheck:
     compared
         Whether planes could be compared with checksums; files of version 1 have none.
     damaged
-        Planes that differ from what was written.
+        Planes that differ from those that were written.
     missing
         Positions that were never recorded.
     deviations
@@ -86,11 +86,11 @@ class MatrixCheck:
 
     @property
     def ok(self) -> bool:
-        """Whether everything that can be checked is as it was written and follows the format."""
+        """Whether nothing is damaged and the file conforms to the format, as far as this can be checked."""
         return not self.damaged and not self.deviations
 
     def lines(self, most: int = 20) -> Iterator[str]:
-        """Yield each damaged plane with up to ``most`` positions, and each deviation from the format, in words."""
+        """Yield a line for each damaged plane (with up to ``most`` positions) and each deviation from the format."""
         for found in self.damaged:
             name = f"{found.region}, plane {found.z}" if found.region else f"plane {found.z}"
             listed = ", ".join(str(tuple(p)) for p in found.positions[:most])
@@ -101,7 +101,7 @@ class MatrixCheck:
 
     @property
     def known(self) -> str:
-        """Number of intact planes in words, for a verdict."""
+        """Text with the number of intact planes, for use in a verdict."""
         bad = len({(one.region, one.z) for one in self.damaged})
         how = "compared with their checksums" if self.compared else "read; a file of version 1 has no checksums"
         return f"intact in {self.planes - bad} of {format_count(self.planes, 'plane', 'planes')} ({how})"
@@ -113,14 +113,14 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
     Parameters
     ----------
     path
-        H file of lfcal (.h5).
+        H file (``.h5``).
     workers
         Number of threads; None: all processors.
 
     Raises
     ------
     StorageError, FileFormatError, UnsafeFileError
-        If it is not an H file, or too damaged to be opened.
+        If the file is not an H file, or is too damaged to be opened.
 
     Examples
     --------

@@ -290,7 +290,7 @@ class AssembledPlanes(PlaneSource):
 
 
 class _Gathered:
-    """One plane while it is gathered: ``(ny, nx)`` patterns and their facts."""
+    """A plane that is being assembled: its patterns ``(ny, nx)`` and their facts."""
 
     def __init__(self, recorded: NDArray[np.int64], values: NDArray[np.float32], energy: NDArray[np.float64]) -> None:
         shape = recorded.shape
@@ -376,7 +376,7 @@ def _check_complete(
 
 
 def _check_windows(gatherer: Gatherer, order: NDArray[np.int64]) -> tuple[tuple[Position, ...], tuple[float, float]]:
-    """Return padded positions and largest residual; a cutout off the frame is an error before any work."""
+    """Return padded positions and the largest residual; raises an error if a cutout extends beyond its frame."""
     padded: dict[Position, None] = {}
     largest = [0.0, 0.0]
     height, width = gatherer.source.shape
@@ -631,7 +631,7 @@ def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySett
 
 
 def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
-    """Raise `InputError` where the colours of a mosaic do not come back with the lenslets."""
+    """Raise `InputError` if the period of a scan is not a multiple of the colour filter's period."""
     cfa = source.metadata.cfa
     if not cfa or source.metadata.channel:
         return

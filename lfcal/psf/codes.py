@@ -1,4 +1,4 @@
-"""The deconvolution codes for which H is exported, the layout of each, and the reasons why it cannot use an H.
+"""Deconvolution codes for which H is exported, the layout that each code reads, and the conditions on H.
 
 The layouts follow the public sources of these codes (`Code.source`).
 """

@@ -1,6 +1,7 @@
 """The cutout that moves with the image of the point (Eberhart, section 2.1, figure 4).
 
-`Cutout` defines the pixels; `Gatherer` reads them from the frames of a position, moves them, and averages repeats.
+`Cutout` defines the pixels. `Gatherer` reads them from the frames of a position, shifts them, and averages repeated
+frames.
 """
 
 from __future__ import annotations
@@ -163,7 +164,7 @@ class Cutout:
         return 1 if self.interpolation == "linear" else 3
 
     def _scaled(self, data: NDArray[np.float32], shift: tuple[float, float]) -> NDArray[np.float32]:
-        """Return the cutout sampled every 1/scale sensor pixels about the point; energy is kept."""
+        """Return the cutout sampled every 1/scale sensor pixels about the point; energy is preserved."""
         from scipy import ndimage
 
         rows, columns = (

@@ -1,4 +1,4 @@
-"""Facts about the patterns of H besides their values."""
+"""Facts about the positions and patterns of H."""
 
 from __future__ import annotations
 

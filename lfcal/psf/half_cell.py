@@ -1,4 +1,4 @@
-"""Find the patterns of H that are copies of another position's, in a half-cell scan."""
+"""Find the patterns of H that were copied from another position, in a half-cell scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Description of a matrix besides its values, how the values are stored, and its planes."""
+"""Description of a matrix without its values, how values are stored, and single planes."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 The codes based on Prevedel et al. 2014 (LFDM, oLaF and their descendants) rectify an image so that the centre of a
 micro-image is on pixel ceil(Nnum/2) of each period, counted from 1. They use position (aa, bb) of H for pixel (aa, bb)
-of a period. Position (0, 0) of lfcal is where the scan began.
+of a period. In lfcal, position (0, 0) is where the scan began.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def _rolled(facts: Facts, shift: tuple[int, int]) -> dict[str, NDArray[Any]]:
 
 
 class _Centred:
-    """Planes of H with positions rolled by ``shift`` and patterns taken ``rest`` pixels further."""
+    """Planes of H with positions rolled by ``shift`` and patterns shifted by ``rest`` pixels."""
 
     def __init__(self, matrix: PSFMatrix, shift: tuple[int, int], rest: Pair, interpolation: str) -> None:
         self.base, self._shift = matrix.planes, shift

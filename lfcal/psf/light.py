@@ -1,4 +1,4 @@
-"""Find planes and positions of H without light, with which nothing can be reconstructed."""
+"""Find planes and positions of H without light, at which nothing can be reconstructed."""
 
 from __future__ import annotations
 

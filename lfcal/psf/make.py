@@ -1,4 +1,4 @@
-"""Make a matrix from planes of any source: in memory, in a file, or in units by other processes.
+"""Make a matrix from planes of any source: in memory, in a file, or as units of a run in other processes.
 
 A `PlaneSource` makes planes: from frames, by simulation, or from another matrix. `iter_make` and `iter_write` use it.
 """
@@ -215,7 +215,7 @@ def iter_write_regions(
 
 
 class _Buffer:
-    """Planes of zeros in one piece of memory: a file of any size takes the memory of one plane."""
+    """Reusable array of zeros, so that writing a file of any size needs the memory of one plane."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._shape = shape
@@ -257,7 +257,7 @@ _HELD: ProcessCache[PlaneSource] = ProcessCache(lambda source: source.close())
 
 
 def _iter_units(source: PlaneSource, out: Path, stored: Stored, run: RunChoice, *, keep: bool) -> Work[None]:
-    """Write a matrix in units of a plane."""
+    """Write the planes of a matrix as units of a run."""
     from lfcal.work import iter_made
 
     check_storable(source.header, stored)

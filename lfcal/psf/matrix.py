@@ -138,12 +138,12 @@ class PSFMatrix:
         return self
 
     def __reduce__(self) -> Any:
-        """Travel to another process as the path to open again; an array in memory as its values.
+        """Return the pickle state: the path to open again, or the values of an array in memory.
 
         Raises
         ------
         InputError
-            For a dataset or memory map that was opened by hand: it would travel by value, or not at all.
+            For a dataset or memory map that the caller opened, because its file cannot be opened again.
         """
         values = [one for one in (self._planes, self._uncertainty) if one is not None]
         return reduced(type(self), self.__dict__, values, self._opened, self._is_transposed)
@@ -393,7 +393,7 @@ class PSFMatrix:
         return block[(*pick, *pixels)]
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
-        """Return the whole matrix in memory."""
+        """Return the complete matrix as an array in memory."""
         if isinstance(self._planes, ArrayPlanes):
             array = self._planes.array
             return np.array(array, dtype, copy=True) if copy else np.asarray(array, dtype)
@@ -413,15 +413,15 @@ class PSFMatrix:
             stored.close()
 
     def __enter__(self) -> PSFMatrix:
-        """Use H as a context: its file is closed at the end."""
+        """Return H; its file is closed at the end of the context."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file behind H."""
+        """Close the file of H."""
         self.close()
 
     def __repr__(self) -> str:
-        """Return shape, type and camera as one line."""
+        """Return a line with shape, type and camera."""
         name = "PSFMatrix.T" if self._is_transposed else "PSFMatrix"
         camera = f", camera {self._camera.name!r}" if self._camera is not None else ""
         return f"<{name} (z, y, x, t, s) = {self._shape}, {self.dtype}{camera}>"

@@ -61,7 +61,7 @@ ROUGH, TURNS = 2.5, 2
 
 
 class _Samples(NamedTuple):
-    """Means and differences of samples ``(n,)``; the mean of ``difference²`` is the variance of one sample.
+    """Means and differences of samples, each ``(n,)``; the mean of ``difference²`` is the variance of one sample.
 
     ``around`` is light of about the same brightness with independent noise: from other weights, or from neighbouring
     pixels. ``roughness`` is the contribution of the signal to other differences of the same samples. ``own`` is the
@@ -158,7 +158,7 @@ def _repeated(
 
 
 def _references(source: FrameSource) -> Iterator[_Samples]:
-    """Yield samples of pairs of the frames that a session took of one place again and again."""
+    """Yield samples from pairs of the reference frames that a session recorded repeatedly at one position."""
     try:
         again = source.repeats() if isinstance(source, Frames) else None
         # each frame is in one pair, because the noise of two pairs that share a frame is not independent

@@ -1,4 +1,4 @@
-"""Patterns of a few positions of a scan, as an H whose other positions are missing."""
+"""An H that contains the patterns of only a few positions of a scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write H files plane by plane; a file is complete or not written at all.
+"""Write H files plane by plane; an incomplete file never gets its final name.
 
 This is version 4 of the format; ``docs/files.md`` describes it for other programs. A stored zero means value zero,
 and one number scales the whole matrix, so every HDF5 reader shows the correct shapes and ratios.
@@ -178,7 +178,7 @@ class MatrixGroup:
     def _write_uncertainty(self, z: int, plane: NDArray[np.floating[Any]]) -> None:
         """Write the standard deviation of every entry of plane ``z`` ``(ny, nx, nt, ns)``; 0: not stated.
 
-        Rounded up to `UNCERTAINTY_DIGITS` binary digits: none becomes 0.
+        Values are rounded up to `UNCERTAINTY_DIGITS` binary digits, so that none becomes 0.
         """
         if plane.shape != self._header.shape[1:]:
             raise InputError.expected(

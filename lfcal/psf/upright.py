@@ -1,4 +1,4 @@
-"""Check the orientation of frames against the planned path before the frames are used."""
+"""Check or find the orientation of frames by comparison with the planned path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sizes of H's pixels and of the voxels at its positions."""
+"""Sizes of the pixels of H and of the corresponding voxels."""
 
 from __future__ import annotations
 

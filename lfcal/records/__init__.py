@@ -1,4 +1,4 @@
-"""Settings that users give. Each field is declared once with its help, unit, range and choices.
+"""Settings that users choose; each field is declared once with its help, unit, range and choices.
 
 - ``option``: declaration, reading, checks and storage of a field
 - ``reading``: parsing of values from text, the same for every command, form and job file

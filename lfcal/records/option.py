@@ -1,8 +1,8 @@
 """Fields that users set, each declared once. Commands, forms, job files, scripts and provenance follow from them.
 
 A field is an attribute of a frozen dataclass, declared by `opt`, or by `required` if it has no default. `panel`
-declares a record within a record. `one_of` declares a record that is one of several kinds, each with different fields.
-`rows` returns the fields of a record and of its nested records, in order.
+declares a nested record. `one_of` declares a nested record of one of several kinds, which have different fields. `rows`
+returns the fields of a record and of its nested records, in order.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Settings of the solvers for volumes. Each solver has only the fields that it uses.
+"""Settings of the solvers; each solver has only the fields that it uses.
 
-`solver_kind` returns a record for a solver of another distribution, from the options that it uses.
+`solver_kind` returns the record class for a solver of another package, from the options that the solver uses.
 
 Examples
 --------

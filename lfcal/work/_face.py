@@ -1,4 +1,4 @@
-"""The public names of `lfcal.work`, loaded when the first of them is used."""
+"""The public names of `lfcal.work`, all loaded when the first of them is used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings of long work: the executor, and what happens to an earlier run."""
+"""Settings of a run: the executor, and what happens to an earlier run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs of units on an executor: units that are done are skipped, lost ones are tried again."""
+"""Runs of units on an executor: finished units are skipped, and lost units are tried again."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ def _run_in(
     following: Following | None,
     joined: bool,
 ) -> Work[tuple[Path, ...]]:
-    """Do units in a folder that no other run uses."""
+    """Process units in a folder that no other run uses."""
     prints = [unit.fingerprint() for unit in units]
     earlier = read_settled(folder)
     units = [replace(u, settled=earlier.get(p, u.settled)) for u, p in zip(units, prints, strict=True)]
@@ -212,7 +212,7 @@ def _run_in(
 
 
 def _note_settled(journal: Journal, units: Sequence[Unit], prints: Sequence[str], earlier: Mapping[str, Any]) -> None:
-    """Record how units are computed if the journal does not say it yet, in one entry for each way."""
+    """Record the settings of units that are not yet in the journal, in one entry for each set of settings."""
     new = [(u.settled, p) for u, p in zip(units, prints, strict=True) if u.settled and p not in earlier]
     for values, group in itertools.groupby(new, lambda one: one[0]):
         journal.settle(values, [fingerprint for _, fingerprint in group])
@@ -227,7 +227,7 @@ def _sweep(folder: Path, wanted: set[str]) -> None:
 
 
 class _Run:
-    """State of a running run."""
+    """State of a run in progress."""
 
     def __init__(
         self,

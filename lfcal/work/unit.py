@@ -1,4 +1,4 @@
-"""Units of work that any process on any machine can do, input that is kept in a process, and numbers of workers."""
+"""Units of work for any process on any machine, a cache of their input, and numbers of workers."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""Corrections between a raw and a clean frame.
+"""Corrections that convert raw frames to corrected frames.
 
-- ``steps``: single corrections; ``defects``: detection and repair of defective pixels
-- ``chain``: all corrections in their order, in one pass
-- ``recipe``: which corrections are requested, with which calibration frames
-- ``_corrected``: a frame source seen through a chain, with the variance of its samples
+- ``steps``: single corrections; ``defects``: detection and repair of defective pixels - ``chain``: all corrections in
+their order, in one pass - ``recipe``: corrections from the user's settings and calibration frames - ``_corrected``: a
+frame source seen through a chain, with the variance of its samples
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""A frame source seen through a correction chain: the only place where frames are corrected."""
+"""A frame source that applies a correction chain; all frames are corrected here."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ __all__ = ["CorrectedSource", "corrected", "corrected_noise"]
 class CorrectedSource(SourceView):
     """Corrected float32 frames of ``source``; reading a region processes only the region and its margin.
 
-    Corrections belong to the sensor, so frames that are cutouts are corrected at their place on it. If a background is
-    measured on each frame, the whole frame is read.
+    Calibration frames are in sensor coordinates, so a frame that is a cutout is corrected at its position on the
+    sensor. If the background is measured on each frame, the complete frame is read.
     """
 
     def __init__(self, source: FrameSource, chain: CorrectionChain) -> None:
@@ -67,11 +67,11 @@ class CorrectedSource(SourceView):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """float32."""
+        """Sample type, float32."""
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the raw frames with a description of the corrections."""
+        """Return the metadata of the raw frames, extended by a description of the corrections."""
         chain, dark = self.chain, self.chain.only_dark()
         noise = known.dark_noise
         if dark is not None and dark.count:
@@ -81,17 +81,17 @@ class CorrectedSource(SourceView):
         return replace(known, corrections=chain.describe(), keeps_level=chain.keeps_level(), dark_noise=noise)
 
     def repeats(self) -> FrameSource | None:
-        """Return the source's repeated frames, with the same corrections."""
+        """Return the repeated frames of the source with the same corrections; None if it has none."""
         found = self.source.repeats() if isinstance(self.source, Frames) else None
         return None if found is None else CorrectedSource(found, self.chain)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
-        """Return frame ``index``, or a part of it, corrected; a part equals that of the whole corrected frame."""
+        """Return the corrected frame ``index``, or the part of it in ``region``."""
         values: NDArray[np.float32] = self.samples(index, region).values
         return values
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return corrected samples; raw samples decide which of them are saturated.
+        """Return the corrected samples; whether one is saturated is decided by its raw value.
 
         Raises
         ------
@@ -120,7 +120,7 @@ class CorrectedSource(SourceView):
     def _correct(
         self, part: NDArray[Any], grown: Region, inside: Region, info: FrameInfo
     ) -> tuple[NDArray[np.float32], float]:
-        """Return corrected samples, and the background subtracted at their middle."""
+        """Return the corrected samples, and the background that was subtracted at their centre."""
         plane = None
         if self.chain.measures_frames:
             plane = self.chain.measure(lambda region: part[region], self.shape, exposure_s=info.exposure_s)
@@ -139,7 +139,7 @@ class CorrectedSource(SourceView):
     def _filled(
         self, values: NDArray[np.float32], grown: Region, inside: Region, info: FrameInfo
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Return samples of ``inside`` without NaN, and which of them are unknown: masked, or computed from none.
+        """Return the samples in ``inside`` without NaN, and a map of those that are unknown.
 
         Unknown samples become the mean of their nearest neighbours within one period of the colour pattern, else 0.
         """
@@ -156,7 +156,7 @@ class CorrectedSource(SourceView):
     def _usable(
         self, raw: Samples, grown: Region, inside: Region, info: FrameInfo, unknown: NDArray[np.bool_] | None
     ) -> tuple[NDArray[np.bool_] | None, int | None]:
-        """Return which samples of ``inside`` are valid, and how many are saturated; repaired defects are neither."""
+        """Return a map of the valid samples in ``inside`` (None: all), and the number of saturated ones."""
         if raw.valid is None:
             return None if unknown is None else ~unknown, raw.saturated
         valid = np.array(raw.valid)
@@ -172,13 +172,13 @@ class CorrectedSource(SourceView):
         return (~bad if bad.any() else None), count
 
     def _noise(self, noise: Noise | None, inside: Region, info: FrameInfo, level: float) -> Noise | None:
-        """Return the variance of corrected samples; ``level`` is the subtracted background."""
+        """Return the noise of the corrected samples; ``level`` is the subtracted background."""
         if noise is None:
             return None
         return corrected_noise(noise, self.chain, self._placed(inside, info), info.exposure_s, level)
 
     def _placed(self, region: Region, info: FrameInfo) -> Region:
-        """Return a region of a frame in the pixels of the calibration frames."""
+        """Return a region of a frame in the coordinates of the calibration frames."""
         return moved(region, (info.origin[0] - self._first[0], info.origin[1] - self._first[1]))
 
 

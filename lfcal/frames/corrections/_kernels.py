@@ -16,7 +16,7 @@ __all__ = ["CorrectionTerms", "correct_rows", "neighbour_of_rank", "repair_pixel
 
 
 class CorrectionTerms(NamedTuple):
-    """Parameters of the correction (value - level - dark) gain factor - background."""
+    """Parameters of the correction ``(value - level - dark) * gain * factor - background``."""
 
     dark: NDArray[np.float32]  # dark frame of the whole sensor (digital numbers), or empty
     gain: NDArray[np.float32]  # gain map of the whole sensor, or empty
@@ -31,10 +31,10 @@ class CorrectionTerms(NamedTuple):
 def correct_rows(
     raw: NDArray[Any], terms: CorrectionTerms, origin: tuple[int, int], start: int, stop: int, out: NDArray[np.float32]
 ) -> None:
-    """Write ``(raw - level - dark) gain factor - background`` for rows ``start … stop`` of ``raw``.
+    """Write ``(raw - level - dark) * gain * factor - background`` for rows ``start`` to ``stop`` of ``raw``.
 
-    ``raw`` and ``out`` are a region ``(rows, columns)``. Values stay in float32, where a 16-bit sample minus its dark
-    level is exact. Nothing is clipped at zero, because that would bias the mean of dark pixels.
+    ``raw`` and ``out`` have the shape ``(rows, columns)`` of a region. Values stay in float32, where a 16-bit sample
+    minus its dark level is exact. Nothing is clipped at zero, because that would bias the mean of dark pixels.
     """
     columns = raw.shape[1]
     r0, c0 = origin
@@ -106,11 +106,11 @@ def neighbour_of_rank(
     stop: int,
     out: NDArray[np.float32],
 ) -> None:
-    """Write, for rows ``start … stop``, the value of rank ``rank`` (0 lowest) among each pixel's neighbours.
+    """Write, for rows ``start`` to ``stop``, the value of rank ``rank`` (0: lowest) among each pixel's neighbours.
 
     ``offsets`` has the shape ``(phases_y, phases_x, n, 2)``: the neighbours of the same colour for each phase of the
-    colour filter. At the border, where some are missing, a rank below the middle uses the lowest of the others, and
-    one above it the highest: the strictest possible comparison.
+    colour filter. At the border, some neighbours are missing. A rank below the middle then selects the lowest of the
+    others and a rank above it the highest, which is the strictest comparison.
     """
     rows, columns = image.shape
     py, px, n, _ = offsets.shape

@@ -1,4 +1,4 @@
-"""Pixels that a file marks: an image that is not 0 there, or a list of their rows and columns."""
+"""Maps of pixels from files: an image that is not 0 at these pixels, or a list of their rows and columns."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _COLUMNS = frozenset({"column", "columns", "col", "x"})
 def sensor_map(
     path: str | os.PathLike[str], what: str, source: FrameSource, shape: tuple[int, int] | None
 ) -> NDArray[np.bool_]:
-    """Return the pixels that a file marks, in the coordinates of the frames and of their dark and white frames.
+    """Return a boolean map of the pixels marked in a file, in the coordinates of the calibration frames.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def sensor_map(
     what
         Name of the pixels for messages.
     source
-        The frames; of one colour of a mosaic, the file is that of the mosaic.
+        The frames; if they show one channel of a mosaic, the file refers to the mosaic.
     shape
         Rows and columns of the dark and white frames in use; None: there are none.
 
@@ -60,9 +60,9 @@ def sensor_map(
 def frame_map(
     path: str | os.PathLike[str], what: str, shape: tuple[int, int], origin: tuple[int, int] = (0, 0)
 ) -> NDArray[np.bool_]:
-    """Return the pixels that a file marks on a frame whose first pixel is the sensor's pixel ``origin``.
+    """Return a boolean map of the pixels marked in a file, for a frame that starts at the sensor pixel ``origin``.
 
-    ``path`` and ``what`` are as in `sensor_map`, ``shape`` are rows and columns of the frame.
+    ``path`` and ``what`` are as in `sensor_map`; ``shape`` is that of the frame.
     """
     marked = _marked(path, what, shape, origin)
     if marked.shape != shape:

@@ -1,4 +1,4 @@
-"""The ordered chain of corrections between a raw frame and a clean one, in signed float32."""
+"""The ordered chain of corrections of a raw frame, computed in signed float32."""
 
 from __future__ import annotations
 
@@ -288,7 +288,7 @@ class CorrectionChain:
         return shape
 
     def _affine(self, plane: Plane, exposure_s: float | None) -> tuple[float, NDArray[np.float64]]:
-        """Return factor and plane such that the chain's end is ``value * factor - plane``."""
+        """Return the factor and the plane of the last step of the chain, ``value * factor - plane``."""
         factor, offset = 1.0, np.zeros(3)
         for step in self.steps:
             if isinstance(step, Background):

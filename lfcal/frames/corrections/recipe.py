@@ -1,4 +1,4 @@
-"""Correction chains from paths and choices, for the command line and the window."""
+"""Correction chains built from the user's settings, for the command line and the window."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
 def _defects(
     source: FrameSource, search: bool, listed: NDArray[np.bool_] | None, lost: NDArray[np.bool_] | None
 ) -> Defects | None:
-    """Return the listed defective pixels and, if asked for, those found in the frames; None without either."""
+    """Return the listed defective pixels and, if requested, those found in the frames; None without either."""
     found = None
     if search:
         # the search compares one place of the sensor over all frames; cutouts are at different places
@@ -242,7 +242,7 @@ def _defects(
 
 
 def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | None:
-    """Return the first subtraction: the dark of the recipe, that of the recording, or the black level."""
+    """Return the dark of the recipe, that of the recording, or else the black level; None without any."""
     if recipe.dark and recipe.dark != "none":
         if recipe.black_level is not None:
             got = f"both ({recipe.dark} and {recipe.black_level:g})"
@@ -325,7 +325,7 @@ def _white(
 
 
 def _of_channel(source: FrameSource, frame: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the part of a calibration frame that belongs to ``source``, if that is a channel of a mosaic."""
+    """Return the channel of a calibration frame that ``source`` shows, or else the frame unchanged."""
     step, phase = source.metadata.pixel_step, source.metadata.channel_phase
     if phase is None or frame.shape == source.shape:
         return frame

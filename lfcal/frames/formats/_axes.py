@@ -1,4 +1,4 @@
-"""Axes of arrays that hold frames: axes of length 1, and frames along the last axis."""
+"""Axes of arrays that contain frames: axes of length 1, and frames along the last axis."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def used_axes(shape: Sequence[int]) -> tuple[int, ...]:
 class FramesLast(ImageFile):
     """A stack with axes (row, column, frame): the columns of each image are frames.
 
-    The whole stack is read when the first frame is, because every frame is spread over all of it.
+    The complete stack is read together with the first frame, because every frame is spread over the whole file.
 
     Raises
     ------
     InputError
-        If it is too large for that.
+        If the stack is too large to be read at once.
     """
 
     def __init__(self, stack: ImageFile) -> None:
@@ -56,7 +56,7 @@ class FramesLast(ImageFile):
         self._lock = threading.Lock()
 
     def read(self, page: int = 0) -> NDArray[Any]:
-        """Return one frame."""
+        """Return frame ``page``, ``(rows, columns)``."""
         self.check_page(page)
         with self._lock:  # threads would otherwise each rearrange the stack
             if self._frames is None:

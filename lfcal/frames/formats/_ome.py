@@ -28,7 +28,7 @@ def ome_facts(text: str, pages: int, *, name: str = "", samples: int = 1) -> dic
 
     ``TiffData`` (IFD, FirstZ, FirstC, FirstT, PlaneCount, UUID of the file) assigns planes to pages. Only if an image
     has none, its pages follow each other in ``DimensionOrder``. Missing and unreadable facts are left out, because the
-    pictures are usable without them.
+    images can be used without them.
 
     Parameters
     ----------

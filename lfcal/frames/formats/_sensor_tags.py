@@ -66,14 +66,14 @@ def sensor_facts(path: Path, page: Any) -> dict[str, Any]:
 
 
 def needs_raw_reader(page: Any) -> bool:
-    """Return whether a camera RAW reader must apply a table or a crop to get the sensor's samples."""
+    """Return whether a camera RAW reader must apply a table or a crop to obtain the sensor's samples."""
     area = _numbers(page, _ACTIVE)
     whole = not area or list(area) == [0, 0, int(page.imagelength), int(page.imagewidth)]
     return not whole or page.tags.get(_LINEARISATION) is not None or any(any(_numbers(page, t)) for t in _BLACK_SLOPES)
 
 
 def check_pattern(path: Path, cfa: str) -> None:
-    """Refuse impossible patterns from a wrong tag: a Bayer pattern has its greens on a diagonal."""
+    """Raise `FileFormatError` for an impossible pattern; the greens of a Bayer pattern are on a diagonal."""
     known = len(cfa) in (0, 4, 16, 36) and set(cfa) <= set("RGBWCMYE")
     if known and len(cfa) == 4 and set(cfa) <= set("RGB"):
         known = sorted(cfa) == ["B", "G", "G", "R"] and "GG" in (cfa[0] + cfa[3], cfa[1] + cfa[2])

@@ -1,4 +1,4 @@
-"""Image files: recognized by their first bytes, opened as pages, with every size checked."""
+"""Image files: they are recognized, opened as pages, and every declared size is checked."""
 
 from __future__ import annotations
 

@@ -111,7 +111,7 @@ class TiffImage(ImageFile):
             raise
 
     def _leave_out_reduced(self) -> None:
-        """Count only the pages at full resolution: others are small pictures of them, after each or after all."""
+        """Restrict the pages to those at full resolution; reduced copies may follow each page, or all of them."""
         if not any(self._tiff.pages[k].is_reduced for k in {min(1, self.pages - 1), self.pages - 1}):
             return
         full = [k for k in range(self.pages) if not self._tiff.pages[k].is_reduced]

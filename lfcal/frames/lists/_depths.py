@@ -47,7 +47,7 @@ class ListedPlanes:
 
 @dataclass(frozen=True)
 class Depths:
-    """Result: the sign of the depth axis, the depth of each plane (µm), and notes, one line each."""
+    """The sign of the depth axis, the depth of each plane (µm), and notes, one line each."""
 
     axes: StageAxes
     depths: tuple[float, ...]
@@ -59,9 +59,9 @@ def find_depths(
 ) -> Depths:
     """Return the depth of each plane of a list, by rising coordinate, or by number if planes are counted.
 
-    Behind a main lens, a step of one pixel is longer for planes farther away. If the list has z coordinates, their
-    distances are kept, and the steps determine the zero of the stage; the stated error includes their disagreement. If
-    the list only numbers its planes, the steps alone determine the depths.
+    With a main lens, the step that moves the image by one pixel is longer for planes farther away. If the list has z
+    coordinates, their distances are preserved, and the steps determine the zero of the stage. The stated error includes
+    the disagreement between steps and z. If the list only numbers its planes, the steps alone determine the depths.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def find_depths(
     planes
         Planes of the list.
     given
-        Depths if they are known better, from the nearest to the farthest.
+        Depths (µm) from the nearest to the farthest, if they are known more accurately.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def find_depths(
 
 
 def _offsets(heights: NDArray[np.float64], axes: StageAxes) -> NDArray[np.float64]:
-    """Return the coordinates with the sign that rises away from the camera."""
+    """Return the coordinates with the sign that makes them increase away from the camera."""
     return np.sort(heights if axes.away[0] == "+" else -heights)
 
 

@@ -58,7 +58,7 @@ class ScanGrid:
         return first, second
 
     def index(self, frames: int) -> NDArray[np.intp]:
-        """Return plane and place along the two lateral axes ``(frames, 3)`` of each frame of the list."""
+        """Return the plane and the two lateral position numbers of each frame in the list, ``(frames, 3)``."""
         found = np.zeros((frames, 3), np.intp)
         for k, plane in enumerate(self.planes):
             found[plane.frames, 0] = k
@@ -69,17 +69,17 @@ class ScanGrid:
 def find_grid(
     lateral: NDArray[np.float64], depth: NDArray[np.float64], name: str, *, counted: bool = False
 ) -> ScanGrid:
-    """Return the regular grid of the places.
+    """Return the regular grid of the stage positions in a list.
 
-    The step of a plane is the most frequent difference of neighbours along each axis, so that order, unit, rotation
-    (up to 30 degrees) and missing places do not matter. It is then fitted to all places.
+    The first estimate of a step is the most frequent difference between neighbours along each axis, so that order,
+    unit, rotation (up to 30 degrees) and missing positions do not matter. Steps are then fitted to all positions.
 
     Parameters
     ----------
     lateral
         ``(N, 2)`` coordinates across the camera's axis.
     depth
-        ``(N,)`` coordinates along it.
+        ``(N,)`` coordinates along the camera's axis.
     name
         Name of the list, for messages.
     counted
@@ -88,7 +88,7 @@ def find_grid(
     Raises
     ------
     InputError
-        If the places of a plane do not form a grid.
+        If the positions of a plane do not form a grid.
     """
     if counted:
         heights, label = np.unique(depth, return_inverse=True)
@@ -102,7 +102,7 @@ def find_grid(
 
 
 def _spacing(lateral: NDArray[np.float64], depth: NDArray[np.float64]) -> float:
-    """Return the typical distance between neighbouring places."""
+    """Return the typical distance between neighbouring positions."""
     if len(lateral) < 2:
         return 0.0
     lengths, _ = _neighbours(np.column_stack([lateral, depth]))
@@ -111,7 +111,7 @@ def _spacing(lateral: NDArray[np.float64], depth: NDArray[np.float64]) -> float:
 
 
 def _neighbours(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Return distances and indices of the nearest places; repetitions of the place itself are at infinity."""
+    """Return distances and indices of the nearest positions; repetitions of a position itself are at infinity."""
     from scipy.spatial import cKDTree  # a fifth of a second
 
     lengths, near = cKDTree(points).query(points, k=min(NEIGHBOURS + 1, len(points)))

@@ -197,7 +197,7 @@ def _changes(first: Sequence[str], other: Sequence[str]) -> tuple[int, int]:
 def _positions(
     index: NDArray[np.intp], grid: ScanGrid, plan: ScanPlan, stage: StageAxes, lateral: tuple[int, int]
 ) -> NDArray[np.intp]:
-    """Return the positions (z, y, x) of the grid's places with these stage axes."""
+    """Return the scan positions (z, y, x) of the points of a grid, given the stage axes."""
     place_of = {lateral[0]: index[:, 1], lateral[1]: index[:, 2]}
     rising = len(plan.depths_um) < 2 or plan.depths_um[1] > plan.depths_um[0]
     z = index[:, 0] if (stage.away[0] == "+") == rising else len(grid.planes) - 1 - index[:, 0]
@@ -359,7 +359,7 @@ def _axes_notes(plan: ScanPlan, stage: StageAxes, reading: StageOrientation | No
 
 
 def _light_notes(plan: ScanPlan, light: CentroidMotion | None, stage: StageAxes, lateral: tuple[int, int]) -> list[str]:
-    """Return a note if the light is elsewhere than planned."""
+    """Return a note if the position of the light differs from the plan."""
     if light is None or light.axes() is None:
         return []
     where = anchor_of(light, stage, lateral, plan.period)

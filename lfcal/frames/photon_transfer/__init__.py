@@ -1,4 +1,4 @@
-"""The sensor measured from flats and darks by photon transfer (EMVA 1288 release 4; Janesick 2007).
+"""Measurement of a sensor by photon transfer, from flats and darks (EMVA 1288 release 4; Janesick 2007).
 
 - ``_values``: a number with its standard error
 - ``frame_list``: flats and darks found in folders and files, with their exposures

@@ -1,4 +1,4 @@
-"""Signs that a series does not consist of raw frames of a steady scene, in words."""
+"""Indications that a series does not consist of raw frames of a steady scene, as text."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CHI2 = 4.0
 def doubts_of(
     converter: Converter, darks: Sequence[DarkLevel], flats: Sequence[FlatLevel], curve: PhotonTransferCurve
 ) -> tuple[str, ...]:
-    """Return why the values are not those of the sensor; empty if there is no doubt."""
+    """Return reasons why the values may not be those of the sensor; empty if there is no doubt."""
     doubts = [f"gain: {curve.refusal}"] if curve.refusal else []
     # darks dominated by rounding do not show their noise
     noisy = [d.likeness for d in darks if d.variance.value >= ROUNDING_VARIANCE or converter.step < 1]

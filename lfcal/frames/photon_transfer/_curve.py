@@ -39,7 +39,7 @@ class PhotonTransferCurve:
     slope
         K (sample values per electron); None if it is undetermined.
     constant
-        C: read noise and rounding (squared sample values).
+        C: variance due to read noise and rounding (squared sample values).
     bend
         Q; 0 unless it is significant.
     departure
@@ -51,7 +51,7 @@ class PhotonTransferCurve:
     saturation
         Signal above black at which the variance drops; None if it does not.
     refusal
-        Reason for a missing slope; empty if there is one.
+        Reason why the slope is undetermined; empty if it is known.
     """
 
     points: TransferPoints
@@ -74,7 +74,7 @@ class PhotonTransferCurve:
 
 
 def fit_curve(points: TransferPoints, clip: float | None, whole: bool) -> PhotonTransferCurve:
-    """Fit the curve.
+    """Return the photon-transfer curve fitted to points of variance and signal.
 
     Parameters
     ----------

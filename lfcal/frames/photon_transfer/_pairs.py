@@ -3,7 +3,7 @@
 The difference of two frames of equal light contains their temporal noise; static content cancels: dust, vignetting,
 micro-images, fixed pattern. Half its variance over pixels of similar mean value is the variance of one sample (EMVA
 1288 release 4, section 6; Janesick 2007, chapter 5). A structured frame, such as the white image of a lenslet array,
-therefore gives a whole photon-transfer curve from one pair.
+therefore yields a complete photon-transfer curve from one pair.
 
 If the light differs between the frames by the factor (1 - α)/(1 + α), α times the signal remains in the difference.
 ``d = (1 - α) a - (1 + α) b`` is free of it, and ``var d / 2 = C (1 + α²) + K m (1 - α²)`` for frames of variance ``C +
@@ -68,7 +68,7 @@ class TransferPoints:
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
     def where(self, chosen: NDArray[np.bool_]) -> TransferPoints:
-        """Return the chosen points."""
+        """Return the points selected by ``chosen``."""
         return TransferPoints(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
 

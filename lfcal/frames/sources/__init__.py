@@ -1,4 +1,4 @@
-"""Sources of frames, one module per kind; `lfcal.frames.open_frames` finds the one that fits.
+"""Kinds of frame sources, one module per kind; `lfcal.frames.open_frames` selects the kind for a path.
 
 - ``base``: the interface of a kind of source
 - ``folder``: frames in files, listed by a manifest, their names, or their order

@@ -133,7 +133,7 @@ def _bounded(manifest: Manifest, shape: tuple[int, int, int]) -> Manifest:
 
 
 def _table(path: Path, options: FrameOptions) -> Path | None:
-    """Return the manifest or list that is given, that ``path`` is, or that is in the folder; None without one."""
+    """Return the stated manifest or list, or ``path`` if it is one, or that in the folder; None without one."""
     if options.pattern or options.order:
         return None
     if options.manifest is not None:

@@ -73,7 +73,7 @@ class OutlineFit:
 
 @dataclass(frozen=True, slots=True)
 class _Family:
-    """Outlines of the same unknowns."""
+    """A family of outlines with the same unknowns."""
 
     blades: int = 0
     stuck: int = -1
@@ -204,12 +204,12 @@ def _chi2(fit: OutlineFit) -> float:
 
 
 def _left(edge: Edge, family: _Family, p: Values) -> Values:
-    """Return the harmonics less those of the outline, over their errors, real and imaginary parts."""
+    """Return the residual harmonics in units of their errors, as real and imaginary parts."""
     return np.asarray(_left_of_each(edge, family, p[None])[0])
 
 
 def _left_of_each(edge: Edge, family: _Family, parameters: Values) -> Values:
-    """Return the same of several outlines, one a row."""
+    """Return the residual harmonics of several outlines, one in each row."""
     outlines = np.stack([family.arcs(p).radius(RAYS, -float(p[ROW]), -float(p[COLUMN])) for p in parameters])
     left = (edge.harmonics - harmonics(outlines) * edge.damping) / edge.sigma
     return np.concatenate([left.real, left.imag[:, 1:]], axis=1)

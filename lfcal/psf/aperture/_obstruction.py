@@ -1,4 +1,4 @@
-"""Something dark inside an aperture."""
+"""Dark objects inside an aperture."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def find_obstruction(
 def dark_place(
     flat: NDArray[np.float64], row: float, column: float, edge: NDArray[np.float64], blur_px: float
 ) -> NDArray[np.bool_]:
-    """Return where the light inside an outline is obstructed, with a margin for the blur; see `find_obstruction`."""
+    """Return a map of the obstructed pixels inside an outline, with a margin for the blur; see `find_obstruction`."""
     from scipy import ndimage
 
     x, y = offsets(flat.shape, row, column)

@@ -33,9 +33,9 @@ class Disturbance:
     ripple, ripple_pitch_px
         Amplitude and pitch of the residual lenslet lattice (pixels).
     pattern
-        Pattern of the ripple. ``"square"``: two crossed waves along rows and columns. ``"hexagonal"``: three waves at
-        60 degrees in any rotation. ``"random"``: many waves of about this pitch in all directions, which a few waves
-        cannot describe. Phases are random.
+        Pattern of the ripple, with random phases. ``"square"``: two crossed waves along rows and columns.
+        ``"hexagonal"``: three waves at 60 degrees in a random rotation. ``"random"``: many waves of about this pitch in
+        all directions, which a few waves cannot describe.
     vignetting, tilt
         Relative decrease of light from the centre to the rim, and slope of the light over a radius.
     hot
@@ -70,7 +70,7 @@ class IrisFault:
         Direction (rad) of the nearest point of a second rim, its distance from the centre and its curvature, both in
         units of the apothem.
     obstructed
-        Radius of a dark disc half way to the edge, as a fraction of the apothem.
+        Radius of a dark disc halfway to the edge, as a fraction of the apothem.
     central
         Radius of a dark disc in the middle, like that of an annular stop.
     """

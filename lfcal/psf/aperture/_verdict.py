@@ -59,7 +59,7 @@ class EdgeVerdict:
     fit
         The outline.
     margin
-        Chi-square of the next best shape minus that of this one, in units of ``unit``.
+        Chi-square of the second-best shape minus that of this one, in units of ``unit``.
     unit
         Chi-square per degree of freedom of the best of all shapes, at least 1. Structure that no shape explains might
         be mistaken for a shape, so it reduces all differences.
@@ -84,13 +84,13 @@ class EdgeVerdict:
 
     @property
     def confidence(self) -> float:
-        """Probability of the shape, from 0 to 1, if all others together are as probable as the next best one."""
+        """Probability of the shape, from 0 to 1, if all others together are as probable as the second-best one."""
         return 1 / (1 + TRIALS * math.exp(-min(max(0.0, self.margin), 100.0) / 2))
 
 
 @dataclass(frozen=True, slots=True)
 class _Fits:
-    """All shapes fitted to an edge, each kind's best first."""
+    """All shapes fitted to an edge, with the best of each kind first."""
 
     edge: Edge
     round: OutlineFit
@@ -121,7 +121,7 @@ def judged(edge: Edge, snr: float) -> EdgeVerdict:
     edge
         The edge.
     snr
-        Lit level over the noise of a pixel.
+        Ratio of the lit level to the noise of a pixel.
     """
     fits = _fitted(edge)
     close = min(fits.gain, fits.regular[1].chi2 - fits.regular[0].chi2) < 3 * CERTAIN * fits.unit

@@ -1,4 +1,4 @@
-"""One iris from the depth-plane sums of all planes."""
+"""The iris, estimated from the depth-plane sums of all planes."""
 
 from __future__ import annotations
 

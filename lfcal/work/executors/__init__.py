@@ -1,4 +1,4 @@
-"""Executors, which do the units of a run; other distributions add theirs by the entry point ``lfcal.executors``."""
+"""Executors, which process the units of a run; other packages add theirs by the entry point ``lfcal.executors``."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Base class of executors, and the events that they report about units."""
+"""Protocol of executors, and the events that they report about units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Units on workers of dask.distributed: a cluster of this machine, or one whose scheduler is already running."""
+"""Executor on workers of dask.distributed: a local cluster, or one whose scheduler is already running."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ class Dask:
             logger.setLevel(before)
 
     def __exit__(self, *error: object) -> None:
-        """Cancel units that were not begun, and end the local cluster."""
+        """Cancel units that have not started, and end the local cluster."""
         self._stack.close()
 
     def submit(self, job: Job) -> None:

@@ -1,4 +1,4 @@
-"""Units in separate processes with one thread each: a crash of one does not affect the others."""
+"""Executor with separate processes of one thread each; a crash of one does not affect the others."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def news(error: Exception) -> tuple[EventKind, Exception]:
 
 
 def _serve(link: Connection, number: int) -> None:
-    """Do the units that arrive through ``link`` until it is closed; the main function of the worker ``number``."""
+    """Process the units that arrive through ``link`` until it is closed; the main function of worker ``number``."""
     # Ctrl-C reaches every process of a terminal, but only the first should handle it and end the others
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -1,4 +1,4 @@
-"""Units in this process: one at a time with all threads, or several concurrently if they are made for it."""
+"""Executor in this process: units run one at a time with all threads, or concurrently if they state their memory."""
 
 from __future__ import annotations
 
