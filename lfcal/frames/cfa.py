@@ -116,7 +116,7 @@ def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
     Raises
     ------
     FileFormatError
-        If the tag exchanges greens with red and blue.
+        If the tag appears to exchange the greens with red and blue.
     """
     # RGGB, BGGR, GRBG and GBRG only: other mosaics have no second green in their cells
     if sorted(cfa) != ["B", "G", "G", "R"]:

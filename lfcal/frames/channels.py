@@ -232,7 +232,7 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
     Raises
     ------
     InputError
-        If there is no such channel, the period is no multiple of the filter's pattern, or the plan resamples.
+        If there is no such channel, the period is not a multiple of the filter's period, or the plan resamples.
     """
     cfa = _filter(source, plan)
     phase, step = channel_phase(cfa, channel), pattern_side(cfa)

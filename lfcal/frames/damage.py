@@ -79,7 +79,7 @@ def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[S
     Raises
     ------
     FileFormatError
-        If none can be read.
+        If no frame can be read.
 
     Examples
     --------

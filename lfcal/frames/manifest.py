@@ -346,8 +346,8 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     """Read a manifest from ``.csv`` (frames only) or ``.json`` (frames and their common properties).
 
     CSV: a header with ``file, z, y, x`` and any of ``page, exposure_s, dy, dx``, then one row per frame. JSON: an
-    object with ``frames``, a list of objects with the same names, and any of ``plan_shape`` (nz, ny, nx), ``shape``
-    (rows, columns), ``dtype``, ``bit_depth``, ``cfa``; or only the list.
+    object with the entry ``frames``, a list of objects with the same names, or only this list. The object may also have
+    the entries ``plan_shape`` (nz, ny, nx), ``shape`` (rows, columns), ``dtype``, ``bit_depth`` and ``cfa``.
 
     Raises
     ------

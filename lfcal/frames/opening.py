@@ -54,9 +54,9 @@ def open_frames(
     """Open the frames of a folder, a file, a recorded session or a scan plan, with their metadata.
 
     The folder of a recorded session needs no further arguments. Neither does the file of a scan plan, whose frames are
-    simulated. For other files, positions come from exactly one source: a manifest, the file names, the scan order, or
-    the file itself (axes of a 5-D stack, or ``positions`` in the same group of an HDF5 file). Whatever had to be
-    guessed is listed in the metadata as ``notes``, one line each.
+    simulated. For other files, positions come from exactly one of: a manifest, the file names, the scan order, or the
+    file itself. A file states positions by the axes of a 5-D stack, or by ``positions`` in the same group of an HDF5
+    file. Whatever had to be guessed is listed in the metadata as ``notes``, one line each.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def open_frames(
         determines the axes of stage coordinates. ``"check"`` or ``"auto"``: unknown, see `lfcal.frames.lists.motion`.
         This function does not turn frames; use `lfcal.frames.oriented`.
     origin
-        Row and column, on the sensor as delivered, of the first pixel of frames that show a part of it (a camera's
-        region of interest); dark and white frames show the same part or the whole sensor.
+        For frames that show a part of the sensor (a camera's region of interest), row and column of their first pixel
+        on the sensor as delivered. Dark and white frames must show the same part or the complete sensor.
 
     Raises
     ------

@@ -132,7 +132,7 @@ class NamePattern:
     Raises
     ------
     InputError
-        If the template is absolute, leaves the folder, or lacks ``{y}`` or ``{x}``.
+        If the template is an absolute path, leads out of the folder, or lacks ``{y}`` or ``{x}``.
 
     Examples
     --------

@@ -231,9 +231,9 @@ class FrameMetadata:
     dark_noise
         Noise added by the subtracted dark frame, if the same one is subtracted from all frames.
     half_cell
-        Positions whose frames are copied from half a period away, in the form stored with H
-        (`lfcal.frames.half_cell`): numbers of ``frames`` and of positions ``filled``, the ``shift`` (positions) and
-        ``residual_px``, ranges of ``positions``.
+        Facts about frames copied from half a period away (`lfcal.frames.half_cell`), in the form stored with H: number
+        of ``frames`` copied, number of positions ``filled``, ``shift`` (positions), ``residual_px``, and ranges of
+        ``positions``.
     orientation
         Name of the orientation that made the frames upright (`lfcal.frames.ORIENTATIONS`); None: as delivered.
     session

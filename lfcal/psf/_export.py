@@ -253,8 +253,8 @@ def iter_export(
     The suffixes are ``.h5`` (H file), ``.mat`` (MATLAB v7.3 with H, Ht, Nnum, CAindex, x3objspace, anchor, lensCentre),
     ``.npy``, ``.npz`` (H, Ht), and ``.tif`` (hyperstacks). With ``code``, the file has the form that this code reads.
     See `ExportOptions` for the options, and `export_notes` for conventions that differ in other programs. With ``run``,
-    the planes of a matrix opened from a file are written as units of a run by the given executor, and finished planes
-    are kept if the run is stopped. TIFF files cannot be written in this way.
+    the given executor writes the planes of a matrix opened from a file as units of a run, and keeps finished planes if
+    it is stopped. TIFF files cannot be written in this way.
 
     Raises
     ------

@@ -25,7 +25,7 @@ def adopt(writer: PSFWriter, z: int, path: Path) -> None:
     FileFormatError, StorageError
         If the file is damaged or missing.
     InputError
-        If its plane does not fit.
+        If the plane does not have the writer's shape, stored type or compression.
     """
     with H5File(path) as file:
         writer.adopt_plane(z, stored_plane(file))

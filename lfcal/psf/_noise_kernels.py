@@ -39,8 +39,8 @@ def reduce_noise(
 ) -> None:
     """Write positions start to stop of ``plane`` ``(ny, nx, nt, ns)`` to ``out`` with less noise; ``rows`` states both.
 
-    Each entry is moved towards the mean of the entries of the same sensor pixel at the surrounding positions, as far
-    as noise explains their scatter (Lee 1980; the linear estimate with least mean square error).
+    Each entry is moved towards the mean of the entries of the same sensor pixel at the surrounding positions, as far as
+    noise explains their scatter. This is the linear estimate with the least mean square error (Lee 1980).
 
     ``noise`` ``(ny, nx, 2)`` is the variance without light and per unit of signal; a pattern with NaN is unchanged,
     and not used for others. ``used`` marks entries that are measurements, in the shape of ``plane``; ``(1, 1, 1, 1)``:

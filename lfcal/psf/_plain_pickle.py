@@ -140,7 +140,7 @@ def load_plain(data: bytes, classes: frozenset[str], where: str) -> Any:
     UnsafeFileError
         If the pickle names any other object.
     FileFormatError
-        If it is damaged.
+        If the pickle is damaged.
     """
     try:
         _check_memo(data)

@@ -99,7 +99,7 @@ class Assembly:
     Raises
     ------
     InputError
-        If a frame is outside the plan, or its cutout leaves the sensor; the message states the position.
+        If a frame is outside the plan, or its cutout extends beyond the sensor; the message states the position.
     """
 
     def __init__(
@@ -451,7 +451,8 @@ def iter_assemble(
     Raises
     ------
     InputError
-        If a frame is outside the plan or not finite, or its cutout leaves the sensor; the message states the position.
+        If a frame is outside the plan or not finite, or its cutout extends beyond the sensor; the message states the
+        position.
 
     Examples
     --------

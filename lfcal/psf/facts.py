@@ -46,8 +46,8 @@ class Facts:
     valid
         ``(…, bytes)`` packed bits, one per pixel of the cutout in C order; 0 for a pixel without a measurement.
     error
-        Relative error of the stored values (sum of absolute errors over sum of absolute values) of each plane
-        ``(nz,)``, or a number for one plane; NaN if none is stated.
+        Relative error of the stored values of each plane, ``(nz,)``, or a number for one plane: sum of absolute errors
+        over sum of absolute values. NaN if none is stated.
     origin
         Value of `Origin` for each pattern; None: all are measured.
     bound
@@ -79,7 +79,7 @@ class Facts:
         Raises
         ------
         InputError
-            If an array has another shape.
+            If an array does not have the shape that ``positions`` and ``cutout`` require.
         """
         lead = positions[:-2]
         form: dict[str, tuple[tuple[int, ...], DTypeLike]] = {

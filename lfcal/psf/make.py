@@ -131,7 +131,7 @@ def iter_make(
     Raises
     ------
     InputError
-        If a plane contains values that are not finite, or a ``run`` is given without a file.
+        If a plane contains values that are not finite, or a ``run`` is stated without a file.
     """
     if out is not None:
         return open_psf((yield from iter_write(source, out, stored, run=run, workers=workers)))

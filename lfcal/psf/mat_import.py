@@ -63,9 +63,9 @@ def open_mat(path: Path, *, mat_order: str = "") -> PSFMatrix:
     Raises
     ------
     FileFormatError
-        If the file is of version 5 to 7, or has no H that can be read; the message states the reason.
+        If the file is of MATLAB version 5 to 7, or contains no H that can be read; the message states the reason.
     InputError
-        If ``mat_order`` is unknown, or contradicts the file.
+        If ``mat_order`` is unknown or contradicts the file.
     """
     check_mat_order(mat_order)
     _check_version(path)

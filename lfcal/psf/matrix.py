@@ -62,7 +62,7 @@ class PSFMatrix:
     Raises
     ------
     InputError
-        If ``data`` is not 5-D, its cutout is not odd x odd, or an argument does not fit its shape.
+        If ``data`` is not 5-D, a side of its cutout is even, or an argument does not match its shape.
 
     Examples
     --------

@@ -82,8 +82,8 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     check
         Whether to read every plane and compare it with its checksum, which H files have since version 2 of the format.
     mat_order
-        Order of the axes of H in a ``.mat`` file that does not state it: ``"rows-first"`` for ``H(t, s, y, x, z)``, or
-        ``"columns-first"`` for ``H(s, t, x, y, z)``. Empty: inferred from the variables in the file; `opening_notes`
+        Order of the axes of H in a ``.mat`` file that does not state it. ``"rows-first"``: ``H(t, s, y, x, z)``.
+        ``"columns-first"``: ``H(s, t, x, y, z)``. Empty: inferred from the variables in the file; `opening_notes`
         reports how.
 
     Raises
@@ -93,7 +93,7 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
     FileFormatError, UnsafeFileError
         If the file is damaged or unsafe, or has another format.
     InputError
-        If the file has no such region, or ``region``, ``check`` or ``mat_order`` do not apply to its format.
+        If the file has no such region, or ``region``, ``check`` or ``mat_order`` does not apply to its format.
 
     Examples
     --------
@@ -384,7 +384,7 @@ def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float3
     Raises
     ------
     FileFormatError
-        If they are missing in a file that needs them, or lead to values that are not finite.
+        If step or zero is missing in a file of version 3, or leads to values that are not finite.
     """
     shape = data.shape
     if _check_format(file) != STEPPED_VERSION:

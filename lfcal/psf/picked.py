@@ -67,7 +67,7 @@ def iter_pick(
     Raises
     ------
     InputError
-        If a position has no frame, is outside the plan, or its cutout is outside the frame.
+        If a position has no frame or is outside the plan, or if its cutout is outside the frame.
     """
     infos = tuple(source.info(k) for k in range(len(source)))
     order, starts = by_position(infos, plan.shape[:3])

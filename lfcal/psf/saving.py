@@ -206,7 +206,7 @@ def iter_save_regions(
     Yields
     ------
     Progress
-        In planes of all regions; closing the generator leaves no incomplete file.
+        Progress in planes of all regions. If the generator is closed early, no incomplete file remains.
 
     Raises
     ------

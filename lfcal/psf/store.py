@@ -327,7 +327,7 @@ class PSFWriter:
         As in `PSFMatrix`.
     dtype
         Stored type. ``"float32"`` is the default. ``"rounded"`` is float32 in steps of a power of two, at most 1/65535
-        of the plane's range; it needs about a third of the space, preserves whole numbers exactly, and its error is
+        of the plane's range. It needs about a third of the space and preserves whole numbers exactly, and its error is
         stored. ``"float64"`` is also allowed, as are ``"uint16"`` and ``"uint8"`` for whole numbers within their range.
     compression
         ``"gzip"`` (level 1 with shuffle), ``"zstd"`` or ``"none"``.
@@ -342,9 +342,10 @@ class PSFWriter:
     Raises
     ------
     InputError
-        If a plane does not fit, is not finite, or is written twice; at the end if one is missing.
+        If a plane does not have the shape of the matrix, is not finite or is written twice, or if one is missing at the
+        end.
     StorageError
-        If the disk is too small or not writable.
+        If the disk is full or not writable.
 
     Examples
     --------

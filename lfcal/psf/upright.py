@@ -40,9 +40,9 @@ def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work
     Raises
     ------
     InputError
-        If the frames show an unknown part of the sensor (according to their metadata or their light). With
-        ``"check"``, if the frames certainly do not match the plan. With ``"auto"``, if their orientation cannot be
-        determined, or the scan is turned and not the frames.
+        If the frames show an unknown part of the sensor (according to their metadata or their light). With ``"check"``,
+        if the frames certainly do not match the plan. With ``"auto"``, if their orientation cannot be determined, or if
+        the axes of the scan are wrong instead.
     """
     check_stated(view, plan.camera)
     if choice not in (CHECK, AUTO):

@@ -1,9 +1,10 @@
 """Long computations in units of work that survive a killed process, because each finished unit is a file.
 
-- ``unit``: a unit's task, its input files, and the fingerprint that identifies its result - ``runs``: `iter_run`, which
-runs units on an executor and skips finished ones, and joining of their files meanwhile - ``choice``: the choice of
-executor and of what happens to an earlier run; `iter_made`, which joins the units' files - ``records``: results of
-units other than planes and volumes - ``executors``: threads of this process, processes, and workers of dask.distributed
+- ``unit``: a unit's task, its input files, and the fingerprint that identifies its result
+- ``runs``: `iter_run`, which runs the units that are not finished on an executor, and joining of finished files
+- ``choice``: the choice of executor and of what happens to an earlier run; `iter_made`, which joins the units' files
+- ``records``: results of units other than planes and volumes
+- ``executors``: threads of this process, processes, and workers of dask.distributed
 - ``journal``: events and state of a run, as shown by `lfcal status` and the window
 """
 

@@ -1,8 +1,9 @@
 """Corrections that convert raw frames to corrected frames.
 
-- ``steps``: single corrections; ``defects``: detection and repair of defective pixels - ``chain``: all corrections in
-their order, in one pass - ``recipe``: corrections from the user's settings and calibration frames - ``_corrected``: a
-frame source seen through a chain, with the variance of its samples
+- ``steps``: single corrections; ``defects``: detection and repair of defective pixels
+- ``chain``: all corrections in their order, in one pass
+- ``recipe``: the chain that the user's settings and calibration frames define
+- ``_corrected``: a frame source that applies a chain, with the noise of its samples
 """
 
 from typing import TYPE_CHECKING

@@ -96,7 +96,7 @@ class CorrectedSource(SourceView):
         Raises
         ------
         InputError
-            With the frame's name, if it cannot be read or corrected.
+            If the frame cannot be read or corrected; the message states its name.
         """
         inside = check_region(region or whole(self.shape), self.shape)
         info = self.source.info(index)
@@ -188,7 +188,7 @@ def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:
     Raises
     ------
     InputError
-        If the calibration frames of the chain have another shape.
+        If the calibration frames of the chain do not have the shape of the frames.
 
     Examples
     --------

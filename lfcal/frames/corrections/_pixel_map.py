@@ -31,8 +31,8 @@ def sensor_map(
     Parameters
     ----------
     path
-        An image of the frames or of the whole sensor, as delivered (``.npy``, TIFF, PNG, HDF5), which is not 0 at these
-        pixels; or a list of rows and columns on the sensor, counted from 0.
+        An image (``.npy``, TIFF, PNG, HDF5) of the frames or of the complete sensor, as delivered, that is not 0 at
+        these pixels. Alternatively, a list of rows and columns on the sensor, counted from 0.
     what
         Name of the pixels for messages.
     source

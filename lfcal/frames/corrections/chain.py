@@ -45,7 +45,7 @@ class CorrectionChain:
     Raises
     ------
     InputError
-        If the order is wrong (the message says what to swap), a step occurs twice, or two steps fit different sensors.
+        If the order is wrong (the message states what to swap), a step occurs twice, or steps fit different sensors.
 
     Examples
     --------
@@ -169,7 +169,7 @@ class CorrectionChain:
         Raises
         ------
         InputError
-            If the shapes do not fit, or the background of the frame is needed and not given.
+            If the shapes do not match, or the background of the frame is needed but missing.
         """
         # without a sensor shape, any region fits: the limit only needs to exceed every sensor
         limit = self.shape or (1 << 30, 1 << 30)

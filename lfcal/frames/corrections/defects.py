@@ -156,7 +156,7 @@ def nearest_good(
     Returns
     -------
     NDArray
-        Rows and columns of the neighbours in ``bad``, shape ``(n, m, 2)``; -1 where there is none.
+        Rows and columns of the neighbours in ``bad``, shape ``(n, m, 2)``, padded with -1.
     """
     side = pattern_side(cfa)
     table = same_colour_offsets(cfa, reach)
@@ -224,11 +224,11 @@ def iter_find_defects(
 ) -> Work[Defects]:
     """Find hot, dead and stuck pixels from the values of each pixel over the frames.
 
-    A pixel is *hot* if even its lowest value exceeds that of all but two of the eight nearest neighbours of the same
-    colour, by ``threshold`` robust standard deviations and by half of the neighbours' difference from the field. It
-    must also be brighter than its neighbours in half of the frames. A pixel is *dead* or *stuck* if the range of its
-    values is less than a tenth of the range of all but two neighbours, although a spot surrounded it in some frame. A
-    dead pixel stays at the lowest value. Dead and stuck pixels are found only in 8 or more frames, and only where spots
+    Each pixel is compared with its eight nearest neighbours of the same colour, of which two may be defective. A pixel
+    is *hot* if its lowest value over the frames exceeds theirs by ``threshold`` robust standard deviations, and by half
+    of their difference from the field. It must also be brighter than them in half of the frames. A pixel is *dead* or
+    *stuck* if its range of values is less than a tenth of theirs, although a spot surrounded it in some frame. A dead
+    pixel stays at the lowest value. Dead and stuck pixels are found only in 8 or more frames, and only where spots
     cover them. Use frames of different positions, or several dark frames: in frames of a single position, spots would
     look like hot pixels. Frames are read a second time if any pixel is suspect.
 

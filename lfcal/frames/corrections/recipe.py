@@ -53,7 +53,7 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
     Raises
     ------
     InputError
-        If a requested correction does not fit these frames.
+        If a requested correction cannot be applied to these frames.
 
     Examples
     --------
@@ -120,6 +120,11 @@ def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shi
     """Return the mean of all pages of an image file, or of all images in a folder, ``(rows, columns)`` float32.
 
     Integer samples are shifted down by ``shift`` bits first.
+
+    Raises
+    ------
+    LfcalError
+        If there is no image, or one cannot be read or has another shape.
     """
     return _read_mean(path, colour, shift)[0]
 
@@ -195,6 +200,11 @@ def build_chain(source: FrameSource, recipe: CorrectionRecipe) -> CorrectionChai
     """Return the correction chain of ``recipe`` for the frames of ``source``.
 
     If the frames show one channel of a mosaic, the same channel of the dark and white mosaics is used.
+
+    Raises
+    ------
+    InputError
+        If a requested correction cannot be applied to these frames.
     """
     known = source.metadata
     dark = _dark(source, recipe)

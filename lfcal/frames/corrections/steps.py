@@ -35,6 +35,11 @@ def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
 
     Use it for dark and white sequences, and for repeated frames of one position.
 
+    Raises
+    ------
+    InputError
+        If there is no frame, or frames differ in shape.
+
     Examples
     --------
     >>> import numpy as np
@@ -92,7 +97,7 @@ class PixelMask:
     Raises
     ------
     InputError
-        If no pixel is left.
+        If every pixel is masked.
 
     Examples
     --------

@@ -42,13 +42,14 @@ class Hdf5Image(ImageFile):
     path
         Path of the file.
     dataset
-        Path of the dataset within the file; None: ``frames``, the signal named by NeXus attributes (``default``,
-        ``signal``), or the only dataset with three or five axes whose name does not indicate dark or white frames.
+        Path of the dataset within the file. None: ``frames``, or else the signal named by NeXus attributes
+        (``default``, ``signal``), or else the only dataset with three or five axes. Datasets whose names indicate dark
+        or white frames are ignored unless there are no others.
 
     Raises
     ------
     FileFormatError, UnsafeFileError
-        As in `lfcal.base.h5.reading.H5Data`, or if the stack is not unique.
+        As in `lfcal.base.h5.reading.H5Data`, or if there is no dataset of frames or more than one.
     """
 
     def __init__(self, path: Path, dataset: str | None = None) -> None:
@@ -182,7 +183,7 @@ def stacks_in(path: Path) -> dict[str, tuple[int, ...]]:
     Raises
     ------
     FileFormatError, StorageError
-        If it cannot be read.
+        If the file cannot be read.
     """
     with H5File(path) as file:
         stacks = _stacks(file)

@@ -229,7 +229,7 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
         If the file is damaged, truncated, lossily compressed or not an image, or if it is a colour image and
         ``colour`` is not given.
     UnsafeFileError
-        If it declares more data than its size allows, or contains Python objects.
+        If the file declares more data than its size allows, or contains Python objects.
     StorageError
         If the file cannot be read.
 

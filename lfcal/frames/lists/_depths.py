@@ -221,7 +221,7 @@ def with_depths(listing: Listing, depths: tuple[float, ...], axes: StageAxes) ->
     Raises
     ------
     InputError
-        If a number does not belong to a plane.
+        If the list contains a number that belongs to no plane.
     """
     numbers = listing.places[:, 2].astype(np.intp)
     numbers -= numbers.min() if numbers.min() in (0, 1) else 0

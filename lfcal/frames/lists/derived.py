@@ -125,7 +125,7 @@ def _unit_of(listing: Listing, grid: ScanGrid, camera: Camera) -> tuple[str, lis
     Raises
     ------
     InputError
-        If the steps are far from a pixel of the camera, in the stated unit or in any.
+        If the steps differ strongly from a pixel of the camera, in the stated unit or in every unit.
     """
     size = float(np.median([step_size(plane.steps) for plane in grid.planes]))
     nominal = camera.step_um(0.0)

@@ -87,7 +87,8 @@ def manifest_of(
     Raises
     ------
     InputError
-        If stage coordinates have no plan or do not fit it, or position numbers are outside the scan.
+        If there are stage coordinates but no plan, they do not match the plan, or position numbers are outside the
+        scan.
     """
     shape = plan.shape[:3] if plan is not None else plan_shape
     if listing.unit == "index":

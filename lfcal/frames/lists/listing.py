@@ -94,7 +94,7 @@ def read_listing(path: str | os.PathLike[str], columns: str = "") -> Listing:
     Raises
     ------
     LfcalError
-        If the table cannot be read; the message states the line, or the existing columns and what to enter.
+        If the table cannot be read. The message states the line, or the existing columns and what to enter.
     """
     table = read_table(Path(path))
     stated = parse_columns(columns) if columns else None

@@ -200,9 +200,8 @@ def find_stage_orientation(
     lateral
         Indices of the first and the second lateral axis in (x, y, z).
     choice
-        What to assume if the light does not show whether the axes or the frames differ from the plan: ``"check"``
-        assumes that the axes differ, ``"auto"`` that the frames are turned. Any other value: the frames are known to be
-        upright.
+        What to assume if the light does not show whether the axes or the frames differ from the plan. ``"check"``: the
+        axes differ. ``"auto"``: the frames are turned. Any other value: the frames are known to be upright.
     """
     found = [StageOrientation(stage, turn) for stage in allowed if (turn := turn_of(stage, light, lateral)) is not None]
     upright = next((one for one in found if one.turn.name == AS_IS), None)

@@ -262,7 +262,8 @@ def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = No
     Raises
     ------
     InputError
-        If several columns could have the same role, a required column is not found, or ``stated`` names a missing one.
+        If several columns could have the same role, a required column is not found, or ``stated`` names a column that
+        does not exist.
     """
     chosen, doubtful = _sorted_out(table, stated or {})
     for role, found in doubtful.items():

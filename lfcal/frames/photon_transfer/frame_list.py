@@ -80,7 +80,7 @@ def find_frames(path: Path) -> tuple[list[CalibrationFrame], dict[str, Any]]:
     Raises
     ------
     LfcalError
-        If there are no frames, or one cannot be opened.
+        If there are no frames, or a file cannot be opened.
     """
     if not split_dataset(path)[0].exists():
         raise StorageError(f"{path}: no such file or folder; check the path")

@@ -57,7 +57,7 @@ def iter_measure_sensor(
     Raises
     ------
     InputError
-        If frames differ in shape, are identical, dark or saturated everywhere, or a level has only one frame.
+        If frames differ in shape, are identical, or are dark or saturated everywhere, or if a level has only one frame.
     """
     files = [{frame.source for frame in held if isinstance(frame.source, Path)} for held in (flats, darks)]
     if files[0] & files[1]:

@@ -40,7 +40,7 @@ class ArraySource(Frames):
     Raises
     ------
     InputError
-        If axes, dtype or counts do not fit.
+        If the axes or the dtype are not those of frames, or the arguments differ in length.
 
     Examples
     --------

@@ -280,7 +280,7 @@ def _is_frames_last(path: Path, image: ImageFile, options: FrameOptions) -> bool
     Raises
     ------
     FileFormatError
-        If it may also be a scan that stopped early, and the size of the sensor does not decide.
+        If the file may also be a scan that stopped early, and the size of the sensor does not decide this.
     """
     shape, known = options.plan_shape, image.metadata
     if not options.order or shape is None or {"scan_axes", "plan_shape"} & set(known):
