@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QObject, Signal
 
-from lfcal.psf import PSFMatrix
 from lfcal_gui.jobs import Jobs
+
+if TYPE_CHECKING:
+    from lfcal.psf import PSFMatrix
 
 
 class Matrices(QObject):

@@ -11,7 +11,6 @@ from PySide6.QtWidgets import QCheckBox, QDialog, QHBoxLayout, QLabel, QListWidg
 from lfcal.base import Work, sample_session
 from lfcal.camera import ScanPlan
 from lfcal_gui.models import ProjectState
-from lfcal_gui.pages.frames import FrameSettings
 from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import heading, line
 
@@ -101,6 +100,8 @@ class Welcome(QDialog):
 
 def iter_demo(folder: Path) -> Work[ProjectState]:
     """Return a project of the sample session with H assembled, which ``folder`` keeps for the next start."""
+    from lfcal_gui.pages.frames import FrameSettings
+
     session = sample_session()
     plan = ScanPlan.from_json((session / "plan.json").read_text(encoding="utf-8"))
     target = folder / "sample_H.h5"

@@ -318,6 +318,10 @@ class BasePage(QWidget):
     def receive(self, payload: Any) -> None:
         """Show what another page sent, e.g. a position."""
 
+    @staticmethod
+    def prepare() -> None:
+        """Import what the page imports at first use; called in a background thread soon after the start."""
+
     def accept_drop(self, paths: list[str]) -> bool:
         """Take dropped files; False: not for this page."""
         return False

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from PySide6.QtCore import QObject, QSettings, QStandardPaths, Signal
 
 from lfcal.base import LfcalError, Work
-from lfcal.psf import PSFMatrix
 from lfcal_gui._matrices import Matrices
 from lfcal_gui.jobs import Jobs, JobState, WindowJob
 from lfcal_gui.models import (
@@ -31,6 +30,7 @@ from lfcal_gui.models import (
 )
 
 if TYPE_CHECKING:
+    from lfcal.psf import PSFMatrix
     from lfcal_gui.widgets import FoldedForm
 
 MOST_NAMES = 10_000

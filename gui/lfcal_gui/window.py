@@ -206,10 +206,10 @@ class MainWindow(QMainWindow):
         return self._pages[key]
 
     def import_pages(self) -> None:
-        """Import the pages in the background, so that the first look at one only builds its widgets."""
+        """Import the pages and what they need later in the background, so that a first look only builds widgets."""
 
         def load() -> None:
-            self.jobs.load("pages", lambda: [page_class(spec) for spec in self.specs], lambda _: None)
+            self.jobs.load("pages", lambda: [page_class(spec).prepare() for spec in self.specs], lambda _: None)
 
         later = QTimer(self)  # once the window is there: imports would slow its start
         later.setSingleShot(True)

@@ -41,6 +41,42 @@ def test_no_page_loads_what_only_its_work_needs(tmp_path: Path) -> None:
     assert json.loads(done.stdout.splitlines()[-1]) == []
 
 
+STARTED = """
+import json, sys, time
+from pathlib import Path
+from PySide6.QtWidgets import QApplication
+from lfcal_gui.app import begin, make_window, parse
+
+options, app = parse([]), QApplication([])
+window = make_window(app, options, folder=Path({folder!r}))
+window.show()
+begin(window, options)
+app.processEvents()
+loaded = set(sys.modules)
+window.import_pages()
+while "lfcal_gui.pages.sessions.page" not in sys.modules or window.jobs.loading("pages"):
+    app.processEvents()
+    time.sleep(0.01)
+print(json.dumps([sorted(loaded), sorted(set(sys.modules) - loaded)]))
+window.shut_down()
+"""
+
+
+def test_the_first_window_loads_neither_libraries_nor_what_opens_later(tmp_path: Path) -> None:
+    """Lattice, image formats, H and two dialogs took a third of the start."""
+    code = STARTED.format(folder=str(tmp_path))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded, later = json.loads(done.stdout.splitlines()[-1])
+    libraries = {"scipy", "matplotlib", "numba", "tifffile", "cv2", "rawpy", "h5py", "yaml"}
+    assert not libraries & set(loaded)
+    parts = ("lfcal.lattice.", "lfcal.frames.", "lfcal.psf.", "lfcal.simulate.", "lfcal_gui.pages.setup._check_dialog")
+    assert not [name for name in loaded if name.startswith(parts)]
+    pages = {name.split(".")[2] for name in loaded if name.startswith("lfcal_gui.pages.") and name.count(".") > 2}
+    assert pages == {"setup"}
+    dialogs = {f"lfcal_gui.pages.setup._{name}_dialog" for name in ("check", "sensor", "target")}
+    assert dialogs | {"lfcal.camera.importers.olaf_yaml", "lfcal_gui.pages.h.page"} <= set(later)
+
+
 def test_pictures_of_a_fit_and_levels_of_the_inspector_are_made_when_they_are_wanted(qtbot: QtBot) -> None:
     panel = HPanel()
     qtbot.addWidget(panel)

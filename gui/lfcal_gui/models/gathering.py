@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from lfcal.base import Progress
-from lfcal.frames import split_dataset
 from lfcal_gui.models.job import JobState, WindowJob
 from lfcal_gui.models.next_step import JOBS, Place, Sitting
 from lfcal_gui.models.pace import Paces
@@ -54,6 +53,15 @@ def with_described(project: ProjectState) -> dict[str, Any]:
     return {**project.settings, DESCRIBED: True}
 
 
+def _exists(frames: str) -> bool:
+    """Return whether there is a file or folder of frames."""
+    if not frames:
+        return False
+    from lfcal.frames import split_dataset
+
+    return os.path.exists(split_dataset(frames)[0])
+
+
 def sitting_of(
     project: ProjectState,
     told: Told,
@@ -89,7 +97,7 @@ def sitting_of(
         wrong=_wrong(project),
         plan=project.plan is not None,
         source=_source(project, page),
-        folder=bool(project.frames) and os.path.exists(split_dataset(project.frames)[0]),
+        folder=_exists(project.frames),
         h=stamp is not None,
         h_camera=matrix is None or matrix.camera is not None,
         h_bytes=0.0 if matrix is None else 2.0 * matrix.nbytes,
@@ -109,19 +117,21 @@ def sitting_of(
 
 def filled_of(verdict: Verdict | None, matrix: PSFMatrix | None) -> int:
     """Return the number of bad positions that a model has already filled."""
-    from lfcal.psf import Origin
-
     if verdict is None or matrix is None:
         return 0
+    from lfcal.psf import Origin
+
     origin = (matrix.T if matrix.is_transposed else matrix).facts.origin
     return 0 if origin is None else sum(int(origin[place]) >= Origin.MODEL for place in verdict.redo)
 
 
 def _export_for(matrix: PSFMatrix | None) -> str:
     """Return the name of the first reconstruction code that can use H; empty if there is none."""
+    if matrix is None:
+        return ""
     from lfcal.psf import codes_for
 
-    usable = () if matrix is None else codes_for(matrix)
+    usable = codes_for(matrix)
     return usable[0].title if usable else ""
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
 from lfcal.base import InputError, LfcalError
-from lfcal.psf import check_mat_order
 from lfcal_gui.models.project import ProjectState
 
 
@@ -124,6 +123,8 @@ class OpeningSettings(PageSettings):
                 raise InputError.expected(
                     "mat_orders", "pairs of file and order", repr(pair), "give the file and the order of its axes"
                 )
+            from lfcal.psf import check_mat_order
+
             check_mat_order(pair[1])
 
     def with_order(self, path: str, order: str) -> OpeningSettings:

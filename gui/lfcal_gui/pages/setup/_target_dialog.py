@@ -12,7 +12,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import QComboBox, QDialog, QHBoxLayout, QLabel, QWidget
 
-from lfcal.base import LfcalError, format_length
+from lfcal.base import format_length
 from lfcal.camera import ScanPlan
 from lfcal.tasks import PlanTarget
 from lfcal_gui.context import Context
@@ -26,6 +26,7 @@ from lfcal_gui.pages.setup.model_target import (
     PlanSettings,
     iter_target,
     point_lines,
+    refused_setting,
     table_rows,
 )
 from lfcal_gui.pages.setup.step import target_step
@@ -111,23 +112,6 @@ def _note(found: PlannedTarget) -> str:
     return f"{words}. {found.coding_briefly}".rstrip()
 
 
-def refused_setting(context: Context, key: str, value: Any) -> str:
-    """Return why a setting of the plan cannot have a value; empty: it can."""
-    state = context.state
-    try:
-        settings = PlanSettings.of(state).changed(key, value).into(state)
-    except LfcalError as error:
-        return str(error)
-    return context.project.held(replace(state, settings=settings))
-
-
-def change_settings(context: Context, key: str, value: Any) -> None:
-    """Change a setting of the plan."""
-    state = context.state
-    settings = PlanSettings.of(state).changed(key, value).into(state)
-    context.project.merge(f"change of {key.replace('_', ' ')}", settings=settings)
-
-
 class TargetDialog(QDialog):
     """Dialog with the settings of a target and its plan; a plan of other settings is not shown."""
 
@@ -145,8 +129,8 @@ class TargetDialog(QDialog):
         self.form.set_defaults(PlanSettings().shown())
         self.form.own_line("source")
         self.form.own_line("pose")
-        self.form.check = lambda *given: refused_setting(context, *given)
-        self.form.edited.connect(lambda *given: change_settings(context, *given))
+        self.form.check = lambda *given: refused_setting(context.project, *given)
+        self.form.edited.connect(lambda *given: context.edit(PlanSettings.of(context.state), *given))
         self._build_images()
         self._build_map()
         self.table = RowsTable(TABLE, 0, range(1, len(TABLE)), spare=(2,))

@@ -14,7 +14,7 @@ from lfcal.base import Clock, Work
 from lfcal.camera import Camera
 from lfcal.frames import compared_orientations, read_image
 from lfcal.frames.corrections import read_average
-from lfcal.lattice import FITS, CameraCheck, LatticeFit, check_camera
+from lfcal.lattice import DIFFERS, FITS, CameraCheck, LatticeFit, check_camera
 from lfcal_gui.models import typeset
 
 DISTORTION, RESIDUALS = "distortion", "residuals"
@@ -132,6 +132,11 @@ class Checked:
     def whole(self) -> bool:
         """Whether the white image covers the full sensor, so that a scan can be drawn in it."""
         return self.picture.shape == tuple(-(-n // self.step) for n in self.camera.sensor.shape)
+
+    @property
+    def role(self) -> str:
+        """Colour of the result: ``"good"``, ``"fair"`` or ``"bad"``."""
+        return {FITS: "good", DIFFERS: "fair"}.get(self.check.verdict, "bad")
 
     @property
     def words(self) -> str:

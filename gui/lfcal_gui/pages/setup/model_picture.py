@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from lfcal.base import drain, format_bytes, format_count, format_length, format_seconds, format_share
 from lfcal.camera import Camera, Forecast, PupilLenslets, ScanPlan, not_stated_for_noise
 from lfcal_gui.models import CUTOUT, Outline, Overlay, Shot, cutout_of
-from lfcal_gui.pages.setup.model_check import Checked
 from lfcal_gui.pages.setup.model_scan import scan_path
 from lfcal_gui.pages.setup.model_target import PlanSettings
 
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
     from lfcal.simulate import ExpectedLight, ScanChoice
+    from lfcal_gui.pages.setup.model_check import Checked
 
 MOST = 480
 """Number of samples along the longer side of a drawn lattice."""

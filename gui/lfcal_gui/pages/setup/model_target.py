@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, Work, drain, format_length, format_seconds, format_share, read_text
+from lfcal.base import Clock, LfcalError, Work, drain, format_length, format_seconds, format_share, read_text
 from lfcal.camera import ScanPlan
 from lfcal.records import rows
 from lfcal.tasks import PlanScan, PlanTarget
-from lfcal_gui.models import PLAN_FILE, PageSettings, shown_of
+from lfcal_gui.models import PLAN_FILE, PageSettings, Project, shown_of
 
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
@@ -106,6 +106,16 @@ def target_task(settings: PlanSettings, out: str = "target_plan.json") -> PlanTa
     """Return the task that plans the target; raise `InputError` if the settings are invalid."""
     own = {one.name: getattr(settings, one.name) for one in fields(settings) if one.name not in ("half_cell", "peak")}
     return PlanTarget(plan=Path(PLAN_FILE), out=Path(out), **own)
+
+
+def refused_setting(project: Project, key: str, value: Any) -> str:
+    """Return why a setting of the plan cannot have a value; empty: it can."""
+    state = project.state
+    try:
+        settings = PlanSettings.of(state).changed(key, value).into(state)
+    except LfcalError as error:
+        return str(error)
+    return project.held(replace(state, settings=settings))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtWidgets import QFileDialog
 
-from lfcal.base import LfcalError
+from lfcal.base import LfcalError, Work
 from lfcal.camera import CAMERA_FORMATS, Camera, Imported, ScanPlan, doubts, import_camera, preset
-from lfcal.frames.formats import image_suffixes
-from lfcal.lattice import DIFFERS, FITS
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, with_checked, with_described
 from lfcal_gui.pages.setup import takes
-from lfcal_gui.pages.setup._check_dialog import CheckDialog
-from lfcal_gui.pages.setup._target_dialog import TargetDialog, change_settings, refused_setting
 from lfcal_gui.pages.setup.model import apply_change, confirmed, name_at, state_with, weighed, weighed_key
-from lfcal_gui.pages.setup.model_check import Checked, iter_check
 from lfcal_gui.pages.setup.model_picture import expected_light, light_key
 from lfcal_gui.pages.setup.model_scan import apply_change as change_plan
 from lfcal_gui.pages.setup.model_scan import default_plan, half_of, list_beside, list_text, moved
-from lfcal_gui.pages.setup.model_target import OF_SCAN, PlannedTarget, PlanSettings, read_plan
+from lfcal_gui.pages.setup.model_target import OF_SCAN, PlannedTarget, PlanSettings, read_plan, refused_setting
 from lfcal_gui.pages.setup.panel import VIEWS, PlanningPanel
 from lfcal_gui.pages.setup.step import camera_step, scan_step
 from lfcal_gui.saving import ask_target, write_file
@@ -34,17 +30,34 @@ from lfcal_gui.widgets import expected_apertures
 
 if TYPE_CHECKING:
     from lfcal.simulate import AssumedEffect, ExpectedLight, ScanChoice
+    from lfcal_gui.pages.setup._check_dialog import CheckDialog
     from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
+    from lfcal_gui.pages.setup._target_dialog import TargetDialog
+    from lfcal_gui.pages.setup.model_check import Checked
 
-SUFFIXES = sorted({suffix for form in CAMERA_FORMATS for suffix in form.suffixes})
-FILES = f"Cameras ({' '.join('*' + suffix for suffix in SUFFIXES)});;All files (*)"
-IMAGES = f"Images ({' '.join('*' + suffix for suffix in sorted(image_suffixes()))});;All files (*)"
 LOST = "This camera cannot scan the planes of the plan, so the plan was removed. Undo restores it"
 LEAVES = "the cutout leaves the sensor"
 MATTERS = 0.01
 """Change of time, cutout or H from which an assumed value is asked for."""
 
-ROLES = {FITS: "good", DIFFERS: "fair"}
+
+@cache
+def _suffixes() -> tuple[str, ...]:
+    """Return the suffixes of files of cameras."""
+    return tuple(sorted({suffix for form in CAMERA_FORMATS for suffix in form.suffixes}))
+
+
+@cache
+def _image_names() -> str:
+    """Return the names of images, for a file dialog."""
+    from lfcal.frames.formats import image_suffixes
+
+    return _named("Images", sorted(image_suffixes()))
+
+
+def _named(kind: str, suffixes: Iterable[str]) -> str:
+    """Return the choice of names in a file dialog."""
+    return f"{kind} ({' '.join('*' + suffix for suffix in suffixes)});;All files (*)"
 
 
 class Page(BasePage):
@@ -62,7 +75,7 @@ class Page(BasePage):
         self.dialog: SensorDialog | None = None
         self._target: TargetDialog | None = None
         self.panel = PlanningPanel(self._check, self._check_scan)
-        self.check = CheckDialog(self)
+        self._check_dialog: CheckDialog | None = None
         for button in self.panel.segments:
             self.segments.addWidget(button)
         self.tools.addWidget(self.panel.overlay)
@@ -94,7 +107,7 @@ class Page(BasePage):
             "save_plan": self.save_plan,
             "target": lambda: self.target.show(),
             "take": self._take_measured,
-            "details": self.check.show,
+            "details": lambda: self.check.show(),
         }
         deeds[name]()
 
@@ -109,18 +122,39 @@ class Page(BasePage):
             "move": self.move_onto_sensor,
         }
 
+    @staticmethod
+    def prepare() -> None:
+        """Import the dialogs, and find the formats of files."""
+        import lfcal_gui.pages.setup._check_dialog
+        import lfcal_gui.pages.setup._sensor_dialog
+        import lfcal_gui.pages.setup._target_dialog  # noqa: F401
+
+        _suffixes()
+        _image_names()
+
+    @property
+    def check(self) -> CheckDialog:
+        """The comparison with a white image, made when it is first asked for."""
+        if self._check_dialog is None:
+            from lfcal_gui.pages.setup._check_dialog import CheckDialog
+
+            self._check_dialog = CheckDialog(self)
+        return self._check_dialog
+
     @property
     def target(self) -> TargetDialog:
         """The window of the target, made when it is first asked for."""
         if self._target is None:
+            from lfcal_gui.pages.setup._target_dialog import TargetDialog
+
             self._target = TargetDialog(self, self.context)
         return self._target
 
     def _take_theme(self) -> None:
         self.panel.apply_theme()
-        self.check.apply_theme()
-        if self._target is not None:
-            self._target.apply_theme()
+        for dialog in (self._check_dialog, self._target):
+            if dialog is not None:
+                dialog.apply_theme()
 
     def entered(self) -> None:
         """Look at the scan, now that there is room for it."""
@@ -272,7 +306,7 @@ class Page(BasePage):
     # -- files -----------------------------------------------------------------------------------------
     def import_file(self, path: str = "") -> None:
         """Take a camera from a file of any known format."""
-        path = path or QFileDialog.getOpenFileName(self, "Import camera", "", FILES)[0]
+        path = path or QFileDialog.getOpenFileName(self, "Import camera", "", _named("Cameras", _suffixes()))[0]
         if not path:
             return
 
@@ -308,7 +342,7 @@ class Page(BasePage):
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped plan or camera; text files, and JSON of other kinds, only where this page is looked at."""
-        if len(paths) != 1 or not (takes(paths[0]) or Path(paths[0]).suffix.lower() in SUFFIXES):
+        if len(paths) != 1 or not (takes(paths[0]) or Path(paths[0]).suffix.lower() in _suffixes()):
             return False
         if _is_plan(paths[0]):
             self.open_plan(paths[0])
@@ -321,13 +355,13 @@ class Page(BasePage):
     # -- white image -----------------------------------------------------------------------------------
     def choose_white(self) -> None:
         """Ask for a white image and compare the camera with it."""
-        path = QFileDialog.getOpenFileName(self, "White image", self._white, IMAGES)[0]
+        path = QFileDialog.getOpenFileName(self, "White image", self._white, _image_names())[0]
         if path:
             self.check_white(path)
 
     def choose_dark(self) -> None:
         """Ask for a dark frame, which is subtracted from then on."""
-        path = QFileDialog.getOpenFileName(self, "Dark frame", self._dark, IMAGES)[0]
+        path = QFileDialog.getOpenFileName(self, "Dark frame", self._dark, _image_names())[0]
         if path:
             self._dark = path
             self.context.message.emit(f"dark frame for white images: {path}")
@@ -344,7 +378,7 @@ class Page(BasePage):
         self._job = self.context.jobs.start(
             f"Compare with {Path(path).name}",
             "setup",
-            lambda: iter_check(camera, Path(path), dark),
+            lambda: _iter_checked(camera, Path(path), dark),
             self._show_check,
             self._check_failed,
             abandon=True,
@@ -357,16 +391,16 @@ class Page(BasePage):
             return
         self._checked = found
         self.check.show_check(found)
-        role = ROLES.get(found.check.verdict, "bad")
         measured = found.check.camera is not None
-        self.panel.inspector.show_verdict(role, found.words, found=True, measured=measured)
+        self.panel.inspector.show_verdict(found.role, found.words, found=True, measured=measured)
         self._show(self.context.state)
-        if found.check.verdict == FITS:
+        if found.role == "good":
             self.context.project.note(settings=with_checked(self.context.state))
 
     def _forget_check(self, words: str = "") -> None:
         self._checked = None
-        self.check.hide()
+        if self._check_dialog is not None:
+            self._check_dialog.hide()
         self.panel.inspector.show_verdict("", words)
 
     def _check_failed(self, job: WindowJob) -> None:
@@ -387,7 +421,7 @@ class Page(BasePage):
         if state.plan is None:
             return ""
         if key in OF_SCAN:
-            return refused_setting(self.context, key, value) or (
+            return refused_setting(self.context.project, key, value) or (
                 _refused_half(state.plan) if key == "half_cell" and value else ""
             )
         plan, why = change_plan(state.plan, key, value)
@@ -399,7 +433,7 @@ class Page(BasePage):
 
     def _scan_edited(self, key: str, value: Any) -> None:
         if key in OF_SCAN:
-            change_settings(self.context, key, value)
+            self.context.edit(PlanSettings.of(self.context.state), key, value)
             return
         plan = self.context.state.plan
         changed = None if plan is None else change_plan(plan, key, value)[0]
@@ -477,6 +511,13 @@ class Page(BasePage):
             )
             chosen = "" if half is None else f", and {list_beside(path).name} for Positions in Record > Rig"
             self.context.message.emit(f"plan saved as {path}{chosen}")
+
+
+def _iter_checked(camera: Camera, white: Path, dark: Path | None) -> Work[Checked]:
+    """Compare a camera with a white image; what it needs is imported in the job's thread."""
+    from lfcal_gui.pages.setup.model_check import iter_check
+
+    return (yield from iter_check(camera, white, dark))
 
 
 def _checked(found: Imported) -> Imported:

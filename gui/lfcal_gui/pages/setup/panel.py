@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
-from PySide6.QtGui import QResizeEvent
+from PySide6.QtGui import QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QGridLayout,
     QHBoxLayout,
@@ -24,7 +24,6 @@ from lfcal_gui.models import ProjectState, Shot, plane_words
 from lfcal_gui.pages.setup._inspector import Inspector
 from lfcal_gui.pages.setup._optics_view import OpticsView
 from lfcal_gui.pages.setup.model import facts
-from lfcal_gui.pages.setup.model_check import Checked
 from lfcal_gui.pages.setup.model_picture import Area, Number, ScanCosts, ScanScene, numbers_of
 from lfcal_gui.pages.setup.model_scan import half_of, path_lines
 from lfcal_gui.pages.setup.model_target import PlanSettings
@@ -48,6 +47,7 @@ from lfcal_gui.widgets import (
 if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
     from lfcal.simulate import ExpectedLight, ScanChoice
+    from lfcal_gui.pages.setup.model_check import Checked
 
 VIEWS = (
     ("Sensor", "The sensor with lenslets, scan path and cutout"),
@@ -283,6 +283,11 @@ class PlanningPanel(QWidget):
         super().resizeEvent(event)
         self.area.setFixedWidth(inspector_width(self.width()))
 
+    def showEvent(self, event: QShowEvent) -> None:
+        """Draw what changed while the panel was hidden."""
+        super().showEvent(event)
+        self._draw(self._area)
+
     # -- showing ---------------------------------------------------------------------------------------
     def show_state(self, state: ProjectState, checked: Checked | None, light: ExpectedLight | None) -> None:
         """Show camera and plan of a project.
@@ -345,11 +350,10 @@ class PlanningPanel(QWidget):
 
     def _draw(self, view: Area | None = None) -> None:
         """Draw what is seen: the part that was before, or ``view``."""
-        scene = self._scene
-        if scene is None:
+        scene, self._area = self._scene, view or self._area
+        if scene is None or not self.isVisible():  # it is drawn when it is shown
             return
         if view is not None:
-            self._area = view
             self.picture.show_part(*view, padding=0)
         seen = self.picture.box.viewRect()
         view = seen.top(), seen.left(), seen.height(), seen.width()
