@@ -12,8 +12,11 @@ from lfcal_gui.models import PLACES
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import set_role
 
-WIDTH, BUTTON, ICON = 85, (77, 84), 22
+WIDTH, BUTTON, ICON = 89, (83, 84), 22
 """Width of the rail, size of its buttons with words in two lines, and side of an icon (px)."""
+
+BAR = 3
+"""Width of the bar at the left of the place that is shown (px)."""
 
 MARKS = {"good": "✓ ", "fair": "▲ ", "bad": "▲ "}
 """Sign before a word, so that its meaning does not depend on colour alone."""
@@ -35,7 +38,7 @@ class Rail(QFrame):
         self.setObjectName("rail")
         self.setFixedWidth(WIDTH)
         column = QVBoxLayout(self)
-        column.setContentsMargins(4, 8, 4, 8)
+        column.setContentsMargins(3, 8, 3, 8)
         column.setSpacing(4)
         self._buttons: dict[str, RailButton] = {}
         for number, place in enumerate(PLACES, 1):
@@ -88,7 +91,7 @@ class RailButton(QPushButton):
         self.setFixedSize(*BUTTON)
         self.setAccessibleName(title)
         column = QVBoxLayout(self)
-        column.setContentsMargins(0, 5, 0, 3)
+        column.setContentsMargins(BAR, 5, BAR, 3)
         column.setSpacing(1)
         self.icon_label, self.title, self.word = QLabel(), QLabel(title), QLabel()
         self.title.setProperty("role", "heading")

@@ -78,7 +78,8 @@ def test_controls_are_counted_once_and_only_where_they_are_seen(qtbot: QtBot) ->
 @pytest.mark.long
 def test_the_layout_of_the_sample_is_measured(qapp: QApplication) -> None:
     found, times = layout(), hovering(20)
-    assert found["header"] <= 3 and found["rail"] == 5 and all(one["controls"] > 3 for one in found["views"].values())
+    assert found["header"] <= 3 and found["rail"] == 5
+    assert {name: one["controls"] for name, one in found["views"].items() if not 3 < one["controls"] <= 20} == {}
     assert found["shares"]["1920x1080"]["share"] > 0.45 and found["shares"]["1280x800"]["share"] > 0.35
     assert all(math.isfinite(ms) and ms > 0 for ms in times.values())
     assert "H and HT at 1280x800" in WORDS["layout"](found) and "HT drawn: median" in WORDS["hovering"](times)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
+from lfcal_gui._rail import BAR
 from lfcal_gui.theme import DARK, LIGHT, Theme
 from lfcal_gui.window import MainWindow
 from tests.gui.layout import flaws
@@ -32,3 +34,9 @@ def test_no_word_of_a_place_is_cut(window: MainWindow, qtbot: QtBot, theme: Them
             rail.say(place, word, mark)
             qtbot.wait(1)
             assert not flaws(rail), word
+            label = rail._buttons[place].word
+            flags = label.alignment() | Qt.TextFlag.TextWordWrap
+            drawn = label.fontMetrics().boundingRect(label.contentsRect(), flags, label.text())
+            assert BAR <= label.x() + drawn.left() and label.x() + drawn.right() < label.parentWidget().width() - 1, (
+                word
+            )

@@ -165,6 +165,8 @@ class CostCurve(LinePlot):
             self.limit.boundingRect()  # computes the ends of the line, which place its label
             self.limit.label.updatePosition()
             taken.append(self.limit.label.mapRectToScene(self.limit.label.boundingRect()))
+            height = box.mapViewToScene(QPointF(0, self.limit.value())).y()
+            taken.append(QRectF(inside.left(), height - 1, inside.width(), 2))
         for k in sorted(range(len(at)), key=lambda k: (not self._points[k].picked, not self._points[k].efficient, k)):
             point = self._points[k]
             wide, high = metrics.horizontalAdvance(point.name) + 8, metrics.height() + 8

@@ -66,6 +66,9 @@ PILL, GAP, LINE = QColor(8, 10, 13, 205), 8, 15
 RAMP, SCALE = 120, 140
 """Greatest length of the colours in a legend, and of a scale bar (px)."""
 
+SHORT = 40
+"""Length of the colours in a legend where its quantity needs the room (px)."""
+
 ARROWS = {Qt.Key.Key_Up: (-1, 0), Qt.Key.Key_Down: (1, 0), Qt.Key.Key_Left: (0, -1), Qt.Key.Key_Right: (0, 1)}
 """Rows and columns that a key moves the grip by."""
 
@@ -624,6 +627,8 @@ class _Legend(QWidget):
         low, high = (level_words(value, picture.levels) for value in picture.levels)
         ends = metrics.horizontalAdvance(low) + metrics.horizontalAdvance(high) + 4 * GAP
         length = max(0, min(RAMP, self.width() - ends))
+        spare = self.width() - ends - metrics.horizontalAdvance(picture.quantity) - 3 * GAP
+        length = max(min(length, SHORT), min(length, spare))  # shorter colours, so that the quantity has room
         x, flags = float(GAP), Qt.AlignmentFlag.AlignVCenter
         painter.setPen(QColor(theme.text))
         for words in (low, None, high):
@@ -636,7 +641,7 @@ class _Legend(QWidget):
                 painter.drawText(place, flags, words)
             x += wide + GAP
         painter.setPen(QColor(theme.muted))
-        room = round(self.width() - x - GAP)
+        room = math.ceil(self.width() - x)
         if room > 3 * LINE:
             painter.drawText(
                 QRectF(x, 0, room, self.height()),

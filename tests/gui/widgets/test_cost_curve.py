@@ -76,15 +76,19 @@ def test_the_keyboard_suffices(curve: CostCurve, qtbot: QtBot) -> None:
     assert asked == [pytest.approx(0.034), pytest.approx(0.027)]
 
 
-@pytest.mark.parametrize("percent", [3.0, 12.0, 20.0])
+@pytest.mark.parametrize("percent", [1.4, 3.0, 12.0, 17.0, 20.0])
 @pytest.mark.parametrize("size", [(400, 400), (230, 260)])
-def test_names_cover_neither_points_nor_each_other(curve: CostCurve, size: tuple[int, int], percent: float) -> None:
+def test_names_cover_neither_points_nor_the_line_nor_each_other(
+    curve: CostCurve, size: tuple[int, int], percent: float
+) -> None:
     curve.show_points(POINTS, float(np.log10(percent)))
     curve.resize(*size)
     QApplication.processEvents()
     areas = [item.mapRectToScene(item.boundingRect()) for item in curve.names]
     asked = curve.limit.label.mapRectToScene(curve.limit.label.boundingRect())
     assert not any(one.intersects(other) for one, other in combinations([*areas, asked], 2))
+    height = curve.plot.vb.mapViewToScene(QPointF(0, curve.limit.value())).y()
+    assert not any(area.top() < height < area.bottom() for area in areas)
     spots = [curve.plot.vb.mapViewToScene(QPointF(point.x, point.y)) for point in POINTS]
     assert not any(area.contains(spot) for area in areas for spot in spots)
     names = [item.toPlainText() for item in curve.names]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PySide6.QtCore import QEvent, QPoint, QPointF, QRectF, Qt
+from PySide6.QtGui import QPainter
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
@@ -22,6 +23,7 @@ from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.simulate._effect_panel import InfluenceView
 from lfcal_gui.pages.simulate.model_frames import InfluencePictures
 from lfcal_gui.theme import LIGHT, NIGHT, apply_theme
+from lfcal_gui.widgets import picture as module
 from lfcal_gui.widgets.colours import ramp
 from lfcal_gui.widgets.picture import LARGE, Picture, link, share_contrast
 from tests.gui.waiting import GUARD_MS, idle
@@ -51,6 +53,25 @@ def test_another_scaling_keeps_the_scale_that_pictures_share(view: Picture, disp
     view.set_shot(Shot(np.full((3, 3), 5.0), levels=(-20.0, 2437.0)))
     view.set_display(display)
     assert view.levels == (-20.0, 2437.0)
+
+
+@pytest.mark.parametrize("wide", [210, 400])
+def test_the_quantity_of_a_legend_is_whole(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, wide: int) -> None:
+    """A narrow picture wrote "transmissio…" next to colours of full length."""
+    said: list[str] = []
+
+    class Painter(QPainter):
+        def drawText(self, *given: Any) -> None:
+            said.append(given[-1])
+            super().drawText(*given)
+
+    view = shown(qtbot, Picture("transmission (1)"))
+    view.resize(wide, 200)
+    view.set_shot(Shot(np.linspace(0, 1, 16).reshape(4, 4)))
+    monkeypatch.setattr(module, "QPainter", Painter)
+    assert view.legend is not None
+    view.legend.grab()
+    assert said[-1] == "transmission (1)"
 
 
 @pytest.mark.parametrize("scale", ["linear", "gamma", "log"])

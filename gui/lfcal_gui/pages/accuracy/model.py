@@ -21,7 +21,7 @@ FIELDS = (
         choices=SUBJECTS,
         tip="Simulate the camera of the plan, or use the values of H",
     ),
-    Field("seconds", "Time per place", "s", "Approximate time to measure one place"),
+    Field("seconds", "Time per measurement", "s", "Approximate time to measure one place"),
     Field("error", "Cost at error", "%", "Error at which the cost is estimated", scale=0.01),
 )
 
@@ -55,7 +55,7 @@ class AccuracySettings(PageSettings):
             raise InputError.expected("subject", any_of(dict(SUBJECTS)), self.subject, "choose one of these")
         if not 0 < self.seconds <= 86_400:
             raise InputError.expected(
-                "time per place (s)", "above 0 and up to 86400 (a day)", self.seconds, "enter such a number"
+                "time per measurement (s)", "above 0 and up to 86400 (a day)", self.seconds, "enter such a number"
             )
         if not 0 < self.error <= 10:
             raise InputError.expected("error", "above 0 and up to 1000 %", self.error, "enter such a number")

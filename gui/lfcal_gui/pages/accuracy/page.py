@@ -42,6 +42,11 @@ class Page(BasePage):
         context.jobs.finished.connect(self._job_finished)
         self._show(context.state)
 
+    @staticmethod
+    def prepare() -> None:
+        """Find the places."""
+        PLACES.names()
+
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> AccuracySettings:

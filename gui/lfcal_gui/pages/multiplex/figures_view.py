@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QStackedWidget, QV
 
 from lfcal.multiplex import FIGURES, GainCurves, GainMap, PaperFigure, PaperPanel, camera_chi2, gain_map, paper_figure
 from lfcal_gui.context import Context
-from lfcal_gui.models import Shot
+from lfcal_gui.models import Shot, unbroken
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
@@ -206,7 +206,7 @@ class FiguresView(QWidget):
             self.grid.addWidget(self.cards[k], k // found.columns, k % found.columns)
             self.grid.setRowStretch(k // found.columns, 1)
             self.heads[k].setText(panel.title)
-            self.numbers[k].setText(panel.numbers)
+            self.numbers[k].setText(unbroken(panel.numbers))
             self._show_panel(self.views[k], panel)
             self.cards[k].show()
 

@@ -90,7 +90,7 @@ class ReconstructPanel(QWidget):
         super().__init__(parent)
         basic, more = (tuple(field for field in FIELDS if (field.key in BASIC) is seen) for seen in (True, False))
         self.form = FoldedForm(basic)
-        tip = "Stopping, noise, projector, margin, region, memory, and what accuracy costs"
+        tip = "Stopping, noise, projector, margin, region, memory; costs, forecast and likelihood"
         self.more = FoldedForm((), more, f"{len(more)} more settings", tip)
         for form in (self.form, self.more):
             form.set_defaults(vars(ReconstructSettings()))
@@ -131,7 +131,7 @@ class ReconstructPanel(QWidget):
         column = QVBoxLayout(inner)
         column.setContentsMargins(0, 0, 6, 0)
         column.setSpacing(6)
-        for part in (self.export, self._reconstruction(), self._forecast()):
+        for part in (self.export, self._reconstruction()):
             column.addWidget(part)
         column.addStretch()
         return inner
@@ -192,6 +192,7 @@ class ReconstructPanel(QWidget):
             column.addWidget(part)
         self.more.fold_line(self.solver_words, above=True)
         self.more.fold_line(costs)
+        self.more.fold_line(self._forecast())
         self.more.fold_line(self.again)
 
     @cached_property

@@ -8,6 +8,7 @@ from functools import cached_property
 from PySide6.QtCore import QSignalBlocker, Qt
 from PySide6.QtWidgets import (
     QComboBox,
+    QHBoxLayout,
     QLabel,
     QLineEdit,
     QPushButton,
@@ -70,9 +71,10 @@ class SessionsPanel(QTabWidget):
         self.tiles = ResultTiles()
         self.message, self.stack = told_or_shown("", self.tiles)
         column.addWidget(split(self.stack, self._facts(), sizes=(780, 300)), 1)
+        column.addWidget(self.status)
         return inner
 
-    def _where(self) -> QVBoxLayout:
+    def _where(self) -> QHBoxLayout:
         self.folder = QComboBox()
         self.folder.setAccessibleName("folder")
         self.folder.setToolTip("Folder to search, with its subfolders")
@@ -82,13 +84,9 @@ class SessionsPanel(QTabWidget):
         self.again_button.setToolTip("Search the folder again (F5)")
         self.status = ElidedLabel(" ")
         self.status.setProperty("role", "hint")
-        column = QVBoxLayout()
-        column.setSpacing(4)
-        column.addLayout(line("Folder", self.folder, self.choose_button, self.again_button, stretch=1))
-        column.addWidget(self.status)
-        return column
+        return line("Folder", self.folder, self.choose_button, self.again_button, stretch=1)
 
-    def _which(self) -> QVBoxLayout:
+    def _which(self) -> QHBoxLayout:
         self.words = QLineEdit()
         self.words.setPlaceholderText("Filter by name, verdict, camera …")
         self.words.setToolTip("Show only results with all of these words in their name, folder, verdict or details")
@@ -99,9 +97,7 @@ class SessionsPanel(QTabWidget):
         self.order.setAccessibleName("order")
         self.counted = QLabel(" ")
         self.counted.setProperty("role", "hint")
-        column = QVBoxLayout()
-        column.addLayout(line(self.words, self.kind, self.order, self.counted, stretch=0))
-        return column
+        return line(self.words, self.kind, self.order, self.counted, stretch=0)
 
     def _facts(self) -> QWidget:
         self.facts = RowsTable(FACTS, 1)

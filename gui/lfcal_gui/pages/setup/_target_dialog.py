@@ -92,7 +92,7 @@ def _costs(found: PlannedTarget) -> str:
 
 def _covered(plane: PlaneDrawing) -> str:
     missing, most = int((plane.shown == 0).sum()), int(plane.shown.max())
-    crossed = f"{missing} of {plane.shown.size} are not covered (red crosses). " if missing else ""
+    crossed = f"{missing} of {plane.shown.size} are not covered (grey). " if missing else ""
     return (
         f"{crossed}The brighter a position, the more frames show it (at most {most}). Click a "
         "position to read its number."
