@@ -1,6 +1,6 @@
 """Adaptive acquisition: record some positions, fit, choose the next ones, until the error of H is small enough.
 
-All state is in the recorded session; after a crash, the next choice is made again from it.
+All state is in the recorded session; after a crash, the next positions are chosen again from it.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ class AdaptiveStep:
     outliers: int
 
     def __str__(self) -> str:
-        """Return the error against the number of positions, as one line."""
+        """Return the error and the number of positions as one line."""
         said = f"{self.positions} positions: expected error of H {format_share(self.expected_error)}"
         return f"{said}, {self.held_out_error} at held-out positions" + ("" if self.complete else "; model incomplete")
 

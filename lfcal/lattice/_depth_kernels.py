@@ -175,7 +175,7 @@ def _distinct(costs: Float, best: int, margin: float) -> bool:
 
 @njit()
 def _best(costs: Float, floor: float, shared: float) -> tuple[float, float]:
-    """Return place (steps) and standard error (steps) of the best of costs ``(m, 2)``; NaN if it is not distinct."""
+    """Return position (steps) and standard error (steps) of the best of costs ``(m, 2)``; NaN if it is not distinct."""
     m, best = len(costs), 0
     for k in range(m):
         if costs[k, 0] < costs[best, 0]:
@@ -226,7 +226,7 @@ def match_lenslets(
 
 @njit()
 def _reach(raster: Raster, place: tuple[float, float], half: tuple[float, float], shape: tuple[int, int]) -> Any:
-    """Return the samples ``top, bottom, left, right`` (ends excluded) about a place, at least the nearest one."""
+    """Return the samples ``top, bottom, left, right`` (ends excluded) about a position, at least the nearest one."""
     y, x = (place[0] - raster.corner_y) / raster.step_y, (place[1] - raster.corner_x) / raster.step_x
     high, wide = max(half[0] / raster.step_y, 0.5), max(half[1] / raster.step_x, 0.5)
     top, bottom = max(int(np.ceil(y - high)), 0), min(int(np.floor(y + high)) + 1, shape[0])
@@ -284,7 +284,7 @@ def _add(sums: Float, off: float, error: float, step: float, number: int) -> Non
 
 @njit()
 def _modes(histogram: Float, rho: Float) -> tuple[Float, Float]:
-    """Return the most frequent inverse slope of each sample, three bins wide, and its share of all ``(2, ...)``."""
+    """Return the most frequent inverse slope of each sample, three bins wide, and its fraction of all ``(2, ...)``."""
     count, high, wide = histogram.shape
     best, share = np.full((high, wide), np.nan), np.zeros((high, wide))
     for y in range(high):
@@ -330,7 +330,7 @@ def join_rows(
 
 @njit()
 def _cubic(t: float) -> tuple[float, float, float, float]:
-    """Return Keys's weights of the four samples about a place ``t`` behind the second one."""
+    """Return Keys's weights of the four samples about a position ``t`` behind the second one."""
     return (
         ((-0.5 * t + 1) * t - 0.5) * t,
         (1.5 * t - 2.5) * t * t + 1,

@@ -70,7 +70,7 @@ def evenness(index: NDArray[np.intp], light: Array, alive: NDArray[np.bool_], pl
     alive
         ``(n,)``: lenslets to evaluate.
     places
-        ``(n, 2)``: centres (row, column) (pixels).
+        ``(n, 2)``: centres (row, column) of the lenslets (pixels).
     """
     even = np.where(alive, light / _smooth(light, alive, places), np.nan)
     bright = alive & (light > LIT * np.percentile(light[alive], 90))

@@ -116,7 +116,7 @@ def huber(residual: Array) -> tuple[Array, float]:
 
 
 def design(model: LatticeModel, form: LatticeForm, index: NDArray[np.intp], frame: DistortionFrame) -> Array:
-    """Return the derivatives ``(2, n, free parameters)`` of the places (x, y).
+    """Return the derivatives ``(2, n, free parameters)`` of the positions (x, y).
 
     Order: origin x and y, vector along a row x and y, ratio, shear, then the terms: polynomials along x, then along y;
     radial terms, then their centre x and y. The effect of the terms on the linear part of the lattice is neglected.
@@ -298,7 +298,7 @@ class Blocks:
 
     @classmethod
     def of(cls, places: Array) -> Blocks:
-        """Return the blocks of places ``(n, 2)``, equal rectangles of the occupied field."""
+        """Return the blocks of positions ``(n, 2)``, equal rectangles of the occupied field."""
         low, high = places.min(0), places.max(0)
         # a block should contain at least four lenslets
         side = int(np.clip(math.sqrt(len(places) / 4), 2, BLOCKS))
@@ -342,7 +342,7 @@ def flexible_form(count: int) -> LatticeForm:
 def fit_flexible(
     model: LatticeModel, form: LatticeForm, index: NDArray[np.intp], places: Array, frame: DistortionFrame
 ) -> FittedForm | None:
-    """Return the fit of ``form``, or of the next simpler one that the places determine over the whole frame."""
+    """Return the fit of ``form``, or of the next simpler one that the positions determine over the whole frame."""
     simpler = [other for other in FORMS if not other.radial and other.size <= form.size]
     fits = (fit_form(model, other, index, places, frame) for other in reversed(simpler))
     return next((fit for fit in fits if fit is not None), None)
@@ -460,7 +460,7 @@ def _held_out_error(fit: FittedForm, index: NDArray[np.intp], frame: DistortionF
 
 
 def _moves(old: FittedForm, new: FittedForm, index: NDArray[np.intp]) -> float:
-    """Return the distance between the places of two fits (px rms)."""
+    """Return the distance between the lenslet positions of two fits (px rms)."""
     return math.sqrt(float(((old.model.places(index) - new.model.places(index)) ** 2).sum(1).mean()))
 
 

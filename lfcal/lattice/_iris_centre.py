@@ -109,13 +109,13 @@ def iris_centre(
 
 @dataclass(frozen=True, slots=True)
 class _Waves:
-    """First waves of a lattice ``(n, 2)`` as (x, y) (per pixel), one of each pair, and their share of the light."""
+    """First waves of a lattice ``(n, 2)`` as (x, y) (per pixel), one of each pair, and their fractions of the light."""
 
     wave: Array
     found: Complex
 
     def moved(self, shift: Array) -> Complex:
-        """Return the shares ``(..., n)`` about points ``shift`` ``(..., 2)`` as (x, y) from the lattice point."""
+        """Return the fractions ``(..., n)`` about points ``shift`` ``(..., 2)`` as (x, y) from the lattice point."""
         shares: Complex = self.found * np.exp(2j * np.pi * (shift @ self.wave.T))
         return shares
 

@@ -61,10 +61,10 @@ def fold(
 ) -> None:
     """Add the pixels of lenslets ``start … stop`` to the mean micro-image; each is shared among four samples.
 
-    ``scales`` ``(n,)`` divide each lenslet (0: left out). ``sums`` ``(2, side, side)`` receives values and counts,
-    with side = 2 ceil(radius) per_px + 1. The centres lie at various fractions of a pixel, so that many lenslets
-    together sample a micro-image more finely than one does. If the pitch is whole pixels, all centres have the same
-    fraction. Adding to only the nearest sample would then shift the mean by up to half a sample.
+    ``scales`` ``(n,)`` divide each lenslet (0: left out). ``sums`` ``(2, side, side)`` receives values and counts, with
+    side = 2 ceil(radius) per_px + 1. The centres have various fractions of a pixel, so that many lenslets together
+    sample a micro-image more finely than one does. If the pitch is an integer number of pixels, all centres have the
+    same fraction. Adding to only the nearest sample would then shift the mean by up to half a sample.
     """
     total, count = sums[0], sums[1]
     centres, radius, over = lenslets.centres, lenslets.radius, lenslets.per_px

@@ -145,7 +145,7 @@ def lit_part(image: NDArray[np.float32]) -> LitPart:
 
 
 def _lit(image: NDArray[np.float32]) -> tuple[NDArray[np.bool_], float]:
-    """Return the lit places of a coarse image, and the pixels per sample."""
+    """Return the lit parts of a coarse image, and the pixels per sample."""
     import cv2
 
     step = max(1.0, max(image.shape) / COARSE)
@@ -159,7 +159,7 @@ def _lit(image: NDArray[np.float32]) -> tuple[NDArray[np.bool_], float]:
 
 
 def _around(lit: NDArray[np.bool_], step: float, size: tuple[int, int]) -> tuple[Array, Array, Array]:
-    """Return the bounds (x, y) of the largest lit place, and the point that is farthest from the dark."""
+    """Return the bounds (x, y) of the largest lit part, and the point that is farthest from the dark."""
     import cv2
 
     _, labels, stats, _ = cv2.connectedComponentsWithStats(lit.astype(np.uint8))

@@ -131,7 +131,7 @@ def mean_micro_image(
 def _spreads(centres: Array) -> Array:
     """Return the spread of samples (pixels; x, y): larger if all centres have similar fractions of a pixel.
 
-    In this case a micro-image is sampled once per pixel, and a smaller spread gives a staircase. Spreading by sigma
+    In this case, a micro-image is sampled once per pixel, and a smaller spread would cause steps. Spreading by sigma
     leaves R exp(-2 pi^2 sigma^2) of the modulation at the pixel period, where R is the agreement of the fractions.
     """
     alike = np.abs(np.exp(2j * np.pi * centres).mean(0)) if len(centres) else np.zeros(2)

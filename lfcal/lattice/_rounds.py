@@ -316,7 +316,7 @@ def _lost(index: NDArray[np.intp], placed: LensletPlaces, model: LatticeModel) -
 
 
 def _astray(index: NDArray[np.intp], alive: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return places of a partly lit field without working neighbours: noise that resembles a micro-image."""
+    """Return lenslets of a partly lit field without working neighbours: noise that resembles a micro-image."""
     if alive.mean() >= PARTLY_LIT or alive.sum() < FEW:
         return np.zeros(len(alive), bool)
     return np.asarray(neighbour_mean(index, alive.astype(float), 1) < LONE)

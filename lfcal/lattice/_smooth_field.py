@@ -67,7 +67,7 @@ def determined_degree(count: int, degree: int = 4) -> int:
 
 
 def fit_field(points: Array, values: Array, shape: tuple[int, int], degree: int = 4, rounds: int = 6) -> SmoothField:
-    """Fit a polynomial to ``values`` at image points ``(n, 2)`` (row, column), robust against outliers.
+    """Fit a polynomial, robust to outliers, to ``values`` at image points ``(n, 2)`` (row, column).
 
     Its degree is ``degree``, or less if there are fewer than three points per term.
 

@@ -132,7 +132,7 @@ def overlapping(wanted: str, found: str) -> InputError:
 
 
 def _alike(flat: LitPart, rough: RoughLattice) -> bool:
-    """Return whether the places of a square lattice have micro-images of the same shape.
+    """Return whether all lattice points of a square lattice have micro-images of the same shape.
 
     Where discs overlap, the bright lenses between neighbours form a lattice too, but alternate in direction.
     """
@@ -141,7 +141,7 @@ def _alike(flat: LitPart, rough: RoughLattice) -> bool:
 
 
 def _large(part: LitPart, kind: str | None, pitch_px: float | None) -> tuple[RoughLattice, float] | None:
-    """Return the lattice of a few large lenslets, and its share of bright places; None if there is none."""
+    """Return the lattice of a few large lenslets, and its fraction of bright points; None if there is none."""
     part = part.scaled()
     for lags in large_lattices(part):
         for name in ("hexagonal", "square") if kind is None else (kind,):
@@ -167,7 +167,7 @@ def _of_kind(vectors: Array, kind: str) -> Array | None:
 
 
 def _fine(flat: LitPart, kind: str | None, pitch_px: float | None) -> tuple[RoughLattice, float]:
-    """Return the lattice of many lenslets, and its share of bright places."""
+    """Return the lattice of many lenslets, and its fraction of bright points."""
     frequencies, amplitudes = _peaks(flat.image)
     candidates = _candidates(frequencies, kind)
     if not candidates:
@@ -193,7 +193,7 @@ def _contained(candidates: list[tuple[str, Array]], kind: str | None) -> list[tu
 
 
 def _finer(name: str, basis: Array, kind: str | None) -> list[tuple[int, str, Array]]:
-    """Return finer lattices that contain one: factor in the number of places, kind, basis."""
+    """Return finer lattices that contain one: factor in the number of points, kind, basis."""
     found = []
     for order, step in FINER[name]:
         finer = step @ basis
@@ -205,7 +205,7 @@ def _finer(name: str, basis: Array, kind: str | None) -> list[tuple[int, str, Ar
 
 
 def _finest(flat: LitPart, name: str, basis: Array, kind: str | None) -> tuple[RoughLattice, float]:
-    """Return the finest lattice that contains that of ``basis`` and has a micro-image at every place."""
+    """Return the finest lattice that contains that of ``basis`` and has a micro-image at every point."""
     found = _judge(flat, name, basis, _most_symmetric(flat, name, basis))
     for order, finer_name, finer in _finer(name, basis, kind):
         if np.linalg.norm(finer, axis=1).min() < MIN_PITCH:
@@ -227,7 +227,7 @@ def _finest(flat: LitPart, name: str, basis: Array, kind: str | None) -> tuple[R
 
 
 def _cells(flat: LitPart, basis: Array, finer: Array, centre: Array) -> tuple[Array, Array]:
-    """Compare the mean cells about the places of a finer lattice within one cell of the lattice of ``basis``.
+    """Compare the mean cells about the points of a finer lattice within one cell of the lattice of ``basis``.
 
     Cells near the middle are averaged, as in `_most_symmetric`. Returns the gain of each mean cell relative to the one
     with the highest contrast, and its correlation with it; both are 1 for that cell.
@@ -404,12 +404,12 @@ def _judge(flat: LitPart, kind: str, basis: Array, centre: Array) -> tuple[Rough
 
 
 def _most_symmetric(flat: LitPart, kind: str, basis: Array, types: int = 1) -> Array:
-    """Return the place in the cell, near the middle, about which the mean cell has the best rotational symmetry.
+    """Return the point in the cell, near the middle, about which the mean cell has the best rotational symmetry.
 
     The rotation is 60 degrees for a hexagonal lattice. It is 120 for that of one of three ``types``, whose three
     centres of this symmetry are one lenslet of each type. It is 90 for a square lattice and 180 for rectangular cells,
-    whose gaps are as symmetric as their lenslets: there, the brightest place is taken. Brightness alone does not
-    suffice, because overlapping micro-images are brightest at their edges.
+    whose gaps are as symmetric as their lenslets: in this case, the brightest point is returned. Brightness alone does
+    not suffice, because overlapping micro-images are brightest at their edges.
     """
     n = 48
     image, middle = flat.image, flat.middle

@@ -198,7 +198,7 @@ def view_grid(
         ``"frame"``: rows and columns are parallel to those of the frame, so that views have the orientation of the
         frame at any angle of the lattice. A sample between lenslets is interpolated from the four (hexagonal: three)
         around it in lattice indices, also for a distorted lattice. ``"lattice"``: rows are lattice rows, rotated with
-        the lattice. The samples of a square lattice are its lenslets; those of a hexagonal one lie between two lenslets
+        the lattice. The samples of a square lattice are its lenslets; those of a hexagonal one are between two lenslets
         of their row.
     full
         False: the largest box that contains only seen samples. True: the whole field with all lenslets, with a mask of

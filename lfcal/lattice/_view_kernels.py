@@ -2,7 +2,7 @@
 
 A view takes the pixels under each lenslet of any lattice. Measurement (v, u) of lenslet m is the frame at corner[m] +
 step * (v, u), interpolated by convolution with a kernel of 1, 2 or 4 taps: nearest, linear, or cubic (Keys 1981, a =
--1/2). In rendering, every lenslet adds its light to the places that it sees.
+-1/2). In rendering, every lenslet adds its light to the points that it sees.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ BLOCK_SAMPLES = 1 << 15
 
 
 class Sites(NamedTuple):
-    """First measurements of the lenslets, and their shares in the samples."""
+    """First measurements of the lenslets, and their weights in the samples."""
 
     corner: Float  # (lenslets, 2): first measurement (row, column) of each lenslet (pixels)
     near: NDArray[np.int32]  # (rows, columns, k): lenslets of a sample, numbered about in the order of the rows
@@ -230,7 +230,7 @@ def largest_box(good: NDArray[np.bool_]) -> tuple[int, int, int, int]:
 
 
 class RefocusPlane(NamedTuple):
-    """A plane of the scene, and the places of its image's samples on the sensor."""
+    """A plane of the scene, and the positions of its image's samples on the sensor."""
 
     slope: float  # (S - c) divided by the place below the lenslet; not 0
     radius: float  # of the micro-images (pixels)
@@ -246,8 +246,8 @@ def render_rows(
 ) -> None:
     """Add rows ``rows[0] … rows[1]`` of a plane's image to ``sums`` ``(4, rows, columns)``.
 
-    ``lenslets`` ``(n, 3)`` are row, column and weight s. Lenslet c sees the place S at p = c + (S - c)/slope, where
-    the light is L(p), relative to a white frame's W(p) (bilinear). The sums are of s W, s L, s L^2 / W and (s W)^2.
+    ``lenslets`` ``(n, 3)`` are row, column and weight s. Lenslet c sees the point S at p = c + (S - c)/slope, where the
+    light is L(p), relative to a white frame's W(p) (bilinear). The sums are of s W, s L, s L^2 / W and (s W)^2.
     """
     reach = abs(plane.slope) * plane.radius
     columns, (high, wide) = sums.shape[2], frame.shape

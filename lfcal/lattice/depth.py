@@ -568,7 +568,7 @@ def _smoothed(light: Image, good: Image) -> tuple[Image, Image]:
     """Return the light after a filter (1, 2, 1) along both axes: linear interpolation is then accurate.
 
     Only good pixels contribute. A pixel stays good if one neighbour is missing; at the rim of a micro-image, where a
-    whole row is, the rest would show a place further inside.
+    whole row is missing, the rest would show a point further inside.
     """
     import cv2
 

@@ -197,7 +197,7 @@ def _edges(light: F8, levels: tuple[float, float], centre: F8, ways: F8, radius:
 
 
 def _in_order(centres: F8, camera: Camera) -> NDArray[np.intp]:
-    """Return the disc of each lenslet: those nearest to the described places, all together."""
+    """Return the index of each lenslet's disc, from the assignment with the smallest sum of squared distances."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
     lenslets = camera.lattice

@@ -362,8 +362,8 @@ def check_cell(cell: Array) -> None:
 def _overlap(level: Array) -> bool:
     """Return whether a mean cell, from 0 to 1, is that of overlapping micro-images.
 
-    Their light adds up to several flat levels. Where wide ones overlap, the places between them are the brightest, and
-    a large dark field is left at the centre of each.
+    Their light adds up to several flat levels. Where wide micro-images overlap, the areas between them are the
+    brightest, and a large dark area remains at the centre of each.
     """
     half = CELL_SIDE // 2
     centre, sides = level[0, 0], (level[half, 0], level[0, half])

@@ -89,7 +89,7 @@ def lattice_dict(fit: LatticeFit) -> dict[str, Any]:
 
 
 def _table(fit: LatticeFit) -> str:
-    """Return a line for each lenslet: indices, best estimate of its place, and its residual (empty for dead ones)."""
+    """Return a line for each lenslet: indices, best estimate of the position, and residual (empty for dead ones)."""
     lattice = fit.centres_px(fit.index[:, 0], fit.index[:, 1])
     places = lattice if fit.places_px is None else fit.places_px
     residual = fit.measured_px - lattice

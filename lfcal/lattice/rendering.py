@@ -165,7 +165,7 @@ def check_slopes(slopes: Sequence[float]) -> None:
 
 
 def _lit(white: ArrayLike | None, dark: ArrayLike | float, lattice: FrameLattice) -> Image:
-    """Return the white light of every pixel, 1 at its brightest places and 0 if there is hardly any."""
+    """Return the white light of every pixel, 1 at its brightest points and 0 if there is hardly any."""
     if white is None:
         return np.ones(tuple(lattice.shape), np.float32)
     lit = subtract_dark(white, dark, lattice, "white frame")
@@ -183,7 +183,7 @@ def _plane(slope: float, radius: float, grid: ViewGrid, samples: int) -> Refocus
 
 
 def _mean_and_variance(sums: Image) -> tuple[Image, Image]:
-    """Return the weighted mean, and the unbiased variance (infinite if fewer than two lenslets see a place)."""
+    """Return the weighted mean, and the unbiased variance (infinite if fewer than two lenslets see a sample)."""
     weight, light, square, squared_weight = sums
     # places that only blurred types see are shown as well
     seen = weight > 0

@@ -206,8 +206,8 @@ class _PassPlanes(PlaneSource):
 class _PassUnits:
     """How the passes over one H are done in units.
 
-    Units of a pass lie next to the file until that holds the pass. The run's journal says which pass the file holds, so
-    that a run that is resumed begins with the next.
+    Units of a pass are next to the file until the file contains the pass. The run's journal states which pass the file
+    contains, so that a resumed run begins with the next pass.
     """
 
     out: Path

@@ -178,7 +178,7 @@ class PlaneResponse:
     def _balanced(
         self, engine: PlaneEngine, compute: Callable[[PlaneEngine], NDArray[np.float32]]
     ) -> tuple[PlaneEngine, NDArray[np.float32]]:
-        """Return what ``compute`` makes and the engine: a finer one where more light came out than went in."""
+        """Return the result of ``compute`` and the engine, which is a finer one if the energy did not balance."""
         for attempt in range(RETRIES + 1):
             try:
                 return engine, compute(engine)
@@ -194,7 +194,7 @@ class PlaneResponse:
         raise AssertionError  # the last attempt returns or raises
 
     def _finer(self, engine: PlaneEngine) -> PlaneEngine:
-        """Return a finer engine of the same scene, in the place of ``engine``."""
+        """Return a finer engine of the same scene, which replaces ``engine``."""
         with self._lock:
             self._freed.append(engine.certificate)
             assert self.settled is not None  # an engine was made with it

@@ -230,7 +230,7 @@ Defects = tuple[tuple[int, int, float], ...]
 """Lenslets that transmit less light: row and column of the lattice, and the fraction of light that passes."""
 
 ImageMap = tuple[tuple[float, float, float], tuple[float, float, float]]
-"""Displacement of images, linear in their place (µm): for dy and dx, the constant and its growth with y and x."""
+"""Displacement of images, linear in their position (µm): for dy and dx, the constant and its growth with y and x."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -213,9 +213,9 @@ class Influence:
         raise AssertionError  # the last attempt returns or raises
 
     def _common_step(self, *sets: tuple[Effect, ...]) -> LevelSampling:
-        """Return the step of that scene which fewer engines compute: it serves the other too.
+        """Return the sampling of the scene that fewer engines support, which is suitable for the other scene too.
 
-        The Debye path serves separable scenes alone; rays need no sampling.
+        The Debye path supports only separable scenes; rays need no sampling.
         """
         from lfcal.simulate.engines import is_separable  # compiled code: loaded only when it is needed
 

@@ -343,7 +343,7 @@ def _with_bandwidth(drafts: Sequence[_Draft], plane: int, found: dict[str, _Deci
 
 
 def _row(draft: _Draft, planes: Sequence[Outlook], decided: Sequence[Mapping[str, _Decision]]) -> PlannedEffect:
-    """Return the row of an effect; its reason is that at the plane where it matters most."""
+    """Return the row of an effect; its reason is that of the plane where the effect matters most."""
     on = tuple(found[draft.effect.name].on for found in decided)
     # among the planes where it is on, if any: a slightly larger estimate elsewhere may have been within the tolerance
     worst = max(range(len(planes)), key=lambda k: (on[k], draft.at(k).error))

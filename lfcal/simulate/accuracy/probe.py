@@ -163,7 +163,7 @@ DARK = 1e-3
 
 
 class _ErrorProbe:
-    """Measures steps of one scene; the responses that it computed are kept."""
+    """Measures samplings of one scene and stores the responses that it computed."""
 
     def __init__(self, scene: Scene, level: str) -> None:
         self.scene, self.level = scene, level
@@ -247,7 +247,7 @@ class _ErrorProbe:
                 )
 
     def _wider(self, sampling: Sampling, by: float) -> Sampling:
-        """Return the coherent step with a window that much wider; beyond the last, one made for the purpose."""
+        """Return the coherent sampling with a window wider by the factor ``by``; beyond the last one, a new one."""
         wanted = min(WIDEST, by * sampling.margin_px)
         for step in self.steps:
             if step.sampling.coherent and step.sampling.margin_px >= wanted:

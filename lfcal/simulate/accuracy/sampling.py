@@ -204,7 +204,7 @@ def steps_for(described: AnyScene | Outlook, level: str) -> tuple[LevelSampling,
 
 
 def _pupil_steps(scene: PupilScene, level: str) -> tuple[LevelSampling, ...]:
-    """Return the steps behind single lenslets: wider windows, and on each pixel the nodes that they are worth."""
+    """Return the samplings behind single lenslets: wider windows, each with a matching number of nodes per pixel."""
     if level not in PUPIL_LEVELS:
         return (LevelSampling(level, Sampling(), 0.0),)  # its engine refuses it
     steps = []

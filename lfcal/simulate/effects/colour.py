@@ -21,7 +21,7 @@ LINE_F, LINE_D, LINE_C = 0.4861, 0.5876, 0.6563
 
 
 class _Chromatic(SceneEffect):
-    """What both share: the spectrum's width, and a run of the engine for each wavelength."""
+    """Base of chromatic effects: the spectrum's width, and a run of the engine for each wavelength."""
 
     __slots__ = ()
     width_um: float | None

@@ -221,7 +221,7 @@ def _frozen(what: str, kind: str, value: Any) -> Any:
 
 
 def _whole(value: Any) -> int:
-    """Return a whole number as such; `ValueError` for any other."""
+    """Return an integer as such; raise `ValueError` for any other value."""
     if value != int(value):
         raise ValueError
     return int(value)

@@ -132,7 +132,7 @@ class Ghost(FrameEffect):
         return strip
 
     def _edges(self, start: int, count: int, centre: float, moved: float) -> NDArray[np.float64]:
-        """Return the places in the frame whose ghosts are the edges of ``count`` pixels from ``start`` on (pixels)."""
+        """Return the positions in the frame whose ghosts are the edges of ``count`` pixels from ``start`` (pixels)."""
         edges = start - 0.5 + np.arange(count + 1, dtype=np.float64)
         return centre - (edges - centre - moved) / self.scale
 

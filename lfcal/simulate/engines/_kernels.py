@@ -165,10 +165,10 @@ def mask_from_table(aperture: LensAperture, dx: float, x0: float, y0: float, mas
 
 @njit(fastmath={"contract", "nnan", "ninf", "nsz"})
 def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -> None:
-    """Write the mask times a phase that makes rays of the Fresnel integral land where exact rays do, at B tan.
+    """Write the mask times a phase with which rays of the Fresnel integral arrive where exact rays do, at B tan.
 
-    A ray leaves the lenslet's point x with sines s = -(c - X0)/a' - kappa x, kappa = 1/a' + 1/f. The integral makes
-    it land at B times its slope. The phase is therefore -(2 pi/lambda) (G(s^2) - G(s0^2))/kappa, with G(v) = 1 - v/2
+    A ray leaves the lenslet's point x with sines s = -(c - X0)/a' - kappa x, kappa = 1/a' + 1/f. In the integral, it
+    arrives at B times its slope. The phase is therefore -(2 pi/lambda) (G(s^2) - G(s0^2))/kappa, with G(v) = 1 - v/2
     - sqrt(1 - v) and s0 of the chief ray. With 8 G as a series and s^2 - s0^2 = kappa w, w = 2 (c - X0).x/a' + kappa
       x^2, no division by kappa is needed. The chief ray is behind its parabola by 1/cos - 1 - tan^2/2.
     """

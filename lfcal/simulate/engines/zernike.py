@@ -52,7 +52,7 @@ def zernike_wavefront(
 
 
 def _power(base: NDArray[np.complex128], order: int) -> NDArray[np.complex128]:
-    """Return a whole power by products; numpy takes logarithms from the third on."""
+    """Return an integer power by repeated products; numpy uses logarithms for powers of three and above."""
     found = base * base
     for _ in range(order - 2):
         found = found * base
