@@ -27,7 +27,7 @@ APART = {
     "offset_y_um": "array displaced",
     "offset_x_um": "array displaced",
 }
-"""Unknowns of the array's group, which may change independently."""
+"""Unknowns of the group of the array, which may change independently."""
 
 OF_THE_SCAN = ("depths", "stage_scale", "stage_zero")
 """Groups of unknowns whose effect on a single frame is the same as that of others."""
@@ -51,7 +51,7 @@ class Suspect:
     left
         Remaining error beyond noise (relative L2).
     gained
-        Decrease of the sum of squares in sigmas.
+        Decrease of the sum of squared residuals in standard deviations.
     shows
         Whether the change is significant.
     """
@@ -67,14 +67,14 @@ class Suspect:
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """Changes of patterns at unit gain caused by each suspect.
+    """Derivatives of patterns at unit gain by the unknowns of each suspect.
 
     Attributes
     ----------
     names
         Name of the suspect for each column.
     unknowns, scales, units
-        Unknown of each column, the change for a step of 1, and its unit.
+        Unknown of each column, its change for a step of 1, and its unit.
     columns
         Derivatives ``(k, n, nt, ns)``.
     start
@@ -93,7 +93,7 @@ class Changes:
     which: tuple[int, ...]
 
     def in_units_of(self, light: F8) -> Changes:
-        """Return the same changes for patterns ``(n, nt, ns)`` with other gains."""
+        """Return the changes rescaled to patterns ``light`` ``(n, nt, ns)`` with other gains."""
         gains = (light * self.start).sum((1, 2)) / np.square(self.start).sum((1, 2))
         return replace(self, columns=self.columns * gains[:, None, None], start=light)
 
@@ -127,7 +127,7 @@ def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Chang
 
 
 def _in_words(one: Unknown, pixel_um: float) -> tuple[str, float, str]:
-    """Return name, step size, and unit of a column; displacements are in pixels."""
+    """Return the name, step size and unit of a column; displacements are in pixels."""
     if one.name in ("offset_y_um", "offset_x_um"):
         return one.name.removesuffix("_um"), one.scale / pixel_um, "px"
     if one.squared:
@@ -156,7 +156,7 @@ class FrameResiduals:
     nuisance: F8
 
     def without_nuisance(self, columns: F8) -> F8:
-        """Return columns ``(k, n, m)`` in sigmas ``(k, n m)``, without the part that nuisance parameters explain."""
+        """Return columns ``(k, n, m)`` in sigmas ``(k, n m)``, minus the part that nuisance parameters explain."""
         out = np.empty(columns.shape)
         for k in range(len(self.residual)):
             q, _ = np.linalg.qr((self.nuisance[k] * self.weight[k]).T)
@@ -166,7 +166,7 @@ class FrameResiduals:
 
 
 def explained_by(changes: Changes, left: FrameResiduals) -> tuple[Suspect, ...]:
-    """Return all suspects, best explanation first; ``changes`` are in the units of the frames."""
+    """Return all suspects, the best explanation first; ``changes`` are in the units of the frames."""
     columns = left.without_nuisance(changes.columns.reshape(len(changes.names), len(left.residual), -1))
     residual = left.without_nuisance(left.residual[None])[0]
     found = []
@@ -177,17 +177,17 @@ def explained_by(changes: Changes, left: FrameResiduals) -> tuple[Suspect, ...]:
 
 
 def _sorted_suspects(found: Sequence[Suspect]) -> tuple[Suspect, ...]:
-    """Return suspects, the one that explains the frames best first; each unknown must gain something."""
+    """Return the suspects, the best explanation first; every unknown must improve the explanation."""
     return tuple(sorted(found, key=lambda one: 2 * len(one.values) - one.gained))
 
 
 def _is_significant(gained: float, unknowns: int) -> bool:
-    """Return whether a change of this number of unknowns gains more than noise would."""
+    """Return whether a change of this number of unknowns explains more than it would of noise."""
     return gained > unknowns + SHOWS * math.sqrt(2.0 * unknowns) + SHOWS
 
 
 def _best_step(x: F8, residual: F8) -> tuple[F8, F8]:
-    """Return the step by columns ``(k, n)`` in sigmas that explains a residual ``(n,)`` best, and its covariance."""
+    """Return the best-fit step along columns ``(k, n)`` for a residual ``(n,)``, both in sigmas, and its covariance."""
     size = np.sqrt(np.square(x).sum(1))
     size[size == 0] = 1.0
     scaled = x / size[:, None]
@@ -227,10 +227,10 @@ def _one(changes: Changes, own: list[int], x: F8, residual: F8, left: FrameResid
 
 # -- beyond the first step ---------------------------------------------------------------------------------
 FOLLOWED = 4
-"""Number of suspects that are refined: those that explain the frames best."""
+"""Number of suspects that are refined, the best explanations first."""
 
 RIVAL = 0.3
-"""Fraction of the best suspect's gain above which others are refined too, as they might become the best."""
+"""Fraction of the gain of the best suspect above which others are refined too, as they might become the best."""
 
 TURNS = 3
 """Number of further steps."""
@@ -257,7 +257,7 @@ class _State:
     offsets
         Displacements of the sources ``(n, 2)`` (pixels).
     left
-        Comparison of the frames with its prediction; ``light`` includes the change.
+        Comparison of the frames with the prediction of the changed camera; ``light`` includes the change.
     squares
         Sum of squares in sigmas, after fitting the nuisance parameters.
     """
@@ -269,7 +269,7 @@ class _State:
 
 
 class _Frames:
-    """Frames, H's light there, and the camera by which that changes."""
+    """Frames, the light of H at their positions, and the camera with which the light is changed."""
 
     def __init__(
         self, camera: Behind, index: NDArray[np.intp], offsets: F8, changes: Changes, left: FrameResiduals
@@ -282,13 +282,13 @@ class _Frames:
         self.values = left.light + left.residual
 
     def _unit(self, u: F8, offsets: F8) -> F8:
-        """Return the patterns of unit gain ``(n, m)``."""
+        """Return the patterns ``(n, m)`` at unit gain."""
         setup = self.changes.vector.setup_at(u)
         found = predict(setup, self.camera.plan, self.index, offsets, Fineness.coarse)
         return found.reshape(len(self.index), -1).astype(np.float64)
 
     def light(self, u: F8, offsets: F8) -> F8:
-        """Return the light ``(n, m)`` of H with the change, and with sources displaced."""
+        """Return the light ``(n, m)`` of H with the change and the displacements of the sources."""
         found: F8 = self.start.light + self.gains[:, None] * (self._unit(u, offsets) - self.base)
         return found
 
@@ -307,7 +307,7 @@ class _Frames:
         return _State(u, offsets, left, float(residual @ residual))
 
     def columns(self, state: _State, own: Sequence[int]) -> F8:
-        """Return the derivatives ``(k, n, m)`` of the light by the vector's unknowns ``own``."""
+        """Return the derivatives ``(k, n, m)`` of the light by the unknowns ``own`` of the vector."""
         vector, found = self.changes.vector, []
         for k in own:
             step = STEP if np.isclose(vector.clipped(_moved(state.u, k, STEP))[k], state.u[k] + STEP) else -STEP
@@ -352,7 +352,7 @@ def refined(
 
 
 def _refined_one(suspect: Suspect, frames: _Frames) -> Suspect:
-    """Return a suspect after further steps; unchanged if there is no such camera, or none is better."""
+    """Return a suspect after further steps, unchanged if no such camera is possible or none is better."""
     changes = frames.changes
     own = [k for k, name in enumerate(changes.names) if name == suspect.name]
     which = [changes.which[k] for k in own]
@@ -404,7 +404,7 @@ def _displaced(left: FrameResiduals, change: F8) -> F8:
 
 
 def _step(state: _State, columns: F8) -> tuple[F8, F8, F8]:
-    """Return the best step, its covariance, and the columns in sigmas, without what nuisances make up for."""
+    """Return the best step, its covariance, and the columns in sigmas, without the part that nuisances explain."""
     x = state.left.without_nuisance(columns)
     residual = state.left.without_nuisance(state.left.residual[None])[0]
     return *_best_step(x, residual), x

@@ -1,4 +1,4 @@
-"""Measure the cost of faults: a fixed scene is reconstructed with patterns that have a fault, and without it."""
+"""Measure the cost of faults, by reconstructing a fixed scene with patterns with and without a fault."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ class Costs:
     clean
         Error of a reconstruction due to the noise of H alone, relative to one with noise-free patterns.
     as_it_is
-        The same for the H itself, with its faults.
+        Error of a reconstruction due to the noise and faults of H.
     costs
         Additional error due to each finding; errors add in squares. None: not measured.
     whole
-        Whether these errors are for the whole H, not for a part.
+        Whether the errors are those of all of H instead of a part of it.
     """
 
     clean: float | None
@@ -121,7 +121,7 @@ def iter_costs(evidence: Evidence, faults: Sequence[FoundFault], many: int | Non
 
 
 def _beyond(error: float, clean: float) -> float:
-    """Return what makes an error out of that of the noise alone: independent errors add in squares."""
+    """Return the part of an error that is not due to noise; independent errors add in squares."""
     return math.sqrt(max(0.0, error**2 - clean**2))
 
 
@@ -203,11 +203,11 @@ class _Trial:
         return replace(bare, clean=bare.error(patch.light))
 
     def error(self, light: F4) -> float:
-        """Return the error of a reconstruction with these patterns and the noise of H."""
+        """Return the error of a reconstruction with the patterns ``light`` and the noise of H."""
         return self.scene.error((light + self.patch.noise).reshape(*self.shape, *light.shape[1:]))
 
     def factor(self, finding: FoundFault) -> float:
-        """Return the ratio of the fault's power in the whole H to that in this patch."""
+        """Return the ratio of the power of a fault in all of H to that in the patch."""
         if finding.put_in is None:
             return 1.0
         if finding.extent is not None:
@@ -236,7 +236,7 @@ def _within(positions: NDArray[np.intp], index: NDArray[np.intp]) -> list[tuple[
 
 
 def _planes(evidence: Evidence, faults: Sequence[FoundFault]) -> list[int]:
-    """Return the planes that faults concern most, then others spread over H."""
+    """Return the planes that the faults affect most, then others spread over H."""
     nz = evidence.plan.shape[0]
     if nz <= PLANES:
         return list(range(nz))
@@ -252,7 +252,7 @@ def _planes(evidence: Evidence, faults: Sequence[FoundFault]) -> list[int]:
 
 
 def _place(evidence: Evidence, finding: FoundFault) -> tuple[int, int]:
-    """Return the position (y, x) about which a finding shows most."""
+    """Return the position (y, x) around which a fault is strongest."""
     ny, nx = evidence.plan.period
     if finding.extent is not None:
         y, x = finding.positions[len(finding.positions) // 2, 1:].tolist()
@@ -265,13 +265,13 @@ def _place(evidence: Evidence, finding: FoundFault) -> tuple[int, int]:
 
 
 def _samples(evidence: Evidence, wider: float) -> int:
-    """Return the samples of one pattern of a patch."""
+    """Return the number of samples in one pattern of a patch."""
     rows, columns = evidence.plan.cutout
     return round(min(wider * rows, CUTOUT_PX) * min(wider * columns, CUTOUT_PX))
 
 
 def _block(period: tuple[int, int], many: int) -> tuple[int, int]:
-    """Return rows and columns of a block with at most this number of positions, as square as the period allows."""
+    """Return the rows and columns of a block of at most ``many`` positions, as square as the period allows."""
     ny, nx = period
     if many >= ny * nx:
         return period

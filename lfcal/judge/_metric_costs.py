@@ -42,10 +42,10 @@ IN_PATTERNS = frozenset(
 """Keys of metrics of any difference from the camera's patterns; they cost at most what these differences cost."""
 
 CAPPED = 64
-"""Number of saturated patterns from which the top of the sensor's range is estimated."""
+"""Number of saturated patterns from which the upper end of the range of the sensor is estimated."""
 
 WIDER = 1.5
-"""Enlargement of cutouts that shows the light that is cut off."""
+"""Factor by which cutouts are enlarged to show the light outside them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ def as_faults(metrics: Iterable[Metric], evidence: Evidence) -> Iterator[tuple[s
 
 
 def _capped(positions: NDArray[np.intp], evidence: Evidence) -> PutIn:
-    """Return what cuts the light of the camera off at the highest values of patterns that were saturated."""
+    """Return a function that clips the predicted light at the highest values of patterns that were saturated."""
     some = positions[np.linspace(0, len(positions) - 1, min(CAPPED, len(positions))).astype(int)]
     tops = [float(np.nanmax(np.asarray(evidence.matrix[z, y, x]))) for z, y, x in some.tolist()]
     top = np.float32(np.median(tops))
@@ -93,7 +93,7 @@ def _clipped(patch: Patch) -> NDArray[np.float32]:
 
 
 def _cut_to(cutout: tuple[int, int]) -> PutIn:
-    """Return what leaves nothing, and no noise either, outside the middle ``cutout`` of larger ones."""
+    """Return a function that removes light and noise outside the middle ``cutout`` of larger cutouts."""
 
     def put_in(patch: Patch) -> NDArray[np.float32]:
         t, s = (max(0, n - m) // 2 for n, m in zip(patch.light.shape[1:], cutout, strict=True))

@@ -43,13 +43,13 @@ STEP_DEPTH = 0.01
 """Change of the virtual depth for its derivative."""
 
 FAR_PX, FAR_DEPTH = 0.2, 0.005
-"""Displacement (pixels) and change of depth (share) above which derivatives are computed again."""
+"""Displacement (pixels) and relative change of depth above which derivatives are computed again."""
 
 REACH_PX = 0.95
 """Largest displacement of sources that models follow (pixels)."""
 
 POOR, CLEARLY = 0.9, 0.05
-"""Correlation below which another depth or place is searched for, and the improvement that it must bring."""
+"""Correlation below which another depth or position is searched for, and the required improvement."""
 
 DEPTHS = (0.75, 0.8, 0.85, 0.9, 0.94, 0.97, 1.03, 1.06, 1.1, 1.15, 1.2, 1.3, 1.4)
 """Virtual depths that are tried, relative to the stated one."""
@@ -58,7 +58,7 @@ NEAR_ARRAY = 0.1
 """Virtual depth below which changes are absolute instead of relative."""
 
 MOST_OF = 0.3
-"""Fraction of a plane's patterns that must show a displacement for all patterns to be moved."""
+"""Fraction of the patterns of a plane that must show a displacement for all of them to be moved."""
 
 WINDOW_PX = 6
 """Largest displacement of cutouts that is searched for (pixels)."""
@@ -82,7 +82,7 @@ class Starts:
         return Starts(self.source[part], self.window[part], self.depth)
 
     def column(self, name: str, planes: NDArray[np.intp]) -> F8:
-        """Return one of `COLUMNS` ``(n,)``; 0 for columns without a start."""
+        """Return the start ``(n,)`` of the parameter ``name`` of `COLUMNS`; 0 for parameters without a start."""
         if name == "depth":
             found: F8 = self.depth[planes]
             return found
@@ -93,7 +93,7 @@ class Starts:
         return both[:, "yx".index(axis)]
 
     def nearer(self, values: F8, planes: NDArray[np.intp]) -> Starts:
-        """Return the starts moved to the fitted values ``(n, 7)``: sources and cutouts each, depths by plane."""
+        """Return the starts moved to fitted values ``(n, 7)``, by pattern for positions and by plane for depths."""
         source = np.clip(self.source + np.clip(values[:, 2:4], -1, 1), -REACH_PX, REACH_PX)
         window = self.window + np.clip(values[:, 4:6], -1, 1)
         depth = self.depth.copy()
@@ -114,7 +114,7 @@ class Starts:
         )
 
     def apart_from(self, other: Starts, planes: NDArray[np.intp]) -> Flags:
-        """Return which patterns ``(n,)`` are so far from their model that it must be computed again."""
+        """Return a mask ``(n,)`` of the patterns that are too far from their model, which must be computed again."""
         moved = np.maximum(np.abs(self.source - other.source), np.abs(self.window - other.window)).max(1)
         found: Flags = (moved > FAR_PX) | (np.abs(self.depth - other.depth)[planes] > FAR_DEPTH)
         return found
@@ -130,7 +130,7 @@ def parts(index: NDArray[np.intp], which: NDArray[np.intp]) -> list[NDArray[np.i
 
 
 def modelled(known: Behind, index: NDArray[np.intp], starts: Starts | None = None) -> tuple[F4, F4]:
-    """Return patterns of positions in one or more planes ``(n, nt, ns)``, and their derivatives ``(n, 5, nt, ns)``."""
+    """Return predicted patterns ``(n, nt, ns)`` of positions ``(n, 3)`` and their derivatives ``(n, 5, nt, ns)``."""
     starts = starts or Starts.none(len(index), known.plan.shape[0])
     model = np.empty((len(index), *known.plan.cutout), np.float32)
     columns = np.zeros((len(index), 5, *known.plan.cutout), np.float32)
@@ -158,7 +158,7 @@ def modelled(known: Behind, index: NDArray[np.intp], starts: Starts | None = Non
 
 
 def plane_of(known: Behind, z: int, share: float) -> PlaneModel:
-    """Return the model of a plane whose virtual depth is larger by a fraction of itself; near 0, by a fraction of 1."""
+    """Return the model of a plane with its virtual depth increased by ``share``: relative, or absolute near 0."""
     if share == 0.0:
         return PlaneModel(known.setup, known.plan, z, Fineness.coarse)
     camera, planned = known.plan.camera, float(known.plan.depths_um[z])
@@ -187,7 +187,7 @@ def correlation(a: F4, b: F4) -> F8:
 
 
 def depths_seen(known: Behind, index: NDArray[np.intp], data: F4) -> F8:
-    """Return the apparent errors of the planes' virtual depths, as fractions of these; usually 0."""
+    """Return the apparent errors of the virtual depths of the planes, as fractions of the depths; usually 0."""
     found = np.zeros(known.plan.shape[0])
     for z in np.unique(index[:, 0]).tolist():
         own = np.flatnonzero(index[:, 0] == z)
@@ -208,7 +208,7 @@ def depths_seen(known: Behind, index: NDArray[np.intp], data: F4) -> F8:
 
 
 def _of_other_planes(known: Behind, z: int) -> list[float]:
-    """Return the depths of the next planes, and of the one counted from the other end, as relative changes."""
+    """Return the depths of neighbouring planes, and of the plane with the mirrored index, as relative changes."""
     depths = known.plan.depths_um
     own = known.plan.camera.virtual_depth(float(depths[z]))
     others = sorted({z - 2, z - 1, z + 1, z + 2, len(depths) - 1 - z} & set(range(len(depths))) - {z})
@@ -246,7 +246,7 @@ def windows_seen(index: NDArray[np.intp], data: F4, model: F4) -> F8:
 
 
 def _displaced(data: F4, model: F4) -> F8:
-    """Return the correlation of a pattern with its model displaced by up to `WINDOW_PX` each way."""
+    """Return the correlation of a pattern with its model for displacements of up to `WINDOW_PX` in each direction."""
     shape = tuple(sf.next_fast_len(n + WINDOW_PX, real=True) for n in data.shape)
     top = sf.irfft2(sf.rfft2(model, shape) * np.conj(sf.rfft2(data, shape)), shape)
     near = np.roll(top, (WINDOW_PX, WINDOW_PX), (0, 1))[: 2 * WINDOW_PX + 1, : 2 * WINDOW_PX + 1]

@@ -24,7 +24,7 @@ STEPS = 8
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Patterns of some positions without faults, in the counts of H.
+    """Patterns of some positions without faults, in the units of H.
 
     Attributes
     ----------
@@ -49,22 +49,22 @@ class Patch:
 
     @property
     def corners(self) -> NDArray[np.intp]:
-        """Return the sensor pixel (row, column) of each cutout's first sample ``(n, 2)``, from H's first cutout."""
+        """Return the pixel (row, column) of the first sample of each cutout ``(n, 2)``, relative to the first of H."""
         return self.index[:, 1:] + self.inset
 
     @property
     def inset(self) -> NDArray[np.intp]:
-        """Rows and columns by which H's cutouts are larger on each side ``(2,)``."""
+        """Number of rows and columns ``(2,)`` by which the cutouts of H are larger on each side."""
         found: NDArray[np.intp] = (np.array(self.evidence.plan.cutout) - np.array(self.light.shape[1:])) // 2
         return found
 
     def seen(self, image: F8) -> F4:
-        """Return the part of a sensor image, which begins at H's first cutout, in each cutout ``(n, nt, ns)``."""
+        """Return the part ``(n, nt, ns)`` of ``image``, which starts at the first cutout of H, in each cutout."""
         nt, ns = self.light.shape[1:]
         return np.stack([image[r : r + nt, c : c + ns] for r, c in self.corners.tolist()]).astype(np.float32)
 
     def moved(self, source: F8 | None = None, window: F8 | None = None, depth: F8 | None = None) -> F4:
-        """Return the light with sources or cutouts displaced ``(n, 2)`` (px), or depths changed by shares ``(n,)``."""
+        """Return the light with sources or cutouts displaced ``(n, 2)`` (px), or relative changes of depth ``(n,)``."""
         n = len(self.index)
         source = np.zeros((n, 2)) if source is None else source
         window = np.zeros((n, 2)) if window is None else window
@@ -78,12 +78,12 @@ class Patch:
         return out
 
     def at(self, index: NDArray[np.intp]) -> F4:
-        """Return the light of other positions ``(n, 3)`` of the camera."""
+        """Return the predicted light of other positions ``(n, 3)``."""
         return replace(self, index=index, light=np.empty((len(index), *self.light.shape[1:]), np.float32)).moved()
 
     @cached_property
     def recorded(self) -> F4:
-        """Values of H at these positions minus the patch's noise; adding this noise gives H itself."""
+        """Values of H at the positions minus the noise of the patch, so that H results when this noise is added."""
         matrix, (t, s), (nt, ns) = self.evidence.matrix, self.inset.tolist(), self.light.shape[1:]
         out = self.light.copy()
         for k, (z, y, x) in enumerate(self.index.tolist()):
@@ -97,7 +97,7 @@ class Patch:
 def patch_of(
     evidence: Evidence, index: NDArray[np.intp], cutout: tuple[int, int], seed: int = 0, *, wider: float = 1.0
 ) -> Patch:
-    """Return the patch of positions ``(n, 3)``; ``cutout`` and a ratio to H's cutout limit its cutouts."""
+    """Return the patch of positions ``(n, 3)``; ``cutout``, and ``wider`` times the cutout of H, limit its cutouts."""
     plan = evidence.plan
     # the same number on both sides
     rows, columns = (min(n + 2 * round((wider - 1) * n / 2), m) for n, m in zip(plan.cutout, cutout, strict=True))
@@ -117,7 +117,7 @@ def patch_of(
 
 
 def _rounded(depth: F8) -> F8:
-    """Return fractions of depths, no more than `STEPS` different ones."""
+    """Return fractions of depths, rounded to at most `STEPS` different values."""
     low, high = float(depth.min(initial=0.0)), float(depth.max(initial=0.0))
     if len(np.unique(depth)) <= STEPS:
         return depth

@@ -39,7 +39,7 @@ ENOUGH = 50
 
 
 def noise_terms(matrix: PSFMatrix, light: F4, left: F4, valid: Flags) -> tuple[float, float]:
-    """Return constant and slope of the noise variance, as H states them, or else from the residuals of patterns."""
+    """Return the constant and slope of the noise variance, as stated in H or else from the residuals of patterns."""
     known = matrix.facts.noise
     if known is not None and np.isfinite(known).all(-1).any():
         constant, slope = np.median(np.asarray(known, np.float64)[np.isfinite(known).all(-1)], axis=0)
@@ -49,7 +49,7 @@ def noise_terms(matrix: PSFMatrix, light: F4, left: F4, valid: Flags) -> tuple[f
 
 
 def noise_of(matrix: PSFMatrix, index: NDArray[np.intp], light: F4, constant: float, slope: float) -> F4:
-    """Return the noise variance of samples ``(n, nt, ns)``, as H states it, or else ``constant + slope * light``."""
+    """Return the noise variance of samples ``(n, nt, ns)``, as stated in H, or else ``constant + slope * light``."""
     known = matrix.facts.noise
     own = None if known is None else np.asarray(known, np.float32)[tuple(index.T)]
     if own is None or not np.isfinite(own).all():
@@ -79,7 +79,7 @@ def start_of(data: F4, valid: Flags) -> F4:
 
 
 def rounding_of(data: F4, model: F4, valid: Flags) -> float:
-    """Return a lower limit of the variance if many values are equal, because of steps or clipping at zero; else 0.
+    """Return a lower limit of the variance if many values are equal due to rounding or clipping at zero; otherwise 0.
 
     In this case, the medians of residuals do not show the noise.
     """
@@ -111,7 +111,7 @@ def variance_of(residual: F4, light: F4, valid: Flags) -> tuple[F4, float, float
 
 
 def _bins(residual: F4, light: F4, valid: Flags) -> tuple[F8, float]:
-    """Return mean brightness, mean square of it, variance and number of samples of bins ``(4, n)``; and the top."""
+    """Return mean and mean square of the brightness, variance and sample count of bins ``(4, n)``, and the top."""
     v, r = light[valid].astype(np.float64), residual[valid].astype(np.float64)
     top = float(v.max()) if v.size else 0.0
     if top <= 0:

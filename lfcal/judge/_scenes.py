@@ -18,7 +18,7 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 Scene = Callable[[tuple[int, int, int]], F8]
-"""Makes a scene ``(nz, Y, X)`` of a given shape."""
+"""Function that returns a scene ``(nz, Y, X)`` of a given shape."""
 
 ITERATIONS = 25
 """Number of iterations of Richardson-Lucy; with more, the noise of H dominates the volume."""
@@ -30,7 +30,7 @@ BEADS = 400
 """Number of voxels for each bead of the sparse scenes."""
 
 BEAD_PX, LINE_PX = 1.0, 0.8
-"""Standard deviations of beads and of lines' profiles (pixels)."""
+"""Standard deviations of the profiles of beads and lines (pixels)."""
 
 MARGIN = 0.125
 """Fraction of the cutouts by which the volume extends beyond the image on each side. Of voxels farther outside, the
@@ -45,7 +45,7 @@ cost between a hundredth and a third, by chance. With it, it costs the same in e
 
 
 def scene(shape: tuple[int, int, int], seed: int = 0, density: float = 1 / POINTS) -> F8:
-    """Return the fixed scene ``(nz, Y, X)``: points, and a smooth part of as much energy."""
+    """Return the fixed scene ``(nz, Y, X)`` of points and a smooth part of the same energy."""
     rng = np.random.default_rng(seed)
     nz, rows, columns = shape
     count = max(3, round(density * rows * columns))
@@ -57,7 +57,7 @@ def scene(shape: tuple[int, int, int], seed: int = 0, density: float = 1 / POINT
 
 
 def beads(shape: tuple[int, int, int], seed: int = 0) -> F8:
-    """Return beads of different brightness on a dark ground ``(nz, Y, X)``, at places between the voxels."""
+    """Return beads of different brightness on a dark background ``(nz, Y, X)``, at positions between voxels."""
     rng = np.random.default_rng(seed)
     rows, columns = shape[1:]
     y, x = np.arange(rows)[:, None], np.arange(columns)[:, None]
@@ -72,7 +72,7 @@ def beads(shape: tuple[int, int, int], seed: int = 0) -> F8:
 
 
 def lines(shape: tuple[int, int, int], seed: int = 0, many: int = 2) -> F8:
-    """Return ``many`` thin straight lines in each plane on a dark ground ``(nz, Y, X)``."""
+    """Return ``many`` thin straight lines in each plane on a dark background ``(nz, Y, X)``."""
     rng = np.random.default_rng(seed)
     rows, columns = shape[1:]
     y, x = np.mgrid[:rows, :columns]
@@ -91,7 +91,7 @@ def sparse(shape: tuple[int, int, int], seed: int = 0) -> F8:
 
 
 SCENES: tuple[Scene, ...] = (scene, sparse)
-"""Scenes with which costs are measured: uniform light shows wrong shares, single points show wrong places."""
+"""Scenes with which costs are measured: uniform light shows wrong fractions, and single points show wrong positions."""
 
 
 def difference(volume: F8, reference: F8) -> float:

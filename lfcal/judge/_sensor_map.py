@@ -58,7 +58,7 @@ class SensorMap:
         return _told(*(part.sum(1 - axis) for part in self._parts))
 
     def pixels(self) -> Lines:
-        """Return the same for single pixels ``(rows, columns)``."""
+        """Return the offsets and gains of single pixels ``(rows, columns)``."""
         return _told(*self._parts)
 
     def classes(self, rows: int, columns: int) -> Lines:

@@ -1,4 +1,4 @@
-"""Find out whether patterns are those of their camera flipped or turned, in all eight orientations."""
+"""Find out in which of the eight orientations patterns match those of their camera."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class OrientationMatch:
     name
         The orientation, one of `ORIENTATIONS`.
     alike
-        Median correlation with the camera's patterns.
+        Median correlation with the patterns of the camera.
     index
         Positions ``(n, 3)`` as (z, y, x) of the camera.
     found
@@ -54,12 +54,12 @@ def few_positions(matrix: PSFMatrix, recorded: NDArray[np.intp]) -> NDArray[np.i
 
 
 def iter_matches(matrix: PSFMatrix, known: Behind, index: NDArray[np.intp]) -> Work[list[OrientationMatch]]:
-    """Return the match of each orientation, best first; every pattern of the planes in ``index`` is compared.
+    """Return the match of each orientation, the best first; all patterns of the planes in ``index`` are compared.
 
     Parameters
     ----------
     matrix, known
-        H and the camera behind it.
+        H, and its camera.
     index
         Positions ``(n, 3)`` as (z, y, x) whose patterns are computed.
     """

@@ -283,7 +283,7 @@ def _as_frames(frames: ArrayLike | NewFrame | Sequence[NewFrame]) -> list[NewFra
 
 
 def _placed(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
-    """Return the position of a frame's source: the stated one, or another that fits much better."""
+    """Return the position of the source of a frame, which is the stated one unless another fits much better."""
     if frame.place is None:
         return find_source(matrix, frame)
     free = replace(frame, place=None, plane=None)
@@ -312,7 +312,7 @@ def _check_matrix(matrix: PSFMatrix) -> None:
 
 
 def _suspects(compared: Sequence[Compared], camera: Behind) -> tuple[Suspect, ...]:
-    """Return what may have changed, by the camera behind H."""
+    """Return the possible changes of the camera of H."""
     index = np.array([(one.found.z, one.found.y, one.found.x) for one in compared], np.intp)
     period = np.ptp(index[:, 1:], axis=0) + 1
     chosen = spread_out(index, min(ASKED, len(index)), (int(period[0]), int(period[1])))
@@ -338,7 +338,7 @@ def _judged(
     limit: float,
     noise_from: str,
 ) -> Check:
-    """Return what all frames say together."""
+    """Return the result of checking all frames together."""
     powers = np.array([float(np.square(one.light[one.weight > 0]).sum()) for one in compared])
     share = powers / powers.sum() if powers.sum() > 0 else np.full(len(powers), 1 / len(powers))
     squared = float(share @ [one.error.squared for one in compared])
@@ -398,7 +398,7 @@ def _notes(compared: Sequence[Compared], camera: Behind | None, doubt: float, st
 
 
 def _stated(matrix: PSFMatrix, planes: Sequence[int]) -> float:
-    """Return the largest error that H states for these planes, 0 if it states none."""
+    """Return the largest error that H states for the planes; 0 if it states none."""
     known = matrix.facts.error
     found = [] if known is None else [float(known[z]) for z in planes if math.isfinite(known[z])]
     fit = matrix.provenance.get("fit")

@@ -305,7 +305,7 @@ compare = drained(
 
 
 def _sensor_types(both: Pair) -> NDArray[np.intp] | None:
-    """Return the lens type of sensor pixels ``(ny + nt - 1, nx + ns - 1)``, starting at the first cutout's corner."""
+    """Return the lens type of sensor pixels ``(ny + nt - 1, nx + ns - 1)``, from the corner of the first cutout."""
     matrix = both.a if both.a.camera is not None else both.b
     camera = matrix.camera
     if camera is None or matrix.pixel_scale != (1.0, 1.0) or len(camera.lattice.types) < 2:
@@ -318,14 +318,14 @@ def _sensor_types(both: Pair) -> NDArray[np.intp] | None:
 
 
 def _some(there: NDArray[np.bool_], count: int) -> NDArray[np.intp]:
-    """Return about ``count`` positions (y, x) of those that are there, spread over them in storage order."""
+    """Return about ``count`` of the existing positions (y, x), spread evenly in storage order."""
     places = np.argwhere(there)
     chosen = np.unique(np.linspace(0, len(places) - 1, min(count, len(places))).round().astype(int))
     return places[chosen] if len(places) else places
 
 
 def _start(both: Pair, k: int, there: NDArray[np.bool_]) -> F8:
-    """Return the shift (row, column) that some patterns of a plane have."""
+    """Return the shift (row, column) of a plane, estimated from some of its patterns."""
     given = [both.patterns(k, y, x) for y, x in _some(there, STARTED).tolist()]
     good = [(p, q) for p, q in given if np.isfinite(p).all() and np.isfinite(q).all()]
     if not good:
@@ -344,7 +344,7 @@ def _row_sums(
     error: NDArray[np.float32],
     shift: NDArray[np.float32],
 ) -> F8:
-    """Return the sums ``(1 + types, 5, 5)`` of a row of positions; fill its errors and centroid shifts."""
+    """Return the sums ``(1 + types, 5, 5)`` of a row of positions, and fill in its errors and centroid shifts."""
     nt, ns = p.shape[1:]
     kinds = 0 if types is None else int(types.max()) + 1
     sums = np.zeros((1 + kinds, 5, 5))
@@ -372,7 +372,7 @@ def _row_sums(
 
 
 def _figures(sums: F8, start: F8) -> Figures:
-    """Return the figures that sums of products ``(5, 5)`` hold; ``start`` is the shift that they were taken at."""
+    """Return the differences that follow from sums of products ``(5, 5)``, computed at the shift ``start``."""
     aa, ab, bb = float(sums[A, A]), float(sums[A, B]), float(sums[B, B])
     if not (aa > 0 and bb > 0):
         return Figures(*(math.nan,) * 3, (math.nan, math.nan), math.nan, math.nan)
@@ -402,7 +402,7 @@ def _together(sums: F8, planes: list[Figures]) -> Figures:
 
 
 def _more_like(both: Pair) -> list[int | None]:
-    """Return, for each pair of planes, another plane of b that matches the plane of a better, or None."""
+    """Return, for each pair of planes, another plane of ``b`` that matches the plane of ``a`` better, or None."""
     n, planes = len(both.planes), len(both.b)
     if planes < 2 or planes > MOST_PLANES:
         return [None] * n

@@ -229,7 +229,7 @@ class Evidence:
 
     @property
     def _aside(self) -> Flags:
-        """Patterns ``(n,)`` whose cutouts are displaced from those of their plane, if they are a small share."""
+        """Mask ``(n,)`` of the patterns whose cutouts are displaced from those of their plane, if these are few."""
         found = np.zeros(len(self), np.bool_)
         for name in ("window_y", "window_x"):
             values, sigmas = self.column(name)
@@ -351,7 +351,7 @@ def fitted(
 
 
 def _fit_one(data: F4, keep: Flags, model: F4, columns: F4, variance: F4) -> tuple[F8, F8, F4]:
-    """Return what fits one pattern best, its standard deviations, and the pattern so fitted."""
+    """Return the best-fit parameters of one pattern, their standard deviations, and the fitted pattern."""
     root = np.where(keep, 1.0 / np.sqrt(variance), 0.0).astype(np.float32)
     x = np.concatenate([model[None], np.ones_like(model)[None], columns]).reshape(len(COLUMNS), -1)
     a = x * root.ravel()
@@ -477,7 +477,7 @@ def iter_evidence(
 
 
 def _camera_behind(matrix: PSFMatrix, recorded: NDArray[np.intp], setup: Setup | None) -> Behind | None:
-    """Return the camera of H, or None if no engine can compute it; raises if the description does not fit H."""
+    """Return the camera of H, or None if no engine can compute it; raise an error if it does not match H."""
     first = recorded[spread_out(recorded, LEAST_FEW, matrix.period)]
     plan = plan_of(matrix)  # raises an error if the description is wrong
     assert plan is not None
@@ -536,5 +536,5 @@ def iter_fitted(
 
 
 def _alike(found: Evidence) -> F8:
-    """Return the correlation of each pattern with what fits it best ``(n,)``."""
+    """Return the correlation ``(n,)`` of each pattern with its best fit."""
     return correlation(np.where(found.valid, found.data - found.left, np.float32(0)), found.data)

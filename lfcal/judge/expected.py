@@ -24,7 +24,7 @@ F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
 
 EXPLAINS = 0.25
-"""Fraction of H's light (relative L2) that a camera may leave unexplained and still predict changes of H."""
+"""Fraction of the light of H (relative L2) that a camera may leave unexplained and still predict changes of H."""
 
 EDGE = 2
 """Number of pixels at each border of a cutout that neighbours up to two positions away do not contain."""
@@ -165,7 +165,7 @@ class ExpectedPattern:
         self.reach = (0.75, 0.75) if self._model is not None else self._free()
 
     def _free(self) -> tuple[float, float]:
-        """Return how far a source can be followed along each axis."""
+        """Return the largest displacement of a source along each axis that can be predicted (pixels)."""
         rows, columns = (0.75 if len(self._nodes(axis, 1)) == 3 else 0.0 for axis in (0, 1))
         return rows, columns
 
@@ -187,7 +187,7 @@ class ExpectedPattern:
         return self._interpolated(offset), 1.2 * self._unlike * float(np.hypot(*(away * (1.0 - away))))
 
     def _nodes(self, axis: int, order: int) -> list[int]:
-        """Return the positions along an axis that are there without a gap."""
+        """Return the relative positions along an axis that were recorded without a gap."""
         found = [0]
         for sign in (-1, 1):
             for k in range(1, order + 1):
@@ -197,9 +197,9 @@ class ExpectedPattern:
         return sorted(found)
 
     def _left_out(self, axis: int) -> float:
-        """Return the difference between a position and the prediction by its neighbours along an axis, as a share.
+        """Return the relative difference between a pattern and its prediction from its neighbours along an axis.
 
-        Spots are as sharp as pixels: the step of a position is too long for any interpolation, and this is how much.
+        Spots are as sharp as pixels, so that a step of one position is too long for an exact interpolation.
         """
         nodes = [k for k in self._nodes(axis, EDGE) if k]
         if not nodes:
@@ -229,7 +229,7 @@ def _norm(values: F8, valid: NDArray[np.bool_]) -> float:
 
 
 def _neighbours(matrix: PSFMatrix, z: int, y: int, x: int) -> dict[tuple[int, int], F8]:
-    """Return the patterns of positions up to two away as the cutout of this position shows them, where recorded."""
+    """Return the recorded patterns of positions up to two away, each in the cutout of this position."""
     ny, nx = matrix.period
     found = {}
     for a in range(-EDGE, EDGE + 1):

@@ -230,7 +230,7 @@ class _Few:
 
 
 def _iter_few(matrix: PSFMatrix, known: Behind, misfit: float | None) -> Work[_Few]:
-    """Return a few patterns; the description leaves no more of them than ``misfit``, which may be known of others."""
+    """Return a few patterns with their residual, limited to ``misfit`` if that is known from others."""
     recorded = np.argwhere(matrix.recorded > 0)
     index = few_positions(matrix, recorded)
     data, valid = patterns_of(matrix, index)
@@ -259,7 +259,7 @@ def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = Non
 
 
 def _orientation(few: _Few) -> Work[Explanation | None]:
-    """Return in which orientation patterns are their camera's, where they are not as they lie.
+    """Return the orientation in which patterns match their camera, if it is not the present one.
 
     Patterns of a few positions are compared with all of H in all eight orientations, so that an orientation is found
     whatever happened to the positions.
@@ -333,9 +333,9 @@ def _turned(apply: Callable[[NDArray[np.generic]], NDArray[np.generic]], pattern
 
 
 def _rule(match: OrientationMatch, period: tuple[int, int]) -> str:
-    """Return by which orientation H's positions follow from the camera's, but for a displacement; empty: by none.
+    """Return the orientation that maps the positions of the camera to those of H, except for a displacement.
 
-    Positions count within the period. Where patterns stayed at their places the rule is that nothing was done.
+    The text is empty if there is none. Positions are compared modulo the period.
     """
     size = np.array(period)
     for name in (AS_IS, match.name, *ORIENTATIONS):
@@ -385,7 +385,7 @@ def iter_explained(
 
 
 def _rows(few: _Few) -> Work[Explanation | None]:
-    """Return by how many pixels every other row, or column, is displaced against the others."""
+    """Return the displacement of every other row, or column, relative to the others (pixels)."""
     yield Clock(_STAGE, 0).at(0)
     model = _models(few, few.known)
     if model is None:
@@ -402,7 +402,7 @@ def _rows(few: _Few) -> Work[Explanation | None]:
 
 
 def _every_other(few: _Few, values: NDArray, axis: int, shift: int, of_sensor: bool) -> NDArray:  # type: ignore[type-arg]
-    """Return patterns with every other line displaced back; counted on the sensor, or within cutouts."""
+    """Return patterns with every other line, of the sensor or of the cutouts, displaced back."""
     out = values.copy()
     for k, place in enumerate(few.index[:, axis].tolist()):
         first = (1 + place) % 2 if of_sensor else 1
@@ -438,7 +438,7 @@ def _part(few: _Few) -> Work[Explanation | None]:
 
 
 def _elsewhere(data: F4, model: F4) -> tuple[int, int]:
-    """Return by how many rows and columns cutouts ``(n, nt, ns)`` are displaced, by the best correlation."""
+    """Return the displacement (rows, columns) of cutouts ``(n, nt, ns)`` with the best correlation."""
     rows, columns = data.shape[1:]
     shape = tuple(next_fast_len(2 * n - 1, real=True) for n in (rows, columns))
     energy = np.square(model)
@@ -463,7 +463,7 @@ def _moved_back(patterns: NDArray, by: tuple[int, int]) -> NDArray:  # type: ign
 
 
 def _types(few: _Few) -> Work[Explanation | None]:
-    """Return in which order the description has the lens types that the patterns show."""
+    """Return the order of the described lens types that the patterns show."""
     camera = few.known.setup.camera
     count = len(camera.lattice.types)
     orders = [order for order in itertools.permutations(range(count)) if order != tuple(range(count))]
@@ -482,7 +482,7 @@ def _types(few: _Few) -> Work[Explanation | None]:
 
 
 def _gap(few: _Few) -> Work[Explanation | None]:
-    """Return by how much the gap of lenslets and sensor is off."""
+    """Return the error of the gap between lenslets and sensor."""
     camera = few.known.setup.camera
 
     def scaled(factor: float) -> Camera:
@@ -494,7 +494,7 @@ def _gap(few: _Few) -> Work[Explanation | None]:
 
 
 def _diameter(few: _Few) -> Work[Explanation | None]:
-    """Return by how much the iris is larger or smaller."""
+    """Return the error of the diameter of the iris."""
     camera = few.known.setup.camera
     optics = camera.optics
     if few.before > OF_PUPIL:
@@ -511,7 +511,7 @@ def _diameter(few: _Few) -> Work[Explanation | None]:
 
 
 def _blades(few: _Few, iris: Iris | None) -> Work[Explanation | None]:
-    """Return how many blades the iris has: as the sums show, else of those that are usual."""
+    """Return the number of blades of the iris, as shown by the sums, or else the best of the usual numbers."""
     camera = few.known.setup.camera
     optics = camera.optics
     if not isinstance(optics, MainLens) or few.before > OF_BLADES:
@@ -538,7 +538,7 @@ def _blades(few: _Few, iris: Iris | None) -> Work[Explanation | None]:
 
 
 def _nearest(few: _Few, factors: Sequence[float], scaled: Callable[[float], Camera]) -> Work[tuple[float, float]]:
-    """Return the factor that explains most, refined, and the remaining residual."""
+    """Return the refined factor that explains most, and the remaining residual."""
     best = yield from _best(few, factors, scaled)
     if best is None:
         return 1.0, math.inf
@@ -551,7 +551,7 @@ def _nearest(few: _Few, factors: Sequence[float], scaled: Callable[[float], Came
 
 
 def _best(few: _Few, tried: Sequence[T], camera: Callable[[T], Camera]) -> Work[T | None]:
-    """Return the tried variant whose patterns resemble H's most; None if none can be computed."""
+    """Return the variant whose patterns are most similar to those of H; None if none can be computed."""
     best: T | None = None
     top = -math.inf
     for done, one in enumerate(tried):
@@ -573,12 +573,12 @@ def _after(few: _Few, camera: Camera | None) -> Work[float]:
 
 
 def _with(known: Behind, camera: Camera) -> Behind:
-    """Return another camera that looks at the same positions."""
+    """Return ``known`` with another camera at the same positions."""
     return replace(known, setup=replace(known.setup, camera=camera))
 
 
 def _models(few: _Few, known: Behind) -> F4 | None:
-    """Return the patterns of the last plane's positions by a camera; None if they cannot be computed."""
+    """Return the patterns of the last plane predicted by a camera; None if they cannot be computed."""
     own = few.last
     try:
         plane = plane_of(known, int(few.index[own, 0][0]), 0.0)
@@ -589,7 +589,7 @@ def _models(few: _Few, known: Behind) -> F4 | None:
 
 # -- a blocked pupil ---------------------------------------------------------------------------------------
 def _blocked(few: _Few, evidence: Evidence | None) -> Work[Explanation | None]:
-    """Return the fraction of the pupil that is dark in all patterns of a plane, and the residual with it dark."""
+    """Return the fraction of the pupil that is dark in all patterns of a plane, and the residual of such a pupil."""
     del few
     yield Clock(_STAGE, 0).at(0)
     if evidence is None:
@@ -617,7 +617,7 @@ def _blocked(few: _Few, evidence: Evidence | None) -> Work[Explanation | None]:
 
 
 def _dark_parts(evidence: Evidence, side: int) -> Iterator[tuple[int, NDArray[np.bool_], F8]]:
-    """Yield planes, where their patterns are dark against the camera ``(nt, ns)``, and the light expected there."""
+    """Yield each plane, a mask ``(nt, ns)`` of where its patterns are too dark, and the expected light there."""
     use = evidence.valid & ~evidence.unlike[:, None, None]
     for z in np.unique(evidence.index[:, 0]).tolist():
         own = evidence.index[:, 0] == z

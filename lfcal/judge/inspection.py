@@ -24,7 +24,7 @@ from lfcal.psf import PSFMatrix
 __all__ = ["BAD", "FAIR", "MEASURED", "Inspection", "is_bad", "is_fair", "iter_inspection", "worst_first"]
 
 FAIR_SHARE, BAD_SHARE = 0.01, 0.05
-"""The same thresholds for the fraction of the light that a fault changes, if its cost was not measured."""
+"""Thresholds for the fraction of the light that a fault changes, used if its cost was not measured."""
 
 LIMIT_S = 1800.0
 """Time limit of a comparison (s): much more than it takes on a slow machine, because its work is fixed."""
@@ -171,7 +171,7 @@ class Inspection:
 
     @property
     def _shown(self) -> str:
-        """Findings in the patterns besides the named ones, in words: none, or faults that do not matter."""
+        """Further findings in the patterns, as text: none, or faults that are too small to matter."""
         source = f"{self.compared} patterns compared with the camera show" if self.compared else "its patterns show"
         found = [one for one in self.faults if not (is_bad(one) or is_fair(one) or is_of_single_frames(one))]
         if not found:
@@ -355,7 +355,7 @@ def _disagreeing(quality: QualityReport, disagreement: Disagreement) -> Inspecti
 
 
 def _iter_unlike(matrix: PSFMatrix, quality: QualityReport, unlike: Unlike, fitted: bool) -> Work[Inspection]:
-    """Return the text for an H that was not compared; with a stated camera, what explains the patterns instead."""
+    """Return the reason why an H was not compared and, with a stated camera, what explains the patterns instead."""
     if not unlike.stated:
         return Inspection(quality, why_not=unlike.reason)
     explanation = None
@@ -378,7 +378,7 @@ def _iter_unexplained(
 
 
 def _confirmed(quality: QualityReport) -> QualityReport:
-    """Return the metrics with the orientation of the frames good: the camera explains the patterns as they lie."""
+    """Return the metrics with a good orientation of the frames, because the camera explains the patterns."""
     metrics = [
         replace(m, value=0.0, merit="good", cost=0.0, detail="") if m.key == ORIENTATION and m.merit == "unknown" else m
         for m in quality.metrics
@@ -395,5 +395,5 @@ def _unexplained(evidence: Evidence, cleaned: Evidence, found: Sequence[FoundFau
 
 
 def _doubtful(cleaned: Evidence, found: Sequence[FoundFault]) -> bool:
-    """Return whether other depths may not be the cause, because a wrong gap moves all planes and blurs them."""
+    """Return whether wrong depths may not be the cause, because a wrong gap also moves all planes, and blurs them."""
     return cleaned.misfit > LEFT and any(one.name in DEPTHS for one in found)

@@ -15,7 +15,7 @@ from lfcal.psf import PSFMatrix
 __all__ = ["new_frame", "new_frames"]
 
 NAMES = ("*z{z}_y{y}_x{x}.*", "*y{y}_x{x}.*")
-"""Pattern of names of single files that state the place of their source."""
+"""Pattern of names of single files that state the position of their source."""
 
 NEAR_DEPTH = 0.02
 """Largest relative difference between a depth and that of its plane in H."""
@@ -55,7 +55,7 @@ def new_frames(
 
 
 def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: str) -> None:
-    """Raise unless pixels of the frames are pixels of H's sensor."""
+    """Raise `InputError` unless the pixels of the frames are those of the sensor of H."""
     if H.camera is None:
         return
     wanted = H.camera.sensor.shape

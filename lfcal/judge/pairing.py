@@ -147,7 +147,7 @@ def _called(matrix: PSFMatrix, which: str) -> str:
 
 
 def _planes(a: PSFMatrix, b: PSFMatrix, by_number: bool, notes: list[str]) -> tuple[tuple[int, int], ...]:
-    """Return the planes of the same depth, or of the same number."""
+    """Return pairs of planes with the same depth, or with the same index if ``by_number``."""
     known = a.knows_depths and b.knows_depths
     if by_number or not known:
         common = min(len(a), len(b))
@@ -181,7 +181,7 @@ def _planes(a: PSFMatrix, b: PSFMatrix, by_number: bool, notes: list[str]) -> tu
 
 
 def _close(a: PSFMatrix, b: PSFMatrix) -> float:
-    """Return how far apart depths of the same plane may be (µm)."""
+    """Return the largest difference between depths of the same plane (µm)."""
     steps = [float(np.diff(np.sort(m.depths)).min()) for m in (a, b) if len(m) > 1]
     steps = [step for step in steps if step > 0]
     if steps:
@@ -203,7 +203,7 @@ def _listed(matrix: PSFMatrix, planes: range | list[int]) -> str:
 
 
 def _moved(a: PSFMatrix, b: PSFMatrix, notes: list[str]) -> tuple[int, int]:
-    """Return the position of b that is position (0, 0) of a: by the sensor's pixels where both state a camera."""
+    """Return the position of ``b`` that is position (0, 0) of ``a``, by sensor pixels if both state a camera."""
     if a.camera is None or b.camera is None:
         return 0, 0
     apart = [own - other for own, other in zip(a.anchor, b.anchor, strict=True)]

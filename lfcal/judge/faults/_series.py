@@ -99,7 +99,7 @@ def robust(design: F8, values: F8, sigmas: F8) -> tuple[F8, F8, F8]:
 
 
 def _middle(values: F8, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the values near the median, where most are: others that a fit begins with would bend it."""
+    """Return a mask of the values near the median, because a fit that starts with all values would follow outliers."""
     if not good.any():
         return good.copy()
     away = np.abs(values - np.median(values[good]))

@@ -30,7 +30,7 @@ ODD = 0.25
 
 
 def _gains(evidence: Evidence) -> tuple[F8, F8]:
-    """Return the light of each pattern over that of its plane, less 1, and its standard deviation."""
+    """Return the light of each pattern relative to that of its plane, minus 1, and its standard deviation."""
     values, sigmas = evidence.column("gain")
     out, errors = np.zeros(len(values)), np.full(len(values), np.inf)
     for z in np.unique(evidence.index[:, 0]):
@@ -57,7 +57,7 @@ def _amid(evidence: Evidence) -> tuple[F8, F8]:
 
 
 def _within(plan: ScanPlan, index: NDArray[np.intp]) -> F8:
-    """Return how far the scan of each pattern's plane had come, -0.5 to 0.5 ``(n,)``."""
+    """Return the time of each pattern within the scan of its plane, from -0.5 to 0.5 ``(n,)``."""
     ny, nx = plan.period
     _, y, x = index.T
     found: F8 = (y * nx + np.where(y % 2, nx - 1 - x, x) + 0.5) / (ny * nx) - 0.5
@@ -196,7 +196,7 @@ class Flicker(Fault):
 
 
 def _scattered(count: int, mean: float, rms: float) -> F8:
-    """Return values that scatter as a lamp's do, the same for each run."""
+    """Return values that scatter like those of a lamp, identical in every run."""
     return np.maximum(0.0, mean + rms * np.random.default_rng(0).standard_normal(count))
 
 

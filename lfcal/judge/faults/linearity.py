@@ -40,7 +40,7 @@ MOST_SAG = 0.24
 
 @dataclass(frozen=True)
 class _Law:
-    """A law that values follow the light by: its ``bend`` is 0 where they are proportional.
+    """A law between values and light, whose ``bend`` is 0 if they are proportional.
 
     ``peak`` is the brightest value, in counts.
     """
@@ -67,7 +67,7 @@ class _Law:
 
 
 class _Power(_Law):
-    """Values go with the light to the power of 1 + bend."""
+    """Values proportional to the light to the power of 1 + bend."""
 
     def bent(self, light: F4) -> F4:
         return _to_power(light, 1 + self.bend, self.peak)
@@ -89,7 +89,7 @@ class _Power(_Law):
 
 
 class _Sag(_Law):
-    """Values lack a fraction of the light that grows with it, and is the bend at a light of ``peak`` counts."""
+    """Values that lack a fraction of the light that grows with the light, and equals the bend at ``peak`` counts."""
 
     def bent(self, light: F4) -> F4:
         found: F4 = (light * (1 - np.float32(self.bend / self.peak) * np.abs(light))).astype(np.float32)
@@ -161,7 +161,7 @@ def _settled(evidence: Evidence, law: _Law) -> tuple[_Law, float, Evidence]:
 
 
 def _told(evidence: Evidence, law: _Law) -> tuple[float, float]:
-    """Return by how much more values are bent by a law, and its standard deviation."""
+    """Return the remaining bend of the values by a law, and its standard deviation."""
     values, sigmas = evidence.beyond(law.column(np.maximum(evidence.light, 0)))
     return _mean(values, sigmas) if np.isfinite(sigmas).any() else (0.0, np.inf)
 

@@ -152,7 +152,7 @@ class GhostFault(Fault):
 
 
 def _aside(view: F4, down: int, across: int) -> F4:
-    """Return patterns displaced by whole pixels; what leaves the cutout is gone."""
+    """Return patterns displaced by whole pixels; samples displaced out of the cutout are lost."""
     out = np.zeros_like(view)
     (to_y, from_y), (to_x, from_x) = (
         (slice(max(0, by), n + min(0, by)), slice(max(0, -by), n - max(0, by)))
@@ -163,7 +163,7 @@ def _aside(view: F4, down: int, across: int) -> F4:
 
 
 def _displaced(left: F4, view: F4, *, near: bool) -> tuple[float, float, tuple[int, int], F8]:
-    """Return share, standard deviations and place of the most likely copy, and the fractions of all displacements."""
+    """Return fraction, significance and displacement of the most likely copy, and the fraction at each displacement."""
     shape = tuple(sf.next_fast_len(2 * n) for n in left.shape[1:])
     top = np.zeros(shape)
     for one, other in zip(left, view, strict=True):

@@ -167,7 +167,7 @@ class WrongOrder(Fault):
 
 
 def _best(evidence: Evidence, z: int, own: Index, orders: dict[str, Order]) -> tuple[str, float] | None:
-    """Return the order that the patterns ``own`` (numbers) of a plane are in, and how sure that is; None: their own."""
+    """Return the order of the patterns ``own`` (indices) of a plane, and its significance; None: the planned order."""
     own = own[np.linspace(0, len(own) - 1, min(TRIED, len(own))).astype(int)]
     if not own.size:
         return None

@@ -122,7 +122,7 @@ class Pupil(Fault):
 
 
 def _seen(evidence: Evidence, lit: F8) -> Evidence:
-    """Return the evidence of models that are so bright ``(nz, nt, ns)``."""
+    """Return the evidence with models multiplied by the relative brightness ``lit`` ``(nz, nt, ns)``."""
     own = lit[evidence.index[:, 0]].astype(np.float32)
     shaded = replace(evidence, model=evidence.model * own, columns=evidence.columns * own[:, None])
     return shaded.with_data(evidence.data, evidence.valid)
@@ -237,7 +237,7 @@ def _with_focal(known: Behind, kind: int, change: float) -> Behind:
 
 
 def _light(evidence: Evidence, known: Behind) -> F4:
-    """Return the light of another camera at the gain and the places of the patterns ``(n, nt, ns)``."""
+    """Return the light ``(n, nt, ns)`` of another camera at the gains and positions of the patterns."""
     out = np.empty_like(evidence.light)
     starts = evidence.starts
     for z in np.unique(evidence.index[:, 0]).tolist():
@@ -248,7 +248,7 @@ def _light(evidence: Evidence, known: Behind) -> F4:
 
 
 def _change(evidence: Evidence, kind: int) -> tuple[float, float]:
-    """Return by how much of its focal length a type is off, to first order, and the standard deviation."""
+    """Return the relative error of the focal length of a type, to first order, and its standard deviation."""
     column = (_light(evidence, _with_focal(evidence.camera, kind, STEP)) - evidence.light) / np.float32(STEP)
     values, sigmas = evidence.beyond(column)
     good = np.isfinite(sigmas)

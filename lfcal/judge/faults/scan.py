@@ -253,7 +253,7 @@ class FrameShift(Fault):
             )
 
     def _all(self, evidence: Evidence, name: str, along: str) -> Iterable[FoundFault]:
-        """Yield the displacement that all cutouts have."""
+        """Yield a fault if all cutouts have the same displacement."""
         values, sigmas = evidence.column(name)
         most = usual(values, np.hypot(sigmas, FLOOR_PX))
         if most is None:

@@ -277,7 +277,7 @@ class _Offsets:
 
 
 def _all_of(repairs: Sequence[Repair]) -> Repair:
-    """Return what makes several repairs, one after the other."""
+    """Return a function that applies several repairs, one after the other."""
 
     def repaired(index: NDArray[np.intp], patterns: F4) -> F4:
         for repair in repairs:
@@ -293,14 +293,14 @@ def _along(axis: int, offsets: F8, shape: tuple[int, ...]) -> F8:
 
 
 def _shrunk(values: F8, sigmas: F8, spread: float) -> F8:
-    """Return values less what their errors are likely to have added."""
+    """Return values shrunk by the likely contribution of their errors."""
     good = np.isfinite(sigmas)
     found: F8 = np.where(good, values * spread**2 / (spread**2 + np.square(np.where(good, sigmas, 0.0))), 0.0)
     return found
 
 
 def _whole(axis: int, lines: NDArray[np.intp], pixels: F8, sigmas: F8, off: F8) -> NDArray[np.bool_]:
-    """Return which lines are so along most of their pixels: a single pixel makes no line."""
+    """Return a mask of the lines that are faulty along most of their pixels, because a single pixel is not a line."""
     found = np.zeros(len(lines), np.bool_)
     for k, line in enumerate(lines.tolist()):
         own, sigma = (np.take(part, line, axis=axis) for part in (pixels, sigmas))
@@ -310,15 +310,15 @@ def _whole(axis: int, lines: NDArray[np.intp], pixels: F8, sigmas: F8, off: F8) 
 
 
 def _many(lines: Lines, off: F8) -> bool:
-    """Return whether lines scatter as a whole: then it is not single ones that are hot."""
+    """Return whether all lines scatter, so that the fault is not one of single lines."""
     good = np.isfinite(lines.offset_sigma)
     return 1.4826 * float(np.median(np.abs(off[good]))) > 3 * float(np.median(lines.offset_sigma[good]))
 
 
 def _explain(evidence: Evidence, axis: int, lines: NDArray[np.intp]) -> bool:
-    """Return whether lines explain their part of the camera's error, which is smaller without them.
+    """Return whether lines explain their part of the error of the camera, which is smaller without them.
 
-    Their fraction of the light does not show it: a column through the brightest spots is far more of the misfit.
+    Their fraction of the light is not a criterion, because a column through the brightest spots dominates the misfit.
     """
     beyond = evidence.misfit - USUAL
     if beyond <= 0:

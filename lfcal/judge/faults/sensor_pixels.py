@@ -136,9 +136,9 @@ def _recorded_at(bad: NDArray[np.bool_]) -> PutIn:
 
 
 def _apart(values: F8, sigmas: F8, usual: NDArray[np.bool_] | None = None) -> tuple[F8, F8]:
-    """Return pixels less the median of those about them, and by how many standard deviations they differ from it.
+    """Return the values of pixels minus the median of their surroundings, and this difference in standard deviations.
 
-    The scatter of pixels among themselves, of those that are ``usual`` of all, counts as noise.
+    The scatter of the ``usual`` pixels (None: of all) counts as noise.
     """
     good = np.isfinite(sigmas)
     filled = np.where(good, values, 0.0)
@@ -149,7 +149,7 @@ def _apart(values: F8, sigmas: F8, usual: NDArray[np.bool_] | None = None) -> tu
 
 
 def _bridged(bad: NDArray[np.bool_]) -> Repair:
-    """Return what replaces pixels of the sensor by the mean of their sound neighbours."""
+    """Return a function that replaces pixels of the sensor by the mean of their good neighbours."""
 
     def repair(index: NDArray[np.intp], patterns: F4) -> F4:
         out = patterns.copy()
@@ -216,7 +216,7 @@ def _tiled(four: F8, shape: tuple[int, ...]) -> F8:
 
 
 def _by_lines(total: SensorMap) -> F8:
-    """Return the gains of the pixels of two by two, less their mean, by medians over single pixels."""
+    """Return the gains of the four pixels of a 2 x 2 block minus their mean, as medians over single pixels."""
     each = total.pixels()
     lit = each.gain_sigma < 4 * np.min(each.gain_sigma)
     four = np.array(

@@ -80,7 +80,7 @@ def darkness(plane: NDArray[np.float32]) -> DarkCorners:
 
 
 def _spread(values: NDArray[np.float64]) -> float:
-    """Return the standard deviation from the median deviation; if that is zero, without the largest deviation."""
+    """Return the standard deviation from the median deviation or, if that is zero, without the largest deviations."""
     away = np.abs(values - np.median(values))
     half = 1.4826 * float(np.median(away))
     return half if half > 0 else float(values[away <= np.quantile(away, 0.98)].std())

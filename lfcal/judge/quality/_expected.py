@@ -1,4 +1,4 @@
-"""The expected depth-plane sum of a camera: the shadow, the lenslets' footprint and the tails of diffraction.
+"""The expected depth-plane sum of a camera: the shadow, the footprint of the lenslets, and diffraction tails.
 
 The edges of an aperture diffract light far beyond its geometric shadow. Beyond distance r from the middle of a shadow
 of radius R, a circular pupil in a beam of f-number N leaves ``wavelength N / pi^2 (1/(r - R) + 1/(r + R))`` of its
@@ -38,7 +38,7 @@ class _Grid:
         return rows * self.pitch_um[0], columns * self.pitch_um[1]
 
     def deposit(self, y: Values, x: Values, weight: Values) -> Values:
-        """Return the sums of the weights at given places over the pixels (µm)."""
+        """Return the sum of the weights in each pixel, for weights at given positions (µm)."""
         edges = [np.append(a - p / 2, a[-1] + p / 2) for a, p in zip(self.axes(), self.pitch_um, strict=True)]
         sums: Values = np.histogram2d(y, x, bins=edges, weights=weight)[0]
         return sums
@@ -94,7 +94,7 @@ def footprint_variance(camera: Camera) -> float:
 
 
 def _pupil(camera: Camera, shift: float, grid: _Grid) -> tuple[Values, Values]:
-    """Return the pupil's geometric shadow and the tail of its rim, 1 together."""
+    """Return the sum of the geometric shadow of the pupil and the tail of its rim, with a total of 1."""
     radii, weights, rim = _shadow_rays(camera, shift)
     blur = math.sqrt(camera.wavelength_um * abs(shift) / 2)
     strength = rim * camera.wavelength_um * camera.optics.working_f_number / math.pi**2
@@ -113,7 +113,7 @@ def _pupil(camera: Camera, shift: float, grid: _Grid) -> tuple[Values, Values]:
 
 
 def _shadow_rays(camera: Camera, shift: float) -> tuple[Values, Values, float]:
-    """Return where rays even over the pupil meet the sensor (µm), their light, and the rim's over the mean."""
+    """Return the sensor positions of rays evenly spread over the pupil (µm), their light, and that at the rim."""
     u = (np.arange(RAYS) + 0.5) / RAYS
     gap, optics = camera.lattice.gap_um, camera.optics
     if not isinstance(optics, Microscope):
@@ -127,7 +127,7 @@ def _shadow_rays(camera: Camera, shift: float) -> tuple[Values, Values, float]:
 
 
 def _footprint(camera: Camera, grid: _Grid) -> Values:
-    """Return how a lenslet spreads the light of all positions of a cell: as its own aperture."""
+    """Return the distribution of the light of all positions of a cell by a lenslet, which is its aperture."""
     lattice = camera.lattice
     scale = float(np.mean([lattice.gap_um / kind.focal_length_um for kind in lattice.types]))
     if lattice.edge_to_edge:

@@ -1,4 +1,4 @@
-"""Split a quantity over the positions of a cell into the part that the lattice may cause and the rest."""
+"""Split a quantity over the positions of a cell into the part that the lattice may cause and the remainder."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Parts:
     mean
         Robust mean.
     ramp
-        Change over the whole cell along (y, x), which cannot repeat from cell to cell; NaN with too few positions.
+        Change over the cell along (y, x), which cannot repeat from cell to cell; NaN with too few positions.
     ramp_error
         Standard errors of the ramps.
     ripple
@@ -65,7 +65,7 @@ class Parts:
 
     @property
     def alternation(self) -> float:
-        """Half the difference of even and odd rows, as caused by a stage with play; NaN without positions."""
+        """Half the difference between even and odd rows, as caused by a stage with play; NaN without positions."""
         rows = [(float(row[ok].mean()), k) for k, row in enumerate(self.residual) if (ok := np.isfinite(row)).any()]
         return abs(math.fsum(-mean if k % 2 else mean for mean, k in rows)) / len(rows) if rows else math.nan
 

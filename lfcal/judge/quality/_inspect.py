@@ -37,7 +37,7 @@ STEEP = 0.7
 """Sine of the half angle at which the rim of a defocused shadow has a third of the light of its middle (cos³)."""
 
 SIZE_ERROR = (0.02, 0.5)
-"""Smallest error of a shadow's size from its second moment: a fraction of it, and a number of pixels."""
+"""Smallest error of a shadow size from its second moment, as a fraction of the size and in pixels."""
 
 Controls = Mapping[int, tuple[ArrayLike, ArrayLike]]
 """Control frames ``(n, nt, ns)`` and their positions ``(n, 2)`` by depth plane, as `periodicity` needs them."""
@@ -63,7 +63,7 @@ def iter_inspect(
     matrix
         H; for a transposed view, its H is inspected. Values of other types are converted to float32.
     controls
-        Control frames by depth plane, if any, for the accuracy of the tiling over the field.
+        Control frames by depth plane for the accuracy of the tiling over the field; None: there are none.
     workers
         Number of threads; None: all processors.
 
@@ -118,7 +118,8 @@ def iter_inspect_plane(
 ) -> Work[InspectedPlane]:
     """Read plane ``z`` of H (not transposed), measure it, and evaluate all metrics of single planes.
 
-    ``clock`` counts `PASSES` per plane; ``before`` planes are done. The rest is as in `iter_inspect`.
+    ``clock`` counts `PASSES` per plane, and ``before`` planes have been inspected. Other parameters are as in
+    `iter_inspect`.
     """
     # with a distorted lattice, use the lattice at the scanned cell
     described = lattice_camera(H)
@@ -132,7 +133,7 @@ def iter_inspect_plane(
 
 
 def judged(H: PSFMatrix, planes: Sequence[InspectedPlane], seconds: float) -> QualityReport:
-    """Return the quality of H (not transposed) from all of its planes, in order; ``seconds`` is the time taken."""
+    """Return the quality of H (not transposed) from all of its planes, in order; ``seconds`` is the duration."""
     readings: dict[str, list[Reading]] = {spec.key: [] for spec in METRICS}
     measures = MatrixMeasures.of(H, [plane.measures for plane in planes])
     for spec in METRICS:
@@ -178,7 +179,7 @@ def _tiling(
 
 
 def _ask(spec: MetricSpec, plane: PlaneMeasures) -> Reading:
-    """Return a metric's value of this plane."""
+    """Return the value of a metric for a plane."""
     if spec.of_plane is None or (spec.needs_light and not plane.lit):
         return UNKNOWN
     if spec.needs_centre and has_elemental_images(plane.about.matrix):
@@ -210,7 +211,7 @@ def _report(measures: MatrixMeasures, metrics: tuple[Metric, ...], seconds: floa
 
 
 def _told(plane: PlaneMeasures, shadow_px: float) -> Aperture:
-    """Return the plane's aperture, which is refused if its sum shows the lenslets and not the shadow."""
+    """Return the aperture of a plane, which is rejected if its sum shows the lenslets instead of the shadow."""
     aperture, edges = plane.about.aperture, plane.edges
     known = lattice_camera(plane.about.matrix) is not None and math.isfinite(plane.spread) and plane.lit
     if not known or math.isfinite(shadow_px) or aperture.refusal or edges.cut_off:
@@ -234,7 +235,7 @@ def _inverted(H: PSFMatrix, z: int) -> bool | None:
 
 
 def _virtual_depths(measures: MatrixMeasures) -> NDArray[np.float64]:
-    """Return the virtual depth of each plane: from the shadow's size (v - 1) B / N, else from the spots' spacing."""
+    """Return the virtual depth of each plane from the shadow size (v - 1) B / N, or else from the spot spacing."""
     camera, spots = lattice_camera(measures.matrix), [p.positions.spots for p in measures.planes]
     found = np.array([math.nan if s is None else s.virtual_depth for s in spots])
     if camera is None:
@@ -247,13 +248,13 @@ def _virtual_depths(measures: MatrixMeasures) -> NDArray[np.float64]:
 
 
 def _steep(camera: Camera) -> bool:
-    """Return whether the rim's light is spread so thin that the shadow of a defocused point has no clear size."""
+    """Return whether the shadow of a defocused point has too little light at its rim for a well-defined size."""
     optics = camera.optics
     return isinstance(optics, Microscope) and optics.numerical_aperture > STEEP * optics.medium_index
 
 
 def _f_number(measures: MatrixMeasures) -> FNumber | None:
-    """Return the working f-number from the shadow's sizes over depth, or None if it cannot be measured."""
+    """Return the working f-number from the shadow sizes over depth, or None if it cannot be measured."""
     H, sizes = measures.matrix, measures.shadows_px
     camera = lattice_camera(H)
     if camera is None or _steep(camera):

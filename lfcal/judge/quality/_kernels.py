@@ -32,7 +32,7 @@ class PatternSums(NamedTuple):
     lit
         Number of times each pixel of the cutout is lit ``(nt, ns)``; accumulated.
     sensor
-        The same for sensor pixels, ``(nt, ns + nx - 1)`` from the row's first cutout; accumulated.
+        Number of times each sensor pixel is lit, ``(nt, ns + nx - 1)`` from the first cutout of the row; accumulated.
     """
 
     table: NDArray[np.float64]
@@ -70,7 +70,7 @@ def frame_pass(
 
 @njit()
 def _totals(frame: NDArray[np.float32], bits: NDArray[np.uint32], line: NDArray[np.float64]) -> np.uint64:
-    """Write energy, sum of squares, highest value and pixels that are no number; return the checksum (FNV-1a)."""
+    """Write energy, sum of squares, highest value and number of NaN pixels; return the checksum (FNV-1a)."""
     energy = 0.0
     squares = 0.0
     top = np.float32(-np.inf)
@@ -150,7 +150,7 @@ def spot_pass(
     down: NDArray[np.complex128],
     out: NDArray[np.complex128],
 ) -> None:
-    """Sum lit pixels against plane waves: ``out[x, q] = sum_ts (H - floor)+ down[t, q] across[s, q]``.
+    """Sum lit pixels times plane waves: ``out[x, q] = sum_ts (H - floor)+ down[t, q] across[s, q]``.
 
     Parameters
     ----------

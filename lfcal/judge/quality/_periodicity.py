@@ -28,13 +28,14 @@ class Periodicity:
     away
         Number of periods (y, x) from the cell, ``(n, 2)``.
     difference
-        Normalised difference from the same position of the cell, ``(n,)``: sqrt(1 - correlation²), 0 to 1.
+        Normalized difference ``(n,)`` from the same position of the cell: sqrt(1 - correlation²), 0 to 1.
     best
-        The same for the best-fitting position of the cell, ``(n,)``.
+        Normalized difference ``(n,)`` from the best-fitting position of the cell.
     shift
-        That position minus the nominal one (y, x), ``(n, 2)`` (pixels).
+        Best-fitting position minus the nominal one (y, x), ``(n, 2)`` (pixels).
     period
-        Period (y, x) that would give that position, ``(n, 2)`` (pixels); NaN along an axis without displacement.
+        Period (y, x) that would lead to the best-fitting position, ``(n, 2)`` (pixels); NaN along an axis without
+        displacement.
 
     Examples
     --------
@@ -142,14 +143,14 @@ def _around(frame: NDArray[np.float64], plane: NDArray[Any], index: NDArray[np.i
 
 
 def _dark(frame: NDArray[np.float64]) -> float:
-    """Return the level of the corners."""
+    """Return the level of the corners of a frame."""
     # only the corners: the background must not include light of the pattern
     n = max(1, round(0.06 * min(frame.shape)))
     return float(np.median([frame[:n, :n], frame[:n, -n:], frame[-n:, :n], frame[-n:, -n:]]))
 
 
 def _lowest(squares: NDArray[np.float64], search: int) -> tuple[NDArray[np.float64], float]:
-    """Return where the squared difference is lowest, by a parabola through the neighbours, and how low."""
+    """Return the position and value of the smallest squared difference, from a parabola through the neighbours."""
     top = 2 * search
     i, j = (int(k) for k in np.unravel_index(int(np.argmin(squares)), squares.shape))
     place = np.array([i - search, j - search], np.float64)

@@ -59,7 +59,7 @@ class CentroidPath:
     gain, drift
         Change over the cell along the axis of the scan, and across it (pixels).
     distance, away
-        Distance from the median place, and from the smooth path, ``(ny, nx)`` (pixels).
+        Distance from the median position, and from the smooth path, ``(ny, nx)`` (pixels).
     wrong
         Misplaced frames, ``(ny, nx)``.
     """

@@ -119,7 +119,7 @@ def edge_light(
     noise
         Noise of its pixels.
     expected
-        What the camera should show there, in any unit, see `lfcal.judge.quality._expected.expected_sum`.
+        Expected light in the depth-plane sum, in any unit; see `lfcal.judge.quality._expected.expected_sum`.
     """
     patch = _LitArea.of(shown)
     if patch is None:

@@ -1,4 +1,4 @@
-"""Find out whether the frames of a plane are flipped or turned, from the motion of their centroids."""
+"""Determine whether the frames of a plane are flipped or turned, from the motion of their centroids."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FAR = 0.9
 
 
 def move_matrix(table: PatternTable, use: NDArray[np.bool_]) -> NDArray[np.float64] | None:
-    """Return how the image moved (down, right) for each planned pixel, ``(2, 2)``; ideally the unit matrix.
+    """Return the motion (down, right) of the image per planned pixel, ``(2, 2)``; ideally the unit matrix.
 
     In a cutout that follows the source, the pattern does not move; the motion of its centroid is added to that of the
     cutout. None if the positions do not span the plane.

@@ -28,7 +28,7 @@ __all__ = ["control_frames", "do_plane", "iter_inspect_units"]
 
 
 def control_frames(session: Path, H: PSFMatrix) -> Controls:
-    """Return the control frames of a session, cut out like H, and their positions, by depth plane."""
+    """Return the control frames of a session, cropped like H, and their positions, by depth plane."""
     found: dict[int, tuple[list[NDArray[Any]], list[NDArray[Any]]]] = {}
     for check in read_checks(session):
         if check.kind != Kind.CONTROL or check.position.z >= len(H):
@@ -65,7 +65,7 @@ def iter_inspect_units(H: PSFMatrix, report: Path, session: Path | None, run: Ru
     H
         H from `lfcal.psf.open_psf`, not transposed; workers open its file by its path.
     report
-        Folder of the report; results of the planes are kept next to it until they are discarded.
+        Folder of the report, next to which the results of the planes are stored until they are discarded.
     session
         The session with its control frames, or None.
     run
@@ -89,7 +89,7 @@ def iter_inspect_units(H: PSFMatrix, report: Path, session: Path | None, run: Ru
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Inspect one plane and write the result: the task of a unit."""
+    """Inspect one plane and write the result; this is the task of a unit."""
     z = int(arguments["z"])
     with open_psf(arguments["source"], region=arguments["region"], mat_order=arguments["mat_order"]) as opened:
         H = straight(opened)

@@ -88,7 +88,7 @@ class MatrixMeasures:
 
 
 def _copies(planes: Sequence[PlaneMeasures], lit: NDArray[np.bool_], places: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return which earlier plane each plane is a copy of, -1 if none.
+    """Return the index of the earlier plane of which each plane is a copy; -1 if there is none.
 
     Planes are compared on some patterns. Two planes with equal noise are one recording. Two recordings show the same
     depth if they differ only by noise, although planes at such a distance normally differ by much more. This is known
@@ -124,7 +124,7 @@ def _copies(planes: Sequence[PlaneMeasures], lit: NDArray[np.bool_], places: NDA
 
 
 def _places(matrix: PSFMatrix) -> NDArray[np.float64]:
-    """Return the distances of the planes' images ``(nz,)``; without a camera that images them, the depths."""
+    """Return the image distances of the planes ``(nz,)``; without a camera that images them, their depths."""
     if matrix.camera is not None:
         try:
             return np.array([matrix.camera.image_shift_um(float(depth)) for depth in matrix.depths])
@@ -159,7 +159,7 @@ def shadow_sizes(
 
 
 def _paraxial(plane: PlaneMeasures, camera: Camera, own: float, pixel_um: float) -> float:
-    """Return the shadow's diameter |a - B| / N over the one that the second moment of the expected sum shows.
+    """Return the shadow diameter |a - B| / N over the diameter that follows from the moment of the expected sum.
 
     Rays of a microscope move by the tangent of their angle and not by its sine, and tails widen the moment.
     """

@@ -273,7 +273,7 @@ def _faulty(
     unread: NDArray[np.bool_],
     usual: float,
 ) -> Faulty:
-    """Find missing, not-a-number and duplicate frames; ``steps`` is None in a plane without light."""
+    """Return the positions of missing, NaN and duplicate frames; ``steps`` is None in a plane without light."""
     nonfinite = table.column("nonfinite") > 0
     # in a dark plane every frame is dim, which says nothing about single frames
     dim = unread | (table.light < DARK_FRAME * usual) if steps is not None else np.zeros_like(nonfinite)
@@ -317,7 +317,7 @@ def _steps(plane: NDArray[np.float32], dark: DarkCorners, workers: int | None) -
 def _duplicates(
     table: PatternTable, steps: NDArray[np.float64], ok: NDArray[np.bool_], copied: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return the frames that are identical to another, or identical except for the cutout's move.
+    """Return a mask of the frames that are identical to another, or identical except for the motion of the cutout.
 
     Patterns that are intentionally ``copied`` from another position do not count as frames.
     """
@@ -366,8 +366,8 @@ def _continuity(plane: PlaneMeasures, steps: NDArray[np.float64]) -> Continuity 
 def _slip(plane: PlaneMeasures, use: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the change across the wrap along y and x ``(2,)`` due to rounding of the period to whole pixels.
 
-    As the root of 1 minus the correlation of patterns with the same, displaced by what the camera's lattice misses
-    the period by, and as a fraction of a step.
+    It is returned as the root of 1 minus the correlation of patterns with themselves, displaced by the difference
+    between period and lattice, and as a fraction of a step.
     """
     ny, nx = plane.patterns.shape[:2]
     waves = plane.about.waves
@@ -383,7 +383,7 @@ def _slip(plane: PlaneMeasures, use: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def _sample(plane: NDArray[np.float32], floor: float) -> NDArray[np.float32]:
-    """Return some whole patterns, without dark pixels, for comparison with other planes."""
+    """Return some complete patterns, without dark pixels, for comparison with other planes."""
     ny, nx = plane.shape[:2]
     # a fixed seed gives the same positions in every plane, so that planes can be compared
     rng = np.random.default_rng(1)

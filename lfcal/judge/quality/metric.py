@@ -54,7 +54,7 @@ class Reading:
 
 
 LARGEST = 1.0
-"""Largest error of a volume: it has nothing in common with the true one, at its best brightness."""
+"""Error of a volume that has nothing in common with the true one, which is the largest possible error."""
 
 UNKNOWN = Reading()
 """Value of a metric that could not be measured; zero would mean a good value."""
@@ -370,7 +370,7 @@ def judge(spec: MetricSpec, readings: Sequence[Reading], shape: tuple[int, int, 
 
 
 def _cost(spec: MetricSpec, value: float, readings: Sequence[Reading], frames: int) -> float:
-    """Return the cost of a value that is not good: that of all planes where they give one, else the usual one."""
+    """Return the cost of a value that is not good: that measured for the planes, or else the typical one."""
     told = [one.cost for one in readings if not math.isnan(one.cost)]
     typical = spec.cost.of(value, spec.limits, frames)
     if told and typical > 0:

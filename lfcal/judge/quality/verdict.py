@@ -11,7 +11,7 @@ from lfcal.judge.quality.metric import Metric
 __all__ = ["BAD", "FAIR", "counted", "counted_words", "findings_of", "merit_of", "merit_word", "where"]
 
 FAIR, BAD = 0.03, 0.1
-"""Thresholds of a fault's cost (NRMSE): above the first, H deserves a look; above the second, it should not be used."""
+"""Thresholds of the cost of a fault (NRMSE): above the first, examine H; above the second, do not use it."""
 
 PLACES = 3
 """Number of positions that a finding lists."""

@@ -94,7 +94,7 @@ def _wrapped(text: str, width: float, size: float) -> list[str]:
 
 
 def _size_of(block: PageBlock) -> tuple[float, float]:
-    """Return width and height of a block's picture (inches), which keeps its shape and fits on a page."""
+    """Return the width and height of the image of a block (inches), which keeps its aspect ratio and fits on a page."""
     rows, columns = _pixels(block.picture)
     width = min(block.width, columns / 90)
     height = width * rows / columns
@@ -103,7 +103,7 @@ def _size_of(block: PageBlock) -> tuple[float, float]:
 
 
 def _pixels(png: bytes) -> tuple[int, int]:
-    """Return rows and columns of a PNG, from its first chunk."""
+    """Return the number of rows and columns of a PNG, from its first chunk."""
     return int.from_bytes(png[20:24], "big"), int.from_bytes(png[16:20], "big")
 
 

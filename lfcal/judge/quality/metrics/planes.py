@@ -38,7 +38,7 @@ def _copies(h: MatrixMeasures) -> tuple[Reading, ...]:
 
 
 def _energy(h: MatrixMeasures) -> tuple[Reading, ...]:
-    """Return each plane's deviation from equal energy (per cent), or from 1/distance² if that fits better."""
+    """Return the deviation of each plane from equal energy (per cent), or from 1/distance² if that fits better."""
     out = np.full(h.energy.size, math.nan)
     # if patterns are cut off, a part of the light is unknown
     lit = ~h.dark & ~np.array([plane.edges.cut_off for plane in h.planes], bool)
@@ -75,7 +75,7 @@ def _depth_order(h: MatrixMeasures) -> tuple[Reading, ...]:
 
 
 def _at_depth(h: MatrixMeasures, camera: Camera) -> tuple[Values, Values]:
-    """Return per plane how far the shadow's size is off (per cent), and whether it is another plane's."""
+    """Return the error of the shadow size of each plane (per cent), and whether it is the size of another plane."""
     off, order = np.full(len(h.planes), math.nan), np.full(len(h.planes), math.nan)
     try:
         away = np.array([camera.virtual_depth(float(z)) - 1 for z in h.matrix.depths])
@@ -100,7 +100,7 @@ def _at_depth(h: MatrixMeasures, camera: Camera) -> tuple[Values, Values]:
 
 
 def _beyond(plane: PlaneMeasures) -> bool | None:
-    """Return whether the image lies beyond the sensor (v > 1), by the spots' spacing; None if it cannot be measured."""
+    """Return whether the image is beyond the sensor (v > 1), from the spot spacing; None if it cannot be measured."""
     spots = plane.positions.spots
     if spots is None or spots.order != "as planned" or abs(spots.scale - 1) < 0.05:
         return None
@@ -108,7 +108,7 @@ def _beyond(plane: PlaneMeasures) -> bool | None:
 
 
 def _in_order(h: MatrixMeasures) -> Values:
-    """Return which planes are out of order, because the image moves in one direction as the source moves away."""
+    """Return a mask of the planes that are out of order: as the source moves away, the image moves in one direction."""
     spots = [p.positions.spots for p in h.planes]
     found = np.array([math.nan if s is None else s.virtual_depth for s in spots])
     order = np.full(found.size, math.nan)
@@ -120,7 +120,7 @@ def _in_order(h: MatrixMeasures) -> Values:
 
 
 def _out_of_order(values: Values) -> Values:
-    """Return a flag for each value outside the longest monotonic run, rising or falling."""
+    """Return a mask of the values outside the longest monotonic run, rising or falling."""
     best: list[int] = []
     for sign in (1.0, -1.0):
         chains: list[list[int]] = []

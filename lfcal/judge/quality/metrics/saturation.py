@@ -34,9 +34,9 @@ def _saturation(plane: PlaneMeasures) -> Reading:
 
 
 def _lost(plane: PlaneMeasures, counts: NDArray[np.float64]) -> float:
-    """Return the light above the top of the sensor's range as a fraction of the plane's (relative L2); NaN: not known.
+    """Return the light above the range of the sensor as a fraction of that of the plane (relative L2); NaN: unknown.
 
-    Values below the top become rarer as an exponential, and so do those above it, had they been seen.
+    Values near the top become exponentially rarer, and the same is assumed for those above it.
     """
     many = counts[counts > 0]
     power = float(plane.table.column("squares").sum())
@@ -61,9 +61,9 @@ def _counted(counts: NDArray[np.float64]) -> Reading:
 
 
 def _suspected(plane: PlaneMeasures) -> Reading:
-    """Return pixels that share the highest value of the plane: many are a sign of saturation, few of nothing.
+    """Return the number of pixels with the highest value of the plane; many such pixels indicate saturation.
 
-    Corrections, rescaling and averaging hide what the sensor clipped, so that none is never "no saturation".
+    Corrections, rescaling and averaging hide clipping by the sensor, so that none does not prove "no saturation".
     """
     table, use = plane.table, plane.use
     if table.computed or plane.edges.cut_off or not use.any():  # also if the noise is unknown

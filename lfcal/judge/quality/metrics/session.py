@@ -14,7 +14,7 @@ __all__ = ["METRICS"]
 
 
 def _suspect(measures: MatrixMeasures) -> Sequence[Reading]:
-    """Return the positions that the session flagged, which H stores if there are any."""
+    """Return the positions that the session flagged, as stored in H."""
     nz, ny, nx = measures.matrix.shape[:3]
     named = np.zeros((nz, ny, nx), bool)
     words: set[str] = set()

@@ -38,7 +38,7 @@ def _metric(
     words: tuple[str, str, str],
     **more: Any,
 ) -> MetricSpec:
-    """Return a metric of a number ``told`` stated in the provenance; shares are in percent.
+    """Return a metric of a number stated in the provenance; fractions are in per cent.
 
     ``limits`` are good and bad, ``cost`` at bad and at worst, ``words`` title, meaning and advice.
     """

@@ -10,7 +10,7 @@ __all__ = ["METRICS"]
 
 
 def _period(h: MatrixMeasures) -> tuple[Reading]:
-    """Return by how much the recorded period differs from whole periods of the camera's lattice (pixels)."""
+    """Return the difference between the recorded period and the nearest multiple of the lattice period (pixels)."""
     if h.matrix.camera is None or not h.matrix.camera.has_lattice:
         return (UNKNOWN,)
     errors = []
