@@ -359,14 +359,14 @@ def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
     """Return an instance of the dataclass ``kind`` from JSON ``data``, including nested dataclasses and tuples.
 
     Names and types of the entries are checked. Every entry is required, because a missing entry would silently have its
-    default value. With ``partial``, entries of ``kind`` itself may be missing. ``what`` names the data in messages.
+    default value. With ``partial``, entries of ``kind`` itself may be missing.
 
     Raises
     ------
     FileFormatError
-        If entries are unknown, missing, or of another type; the message calls the data ``what``.
+        If entries are unknown, missing, or of another type; ``what`` names the data in the message.
     InputError
-        If ``kind`` refuses a value.
+        If ``kind`` does not accept a value.
     """
     if not isinstance(data, Mapping):
         raise FileFormatError.expected(

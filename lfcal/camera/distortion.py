@@ -128,7 +128,8 @@ class LatticeDistortion:
 
     Constant and linear displacements belong to the lattice. All lengths have the unit of the lattice: µm from the
     sensor's centre in a `LensletLattice`, pixels (column, row) in a `lfcal.lattice.LatticeFit`. Farther than `REACH`
-    scales from the centre, the displacement is continued linearly, so that no distant lenslet is folded back.
+    times the scale from the centre, the displacement is extrapolated linearly, so that distant lenslets keep their
+    order.
 
     Attributes
     ----------
@@ -273,7 +274,7 @@ class LatticeDistortion:
 
     @property
     def largest(self) -> float:
-        """Largest displacement within one scale of the centre."""
+        """Largest displacement within the distance `scale` from the centre."""
         angle = np.linspace(0, 2 * np.pi, 73)[:-1]
         ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         points = (np.linspace(0, 1, 11)[:, None, None] * ring * self.scale).reshape(-1, 2) + np.array(self.centre)

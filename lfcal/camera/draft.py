@@ -114,7 +114,7 @@ class Draft:
             self.put("lattice.types", tuple(kind.focal_length_um for kind in lattice.types), mark)
 
     def put(self, path: str, value: Any, mark: str = "stated") -> None:
-        """Set the value at ``path`` and its mark, unless a value is set already; None as value sets nothing.
+        """Set the value at ``path`` and its mark, unless a value is set already; a ``value`` of None is ignored.
 
         Raises
         ------

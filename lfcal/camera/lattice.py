@@ -81,7 +81,7 @@ class LensletLattice:
     """Square or hexagonal lenslet array with one or three lens types.
 
     Distances are those of the micro-image lattice on the sensor, as shown by a white image and stated in the
-    manufacturer's calibration. The lenslets themselves are closer together by `Camera.lattice_scale`.
+    manufacturer's calibration. The lenslets themselves are closer together, by the factor `Camera.lattice_scale`.
 
     Attributes
     ----------

@@ -82,7 +82,7 @@ class RegionPlan:
         return replace(self.scan, anchor=self.anchors[k])
 
     def residual_px(self, k: int) -> tuple[float, float]:
-        """Return the phase of region ``k`` minus that of the first region (row, column) (pixels)."""
+        """Return the phase (row, column) of region ``k`` minus that of the first region (pixels)."""
         first, own = self.plan(0).lattice_anchor, self.plan(k).lattice_anchor
         return own[0] - first[0], own[1] - first[1]
 

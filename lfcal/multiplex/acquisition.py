@@ -98,7 +98,7 @@ def iter_acquire_light_field(
     Raises
     ------
     InputError
-        If chi2 is not above 0, or the samples of the scene are not those of a modulator.
+        If chi2 is not above 0, or a modulator does not have as many samples as the scene.
     """
     scene = np.asarray(light, float)
     check_number("electrons of unmodulated light", signal_e, above=0)

@@ -32,7 +32,7 @@ WHOLE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class DisplayFit:
-    """Fit of a display to a camera that views it in the object plane.
+    """Suitability of a display for a camera that views it in the object plane.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class DisplayFit:
 
     @property
     def words(self) -> str:
-        """One-line verdict; states the required display pixels if the present ones are too coarse."""
+        """One-line verdict, with the required display pixels if the present ones are too coarse."""
         width = f"a display pixel of {self.pixel_um:.4g} µm is {self.image_px:.3g} px wide in the image"
         if self.fits:
             met = f"positions are {self.step_um:.4g} µm apart and reached within {self.placing_px:.2g} px"

@@ -169,7 +169,9 @@ LEAST_SIGNAL_E = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class CodingNumbers:
-    """Gain of a code over one point at a time in the same number of frames (dB, 10 log10 of standard deviations).
+    """Gain of a code over one point at a time in the same number of frames (dB).
+
+    Gains are 10 log10 of the ratio of standard deviations.
 
     Attributes
     ----------
@@ -229,7 +231,7 @@ class CodingVerdict:
     pays
         Whether the rms error of H is smaller with the code.
     limit
-        Quantity kept equal, one of `LIMITS`.
+        Quantity that is equal in the comparison, one of `LIMITS`.
     gain
         Gains of the code.
     break_even_e
@@ -303,7 +305,7 @@ def overlapping_patterns(
     Returns
     -------
     tuple
-        ``(points, rows, columns)``, NaN beyond a point's own cutout, and ``(points, 2)`` positions (y, x).
+        Patterns ``(points, rows, columns)``, NaN beyond a point's own cutout, and positions (y, x), ``(points, 2)``.
 
     Raises
     ------
@@ -391,7 +393,7 @@ def coding_pays(
     signal_e: float | None = None,
     limit: str = "time",
 ) -> CodingVerdict:
-    """Return whether lighting several points together reduces the error for these patterns and this sensor.
+    """Return a verdict on whether lighting several points together reduces the error for these patterns and sensor.
 
     The rms error of all entries is compared with that of one point at a time in the same number of frames. A code
     reduces it if additive noise dominates, that is, for weak sources. With many photons, coding spreads the noise of

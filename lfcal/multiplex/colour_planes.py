@@ -86,7 +86,7 @@ def dark_level(dark: Path, shape: tuple[int, ...], colour: str | None = None) ->
     Raises
     ------
     InputError
-        If its shape is not ``shape``.
+        If the shape of the dark frame is not ``shape``.
     """
     from lfcal.frames.corrections import read_average
 

@@ -72,7 +72,7 @@ def demultiplex(
     -------
     NDArray
         Samples in the order of `Modulator.sample_names`; `arrange` separates views and colours. With one sample per
-        pixel the array is cropped to the frame.
+        pixel, the array is cropped to the frame.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def demultiplex_weighted(
     Raises
     ------
     InputError
-        If a weight is negative or all are zero, or as `demultiplex` raises.
+        If a weight is negative or all weights are zero, and as in `demultiplex`.
 
     Examples
     --------

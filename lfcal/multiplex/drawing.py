@@ -158,7 +158,10 @@ def _basis(axes: Axes, basis: Any, title: str, xlabel: str, ylabel: str) -> None
 
 
 def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:
-    """Write a plot of the candidates' gains for photon and additive noise, with the efficient ones marked."""
+    """Write a plot of the candidates' gains for photon and additive noise, with the efficient ones marked.
+
+    The best candidate is also marked, and up to ``named`` efficient ones are labelled.
+    """
     with figure(6.4, 4.4) as fig:
         axes = fig.subplots()
         axes.plot(frontier.photon, frontier.additive, ".", color=COLOURS["muted"], ms=4, label="candidates")
@@ -329,7 +332,7 @@ def _show(axes: Any, picture: Image, title: str, zoom: tuple[slice, slice] | Non
 
 
 def upsampled_views(frame: ArrayLike, modulator: Modulator, factor: int = 3) -> list[tuple[str, Image]]:
-    """Return name and views ``(N, rows, columns)``, upsampled by ``factor``, for each of the three ways of figure 5.
+    """Return titles and views ``(N, rows, columns)``, upsampled by ``factor``, for the three ways of figure 5.
 
     The three ways are: zero-padded Fourier reconstruction; Fourier reconstruction at low resolution, then bicubic
     interpolation; bicubic interpolation of the measurement channels, then decorrelation.

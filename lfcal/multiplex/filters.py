@@ -50,7 +50,7 @@ def kernel(name: str, x: Array) -> Array:
 
 
 def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDArray[np.intp], Array]:
-    """Return first tap and weights of a filter along one axis, for each output sample and row of the super-pixel.
+    """Return the first taps and the weights with which a filter interpolates along one axis.
 
     Output sample n is (n + 1/2) side/samples - 1/2 pixels from the first pixel of the super-pixel. With one sample per
     pixel, samples are therefore at the pixels' centres; a single sample is in the middle of the super-pixel.
@@ -69,8 +69,8 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
     Returns
     -------
     tuple
-        Super-pixel of the first tap, relative ``(samples, side)``, and weights ``(samples, side, taps)``; they add
-        up to one.
+        Super-pixel of the first tap ``(samples, side)``, relative to that of the output sample, and weights ``(samples,
+        side, taps)``, which add up to one.
     """
     check_choice("filter", name, tuple(_TAPS))
     taps = _TAPS[name]

@@ -241,7 +241,7 @@ def lattice_by_sinc(
     Raises
     ------
     InputError
-        If the frame has more super-pixels.
+        If the frame has more than 4096 super-pixels, or the lattice is distorted.
     """
     image = np.asarray(frame, float)
     origin, along, across = _vectors(lattice)

@@ -506,7 +506,7 @@ def demultiplex_lattice_weighted(
     Raises
     ------
     InputError
-        If a weight is negative or all are zero, or as `demultiplex_lattice` raises.
+        If a weight is negative or all weights are zero, and as in `demultiplex_lattice`.
 
     Examples
     --------

@@ -103,7 +103,7 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
     Raises
     ------
     InputError
-        If the two have different samples, the reference does not recover all of them, or chi2 is negative.
+        If the modulators have different samples, the reference does not recover all samples, or chi2 is negative.
 
     Examples
     --------

@@ -164,7 +164,7 @@ def iter_measure_filters(
     rounds: int = 3,
     workers: int | None = None,
 ) -> Work[list[FilterTrial]]:
-    """Measure error and time of each way to reconstruct a scene at every pixel.
+    """Measure the error and the time of each way of reconstructing a scene at every pixel.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def iter_measure_filters(
     modulator
         Modulator that records the scene.
     ways
-        Pairs of route and filter. None: `ways_of` the modulator.
+        Pairs of route and filter. None: those of `ways_of`.
     noise
         Noise to add to the frame, ``(rows, columns)`` or one number.
     rounds
@@ -184,7 +184,7 @@ def iter_measure_filters(
     Yields
     ------
     Progress
-        Counted in ways.
+        Counted in pairs of route and filter.
     """
     truth = np.asarray(scene, float)
     frame = multiplex(truth, modulator) + noise

@@ -300,7 +300,7 @@ def spectral_array(
     Raises
     ------
     InputError
-        If a filter is unknown, a table does not cover the bands, or shares are outside 0 … 1.
+        If a filter is unknown, a table does not cover the bands, or a transmission is outside 0 … 1.
 
     Examples
     --------

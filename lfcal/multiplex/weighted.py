@@ -84,9 +84,9 @@ def reconstruct_weighted(
 
     Each measurement channel is interpolated linearly from the samples with weight, ``c = sum h w f / sum h w``. Its
     variance is ``sum h^2 w / (sum h w)^2`` if w are inverse variances. Then ``(A^T W A) x = A^T W c`` is solved
-    (theorem 1 with the weights of Gauss and Markov). If all of these samples have weight 0, those within two
-    super-pixels are used. If these also have weight 0, the channel is omitted. The least-norm solution is returned for
-    parts that the other channels do not determine.
+    (theorem 1 with the weights of Gauss and Markov). If the samples of a channel around an output position all have
+    weight 0, those within two super-pixels are used. If these also have weight 0, the channel is omitted. The
+    least-norm solution is returned for parts that the other channels do not determine.
 
     Parameters
     ----------

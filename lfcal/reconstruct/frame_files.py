@@ -75,7 +75,10 @@ class FrameFile:
 
 
 def read_frame(file: Path, page: int) -> NDArray[Any]:
-    """Return the samples ``(rows, columns)`` of a page of an image file, or of a frame of a session, counted from 0."""
+    """Return the samples ``(rows, columns)`` of one page of an image file, or of one frame of a session.
+
+    ``page`` is the number of the page or frame, from 0.
+    """
     if not file.is_dir():
         return read_image(file, page)
     source, order = _session(file)
@@ -212,7 +215,7 @@ def targets_of(frames: Sequence[FrameFile], out: Path, suffix: str | None) -> di
     Raises
     ------
     InputError
-        If no volume can have such a name, or the library that writes it is not installed.
+        If the suffix is not that of a volume file, or the library that writes it is not installed.
     """
     whole = suffix is None or out.suffix.lower() in SUFFIXES
     found = {f.name: check_suffix(out if whole else out / f"{f.name}{suffix}") for f in frames}

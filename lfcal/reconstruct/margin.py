@@ -33,7 +33,7 @@ def widened(array: ArrayLike, margin: int, fill: float = 0.0) -> NDArray[Any]:
 
 
 def widened_start(volume: ArrayLike, margin: int, wanted: tuple[int, int, int]) -> NDArray[Any]:
-    """Return a start of shape ``wanted`` ``(nz, Y, X)``; a volume without margin is extended by its border values."""
+    """Return an initial volume of shape ``wanted`` ``(nz, Y, X)``; if it has no margin, its border is repeated."""
     start = np.asarray(volume)
     if start.shape == wanted:
         return start

@@ -26,7 +26,7 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class SharedOptics:
-    """H, the resampling of frames to its period, and the settings of projections.
+    """Settings shared by all frames: H, resampling to its period, and projections.
 
     Attributes
     ----------

@@ -108,7 +108,7 @@ class Resampling:
             Period ``(ny, nx)`` of H (pixels).
         lattice_anchor
             Position of H's (0, 0) relative to the nearest micro-image centre (pixels of the result, as in
-            `ScanPlan.lattice_anchor`). The result's pixel `anchor` is that position.
+            `ScanPlan.lattice_anchor`). `anchor` returns the pixel of the result at that position.
         """
         matrix = _invertible(down, across, period)
         # the corners of the frame also bound it in the result, because the map is affine
@@ -124,7 +124,7 @@ class Resampling:
     def of_fit(
         cls, fit: Any, period: tuple[int, int] | None = None, lattice_anchor: Pair = (0.0, 0.0), types: int = 1
     ) -> Resampling:
-        """Return the map for a measured lattice (`lfcal.frames.LatticeFit`).
+        """Return the map for a measured lattice (`lfcal.lattice.LatticeFit`).
 
         Parameters
         ----------

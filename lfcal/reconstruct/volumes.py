@@ -104,7 +104,7 @@ def check_zarr() -> ModuleType:
     Raises
     ------
     InputError
-        If it is not installed.
+        If zarr is not installed.
     """
     try:
         import zarr
@@ -251,7 +251,7 @@ def read_ome_zarr(source: Path) -> NDArray[np.float32]:
     Raises
     ------
     FileFormatError, StorageError, InputError
-        As `open_ome_zarr`; also if a chunk is damaged or there are several times.
+        As in `open_ome_zarr`; also if a chunk is damaged or there are several volumes.
     """
     array = open_ome_zarr(source)[0]
     if math.prod(array.shape[:-3]) != 1:
@@ -272,12 +272,12 @@ VOLUME_FORMAT = "lfcal-volume"
 
 
 def check_suffix(path: str | os.PathLike[str]) -> Path:
-    """Return ``path`` if its suffix is that of a volume file.
+    """Return ``path`` after checking that its suffix is that of a volume file.
 
     Raises
     ------
     InputError
-        If it is not.
+        If the suffix is a different one.
     """
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
@@ -315,7 +315,7 @@ def save_volume(
     Raises
     ------
     InputError, StorageError
-        If the suffix is unknown, or the disk fails; no incomplete file remains.
+        If the suffix is unknown, or the file cannot be written; no incomplete file remains.
 
     Examples
     --------
@@ -357,7 +357,7 @@ def write_volumes(
     Raises
     ------
     InputError, StorageError
-        If the suffix is unknown, or the disk fails; no incomplete file remains.
+        If the suffix is unknown, or the file cannot be written; no incomplete file remains.
     """
     target = check_suffix(path)
     require_space(target.parent, 4 * math.prod(shape) + (1 << 16), what="the volume")

@@ -123,7 +123,7 @@ def device_forecast(
     Raises
     ------
     InputError
-        If devices do not support the method, or the device has no room for one plane and the smallest working memory.
+        If devices do not support the method, or the device has too little memory for one plane and the work arrays.
     """
     known = ("auto", *ON_DEVICES)
     if method not in known:

@@ -84,7 +84,7 @@ class Projector:
     Raises
     ------
     InputError
-        If an argument does not fit, H is not finite, or no method fits into the memory.
+        If an argument is invalid, H is not finite, or no method fits into the memory.
 
     Examples
     --------

@@ -227,7 +227,7 @@ def iter_reconstruct(
     weights
         Weight of each pixel ``(Y, X)``, not negative; None: 1.
     initial
-        Initial volume ``(nz, Y, X)``; None: that of the solver.
+        Initial volume ``(nz, Y, X)``; None: the solver's default.
     resume
         State of a stopped run to continue from.
 

@@ -50,7 +50,7 @@ class LeastSquaresSettings(SolverSettings):
 
 @with_settings(LeastSquaresSettings)
 def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquaresSettings) -> SolverWork:
-    """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS; Bjoerck 1996, section 7.4).
+    """Minimize ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS; Bjoerck 1996, section 7.4).
 
     The volume may become negative. The ``likelihood`` of a record is minus half the weighted sum of squares.
 

@@ -116,9 +116,10 @@ class SolverRun(SolverSettings):
     read_noise, strength, subsets
         As in `SolverChoice`.
     initial
-        Initial volume ``(nz, Y, X)``; None: that of the solver.
+        Initial volume ``(nz, Y, X)``; None: the solver's default.
     held_out
-        Mask ``(Y, X)`` of held-out pixels; `SolverProgress.held_out` measures their prediction.
+        Mask ``(Y, X)`` of held-out pixels; `SolverProgress.held_out` measures their prediction. None: no held-out
+        pixels.
     measured
         Result of `measure`, if it is already computed.
     noise
