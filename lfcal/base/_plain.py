@@ -79,7 +79,7 @@ def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: 
         raise
     # deeply nested text raises RecursionError, not ValueError
     except RecursionError:
-        raise refuse("endlessly nested lists") from None
+        raise refuse("lists nested too deeply to be read") from None
     except ValueError as error:
         raise refuse(str(error)) from None
     if _deeper_than(value, MAX_NESTING):

@@ -9,7 +9,7 @@ from math import hypot, isqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_choice, check_number, check_tuple, check_type
+from lfcal.base import InputError, any_of, check_choice, check_number, check_tuple, check_type
 
 __all__ = ["MODELS", "BrownDistortion", "LatticeDistortion", "monomials", "polynomial_powers"]
 
@@ -175,7 +175,7 @@ class LatticeDistortion:
             raise InputError.expected(
                 "distortion of the lattice",
                 "one that keeps neighbouring lenslets apart",
-                "one that turns them upside down" if least > 0.1 else f"an area shrunk to {least:.2g}",
+                "one that reverses their order" if least > 0.1 else f"an area shrunk to {least:.2g}",
                 "reduce its terms, or correct its scale",
             )
 
@@ -189,7 +189,7 @@ class LatticeDistortion:
             return
         right = [len(polynomial_powers(n)) for n in range(2, MAX_DEGREE + 1)]
         if len(counts) != 2 or counts[0] != counts[1] or counts[0] not in right:
-            wanted = f"two lists of {', '.join(map(str, right))}"
+            wanted = f"two lists of equally many terms, {any_of(map(str, right))}"
             raise InputError.expected("terms of a polynomial distortion", wanted, counts, "give lists of this length")
 
     @property

@@ -123,7 +123,7 @@ class Draft:
         """
         if path not in PATHS or not self._has(path):
             raise InputError.expected(
-                "entry of a camera", f"an entry of {self._title}", path, "lfcal camera show lists the entries"
+                "entry of a camera", f"an entry of {self._title}", path, "choose an entry that lfcal camera show lists"
             )
         if value is not None:
             self._values.setdefault(path, (value, mark))

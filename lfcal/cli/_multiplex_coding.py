@@ -212,7 +212,9 @@ def _display(text: str) -> tuple[tuple[int, int], float]:
 def _stored(source: Path, plane: int, mat_order: str) -> _Plane:
     with open_matrix(source, mat_order=mat_order) as matrix:
         if plane >= len(matrix):
-            raise InputError.expected("plane", f"0 … {len(matrix) - 1}", plane, f"{source} has {len(matrix)} planes")
+            raise InputError.expected(
+                "plane", f"0 … {len(matrix) - 1}", plane, f"choose one of the {len(matrix)} planes of {source}"
+            )
         z = float(matrix.depths[plane])
         return _Plane(matrix[plane], z, matrix.camera, f"{source.name}, plane {plane}")
 

@@ -125,7 +125,7 @@ def _remove(place: Path, files: Mapping[str, bytes]) -> list[Path]:
         try:
             path.unlink()
         except OSError as error:
-            raise StorageError(f"{path}: {error.strerror}; remove it by hand") from error
+            raise StorageError(f"{path}: {error.strerror}; remove it manually") from error
     return there
 
 

@@ -77,7 +77,8 @@ def _made(found: Any) -> Backend:
     """Return the backend that an entry point loads; if it is a class, return an instance."""
     backend = found() if isinstance(found, type) else found
     if not isinstance(backend, Backend):
-        raise TypeError("is not a backend; it needs name, title, has_stage, options, probe and open")
+        wanted = "a backend with name, title, has_stage, options, probe and open"
+        raise TypeError(f"expected {wanted}, got {type(backend).__name__}")
     return backend
 
 

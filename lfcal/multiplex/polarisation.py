@@ -55,7 +55,7 @@ def polarisers(
         raise InputError.expected(
             "angles of polarisers",
             "rows and columns of angles in degrees",
-            f"shape {angles.shape}",
+            array_words(angles),
             "give a two-dimensional array",
         )
     if extinction != math.inf:

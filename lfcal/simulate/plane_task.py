@@ -84,7 +84,10 @@ def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float | None) -> B
     for effect in chosen:
         if not isinstance(effect, Effect):
             raise InputError.expected(
-                "effects", "objects derived from Effect", type(effect).__name__, "lfcal.simulate lists the effects"
+                "effects",
+                "objects derived from Effect",
+                type(effect).__name__,
+                "choose effects of lfcal.simulate.effects",
             )
     return Budget(chosen, tolerance)
 

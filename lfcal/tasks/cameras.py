@@ -79,7 +79,7 @@ def tell(
 def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False, light: bool = True) -> None:
     """Report the assumed values of the camera in a plan or an H, with the name ``where``; not if ``quiet``."""
     if camera is not None and not quiet and (words := assumed_in_words(camera, light=light)):
-        note(f"{where}: assumed of the camera: {words}")
+        note(f"{where}: assumed values of the camera: {words}")
 
 
 def _assumed(camera: Camera, only: Collection[str] | None = None) -> list[Quantity]:

@@ -50,7 +50,7 @@ def _find(name: str) -> type[SolverFields]:
     if name in own:
         return own[name]
     if name == "list":
-        raise InputError.expected("--solver", "the name of a solver", "list", "lfcal solvers lists the names")
+        raise InputError.expected("--solver", "the name of a solver", "list", "choose a name that lfcal solvers lists")
     from lfcal.reconstruct import SOLVERS
 
     return solver_kind(name, SOLVERS.get(name).honours)

@@ -386,7 +386,7 @@ class SimulatePasses(_OfOnePlan):
         def tell(matrix: PSFMatrix) -> None:
             worst = 100 * max(float(error) for error in matrix.facts.known()["error"])
             whole.append(f"{self.out}, complete to within {worst:.2g} %")
-            note(f"{whole[-1]}; Ctrl-C keeps this file")
+            note(f"{whole[-1]}; Ctrl-C stops here and keeps this file")
 
         try:
             return (yield from self.iter_matrix(plan, self.out, run, on_pass=tell))

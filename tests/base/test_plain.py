@@ -28,7 +28,7 @@ BAD = {
     "a number beyond 64 bits": ("[9223372036854775808]", "the number 9223372036854775808"),
     "a number of 5000 digits": ("9" * 5000, "the number 999"),
     "an entry twice": ('{"a": 1, "b": 2, "a": 3}', "'a' more than once"),
-    "nesting that ends the parser": ("[" * 100_000 + "]" * 100_000, "endlessly nested lists"),
+    "nesting that ends the parser": ("[" * 100_000 + "]" * 100_000, "lists nested too deeply"),
     "nesting that ends what comes after": ("[" * 600 + "]" * 600, f"more than {MAX_NESTING} levels of nested lists"),
     "objects in objects": ('{"a":' * 200 + "1" + "}" * 200, f"more than {MAX_NESTING} levels of nested lists"),
     "half a character": (r'{"name": "\ud800"}', "invalid Unicode"),

@@ -123,7 +123,7 @@ def test_bad_values_are_refused_in_one_line(values: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(
     ("terms", "told"),
-    [((-1000.0,), "an area shrunk to"), ((-1e7,), "turns them upside down")],
+    [((-1000.0,), "an area shrunk to"), ((-1e7,), "reverses their order")],
 )
 def test_what_turns_lenslets_over_is_told_from_what_shrinks_them(terms: tuple[float, ...], told: str) -> None:
     with pytest.raises(InputError, match=told):

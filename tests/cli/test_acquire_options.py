@@ -61,7 +61,7 @@ def test_what_is_assumed_of_the_camera_is_said_once(acquire: Acquire, tmp_path: 
     guessed = replace(PLAN, camera=replace(PLAN.camera, marks=Marks.of({"lattice.gap_um": "assumed"})))
     (tmp_path / "plan.json").write_text(guessed.to_json())
     done = acquire("--assemble", tmp_path / "H.h5", "--option", "optics=pattern")
-    assert done.code == 0 and done.err.count("assumed of the camera") == 1, done.err
+    assert done.code == 0 and done.err.count("assumed values of the camera") == 1, done.err
 
 
 def test_retries_decide_whether_a_fault_ends_the_session(acquire: Acquire, tmp_path: Path) -> None:

@@ -110,7 +110,7 @@ def three_commands(lfcal: Callable[..., Run], root: Path) -> tuple[Path, str]:
 
 def test_a_makers_xml_leads_to_h(lfcal: Callable[..., Run], tmp_path: Path) -> None:
     out, said = three_commands(lfcal, strangers_folder(tmp_path / "f", 4.0, (7, 12), (-37e3,)))
-    assert "plan: assumed of the camera: gap between lenslets and sensor" in said
+    assert "plan: assumed values of the camera: gap between lenslets and sensor" in said
     with open_psf(out) as matrix:
         assert matrix.shape[:3] == (1, 7, 12)
         assert matrix.depths[0] == pytest.approx(-37e3, abs=1e3), "the stage's zero is found from the steps"
@@ -127,7 +127,7 @@ def test_a_makers_xml_leads_to_h(lfcal: Callable[..., Run], tmp_path: Path) -> N
 def test_a_makers_xml_leads_to_a_report(lfcal: Callable[..., Run], tmp_path: Path) -> None:
     out, _ = three_commands(lfcal, strangers_folder(tmp_path / "f", 6.0, (10, 18), (-37e3, -30e3)))
     done = lfcal("inspect", out, "--report", tmp_path / "report")
-    assert done.code == 0 and "assumed of the camera: gap" in done.err
+    assert done.code == 0 and "assumed values of the camera: gap" in done.err
     assert (tmp_path / "report" / "index.html").exists()
     told = lfcal("inspect", out, "--json")
     assert "lattice.gap_um" in json.loads(told.out)["assumed"] and "assumed" not in told.err

@@ -105,9 +105,9 @@ def test_broken_packages_are_named_and_harm_nobody(monkeypatch: pytest.MonkeyPat
     points(monkeypatch, broken=ImportError("no libfoo.so"), wrong=object(), sim=Foreign)
     found = {finding.name: finding for finding in find_backends()}
     assert "no libfoo.so" in found["broken"].reason
-    assert "is not a backend" in found["wrong"].reason
+    assert "expected a backend with name" in found["wrong"].reason
     assert found["sim"].title == "simulated camera and stage"
-    for name, reason in (("broken", "ImportError: no libfoo.so"), ("wrong", "is not a backend")):
+    for name, reason in (("broken", "ImportError: no libfoo.so"), ("wrong", "expected a backend with name")):
         with pytest.raises(DeviceMissing, match=f"device backend {name}: .*{reason}.*; update or remove"):
             get_backend(name)
 

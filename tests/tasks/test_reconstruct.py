@@ -119,7 +119,7 @@ def test_a_volume_says_of_which_task_it_is_and_is_made_again(lfcal: Lfcal, place
         (("--strength", 0.1), "--strength: expected --solver rl-tv or rl-tikhonov, got sieve; leave it out"),
         (("--solver", "isra", "--read-noise", 0), "got isra; leave it out"),
         (("--solver", "rl", "--subsets", 2), "--subsets: expected --solver sieve, osem or phase-space, got rl"),
-        (("--solver", "list"), "lfcal solvers lists the names"),
+        (("--solver", "list"), "choose a name that lfcal solvers lists"),
         (("--solver", "magic"), "solver: expected rl, "),
         (("--goal", "measure"), "--goal: expected --iterations auto, got 15"),
         (("--warm",), "--warm: expected a series of frames or a forecast, got one frame"),

@@ -178,7 +178,7 @@ def _row(path: Path, number: int, row: list[str], count: int, decimal: str, sepa
     if len(row) != count:
         remedy = "complete the row"
         if separator == "," and len(row) > count:
-            remedy = "numbers with decimal commas need semicolons between columns"
+            remedy = "separate the columns by semicolons, because numbers have decimal commas"
         raise FileFormatError.expected(f"{path.name} line {number}", f"{count} cells", len(row), remedy)
     if decimal == ",":
         row = [cell.replace(",", ".") if _COMMA_NUMBER.fullmatch(cell) else cell for cell in row]

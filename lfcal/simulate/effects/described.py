@@ -232,7 +232,10 @@ def _from_words(name: str, text: str) -> Entry:
     known = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]
     if not known:
         raise InputError.expected(
-            f"effect {name}", "on, off or auto", repr(text), "this effect has no magnitude to set"
+            f"effect {name}",
+            "on, off or auto",
+            repr(text),
+            "write one of these words, because this effect has no magnitude",
         )
     first = next(iter(known))
     if known[first] in TRIPLES:

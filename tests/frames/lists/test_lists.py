@@ -109,7 +109,7 @@ BAD = {
     "role twice": ("A,x,y\nb,1.5,2\n", "x=x,x=y", "each of file, page, z, y, x, exposure, dy, dx at most once"),
     "unit of time": ("A,x,y\nb,1.5,2\n", "x_ms=x", "--columns: expected ROLE=COLUMN"),
     "short row": ("file,x,y\na,1.5\n", "", "a.csv line 2: expected 3 cells, got 2"),
-    "decimal commas": ("file,x,y\na,1,5,2,5\n", "", "numbers with decimal commas need semicolons"),
+    "decimal commas": ("file,x,y\na,1,5,2,5\n", "", "separate the columns by semicolons"),
     "both signs": ("file;x;y\na;1,5;2.5\n", "", "a point or a comma throughout, got 1,5 and 2.5"),
     "twice named": ("file,x,x\na,1,2\n", "", "unique column names, got 'x' twice"),
     "no number": ("file,x_um,y_um\na,here,2\n", "", "a.csv line 2, x_um: expected a number, got 'here'"),
