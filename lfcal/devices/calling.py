@@ -104,7 +104,7 @@ class Caller:
             if cancelled():
                 return CANCELLED
             raise DeviceLost(
-                f"{self.name}: has not returned from an earlier {self._hanging}; switch the device off and on"
+                f"{self.name}: an earlier call of {self._hanging} has not returned; switch the device off and on"
             )
         call = _Call(function, arguments, SimpleQueue())
         self._running().put(call)

@@ -148,7 +148,7 @@ class DatasetPlanes:
     def _check_open(self) -> None:
         # h5py raises a bare ValueError on a closed file, which does not name the remedy
         if not self.dataset.is_open:
-            raise FileFormatError("PSF matrix: its file is closed; open it again with open_psf")
+            raise FileFormatError("PSF matrix: the file is closed; open it again with open_psf")
 
 
 def as_planes(data: Any) -> Planes:

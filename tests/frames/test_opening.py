@@ -170,7 +170,7 @@ def test_files_are_released(tmp_path: Path) -> None:
     source = open_frames(tmp_path / "b.tif", order="raster", plan_shape=PLAN)
     source.close()
     source.close()
-    with pytest.raises(InputError, match="these frames are closed"):
+    with pytest.raises(InputError, match="the folder of frames is closed"):
         source.read(0)
 
 

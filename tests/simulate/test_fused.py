@@ -102,7 +102,7 @@ def test_many_positions_in_one_call_are_each_alone() -> None:
         assert response.respond(field, (table, corner), weights, (4, 9, 31), work, alone) == power
         np.testing.assert_array_equal(one, alone)
     assert len(set(powers)) == 3
-    with pytest.raises(ValueError, match="3 grids: expected one for each of 4 cutouts"):
+    with pytest.raises(ValueError, match="expected one for each of 4 cutouts, got 3"):
         response.each(field, (table, corners[:3]), weights, (4, 9, 31), work, out)
     with pytest.raises(ValueError, match="grid at 12, 5: expected"):
         response.each(field, (table, [*corners[:3], (12, 5)]), weights, (4, 9, 31), work, out)
@@ -128,9 +128,9 @@ def test_what_has_no_stages_is_told() -> None:
 @pytest.mark.parametrize(
     ("corner", "start", "told"),
     [
-        ((0, 0), (-1, 0), r"samples \[-1, 0\] to \[25, 26\] of a field \(27, 27\): expected some of 27 x 27"),
+        ((0, 0), (-1, 0), r"expected samples within 27 x 27, got \[-1, 0\] to \[25, 26\] of \(27, 27\)"),
         ((0, 0), (0, 2), r"samples \[0, 2\] to \[26, 28\]"),
-        ((12, 0), (0, 0), r"grid at 12, 0: expected 27 x 27 within \(38, 32\)"),
+        ((12, 0), (0, 0), r"grid at 12, 0: expected 27 x 27 samples within \(38, 32\)"),
         ((0, 6), (0, 0), "grid at 0, 6: expected"),
         ((-1, 0), (0, 0), "grid at -1, 0: expected"),
     ],

@@ -179,7 +179,7 @@ def iter_live(
             if frame is None:
                 break
             if frame.status != "complete":
-                raise IncompleteFrame(f"camera buffer: {frame.status}; check cable and bandwidth")
+                raise IncompleteFrame.expected("camera buffer", "complete", frame.status, "check cable and bandwidth")
         except (FrameTimeout, IncompleteFrame) as error:
             wanted = yield LiveState(None, None, stage, expected, str(error))
         else:

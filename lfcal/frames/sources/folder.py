@@ -271,7 +271,7 @@ class FolderSource(Frames):
             return
         with self._lock:
             if not self._finalizer.alive:
-                raise InputError(f"{self.root}: these frames are closed; open them again")
+                raise InputError(f"{self.root}: the folder of frames is closed; open it again")
             if name not in self._open:
                 self._open[name] = self._opened(name)
             image = self._open[name]

@@ -25,7 +25,7 @@ def check_effect(kind: type[Effect]) -> None:
         raise TypeError(f"the class lacks the methods {', '.join(sorted(kind.__abstractmethods__))}")
     # the fields are the magnitudes stored in provenance; two equal effects must compare equal
     if not is_dataclass(kind) or not kind.__dataclass_params__.frozen:
-        raise TypeError("expected a frozen dataclass, got another class")
+        raise TypeError("expected a frozen dataclass; decorate the class with @dataclass(frozen=True)")
     if not isinstance(getattr(kind, "title", None), str) or not isinstance(getattr(kind, "acts_on", None), ActsOn):
         raise TypeError("the class lacks a title (str) or acts_on (ActsOn)")
     # tried here, because an estimate that fails later would stop every plan, even one without this effect

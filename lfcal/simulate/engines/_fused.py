@@ -165,12 +165,12 @@ class FusedResponse:
         n, (per, *starts), (height, width) = self._n, place, table.shape
         ends = [first + (count - 1) * per + weights.size for first, count in zip(starts, out.shape[1:], strict=True)]
         if min(starts) < 0 or max(ends) > n or lit.shape != (n, n):
-            raise ValueError(f"samples {starts} to {ends} of a field {lit.shape}: expected some of {n} x {n}")
+            raise ValueError(f"field: expected samples within {n} x {n}, got {starts} to {ends} of {lit.shape}")
         for row, column in corners:
             if min(row, column) < 0 or row + n > height or column + n > width:
-                raise ValueError(f"grid at {row}, {column}: expected {n} x {n} within {table.shape}")
+                raise ValueError(f"grid at {row}, {column}: expected {n} x {n} samples within {table.shape}")
         if len(corners) != len(out):
-            raise ValueError(f"{len(corners)} grids: expected one for each of {len(out)} cutouts")
+            raise ValueError(f"grids: expected one for each of {len(out)} cutouts, got {len(corners)}")
         first = np.array([row * width + column for row, column in corners], np.int64)
         powers = np.empty(len(out))
         pixels = Pixels(weights, *place, *out.shape[1:])
