@@ -84,7 +84,7 @@ class ChannelSource(SourceView):
         return replace(info, origin=place, drift=drift, label=f"{info.label} {self.channel}", mask=mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return the channel of frame ``index``, or a part of it."""
+        """Return the channel of frame ``index``, or only the part of it in ``region``."""
         rows, columns = (
             # read the mosaic only from the first to the last pixel of the channel
             slice(start + self._step * part.start, start + self._step * (part.stop - 1) + 1)
@@ -123,7 +123,7 @@ class BalancedSource(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the mosaic with the gains used; saturation is unset, as it now differs by colour."""
+        """Return the metadata of the mosaic with the gains used, without saturation, which now differs by colour."""
         return replace(known, saturation=None, bit_depth=None, gains=None, balanced_by=self.gains)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
@@ -212,7 +212,7 @@ class ColourScan:
 
 
 def colours_of(source: FrameSource, plan: ScanPlan) -> tuple[str, ...]:
-    """Return the names of the frames' colour channels, from their metadata or the plan's sensor; empty: monochrome."""
+    """Return the names of the colour channels of the frames, or else of the plan's sensor; empty if monochrome."""
     return channel_names(_filter(source, plan))
 
 

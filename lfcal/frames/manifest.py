@@ -172,7 +172,8 @@ class Manifest:
     def coverage(self) -> tuple[tuple[Position, ...], tuple[Position, ...]]:
         """Return the positions without a frame, and those with several frames.
 
-        If ``plan_shape`` is unknown, the scan is taken as the smallest box from (0, 0, 0) that contains all positions.
+        If ``plan_shape`` is unknown, the scan is assumed to be the smallest box from (0, 0, 0) that contains all
+        positions.
         """
         box = self.plan_shape or tuple(1 + max(e.position[k] for e in self.entries) for k in range(3))
         check_plan_shape(box)
@@ -293,7 +294,7 @@ def _leads_out(name: str, folder: str) -> UnsafeFileError:
 
 
 def number(text: object, what: str, *, integer: bool = False) -> Any:
-    """Return the number in ``text``, or raise `FileFormatError` naming ``what``."""
+    """Return the number in ``text``; raise `FileFormatError`, which names ``what``, if there is none."""
     try:
         value = int(str(text)) if integer else float(str(text))
     except ValueError:

@@ -131,7 +131,7 @@ f[:, ::-1]; ``"mirror y"`` f[::-1]; ``"transpose"`` f.T; ``"anti-transpose"`` f[
 
 
 def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
-    """Return the orientation that makes frames upright whose image moves by ``moves``, and a residual.
+    """Return the orientation of frames in which the image moves by ``moves``, and the residual.
 
     The columns of ``moves`` ``(2, 2)`` are the observed motion (down, right) for one planned pixel down and for one
     planned pixel right: the unit matrix for upright frames. The residual is the Frobenius norm of the difference

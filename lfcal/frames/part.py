@@ -29,7 +29,7 @@ Place = tuple[int, int]
 
 
 def parse_origin(text: str) -> Place | None:
-    """Return (row, column) from a text such as ``"120,64"``; None if it is empty. Raises `InputError` otherwise."""
+    """Return (row, column) from a text such as ``"120,64"``; None if empty. Raises `InputError` for other texts."""
     if not text.strip():
         return None
     fields = [field.strip() for field in text.split(",")]

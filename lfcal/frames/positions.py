@@ -79,7 +79,7 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 def missing_numbers(names: Sequence[str]) -> list[int]:
     """Return the numbers that are missing in a series of numbered file names.
 
-    The result is empty if the names differ in more than their last number, or if more numbers are missing than exist.
+    The result is empty if the names differ in more than their last number, or if more numbers are missing than present.
     """
     parts = [re.fullmatch(r"(.*?)([0-9]+)([^0-9]*)", Path(name).stem) for name in names]
     found = [part for part in parts if part is not None]

@@ -92,9 +92,9 @@ class Assembly:
     strict
         Whether to treat missing and repeated positions as errors.
     noise
-        Noise of the samples, used with ``measured``.
+        Noise of the samples, used only if ``measured`` is true; None: unknown.
     measured
-        Whether ``noise`` (None: unknown) has already been measured; otherwise it is measured here.
+        Whether ``noise`` has already been measured; otherwise it is measured here.
 
     Raises
     ------
@@ -232,7 +232,7 @@ class AssembledPlanes(PlaneSource):
     assembly
         The frames.
     header
-        Description of H, besides its values.
+        Description of H without its values.
     fill
         Function that fills missing positions, which stay marked as never recorded; None: their patterns are 0.
     reopening

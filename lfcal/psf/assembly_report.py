@@ -40,7 +40,7 @@ class AssemblyReport:
     spread
         Median relative difference between repeated frames; None without repeated frames.
     left_out
-        Damaged frames and dark frames that were not used.
+        Damaged frames and damaged dark frames, which were not used.
     orientation
         How the frames were flipped or turned, one of `lfcal.frames.orientation.ORIENTATIONS`.
 

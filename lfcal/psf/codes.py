@@ -41,8 +41,8 @@ class Code:
     source
         Address of the published source code.
     one_lens
-        Whether the code repeats H over a square grid of lenses whose period is an odd number of pixels. Otherwise it
-        needs one pattern for each plane.
+        Whether the code assumes a square grid of lenses with a period of an odd number of pixels, and repeats the
+        patterns of one lens. Otherwise it needs one pattern for each plane.
     """
 
     name: str

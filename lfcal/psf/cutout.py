@@ -279,7 +279,7 @@ class Gatherer:
     infos
         Facts about each frame.
     cutout
-        The shifting cutout.
+        The cutout, which moves with the source.
     drift
         ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px); None: the drift
         stated by the frames.

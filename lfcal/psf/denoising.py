@@ -54,7 +54,9 @@ def mean_noise(H: Any) -> NDArray[np.float64] | None:
 
 
 def denoised(H: Any, z: int, plane: NDArray[Any]) -> NDArray[Any]:
-    """Return plane ``z`` of ``H``, given as ``plane`` ``(ny, nx, nt, ns)``, with less noise; unchanged if unknown.
+    """Return ``plane`` ``(ny, nx, nt, ns)``, which is plane ``z`` of ``H``, with less noise.
+
+    It is returned unchanged if its noise is unknown.
 
     Examples
     --------

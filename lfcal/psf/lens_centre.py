@@ -58,7 +58,7 @@ class LensCentre:
 
     @property
     def rest(self) -> Pair:
-        """Distance from `expected` after `shift`, in (-0.5, 0.5] pixels; positive if the centre is below or right."""
+        """Offset (rows, columns) from `expected` after `shift`, in (-0.5, 0.5] pixels; positive: down or right."""
         rows, columns = (off - math.ceil(off - 0.5) for off in self._off())
         return rows, columns
 
@@ -129,7 +129,7 @@ def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "near
 
     Positions are rolled within the period by whole numbers. Their patterns do not change, because a cutout is centred
     on its source and only the source's number changes. ``f[p] = sum_v g[v] H[v mod n][p - v + c]`` then holds for
-    images and volumes whose pixel 0 is as many pixels earlier.
+    images and volumes whose pixel 0 is earlier by the same number of pixels.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class Reopening:
         ``"package.module:function"``; the function is called with ``values`` and a number of threads, and returns the
         `PlaneSource`. Empty: only threads of this process can compute the plane, from objects that are already open.
     values
-        Everything except its number that determines the plane, as plain JSON types.
+        Everything that determines the plane, except its number, as plain JSON types.
     inputs
         Paths of the input files.
     held
@@ -111,7 +111,7 @@ class PlaneSource:
         return record
 
     def late_provenance(self) -> Mapping[str, Any]:
-        """Return provenance to add to the header's, known only after this process has computed all planes."""
+        """Return provenance entries that are known only after this process has computed all planes."""
         return {}
 
     def close(self) -> None:

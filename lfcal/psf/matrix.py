@@ -171,7 +171,7 @@ class PSFMatrix:
 
     @property
     def nbytes(self) -> int:
-        """Size of the whole matrix in memory (bytes)."""
+        """Size of the complete matrix in memory (bytes)."""
         return self.size * self.dtype.itemsize
 
     @property
@@ -257,7 +257,7 @@ class PSFMatrix:
         return unpack_valid(packed[z, y, x], self.cutout)
 
     def variance(self, z: int, y: int, x: int) -> NDArray[np.float64] | None:
-        """Return the variance of each sample ``(nt, ns)`` of a pattern of H, or None if it is unknown."""
+        """Return the variance ``(nt, ns)`` of samples in a pattern of H (squared sample values); None if unknown."""
         noise = self.facts.noise
         if noise is None or not np.isfinite(noise[z, y, x]).all():
             return None
@@ -269,8 +269,7 @@ class PSFMatrix:
     def uncertainty(self, z: int, y: int, x: int) -> NDArray[np.float32] | None:
         """Return the standard deviation of each entry ``(nt, ns)`` of a pattern of H, or None if it is unknown.
 
-        For a pattern that is at least partly modelled, it is the stated uncertainty; for a measured one, it is the
-        noise.
+        This is the stated uncertainty for a pattern that is at least partly modelled, and the noise for a measured one.
         """
         stated = self._uncertainty
         if stated is not None:

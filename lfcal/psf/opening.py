@@ -176,7 +176,7 @@ def _of_array(values: NDArray[Any], source: Path, notes: list[str]) -> PSFMatrix
 def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
     """Return notes on how another code's file was read: one line for each assumption that lfcal made.
 
-    For an H file made from such a file there are no notes here, but they are still in its provenance.
+    The result is empty for an H file made from such a file, whose provenance contains the notes.
     """
     if matrix.path and Path(matrix.path).suffix.lower() not in FOREIGN:
         return ()

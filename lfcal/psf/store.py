@@ -385,7 +385,7 @@ class PSFWriter:
     def of(
         cls, path: str | os.PathLike[str], header: Header, stored: Stored | None = None, workers: int | None = None
     ) -> Self:
-        """Return a writer for a matrix with this header; ``stored`` states how values are stored (None: by default)."""
+        """Return a writer for a matrix with this header, whose values are stored as ``stored`` states."""
         return cls(path, **vars(header), **vars(stored or Stored()), workers=workers)
 
     @property

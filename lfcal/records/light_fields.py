@@ -73,7 +73,7 @@ class LightFieldSettings:
 
 @record
 class VoxelGrid:
-    """Size and position of voxels."""
+    """Size and position of the voxels of a volume."""
 
     voxel: float | str | None = opt(
         None,

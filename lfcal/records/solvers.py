@@ -45,7 +45,7 @@ def _named(name: str) -> str:
 
 @record
 class SolverFields:
-    """Fields that every solver has."""
+    """Settings that every solver has."""
 
     name: str = _named("")
     iterations: int | str = opt(
@@ -156,63 +156,63 @@ class _Em(_ReadNoise, _Common):
 
 @record
 class SieveSolver(_Subsets, _Em):
-    """Accelerated Richardson-Lucy within a sieve: few lenslet artefacts in the native plane, no rings."""
+    """Settings of accelerated Richardson-Lucy with a sieve, which reduces lenslet artefacts and avoids rings."""
 
     name: str = _named("sieve")
 
 
 @record
 class RlSolver(_Em):
-    """Richardson-Lucy, as published."""
+    """Settings of Richardson-Lucy without acceleration or regularization."""
 
     name: str = _named("rl")
 
 
 @record
 class RlTvSolver(_Strength, _Em):
-    """Richardson-Lucy with total variation: less noise, edges are kept."""
+    """Settings of Richardson-Lucy with total variation, which reduces noise and preserves edges."""
 
     name: str = _named("rl-tv")
 
 
 @record
 class RlTikhonovSolver(_Strength, _Em):
-    """Richardson-Lucy with Tikhonov-Miller regularization: less noise, softer edges."""
+    """Settings of Richardson-Lucy with Tikhonov-Miller regularization, which reduces noise and softens edges."""
 
     name: str = _named("rl-tikhonov")
 
 
 @record
 class RlBiggsSolver(_Em):
-    """Richardson-Lucy, accelerated along the last two updates."""
+    """Settings of Richardson-Lucy with Biggs acceleration, which extrapolates from the last two updates."""
 
     name: str = _named("rl-biggs")
 
 
 @record
 class RlNesterovSolver(_Em):
-    """Richardson-Lucy, accelerated by the iteration number."""
+    """Settings of Richardson-Lucy with Nesterov acceleration, whose step depends on the iteration number."""
 
     name: str = _named("rl-nesterov")
 
 
 @record
 class OsemSolver(_Subsets, _Em):
-    """Ordered subsets of pixels: fewer iterations are needed."""
+    """Settings of the solver with ordered subsets of pixels, which needs fewer iterations."""
 
     name: str = _named("osem")
 
 
 @record
 class PhaseSpaceSolver(_Subsets, _Em):
-    """Updates by one view after the other, the brightest first."""
+    """Settings of the solver that updates the volume with one view after another, starting with the brightest."""
 
     name: str = _named("phase-space")
 
 
 @record
 class IsraSolver(_Common):
-    """Non-negative least squares."""
+    """Settings of the solver for non-negative least squares (ISRA)."""
 
     name: str = _named("isra")
 

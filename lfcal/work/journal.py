@@ -65,7 +65,7 @@ class Journal:
     @classmethod
     @contextmanager
     def open(cls, folder: Path) -> Iterator[Journal]:
-        """Open the journal in ``folder``, which is created if it does not exist."""
+        """Open the journal file in ``folder``; the file is created if it does not exist."""
         path = folder / JOURNAL
         with storage_errors(path), path.open("a", encoding="utf-8") as file:
             if file.tell() and not path.read_bytes().endswith(b"\n"):
@@ -317,7 +317,7 @@ class RunTable:
     Attributes
     ----------
     headline
-        Output, progress and executor.
+        A line with the output, the progress and the executor.
     place
         Address of a dashboard that shows the workers; empty if there is none.
     rows

@@ -150,7 +150,7 @@ class CorrectionChain:
         exposure_s: float | None = None,
         background: Plane | None = None,
     ) -> NDArray[np.float32]:
-        """Return a corrected part of a frame, float32.
+        """Return the corrected part ``inside`` of a frame, ``(rows, columns)`` float32.
 
         Parameters
         ----------

@@ -84,7 +84,7 @@ def from_micromanager(
     """Return the manifest of frames from Micro-Manager's ``metadata.txt``, notes on it, and facts about all frames.
 
     Only one of several channels is read: the one named by ``columns="channel=NAME"``, or the only one whose name does
-    not indicate dark frames. A channel whose name does provides the dark frames.
+    not indicate dark frames. Dark frames are taken from a channel whose name indicates them.
     """
     role, _, channel = options.columns.partition("=")
     if options.columns and role.strip() != "channel":

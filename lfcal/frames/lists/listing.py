@@ -30,7 +30,7 @@ MAX_EXPOSURE_S = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class Listing:
-    """The frames named in a list, with what it states about each of them.
+    """The frames named in a list, and the facts that the list states about them.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ class CentroidMotion:
     shape: tuple[int, int]
 
     def axes(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
-        """Return (axis, sign) for the image motion down and right; None if the light does not determine the axes."""
+        """Return (axis, sign) of the motion down and of that to the right; None if the light does not show them."""
         down, right = np.abs(self.matrix)
         order = (int(down.argmax()), int(right.argmax()))
         main = np.array([down[order[0]], right[order[1]]])
@@ -85,7 +85,7 @@ class Part(NamedTuple):
 
 
 def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.intp]:
-    """Return the rows of up to ``count`` positions in ``index``, each as far as possible from the previous ones."""
+    """Return the indices of up to ``count`` positions, each as far as possible from the previous ones."""
     chosen = [int(np.argmin(index.sum(axis=1)))]
     distance = np.full(len(index), np.inf)
     while len(chosen) < min(count, len(index)):

@@ -34,7 +34,7 @@ class Event:
     job
         The unit.
     kind
-        What happened.
+        Kind of the event.
     worker
         Name of the worker, for display.
     share
