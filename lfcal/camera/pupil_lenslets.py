@@ -78,7 +78,7 @@ class PupilLenslets:
     >>> lenslets.pitch_um
     Traceback (most recent call last):
     lfcal.camera.pupil_lenslets.NoLatticeError: lenslet pitch: expected a camera with a periodic lenslet array, got
-    ... this property does not exist for this camera
+    ... this property does not exist for others
     """
 
     lens_centres_um: tuple[tuple[float, float], ...]
