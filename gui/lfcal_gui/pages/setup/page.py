@@ -439,6 +439,8 @@ class Page(BasePage):
         changed = None if plan is None else change_plan(plan, key, value)[0]
         if changed is not None:
             self.context.project.merge(f"change of {key.replace('_', ' ')}", plan=changed)
+            if changed == plan:  # the value that was typed is the current one, for example by default
+                self._show(self.context.state)
 
     def move_scan(self, rows: int, columns: int) -> None:
         """Move the scan by so many pixels, as far as it stays on the sensor."""
