@@ -225,7 +225,7 @@ def _simulate(window: MainWindow, page: Any) -> None:
     """Hold what the planner said against plan and settings of now, unless it is asked again."""
     state = window.context.state
     assert _body(page) == (state.plan is not None)
-    if page.verdict is not None and state.plan is not None:
+    if page.verdict is not None and state.plan is not None and page.isVisible():  # updated when it is shown again
         asked = window.jobs.busy
         assert asked or page.verdict.fits(state.plan, page.settings), "an earlier answer of the planner is shown"
 

@@ -526,13 +526,16 @@ class Page(BasePage):
         if self.plane is None:
             return
         assert self.matrix is not None
-        picture = resolve(self.intent, self.plane, self.reference_plane)
-        unit = shown_unit(self.intent, self.matrix, self.reference)
-        show = self.intent.show if self.intent.view != "difference" else "measured"
+        intent = self.intent
+        picture = resolve(intent, self.plane, self.reference_plane)
+        unit = shown_unit(intent, self.matrix, self.reference)
+        show = intent.show if intent.view != "difference" else "measured"
         own = self.panel.own_scale.isChecked()
         ends = (None, None) if own else (self._levels.get(show), self._levels.get("difference"))
-        self.panel.show_picture(picture, self.intent, ends, unit)
-        if self.reference_plane is None and "difference" in (self.intent.view, show):
+        self.panel.show_picture(picture, intent, ends, unit)
+        if self.intent is not intent:  # the pointer left a view while it was drawn
+            self._show_picture()
+        elif self.reference_plane is None and "difference" in (intent.view, show):
             self.panel.readout.setText("The other H has no plane at this depth.")
 
     def _show_aperture(self, loaded: PlaneData, found: dict[str, Any]) -> None:

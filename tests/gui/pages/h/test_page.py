@@ -223,6 +223,21 @@ def test_the_readout_follows_the_picture(page: Any, context: Context, qtbot: QtB
     assert panel.readout.text().startswith("Point at")
 
 
+def test_the_pointer_may_leave_a_picture_while_it_is_drawn(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    view = page.panel.main_view
+    view.hovered.emit(2, 3, 0.0)
+    draw = view.set_shot
+
+    def draw_and_leave(shot: Any) -> None:
+        draw(shot)
+        view.hovered.emit(-1, -1, float("nan"))
+
+    monkeypatch.setattr(view, "set_shot", draw_and_leave)
+    page.set_intent(view="sum")
+    assert page.intent.pixel is None and page.panel.readout.text().startswith("Point at")
+    assert view.shot.cross is None
+
+
 @pytest.mark.parametrize("show", ["measured", "reference"])
 def test_h_and_ht_share_one_scale_whatever_is_chosen(page: Any, show: str) -> None:
     panel = page.panel
