@@ -5,7 +5,7 @@
 - ``pupil_lenslets``: the single lenslets of a Fourier light-field microscope
 - ``sensor``: pixels and noise
 - ``distortion``: the manufacturer's distortion, stored with the camera
-- ``description``: the whole camera; depths, steps, JSON; which values are stated, measured, derived or assumed
+- ``description``: the complete camera; depths, steps, JSON; which values are stated, measured, derived or assumed
 - ``presets``: built-in cameras
 - ``quantities``: names, units and usual limits of the values
 - ``draft``: an incomplete camera, each value with its source

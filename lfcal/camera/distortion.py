@@ -158,7 +158,7 @@ class LatticeDistortion:
     terms: tuple[tuple[float, ...], ...]
 
     def __post_init__(self) -> None:
-        """Check every value, and that no two points are mapped to the same place."""
+        """Check every value, and that no two points are mapped to the same position."""
         check_choice("model of the lattice's distortion", self.model, MODELS)
         object.__setattr__(self, "centre", check_tuple("centre of the distortion (x, y)", self.centre, 2))
         check_number("length scale of the distortion", self.scale, above=0)

@@ -151,8 +151,8 @@ class ScanPlan:
     frames_averaged
         Number of frames recorded and averaged at each position.
     resample
-        Whether frames are scaled by `resample_factors` to a period of whole pixels; steps and cutout are then in
-        resampled pixels. The anchor stays in sensor pixels.
+        Whether frames are scaled by `resample_factors` so that the period is a whole number of pixels. Steps and cutout
+        are then in resampled pixels. The anchor stays in sensor pixels.
 
     Examples
     --------
@@ -590,8 +590,8 @@ def half_cell(plan: ScanPlan) -> HalfCell:
     ------
     InputError
         If frames are resampled or patterns half a period apart differ: the period is odd, there is no lenslet of the
-        same type half a period away, or its position deviates from whole pixels by more than 0.05 px. The message
-        states the reason.
+        same type half a period away, or its distance deviates from a whole number of pixels by more than 0.05 px. The
+        message states the reason.
     """
     ny, nx = plan.period
     what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan fit)"

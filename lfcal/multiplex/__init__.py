@@ -16,7 +16,7 @@
 - ``design``: manufacturable layouts and masks, with a bound on better ones
 - ``coding``: several points lit together, and whether that is an advantage; ``code_display``: on a display
 - ``recorded``: frames with metadata of their files
-- ``paper``: the paper's figures as data and as PNG; ``figures``: all of them as files; ``drawing``: other pictures
+- ``paper``: the paper's figures as data and as PNG; ``figures``: all of them as files; ``drawing``: other plots
 """
 
 from typing import TYPE_CHECKING

@@ -54,7 +54,7 @@ def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.flo
 
 
 def without_black_level(frame: ArrayLike, levels: ArrayLike) -> NDArray[Any]:
-    """Return a frame minus its black level (`black_level_map`): float64 for float64 frames, else float32.
+    """Return a frame minus its black level (`black_level_map`): float64 for float64 frames, float32 for others.
 
     Examples
     --------

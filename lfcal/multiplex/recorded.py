@@ -24,7 +24,7 @@ class RecordedFrame(NamedTuple):
     black_level: Any
 
     def level(self, given: float | None = None, sensor: Sensor | None = None) -> Any:
-        """Return ``given``, or else the black level stated in the file, or else that of the sensor, or else 0."""
+        """Return ``given``, or the black level stated in the file, or that of the sensor, or 0 if none is known."""
         if given is not None:
             return given
         if self.black_level is not None:

@@ -257,7 +257,11 @@ class Resampling:
         return out
 
     def inside(self, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-        """Return weights of the result's pixels: 1 inside a frame of ``shape`` and where ``mask`` is true, else 0."""
+        """Return the weights ``(rows, columns)`` of the result's pixels, 0 or 1.
+
+        They are 1 inside a frame of ``shape``. With a ``mask`` of the frame, they are 1 only where all pixels used are
+        true.
+        """
         rows, columns = np.mgrid[: self.shape[0], : self.shape[1]]
         row, column = self.places(rows, columns)
         good = (row > -0.5) & (row < shape[0] - 0.5) & (column > -0.5) & (column < shape[1] - 0.5)
@@ -303,7 +307,7 @@ def resampling_for(
         Rows and columns of a frame.
     light_field
         Settings with a white image or a measured lattice; without them, the lattice is that of H's camera, for frames
-        of its whole sensor.
+        of its entire sensor.
     placed
         Name of the setting that states the position of the frames in H, for messages; empty without such a setting.
     quiet

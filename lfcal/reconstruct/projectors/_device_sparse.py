@@ -58,7 +58,7 @@ class DeviceSparse(DeviceEngine):
         self.rounding = 20 * float(np.finfo(dtype).eps)
 
     def prepared(self, plane: NDArray[Any]) -> tuple[tuple[NDArray[Any], ...], Any]:
-        """Return the gathered rows, values and places of phases for both directions, and their slices."""
+        """Return the gathered rows, values and positions of phases for both directions, and their slices."""
         return self.sliced(self.host.prepare(plane))
 
     def sliced(self, operand: SparseOperand) -> tuple[tuple[NDArray[Any], ...], Any]:

@@ -80,7 +80,7 @@ def strips_of(cells: tuple[int, int]) -> list[tuple[int, int]]:
 
 
 def strips_together(grid: Grid, workers: int) -> int:
-    """Return the number of strips that share one placed band: a worker's share, at most twice the image."""
+    """Return the number of strips that share one banded matrix, limited to twice the image and one worker's part."""
     strips, (ny, _), overlap = strips_of(grid.cells), grid.period, grid.cutout[0] - 1
     lines = math.ceil(grid.cells[0] / len(strips))
     room = 2 * (grid.cells[0] * ny + overlap) // (lines * ny + overlap)

@@ -218,7 +218,7 @@ class Polyphase:
         return out
 
     def _synthesise_y(self, spectrum: NDArray[Any], operand: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Return tile columns ``(tiles in x, fx, rows, phases)`` of spectra, times ``operand`` where given."""
+        """Return tile columns ``(tiles in x, fx, rows, phases)`` of spectra, multiplied by ``operand`` if given."""
         x, y = self.plan.x, self.plan.y
         count = spectrum.shape[2] // x.count
         phases = spectrum.shape[3] if operand is None else operand.shape[2]

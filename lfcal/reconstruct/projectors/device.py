@@ -225,7 +225,7 @@ def check_arithmetic(device: ArrayDevice) -> None:
 
 
 def _trusted(device: ArrayDevice, *, must: bool) -> ArrayDevice | None:
-    """Return a device that computes correctly; where it does not raise, or return None unless it ``must``."""
+    """Return ``device`` if it computes correctly; otherwise raise `InputError` if it ``must``, or return None."""
     try:
         check_arithmetic(device)
     except InputError:

@@ -53,7 +53,7 @@ class Projector:
         `PSFMatrix`, or any array, memory map or dataset ``(nz, ny, nx, nt, ns)``, with any period and an odd cutout.
         Planes are read one at a time.
     image_shape
-        Rows and columns of the image and of each volume plane (pixels); need not be whole periods.
+        Rows and columns of the image and of each volume plane (pixels); they need not be multiples of the period.
     anchor
         Pixel (row, column) on which the source at position (0, 0) is imaged, rounded down to integers; by default that
         of ``H`` if it is a `PSFMatrix`, else (0, 0).
@@ -207,7 +207,7 @@ class Projector:
 
     @property
     def depths(self) -> NDArray[np.float64]:
-        """Depth of each plane (µm) if H has depths, else plane numbers."""
+        """Depth of each plane (µm), or the plane numbers if H has no depths."""
         depths = self._reader.H.depths if isinstance(self._reader.H, PSFMatrix) else None
         return np.arange(self.volume_shape[0], dtype=float) if depths is None else np.asarray(depths, float)
 

@@ -433,7 +433,7 @@ def _start(P: Projector, data: Measurement, parts: tuple[_Part, ...], initial: A
 
 
 def _pace(state: SolverState, options: EmOptions) -> _Pace:
-    """Return how far the next update goes, as the state remembers it; one that does not is past its start."""
+    """Return the strength of the next update, with the model and the likelihood of the last one, from the state."""
     if state.iteration == 0:
         return _Pace(0.0 if options.stretch is None else options.stretch.first)
     if not state.numbers:
