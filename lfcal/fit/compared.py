@@ -41,7 +41,7 @@ class Compared:
     found
         Position of the matching pattern in H, position of its cutout on the sensor, and their correlation.
     displacement_px, displacement_sigma
-        Displacement (dy, dx) of the source from that position, fitted together with gain and background, and its
+        Displacement (dy, dx) of the source from the position in H, fitted together with gain and background, and its
         standard deviation (pixels).
     gain, background
         Gain and background of the frame relative to H.
@@ -50,7 +50,7 @@ class Compared:
     chi_square
         Chi-square of the residuals.
     doubt
-        Uncertainty of the prediction by H for a source between its positions (relative L2).
+        Uncertainty of the prediction for a source between positions of H (relative L2).
     beside_px
         Offset (dy, dx) of the source from its known position (pixels); None if the position is not known.
     values, light, noise, weight

@@ -199,7 +199,7 @@ class PositionDesign:
     held_out
         Held-out positions ``(m, 3)``, spread evenly.
     curve
-        Expected error against number of positions; the last point is for all of them.
+        Expected error as a function of the number of positions; the last point is for all positions.
     pattern_error
         Relative error (L2) of an H in which every position was recorded once, due to the noise of each pattern.
     start_error
@@ -244,8 +244,8 @@ def iter_next_positions(
 ) -> Work[PositionDesign]:
     """Return the positions to record next, chosen by their effect on the error of H.
 
-    This is an I-optimal design: with the covariance C of the unknowns from the patterns, and the mean M of the outer
-    products of the model's derivatives over all positions and depths, the squared error of H is trace(C M).
+    This is an I-optimal design. The squared error of H is trace(C M), where C is the covariance of the unknowns from
+    the patterns, and M is the mean over all positions and depths of the outer products of the derivatives of the model.
 
     Parameters
     ----------
@@ -377,9 +377,9 @@ def draw_design(design: PositionDesign, path: str | os.PathLike[str], positions:
     design
         The chosen positions.
     path
-        Image file to write; its suffix determines the format.
+        Image file to write; the suffix determines the format.
     positions, hours
-        Number of positions and recording time of the whole scan, in which each pattern keeps its noise.
+        Number of positions and recording time (h) of the complete scan, in which each pattern keeps its noise.
     """
     with figure(9.6, 4.0) as fig:
         left, right = fig.subplots(1, 2, sharey=True)

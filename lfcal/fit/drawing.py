@@ -42,7 +42,7 @@ class FitResiduals:
         Mean square of the residuals of the pixels behind each lens type or, in a Fourier light-field microscope, behind
         each lenslet.
     maps
-        Mean square of the residuals of each plane's patterns ``(nz, nt, ns)``, NaN without a measurement.
+        Mean square of the residuals over the patterns of each plane ``(nz, nt, ns)``; NaN without a measurement.
     type_name
         Name of one category of ``by_type``: "lens type" or "lenslet".
     """
@@ -143,7 +143,7 @@ def draw_patterns(left: FitResiduals, path: str | os.PathLike[str]) -> None:
 
 
 def draw_leftover(left: FitResiduals, path: str | os.PathLike[str]) -> None:
-    """Draw the mean square of the residuals over each plane's cutouts, and chi² by position, plane and lens type."""
+    """Draw the mean squared residuals over the cutouts of each plane, and chi² by position, plane and lens type."""
     shown = [z for z in range(len(left.maps)) if np.isfinite(left.maps[z]).any()]
     few = [shown[k] for k in np.unique(np.linspace(0, len(shown) - 1, min(3, len(shown))).round().astype(int))]
     with figure(9.6, 6.0) as fig:

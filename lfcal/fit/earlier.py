@@ -40,7 +40,7 @@ class Earlier:
     values
         Fitted values of the parameters ``(k,)``.
     spread
-        Scatter of the sources' positions, and stability of the lamp.
+        Scatter of the positions of the sources, and stability of the lamp.
     positions
         Positions ``(n, 3)`` of the patterns used, as (z, y, x), including held-out ones.
     depths_um
@@ -90,7 +90,7 @@ class Earlier:
     def information(self, unknowns: Sequence[Unknown]) -> F8:
         """Return the information ``(k, k)`` that the fit provides about ``unknowns``, each in units of its scale.
 
-        It is zero for unknowns that were not fitted.
+        The information is zero for unknowns that were not fitted.
         """
         places = {name: k for k, name in enumerate(self.names)}
         both = [(k, places[one.name]) for k, one in enumerate(unknowns) if one.name in places]

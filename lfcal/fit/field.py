@@ -79,13 +79,13 @@ class Regional(Measured):
 
     @property
     def level(self) -> NDArray[np.intp]:
-        """Index of the light and background of each pattern ``(n,)``, one for each plane in each region."""
+        """Index of the gain and background of each pattern ``(n,)``, of which each plane of each region has one."""
         found: NDArray[np.intp] = self.region * self.plan.shape[0] + self.index[:, 0]
         return found
 
     @property
     def levels(self) -> int:
-        """Number of separate values of light and background."""
+        """Number of separate gains and backgrounds."""
         return len(self.regions) * self.plan.shape[0]
 
     @property

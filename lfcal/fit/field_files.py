@@ -88,11 +88,11 @@ def iter_write_field(
     fit, patterns
         Result of the fit, and the patterns of each region.
     folder
-        Output folder, created if needed; each region has a subfolder in it, like a fit of a single region.
+        Output folder, created if needed, with a subfolder for each region like that of a fit of a single region.
     known
-        Facts about the source of each region's patterns, as plain JSON types.
+        Facts about the source of the patterns of each region, as plain JSON types.
     hybrids, noise
-        The patterns for each region's hybrid H, and their noise if they do not state it; None: H is the model.
+        Patterns for the hybrid H of each region, and their noise if they do not state it; None: H is the model.
     with_h
         Whether to compute and write H of each region.
     workers

@@ -147,13 +147,14 @@ def iter_write_hybrid(
 ) -> Work[HybridSummary]:
     """Write the hybrid H of a fit and recorded patterns to a file, plane by plane, and return its summary.
 
-    Yields progress; closing it leaves no incomplete file. ``noise`` is the constant and the slope of the variance of a
-    sample, required if ``source`` does not state them. ``provenance`` is stored in addition to that of the fit.
+    Yields progress. Closing the generator leaves no incomplete file. ``noise`` is the constant and the slope of the
+    variance of a sample, required if ``source`` does not state them. ``provenance`` is stored in addition to that of
+    the fit.
 
     Raises
     ------
     InputError
-        If the patterns belong to another scan, or their noise is unknown.
+        If the patterns belong to another scan, or the noise of the patterns is unknown.
     StorageError
         If the file cannot be written.
     """
@@ -173,7 +174,7 @@ CAMERA, EFFECTS, MODEL, NUMBERS, REPORT = "camera.json", "effects.json", "H.h5",
 
 
 class Written(NamedTuple):
-    """Files of a fit, and the summary of its hybrid H."""
+    """Paths of the files of a fit, and the summary of its hybrid H; None without one."""
 
     files: list[Path]
     hybrid: HybridSummary | None

@@ -67,7 +67,7 @@ class FitProgress(Progress):
     Attributes
     ----------
     chi2
-        Mean square of the fitted patterns' residuals, weighted by the light. The variance includes the error of a
+        Mean square of the residuals of the fitted patterns, weighted by the light. The variance includes the error of a
         coarse model. The value approaches 1 from round to round. It may rise when the fit continues with finer
         sampling.
     held_out, below_noise
@@ -288,7 +288,7 @@ CUT_PUPIL = (0.98, 0.96, 0.93, 0.9)
 
 
 def with_cut_pupil(problem: Problem, point: Point, core: Sequence[str]) -> Point:
-    """Return the point, or a better one at which the edge of the pupil cuts lenslets of a Fourier microscope.
+    """Return ``point``, or a better point at which the edge of the pupil cuts lenslets of a Fourier microscope.
 
     If the pupil is described too large, its edge cuts no lenslet, and the derivatives by the aperture are zero.
     """

@@ -77,7 +77,7 @@ class Fitted(Protocol):
 
     @property
     def spread(self) -> Spread:
-        """Scatter of the sources' positions, and stability of the lamp."""
+        """Scatter of the positions of the sources, and stability of the lamp."""
         ...
 
     @property
@@ -91,7 +91,7 @@ class Fitted(Protocol):
         ...
 
     def planes(self) -> ModelPlanes:
-        """Return the source of the model's planes."""
+        """Return the source of the planes of the model."""
         ...
 
 
@@ -384,7 +384,7 @@ class HybridPlanes(PlaneSource):
     source
         Recorded patterns of the same scan, including those that were not fitted.
     noise
-        Constant and slope of a sample's variance; None: as stated by the source.
+        Constant and slope of the variance of a sample; None: as stated by the source.
 
     Raises
     ------

@@ -114,7 +114,7 @@ def iter_information(
 
     Notes
     -----
-    Each plane of H is compared apart from its brightness, as everywhere: D^T D - D^T m m^T D / m^T m, with the model
+    The error of each plane of H is computed at its best overall brightness: D^T D - D^T m m^T D / m^T m, with the model
     m of a plane and its derivatives D.
     """
     vector = _problem(plan, index[:0], np.zeros((0, *plan.cutout)), setup, groups, workers).vector

@@ -75,7 +75,7 @@ class LocatedPattern:
     row, column
         Sensor pixel at the middle of the cutout.
     correlation
-        Correlation of the frame's samples with the values of H; 1 for equal patterns.
+        Correlation of the samples of the frame with the values of H; 1 for equal patterns.
     """
 
     z: int

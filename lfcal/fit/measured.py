@@ -47,12 +47,12 @@ class Measured:
     held_out
         Held-out patterns ``(n,)``, which measure the quality of the fit.
     extra_light
-        Light ``(n, nt, ns)`` at unit gain that each pattern has in addition to the prediction of its plan's optics.
-        It stays constant while the unknowns change, because computing it for every derivative would take too long.
-        None: no additional light.
+        Light ``(n, nt, ns)`` at unit gain that each pattern contains in addition to the prediction of the planned
+        optics. This light stays constant while the unknowns change, because computing it for every derivative would
+        take too long. None: no additional light.
     blur
-        Additional light ``(n, nt, ns)`` of each pattern at unit gain, per µm² of the squared diameter of a target's
-        holes (`lfcal.fit.setup.Setup.hole_um`). None: the size is not fitted.
+        Additional light ``(n, nt, ns)`` of each pattern at unit gain, per µm² of the squared diameter of the holes of a
+        target (`lfcal.fit.setup.Setup.hole_um`). None: the diameter is not fitted.
     blurred_um
         Diameter of the holes included in ``extra_light`` (µm).
 

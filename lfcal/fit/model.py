@@ -97,7 +97,7 @@ class PlaneModel:
         """Return the patterns ``(n, nt, ns)`` at the positions ``places`` ``(n, 2)`` (y, x) of displaced sources.
 
         ``offsets_px`` ``(n, 2)`` are the displacements (dy, dx) of the sources in pixels on the sensor, in addition to
-        those of the setup's stage.
+        those of the stage in the setup.
         """
         out = np.zeros((len(places), *self._scene.cutout), np.float32)
         moved = offsets_px + self._aside + self._scale * (places - self._middle)

@@ -37,7 +37,7 @@ class ChiSquare:
     all_pixels
         Value over all valid pixels, most of which are dark and therefore hardly depend on the model.
     lit
-        Value weighted by the fraction of each pixel's variance that is due to light.
+        Value weighted by the fraction of the variance of each pixel that is due to light.
     sigma
         Standard deviation of ``lit`` for a correct model.
     """
@@ -63,7 +63,7 @@ class ChiSquare:
 
 @dataclass(frozen=True, slots=True)
 class ModelError:
-    """Error of the model's patterns, as rms over rms of the light (relative L2).
+    """Error of the patterns of a model, as rms over rms of the light (relative L2).
 
     Attributes
     ----------

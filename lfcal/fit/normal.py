@@ -79,7 +79,7 @@ class Normal:
     matrix, gradient
         N ``(k, k)`` and g ``(k,)``, with the unknowns of single patterns eliminated.
     chi2
-        Sum of squares with the shared unknowns unchanged and those of single patterns at their best values.
+        Sum of squares with unchanged shared unknowns, and with the unknowns of single patterns at their best values.
     solved
         C^-1 B^T and C^-1 h of each pattern, with which the steps of its unknowns follow from the steps of the shared
         ones.
@@ -106,7 +106,7 @@ def normal_equations(
 ) -> Normal:
     """Return the normal equations of patterns in the given ``planes``; ``model`` ``(n, m)`` has unit gain.
 
-    They include the priors of each pattern's unknowns, but not those of the shared ones.
+    The equations include the priors of the unknowns of each pattern, but not those of the shared unknowns.
     """
     k, nz = len(columns.shared), len(levels.gains)
     size = k + 2 * nz

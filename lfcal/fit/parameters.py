@@ -42,7 +42,7 @@ class ScanScales:
     reach_px
         Half the cutout, the lever arm of a rotation and of a change of the pitch (pixels).
     middle_um
-        Middle (x, y) of the scanned cell from the sensor's centre (µm); for several regions their mean.
+        Middle (x, y) of the scanned cell relative to the centre of the sensor (µm); for several regions, their mean.
     fields_um
         Middle (x, y) of each of several regions of the field; empty for a single one.
     """
@@ -68,7 +68,7 @@ class ScanScales:
 
 
 def field_of(plan: ScanPlan) -> tuple[float, float]:
-    """Return the middle (x, y) of a scanned region from the sensor's centre (µm)."""
+    """Return the middle (x, y) of a scanned region relative to the centre of the sensor (µm)."""
     middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
     y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
     return float(x), float(y)
@@ -94,7 +94,7 @@ class Unknown:
         Whether the square of the value is fitted, because patterns depend on the square, as with widths that add in
         quadrature.
     gauge
-        Description of what must be fixed for this unknown to be defined; may be empty.
+        Description of what must be fixed for the unknown to be defined; may be empty.
 
     Examples
     --------
@@ -195,7 +195,7 @@ class Group(ABC):
 
     @abstractmethod
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup from which the fit started, with the unknowns' ``values`` by name."""
+        """Return ``setup``, from which the fit started, with the unknowns set to ``values`` by name."""
 
 
 def check_group(group: Group) -> None:

@@ -63,7 +63,7 @@ class Point:
 
 
 class Problem:
-    """Patterns and unknowns of a fit.
+    """Patterns and unknowns of a fit, with methods for predictions, derivatives and the loss.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class Problem:
         Raises
         ------
         InputError, EnergyError
-            If the vector describes no possible camera, or one that cannot be computed at this sampling.
+            If the vector describes an impossible camera, or one that cannot be computed at ``sampling``.
         """
         measured = self.measured
         offsets = offsets_px + measured.places_px

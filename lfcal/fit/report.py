@@ -50,7 +50,7 @@ def iter_fit_report(
 
     ``source`` is the name of the source of the patterns. ``notes`` are lines below the verdict.
 
-    Everything is drawn before the first file is written. Each file is complete when it appears, and the page is last.
+    Everything is drawn before the first file is written. Each file is written atomically, the page last.
     """
     clock = Clock("drawing the report", 1 + len(PICTURES))
     yield clock.at(0)

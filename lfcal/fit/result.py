@@ -32,7 +32,7 @@ class Parameter:
     Attributes
     ----------
     name, group, unit
-        As in the unknown.
+        As in `lfcal.fit.parameters.Unknown`.
     value, sigma
         Fitted value and its standard deviation, which includes the uncertainty of degenerate parameters that were tried
         but are fixed at their described values.
@@ -102,7 +102,7 @@ class Fit:
     chi_square
         Chi-square of the fitted patterns.
     held_out_error
-        Error of the model's patterns, from held-out patterns; if the model is incomplete, from all patterns.
+        Error of the patterns of the model, from held-out patterns or, if the model is incomplete, from all patterns.
     correlations
         Correlations ``(k, k)`` of the parameters, in the order of ``parameters``.
     held
@@ -115,7 +115,7 @@ class Fit:
     answers
         Answers to discrete questions, by question, where they differ from the description.
     spread
-        Scatter of the sources' positions, and stability of the lamp.
+        Scatter of the positions of the sources, and stability of the lamp.
     residuals
         Measured minus predicted values ``(nt, ns)`` in standard deviations, by position (z, y, x).
     levels
@@ -158,7 +158,7 @@ class Fit:
 
     @property
     def complete(self) -> bool:
-        """Whether the model is complete, that is, chi² exceeds 1 by less than five of its standard deviations."""
+        """Whether the model is complete, that is, whether chi² exceeds 1 by less than five standard deviations."""
         return self.chi_square.complete
 
     @property

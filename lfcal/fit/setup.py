@@ -37,7 +37,7 @@ E = TypeVar("E", bound=Effect)
 
 @dataclass(frozen=True, slots=True)
 class RegionPlace:
-    """Displacement of a region's sources from their planned positions.
+    """Displacement of the sources of a region from their planned positions.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class RegionPlace:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """All parameters that determine the light of a pattern, apart from the scan's positions.
+    """All parameters that determine the light of a pattern, except for the positions of the scan.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Setup:
     depth_errors_um
         Displacement of each plane away from the camera, relative to the plan (µm).
     stage_scale
-        Relative error of the stage's step length.
+        Relative error of the step length of the stage.
     aside_px
         Displacement (rows, columns) of all sources on the sensor from their planned positions (pixels).
     regions

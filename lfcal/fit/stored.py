@@ -71,7 +71,7 @@ class StoredFit:
     fitted_planes
         Indices of the planes with fitted patterns.
     stage_scale
-        Relative error of the stage's step length.
+        Relative error of the step length of the stage.
     response
         Relative rms of the response of the pixels.
     travel_rad

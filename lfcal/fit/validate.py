@@ -274,7 +274,7 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
     light
         Object projected through H, ``(rows, columns)``, in any unit, because gain and background are fitted.
     frame
-        Recorded frame, with its dark level subtracted.
+        Recorded frame with the dark level subtracted.
     noise
         Constant and slope of the variance of a sample.
     cutout

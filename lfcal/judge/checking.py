@@ -70,13 +70,13 @@ class Check:
     stated
         Error stated in H (relative L2).
     doubt
-        Uncertainty of the prediction by H for sources between its positions (relative L2).
+        Uncertainty of the prediction for sources between positions of H (relative L2).
     suspects
         Possible changes, the best explanation first.
     model_misfit
         Fraction of the light of H that its camera does not explain (relative L2); None: H has no camera.
     noise_from
-        Where the noise of the frames was taken from, in words.
+        Source of the noise of the frames, as text.
     notes
         Remarks in addition to the verdict.
     """
@@ -96,7 +96,7 @@ class Check:
 
     @property
     def holds(self) -> bool | None:
-        """Whether H is still valid; None: these frames are not sufficient to decide."""
+        """Whether H is still valid; None: the frames are not sufficient to decide."""
         sure = CLEAR * self.error.squared_sigma
         own = math.hypot(self.stated, self.doubt)
         off = self.error.squared - sure > self.limit**2 + own**2
@@ -203,7 +203,7 @@ def iter_check(
     matrix
         The old H.
     frames
-        A frame ``(rows, columns)`` of the whole sensor with its dark level subtracted, or one or more `NewFrame`.
+        A frame ``(rows, columns)`` of the full sensor with the dark level subtracted, or one or more `NewFrame`.
     noise
         Constant and slope of the variance of a sample; None: as stated by the frames or by H, or else measured on the
         dark pixels of the frames.

@@ -54,7 +54,7 @@ class DatedFit:
     complete
         Whether the model was complete.
     middle_um
-        Middle (x, y) of the scanned region from the sensor's centre (µm).
+        Middle (x, y) of the scanned region relative to the centre of the sensor (µm).
     depths_um
         Planned depths of the planes (µm).
     """
@@ -187,7 +187,7 @@ class MetricScale:
 
 @dataclass(frozen=True, eq=False)
 class DatedInspection:
-    """One inspection in a series.
+    """One inspection in a series of inspections of the same camera.
 
     Attributes
     ----------

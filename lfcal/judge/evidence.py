@@ -201,7 +201,7 @@ class Evidence:
 
     @cached_property
     def computed(self) -> bool:
-        """Whether the patterns have so little noise that they must be computed ones.
+        """Whether the patterns must be computed instead of recorded, because they have almost no noise.
 
         The residuals of such patterns are errors of a model. Neither a sensor nor a codec affected them.
         """
@@ -220,7 +220,7 @@ class Evidence:
 
     @cached_property
     def unlike(self) -> Flags:
-        """Mask ``(n,)`` of patterns that do not belong to their positions, so that they say nothing on the sensor."""
+        """Mask ``(n,)`` of patterns that do not belong to their positions, and so do not show faults of the sensor."""
         seen = self.valid.any((1, 2))
         if not seen.any():
             return np.zeros(len(self), np.bool_)

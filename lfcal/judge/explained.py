@@ -171,7 +171,7 @@ class Disagreement:
 
     @property
     def certain(self) -> bool:
-        """Whether H must not be used with this camera; otherwise its description may be wrong."""
+        """Whether H must not be used with the camera; if not, the description of the camera may be wrong."""
         if self.explanation is not None:
             return self.explanation.of_recording
         return self.correlation is not None

@@ -101,15 +101,14 @@ class FoundFault:
     put_in
         Function that adds the fault to clean patterns, to measure its cost.
     extent
-        Fraction of all positions that have the fault, if ``positions`` are single frames; None: it does not concern
-        single frames.
+        Fraction of all positions that have the fault, if it concerns single frames; None: it does not.
     scatters
         Whether ``put_in`` also depends on part of the residuals, instead of only on the size of the fault.
     wider
         Factor by which the cutouts are enlarged so that ``put_in`` shows the cost.
     cost
-        Error of a reconstruction with this H in addition to noise (NRMSE); errors add in squares. None: not
-        measured.
+        Error of a reconstruction with H due to the fault, in addition to noise (NRMSE); errors add in squares. None:
+        not measured.
 
     Examples
     --------
@@ -153,7 +152,7 @@ class FoundFault:
 
 
 class Fault:
-    """A kind of fault of a recording, and how it is detected by comparison with the camera's model.
+    """Base class for a kind of fault of a recording, which is detected by comparison with the model of the camera.
 
     Attributes
     ----------
@@ -164,9 +163,9 @@ class Fault:
     settles
         Keys of the model-free metrics that measure the same fault less reliably, and that this fault replaces.
     explains
-        Names of faults that are not searched for if this one is found, because its effects look like theirs.
+        Names of faults that are not searched for if this fault is found, because their effects are similar.
     needs_camera
-        Whether its detection needs a camera that explains the patterns.
+        Whether detecting the fault requires a camera that explains the patterns.
     rank
         Order of the search; a fault that is found is removed before the next one is searched for.
     strong_rank

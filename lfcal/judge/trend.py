@@ -96,7 +96,7 @@ class Course:
     jumps
         Changes between consecutive sessions that exceed the limit.
     worse, better
-        Whether a parameter has changed, or a newest merit is worse than the last known one before; and whether it is
+        Whether a parameter has changed or the newest merit is worse than the previous known one, and whether it is
         better.
     """
 

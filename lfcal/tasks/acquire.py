@@ -72,7 +72,7 @@ def read_plan(path: Path) -> ScanPlan | TargetPlan | RegionPlan:
 class PlannedSession(TaskResult):
     """Forecast of a recording into the folder ``out``, from a dry run that moves and writes nothing.
 
-    ``assumed`` lists the assumed values of the camera. ``optics`` states how the simulator computes frames.
+    ``assumed`` lists the assumed values of the camera. ``optics`` states how a simulated camera computes its frames.
     """
 
     out: Path

@@ -556,8 +556,8 @@ def assemble(
     Returns
     -------
     tuple of Assembled
-        One for each region, or for each colour of ``channel="each"``; otherwise a single one. Its ``report.matrix``
-        is H.
+        One result for each region, or for each colour of ``channel="each"``; otherwise a single one. ``report.matrix``
+        of each is its H.
 
     Raises
     ------

@@ -65,7 +65,7 @@ def tell(
     light: bool = True,
     only: Collection[str] | None = None,
 ) -> None:
-    """Report the assumed values of ``camera`` (``only`` those at these paths), remarks of its reader, and doubts."""
+    """Report the assumed values of ``camera`` (if given, those at the paths ``only``), ``notes`` and doubts."""
     from lfcal.camera import doubts
 
     if words := assumed_in_words(camera, light=light, only=only):

@@ -74,7 +74,7 @@ class ValidateFit(Task):
         return (*self.sources, *((one,) if (one := numbers_file(self.fit)) else ()))
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Validated, ...]]:
-        """Predict the points of each region in turn, and write numbers and a plot into the folder of the region."""
+        """Predict the points of each region, and write numbers and a plot into the folder of the region."""
         from lfcal.fit import iter_write_validation, validation_outputs
 
         made, patterns, parts = [], [], self._parts()

@@ -44,7 +44,7 @@ def mat_order_field(**more: Any) -> str:
 
 @record
 class MatrixTask(Task):
-    """Fields of tasks that read one H."""
+    """Base class of tasks that read one H."""
 
     source: Path = required(
         "H file (.h5), file of another code (.mat v7.3, .lfc of napari-LF, .tif stack), or .npy array.",
@@ -61,7 +61,7 @@ class MatrixTask(Task):
 
 @record
 class CopyTask(MatrixTask):
-    """Fields of tasks that rewrite one H in another form."""
+    """Base class of tasks that rewrite one H in another form."""
 
     region: str = opt(
         "", "Name of the region of the field, for an H file with several regions.", empty="the only region", more=True

@@ -34,7 +34,7 @@ WITHOUT_READOUT = "without readout (--frame-rate)"
 
 @record
 class PlanTask(Task):
-    """Fields of tasks that forecast the time of a scan."""
+    """Base class of tasks that forecast the time of a scan."""
 
     speed: float = opt(1000.0, "Speed of the stage.", unit="µm/s", above=0, more=True)
     frame_rate: float | None = opt(

@@ -109,7 +109,7 @@ class Reconstructed(TaskResult):
 
     @property
     def failed(self) -> bool:
-        """Whether at least one frame has no volume."""
+        """Whether the reconstruction of at least one frame failed."""
         return any(result.failed for result in self.results)
 
     def to_dict(self) -> dict[str, Any]:

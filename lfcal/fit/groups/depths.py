@@ -25,7 +25,7 @@ WORKING_SHARE = 0.005
 def depth_scale(camera: Camera) -> float:
     """Return the displacement of the source (µm) that moves its image by a fiftieth of the gap.
 
-    In a Fourier light-field microscope, it moves the outermost elemental image by `IMAGES_PX`.
+    In a Fourier light-field microscope, the displacement moves the outermost elemental image by `IMAGES_PX`.
     """
     if isinstance(camera.lattice, PupilLenslets):
         assert not isinstance(camera.optics, MainLens)
@@ -37,7 +37,7 @@ def depth_scale(camera: Camera) -> float:
 
 
 class CommonDepth(Group):
-    """Distance of the stage's zero from the working plane, the same for all planes."""
+    """Distance of the zero of the stage from the working plane, common to all planes."""
 
     name = "distance"
     title = "distance of all planes"
@@ -67,7 +67,7 @@ class PlaneDepths(Group):
     needs = "at least two planes"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the displacement of each depth; its prior is the depth error of a stage."""
+        """Return the displacement of each plane in depth, with the depth error of a stage as prior."""
         if frame.planes < 2:
             return ()
         known, scale = DepthError().rms(setup.camera), depth_scale(setup.camera)

@@ -49,7 +49,7 @@ def _cuts(camera: Camera) -> bool:
 
 
 class ApertureGroup(Group):
-    """Size of the pupil, and rotation of its blades."""
+    """Size of the pupil, and rotation of the blades of the iris."""
 
     name = "iris"
     title = "size and rotation of the iris"
@@ -83,7 +83,7 @@ class ApertureGroup(Group):
 
 
 class BladeCurvature(Group):
-    """Curvature of the iris's blades."""
+    """Curvature of the blades of the iris."""
 
     name = "blades"
     title = "curvature of the iris's blades"

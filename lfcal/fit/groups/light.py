@@ -18,7 +18,7 @@ MOST_PX = 6.0
 
 
 class SourceSize(Group):
-    """Diameter of the source; blur is proportional to its square."""
+    """Diameter of the source; blur is proportional to the square of the diameter."""
 
     name = "source"
     title = "diameter of the source"
@@ -44,7 +44,7 @@ class SourceSize(Group):
 
 
 class Holes(Group):
-    """Diameter of a target's holes; blur is proportional to its square."""
+    """Diameter of the holes of a target; blur is proportional to the square of the diameter."""
 
     name = "hole"
     title = "diameter of the target's holes"
@@ -68,7 +68,7 @@ class Holes(Group):
 
 
 class Spectrum(Group):
-    """Full width of the light's spectrum; the contrast of fringes decreases with its square."""
+    """Full width of the spectrum of the light; the contrast of fringes decreases with the square of the width."""
 
     name = "bandwidth"
     title = "width of the spectrum"

@@ -117,7 +117,7 @@ class PupilLength(Group):
     share
         Noticeable change of the length, as a fraction of it.
     gauge
-        Quantities that are fixed because patterns do not distinguish them from this length.
+        Quantities that are fixed because patterns do not distinguish them from the length.
     """
 
     core = True

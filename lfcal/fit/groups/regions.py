@@ -27,9 +27,9 @@ def farthest_um(frame: ScanScales) -> float:
 
 
 class FieldWavefront(Group):
-    """Coma, astigmatism and spherical aberration over the field, by their third-order laws.
+    """Variation of coma, astigmatism and spherical aberration over the field, by third-order laws.
 
-    An objective is simulated only with terms that are symmetric about each source's chief ray, that is, spherical
+    An objective is simulated only with terms that are symmetric about the chief ray of each source, that is, spherical
     aberration.
     """
 
@@ -152,7 +152,7 @@ class RegionDepthsGroup(Group):
 
 
 class TargetTiltGroup(Group):
-    """Tilt of a target's plane relative to the sensor, in addition to its known tilt."""
+    """Tilt of the plane of a target relative to the sensor, in addition to the known tilt."""
 
     name = "plane_tilt"
     title = "tilt of the plane of the target"

@@ -13,7 +13,7 @@ __all__ = ["SpecimenGroup"]
 
 
 class SpecimenGroup(Group):
-    """Depth of the nominal focal plane below the interface; the specimen's index must be known."""
+    """Depth of the nominal focal plane below the interface; the refractive index of the specimen must be known."""
 
     name = "specimen"
     title = "depth in a specimen of another index"
@@ -21,7 +21,7 @@ class SpecimenGroup(Group):
     needs = "the effect index_mismatch"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the depth, if the fit starts with such a specimen; otherwise none."""
+        """Return the depth, if the fit starts with an index mismatch; otherwise none."""
         del frame
         own = setup.effect(IndexMismatch)
         if own is None:

@@ -45,7 +45,7 @@ class StageZero(Group):
 
 
 class StageScale(Group):
-    """Length of the stage's steps relative to the planned length."""
+    """Length of the steps of the stage relative to the planned length."""
 
     name = "stage_scale"
     title = "length of the stage steps"

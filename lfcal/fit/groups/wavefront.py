@@ -28,7 +28,7 @@ class WavefrontGroup(Group):
     name, title, rank
         As in `Group`.
     terms
-        Orders (n, m) of the terms, each 1 at the pupil's rim.
+        Orders (n, m) of the terms, each normalized to 1 at the rim of the pupil.
     late
         Whether the terms are tried only after the other groups.
     """
@@ -67,13 +67,13 @@ class WavefrontGroup(Group):
 
 
 class ThirdOrder(WavefrontGroup):
-    """Third-order terms; their Seidel forms also contain defocus and tilt, which displace all sources."""
+    """Third-order terms, whose Seidel forms also contain defocus and tilt, which displace all sources."""
 
     along = ("distance", "stage_zero")
 
 
 class Defocus(WavefrontGroup):
-    """Defocus of the wavefront, proportional to the square of the pupil's radius.
+    """Defocus of the wavefront, proportional to the square of the pupil radius.
 
     For a main lens, defocus has the same effect as the distance of all planes, and is included in that distance. For
     the wide pupil of an objective, defocus differs from a displacement of the planes, whose phase depends on the cosine

@@ -39,7 +39,7 @@ CLEAR = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatrixMeasures:
-    """Measurements of all planes, for metrics of the whole matrix.
+    """Measurements of all planes, for metrics of the matrix.
 
     Attributes
     ----------

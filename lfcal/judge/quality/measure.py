@@ -127,7 +127,7 @@ class Continuity:
 class PlaneMeasures:
     """Measurements of a plane, for all metrics.
 
-    In a plane without light, ``shares`` and all following fields stay unknown.
+    In a plane without light, ``shares`` and all fields after it are unknown.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ class PlaneMeasures:
     faulty
         Positions with missing, NaN or duplicate frames.
     shares, shares_split
-        Energy of each pattern relative to the typical one, without background ``(ny, nx)`` (per cent), and its
+        Energy of each pattern without background, relative to the typical energy ``(ny, nx)`` (per cent), and its
         components.
     edges
         Light at the edges of the cutout, and outside the pattern.

@@ -244,7 +244,7 @@ class Metric:
     cost
         Estimated reconstruction error (NRMSE); NaN if the value is unknown.
     measured
-        Whether the cost was measured on this H; otherwise it is the typical cost of such a value.
+        Whether the cost was measured on this H; if not, it is the typical cost of such a value.
     per_plane
         Value of each plane ``(nz,)``; NaN if unknown; a single value if planes have no separate values.
     map
