@@ -16,7 +16,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal_gui._help import cheat_sheet
 from lfcal_gui.base_page import page_class
-from lfcal_gui.models.page import PageSpec, PageState, available_pages, page_registry
+from lfcal_gui.models.page import PAGES, PageSpec, PageState, available_pages, page_registry
 from lfcal_gui.models.project import Project
 from lfcal_gui.window import MainWindow
 from tests.distribution import text_of
@@ -37,6 +37,7 @@ def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Pag
     assert declared is not None
     group, name, value = declared.groups()
     points = [metadata.EntryPoint(name, value, group)]
+    PAGES.names()  # what all windows have is found without the entry point
     monkeypatch.setattr(metadata, "entry_points", lambda group: [p for p in points if p.group == group])
     monkeypatch.syspath_prepend(str(tmp_path))
     registry = page_registry()
