@@ -7,18 +7,18 @@ from itertools import pairwise
 from typing import Any
 
 import pyqtgraph as pg
-from PySide6.QtCore import Qt
 from PySide6.QtGui import QFont, QFontMetricsF
 from PySide6.QtWidgets import QGraphicsGridLayout, QGraphicsSceneResizeEvent, QSizePolicy
 
 from lfcal_gui.theme import current_theme
+from lfcal_gui.widgets.words import shortened
 
 GRID = 38
 """Opacity of the lines of a grid, of 255."""
 
 
 class Axis(pg.AxisItem):
-    """An axis whose numbers are the values themselves; the end of a name longer than the axis is left out."""
+    """An axis whose numbers are the values themselves. A long name is shortened before its unit."""
 
     def updateAutoSIPrefix(self) -> None:
         """Make up no prefix for a unit."""
@@ -28,7 +28,7 @@ class Axis(pg.AxisItem):
         name = self.labelText
         room = self.size().height() if self.orientation in ("left", "right") else self.size().width()
         if name and room:
-            self.labelText = QFontMetricsF(self.label.font()).elidedText(name, Qt.TextElideMode.ElideRight, room)
+            self.labelText = shortened(name, QFontMetricsF(self.label.font()), room)
         try:
             shown: str = super().labelString()
             self.setToolTip(name if self.labelText != name else "")

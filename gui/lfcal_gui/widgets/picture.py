@@ -51,6 +51,7 @@ from lfcal_gui.widgets._blank import Blank
 from lfcal_gui.widgets._measuring import Measuring
 from lfcal_gui.widgets.colours import ramp, row_of, theme_table
 from lfcal_gui.widgets.picture_menu import copy_picture, offer_menu, save_picture, save_values
+from lfcal_gui.widgets.words import shortened
 
 LARGE = 1 << 18
 """Pixels above which a picture is drawn in the background, and only what is seen of it."""
@@ -646,7 +647,7 @@ class _Legend(QWidget):
             painter.drawText(
                 QRectF(x, 0, room, self.height()),
                 flags,
-                metrics.elidedText(picture.quantity, Qt.TextElideMode.ElideRight, room),
+                shortened(picture.quantity, metrics, room),
             )
         painter.end()
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 
 from PySide6.QtCore import QSize, Qt, Signal
-from PySide6.QtGui import QContextMenuEvent, QKeyEvent, QKeySequence, QResizeEvent
+from PySide6.QtGui import QContextMenuEvent, QFontMetrics, QFontMetricsF, QKeyEvent, QKeySequence, QResizeEvent
 from PySide6.QtWidgets import QApplication, QLabel, QMenu, QPlainTextEdit, QTextBrowser, QWidget
 
 from lfcal_gui.models import SPACE, unbroken
@@ -44,6 +44,16 @@ def set_look(widget: QWidget, name: str, value: object) -> None:
         widget.setProperty(name, value)
         widget.style().unpolish(widget)
         widget.style().polish(widget)
+
+
+def shortened(name: str, metrics: QFontMetricsF | QFontMetrics, room: float) -> str:
+    """Return as much of the name of a quantity as there is room for (px); its unit in brackets stays."""
+    words, bracket, unit = name.rpartition(" (")
+    if not bracket or metrics.horizontalAdvance(name) <= room:
+        return metrics.elidedText(name, Qt.TextElideMode.ElideRight, int(room))
+    left = room - metrics.horizontalAdvance(bracket + unit)
+    cut = metrics.elidedText(words, Qt.TextElideMode.ElideRight, int(left)) if left > 0 else ""
+    return cut + bracket + unit if cut else metrics.elidedText(f"({unit}", Qt.TextElideMode.ElideRight, int(room))
 
 
 class WrappedLabel(QLabel):

@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import pytest
+from PySide6.QtGui import QFontMetricsF
 from PySide6.QtWidgets import QApplication, QLabel, QPlainTextEdit, QVBoxLayout, QWidget
 from pytestqt.qtbot import QtBot
 
-from lfcal_gui.widgets.words import BREAK, WIDEST, ElidedLabel, FittedBrowser, WrappedLabel, breakable, lines_px
+from lfcal_gui.widgets.words import (
+    BREAK,
+    WIDEST,
+    ElidedLabel,
+    FittedBrowser,
+    WrappedLabel,
+    breakable,
+    lines_px,
+    shortened,
+)
 from tests.gui.layout import flaws
 
 NAME = "/data/H_of_the_second_alignment_after_cleaning_the_main_lens_100mm_f2.8_2026-03-16.h5"
@@ -137,3 +147,16 @@ def test_the_width_of_lines_is_that_of_the_longest(qtbot: QtBot) -> None:
     assert lines_px(view) == WIDEST
     view.clear()
     assert 0 < lines_px(view) < 60
+
+
+def test_the_unit_of_a_long_name_is_never_cut(qapp: QApplication) -> None:
+    """Axes of 1000 x 600 pixels showed "relative rms error of the pro…", without its per cent."""
+    metrics = QFontMetricsF(qapp.font())
+    name = "relative rms error (the larger of both) (%)"
+    whole = metrics.horizontalAdvance(name)
+    assert shortened(name, metrics, whole + 1) == name
+    for share in (0.3, 0.5, 0.9):
+        cut = shortened(name, metrics, share * whole)
+        assert cut.endswith("… (%)") and cut[:4] == name[:4] and metrics.horizontalAdvance(cut) <= share * whole
+    assert shortened(name, metrics, metrics.horizontalAdvance("(%)") + 1) == "(%)"
+    assert shortened("no unit at all", metrics, metrics.horizontalAdvance("no unit")).endswith("…")
