@@ -25,13 +25,13 @@ WORST: tuple[Merit, ...] = ("bad", "unknown", "fair", "good")
 VERDICT: dict[Merit, str] = {
     "bad": "should not be used as it is",
     "unknown": "is not fully judged",
-    "fair": "can be used; worth a look",
+    "fair": "is usable, but should be checked",
     "good": "is good but",
 }
 REMAINS: dict[Merit, str] = {
     "bad": "should not be used",
     "unknown": "is not fully judged",
-    "fair": "is worth a look",
+    "fair": "should be checked",
     "good": "is good but for",
 }
 """Verdict on data by the merit of the worst finding, and what remains without the first finding."""

@@ -138,7 +138,9 @@ class Manifest:
         """Check every value."""
         object.__setattr__(self, "entries", tuple(self.entries))
         if not self.entries:
-            raise InputError.expected("frames of the session", "at least one", "none", "check folder and manifest")
+            raise InputError.expected(
+                "frames of the session", "at least one", "none", "list at least one frame in the manifest"
+            )
         check_cfa(self.cfa)
         if self.bit_depth is not None:
             check_number("bit depth", self.bit_depth, at_least=1, at_most=32, integer=True)

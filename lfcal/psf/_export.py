@@ -318,7 +318,7 @@ def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: Expor
     for name in options.given():
         if name not in WRITERS[suffix].uses:
             used = ", ".join(sorted(WRITERS[suffix].uses)) or "none"
-            raise InputError.expected(f"options of {suffix} files", used, name, "leave it out")
+            raise InputError.expected(f"options of {suffix} files", used, name, "leave this option out")
     code = options.reader
     if suffix == ".npz" and code is None:
         raise InputError.expected(

@@ -223,7 +223,10 @@ def iter_save_regions(
     """
     if not matrices or any(not name or "/" in name or name == "." for name in matrices):
         raise InputError.expected(
-            "regions of the field", "names without /, at least one", list(matrices), "rename them"
+            "regions of the field",
+            "names without /, at least one",
+            list(matrices),
+            "give at least one region, and names without /",
         )
     sources: dict[str, tuple[PlaneSource, Stored]] = {}
     for name, matrix in matrices.items():

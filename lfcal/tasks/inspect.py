@@ -123,7 +123,7 @@ class Inspect(MatrixTask):
     )
     strict: bool = opt(
         False,
-        "Exit with code 1 unless the verdict is “good” or “usable; check the findings”.",
+        "Exit with code 1 if H should not be used as it is, or is not fully judged.",
         label="Fail unless good",
         more=True,
     )

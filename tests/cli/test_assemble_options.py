@@ -113,9 +113,9 @@ REFUSED = {
     "no number": (("--cutout", "wide"), "--cutout: expected one number or two (rows,columns)"),
     "shift": (("--shift", "4"), "samples with 4 empty low bits"),
     "level that stays": (("--dark", "none", "--plan", "level.json"), "subtract dark frames, the black level"),
-    "interpolation": (("--interpolation", "quintic"), "nearest or linear or cubic or fourier"),
+    "interpolation": (("--interpolation", "quintic"), "nearest, linear, cubic or fourier"),
     "dtype": (("--dtype", "int3"), "--dtype: expected rounded or float32"),
-    "compression": (("--compression", "rar"), "gzip or zstd or none"),
+    "compression": (("--compression", "rar"), "gzip, zstd or none"),
 }
 
 

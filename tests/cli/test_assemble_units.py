@@ -159,7 +159,7 @@ def test_bad_input_leaves_nothing(lfcal: Lfcal, session: Path, monkeypatch: pyte
     for words, said in (
         (("--strict", "--cutout", "41,11"), "rows"),
         (("--dark", "nowhere"), "nowhere"),
-        (("--executor", "magic"), "dask or processes or threads"),
+        (("--executor", "magic"), "dask, processes or threads"),
         (("--scheduler", "tcp://127.0.0.1:1", "--executor", "processes"), "an executor that has one (dask)"),
     ):
         chosen = () if "--executor" in words else ("--executor", "processes", "--workers", 1)

@@ -98,5 +98,5 @@ def test_without_a_report_nothing_is_kept(lfcal: Lfcal, H: Path) -> None:
         run = lfcal("inspect", "H.h5", *words)
         assert run.code == 2 and "expected --report, got none" in run.err
     run = lfcal("inspect", "H.h5", "--report", "out", "--executor", "magic")
-    assert run.code == 2 and "dask or processes or threads" in run.err
+    assert run.code == 2 and "dask, processes or threads" in run.err
     assert {path.name for path in H.parent.iterdir()} == {"H.h5"}

@@ -332,7 +332,7 @@ def test_memory_is_that_of_all_planes_under_way(
 def test_choices_that_do_not_go_together(lfcal: Lfcal, place: Path) -> None:
     simulate = ("simulate", "plan.json", "--level", "geometric")
     for words, said in (
-        ((*simulate, "-o", "out.h5", "--executor", "magic"), "dask or processes or threads"),
+        ((*simulate, "-o", "out.h5", "--executor", "magic"), "dask, processes or threads"),
         ((*simulate, "-o", "out.h5", "--executor", "threads", "--scheduler", "tcp://a:1"), "one that has"),
         ((*simulate, "--frames", "frames", "--executor", "threads"), "done in units, got frames"),
     ):

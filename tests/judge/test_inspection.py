@@ -34,7 +34,7 @@ def inspected_hot() -> Inspection:
 def test_a_clean_recording_is_good() -> None:
     found = inspected(matrix(clean()))
     assert found.compared == common.PATTERNS and not found.faults and not found.bad
-    assert found.verdict.startswith("This PSF can be used; worth a look: light at the edge. "), "of a small cutout"
+    assert found.verdict.startswith("This PSF is usable, but should be checked: light at the edge. "), "a small cutout"
     assert "show no fault" in found.verdict and "Assemble again with a larger cutout" in found.verdict
 
 

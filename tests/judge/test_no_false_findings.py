@@ -122,7 +122,7 @@ def test_odd_frames_and_a_seam_that_the_camera_explains_are_none() -> None:
     rest = (m if m.merit in ("good", "unknown") else replace(m, merit="good", cost=0.0) for m in quality.metrics)
     metrics = tuple(fair.get(m.key, m) for m in rest)
     found = drain(iter_inspection(H, replace(quality, metrics=metrics), patterns=FEWEST))
-    assert found.compared and found.merit == "good" and "worth a look" not in found.verdict
+    assert found.compared and found.merit == "good" and "should be checked" not in found.verdict
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def test_options_of_another_format_are_refused(tmp_path: Path) -> None:
         "H.tif": {"include_transpose": False},
         "H.tiff": {"lens_centred": True},
     }.items():
-        with pytest.raises(InputError, match=f"options of {Path(name).suffix} files: expected .*leave it out"):
+        with pytest.raises(InputError, match=f"options of {Path(name).suffix} files: expected .*leave this option out"):
             export(matrix(), tmp_path / name, **options)  # type: ignore[arg-type]
     assert list(tmp_path.iterdir()) == []
     export(matrix(), tmp_path / "H.h5", compress=False, dtype="rounded")

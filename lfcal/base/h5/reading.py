@@ -330,7 +330,11 @@ class H5Data:
         self.chunks = None if data.chunks is None else tuple(int(n) for n in data.chunks)
         self.filters = tuple(int(plist.get_filter(k)[0]) for k in range(plist.get_nfilters()))
         if set(self.filters) - KNOWN_FILTERS:
-            raise self._unsafe("gzip, lzf, zstd, blosc or lz4", f"HDF5 filter {self.filters}", "repack the file")
+            raise self._unsafe(
+                "gzip, lzf, zstd, blosc or lz4",
+                f"HDF5 filter {self.filters}",
+                "repack the file with one of these filters (h5repack)",
+            )
         self._check_size(max_bytes)
         self._holes = holes
         self.table: ChunkTable | None = None

@@ -55,13 +55,15 @@ def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
             total = np.zeros(frame.shape, np.float64)
         if frame.shape != total.shape:
             raise InputError.expected(
-                f"frame {count} of the average", f"shape {total.shape}", frame.shape, "leave it out"
+                f"frame {count} of the average", f"shape {total.shape}", frame.shape, "leave this frame out"
             )
         with np.errstate(invalid="ignore"):  # converting some kinds of NaN warns; the caller that averages checks them
             total += frame
         count += 1
     if total is None:
-        raise InputError.expected("frames to average", "at least one", "none", "check the path")
+        raise InputError.expected(
+            "frames to average", "at least one", "none", "give a file or folder that contains frames"
+        )
     return (total / count).astype(np.float32)
 
 

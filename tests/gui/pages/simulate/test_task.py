@@ -119,7 +119,7 @@ def test_the_form_shows_and_refuses_what_the_command_does() -> None:
     assert (settings.tolerance, settings.store_tolerance) == (0.035, 0.01)
     assert (shown("tolerance", settings), shown("store_tolerance", SimulateSettings())) == ("3.5 %", "")
     assert "Tolerance: expected a number > 0 and ≤ 4" in refusal("tolerance", "5")
-    assert "expected auto or geometric" in refusal("level", "waves") and not refusal("level", "reference")
+    assert "expected auto, geometric" in refusal("level", "waves") and not refusal("level", "reference")
     assert "Seed: expected a whole number" in refusal("seed", -1) and not refusal("store_tolerance", None)
     with pytest.raises(InputError, match="peak"):
         SimulateSettings(peak=0)
