@@ -69,6 +69,13 @@ at least 0.99; if some places are gaps, below 0.4."""
 SYMMETRY_PITCHES = 8.0
 """Largest distance from the middle for the mean cell."""
 
+MAX_UNEVEN = 0.25
+"""Largest variance along circles about a micro-image's centre, relative to that of the image, if it exceeds that
+between circles. Measured: rings, discs and polygons 0.07 at most; places where rings touch 0.47 and above."""
+
+CIRCLES, ANGLES, WITHIN = 8, 24, 0.4
+"""Number of circles about a centre, and of samples along each; radius of the largest one in the smaller pitch."""
+
 MIN_BRIGHT = 0.75
 """Smallest fraction of lenslets that must be brighter than the gaps around them."""
 
@@ -109,7 +116,8 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
     InputError
         If the image is blank or shows no lattice, or none near ``pitch_px``.
     """
-    part = lit_part(image).without_holes()
+    lit = lit_part(image)
+    part = lit.without_holes()
     flat = part.flattened()
     few = _large(part, kind, pitch_px)
     rough, share = few or _fine(flat, kind, pitch_px)
@@ -117,6 +125,8 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
         raise overlapping("micro-images brighter than the gaps between them", f"{100 * share:.0f} % of them")
     if rough.kind == "square" and few is None and not _alike(flat, rough):
         raise overlapping("micro-images of one shape", "two alternating shapes")
+    if rough.kind == "square" and not _round(lit.flattened(), rough):
+        raise overlapping("separate round micro-images", "rings that touch, or other shapes")
     if pitch_px is not None and not _near(rough.basis, pitch_px):
         got = f"{np.linalg.norm(rough.basis[0]):.2f} px"
         raise InputError.expected(
@@ -138,6 +148,24 @@ def _alike(flat: LitPart, rough: RoughLattice) -> bool:
     """
     coarse = np.linalg.inv(DIAGONAL) @ rough.basis
     return bool(_cells(flat, coarse, rough.basis, rough.centre)[1].min() > MIN_CORRELATION)
+
+
+def _round(flat: LitPart, rough: RoughLattice) -> bool:
+    """Return whether the mean micro-image is round: where rings touch, bright places lie between their centres."""
+    from scipy.ndimage import map_coordinates
+
+    image, far = flat.image, WITHIN * float(np.linalg.norm(rough.basis, axis=1).min())
+    radii, angles = far * np.arange(1, CIRCLES + 1) / CIRCLES, 2 * np.pi * np.arange(ANGLES) / ANGLES
+    circles = radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], -1)
+    reach = np.arange(-SYMMETRY_PITCHES, SYMMETRY_PITCHES + 1)
+    start = np.rint((flat.middle - rough.centre) @ np.linalg.inv(rough.basis))
+    cells = (np.stack(np.meshgrid(reach, reach), -1).reshape(-1, 2) + start) @ rough.basis + rough.centre
+    cells = cells[((cells >= far) & (cells < np.array(image.shape[::-1]) - far)).all(1)]
+    points = circles[:, :, None] + cells
+    values = map_coordinates(image, points[..., ::-1].reshape(-1, 2).T, order=1).reshape(points.shape[:3]).mean(-1)
+    means, weights = values.mean(1), radii / radii.sum()
+    between = weights @ np.square(means - weights @ means)
+    return bool(weights @ values.var(1) <= max(MAX_UNEVEN, between))
 
 
 def _large(part: LitPart, kind: str | None, pitch_px: float | None) -> tuple[RoughLattice, float] | None:

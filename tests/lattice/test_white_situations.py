@@ -230,6 +230,20 @@ def test_the_dark_middle_of_rings_is_no_gap(kind: str, fill: float, obstruction:
     assert worst(fit, places) < 0.05 and found_share(fit, places) == 1.0
 
 
+@pytest.mark.few(3)
+@pytest.mark.parametrize("obstruction", [0.2, 0.3, 0.4, 0.6, 0.7, 0.8])
+@pytest.mark.parametrize(("kind", "ratio"), [("hexagonal", 1.0), ("square", 1.0), ("square", 1.3)])
+def test_rings_that_touch_are_fitted_or_refused(kind: str, ratio: float, obstruction: float) -> None:
+    """The brightest places of touching rings are between their centres."""
+    places, outer = places_of(kind, 22.6, ratio, 1.1), 0.98 * 22.6 / 2
+    try:
+        fit = fit_lattice(drawn(places, *annulus(obstruction * outer, outer), light=falling(0.3)))
+    except InputError as refused:
+        assert "lenslets, with the main lens stopped down if micro-images overlap" in str(refused)
+    else:
+        assert fit.kind == kind and worst(fit, places) < 0.05
+
+
 @pytest.mark.few(2)
 @pytest.mark.parametrize("kind", ["hexagonal", "square"])
 @pytest.mark.parametrize("radius", [9.0, 10.0, 11.0, 11.5, 12.0, 13.0])
