@@ -86,7 +86,7 @@ class VoxelGrid:
     )
     margin: int | str = opt(
         "auto",
-        "Width by which the volume extends beyond the frame, for light from outside. auto: as far as H reaches.",
+        "Width by which the volume extends beyond the frame, for light from outside. auto: about two periods of H.",
         unit="px",
         read=partial(read_count, at_least=0, words=("auto",)),
         examples=("auto", "0"),
