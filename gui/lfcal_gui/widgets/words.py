@@ -198,6 +198,7 @@ class FittedBrowser(QTextBrowser):
     def __init__(self, lowest: int, highest: int, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._bounds = (lowest, highest)
+        self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)  # else lines leave room for it
         self.setFixedHeight(lowest)
 
     def setHtml(self, text: str) -> None:

@@ -134,6 +134,23 @@ def test_a_browser_is_as_high_as_its_words(qtbot: QtBot, points: float) -> None:
     assert words.height() > heights[1] and not words.verticalScrollBar().isVisible()
 
 
+def test_the_first_words_of_a_browser_are_seen_whole(qtbot: QtBot) -> None:
+    """Its first lines left room for a bar that never came, so they were too many for its height."""
+    root = QWidget()
+    column = QVBoxLayout(root)
+    qtbot.addWidget(root)
+    root.resize(400, 300)
+    root.show()
+    words = FittedBrowser(0, 10_000)
+    column.addWidget(words)
+    column.addStretch()
+    QApplication.processEvents()
+    words.setHtml(f"<b>Fault</b>: {LINE * 3}")
+    QApplication.processEvents()
+    assert words.document().textWidth() == words.viewport().width()
+    assert words.verticalScrollBar().maximum() == 0
+
+
 def test_the_width_of_lines_is_that_of_the_longest(qtbot: QtBot) -> None:
     view = QPlainTextEdit()
     qtbot.addWidget(view)

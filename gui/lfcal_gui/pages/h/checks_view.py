@@ -48,7 +48,7 @@ MARK, VALUE = 24, 112
 ROW, LEAST_ROWS, PICTURE, PLOT = 24, 3, 132, 80
 """Height of a row, rows that are seen at least, height of the picture, and least height of a plot (px)."""
 
-LEAST_DETAILS = 84
+LEAST_DETAILS = 72
 """Least height of what belongs to the chosen check (px)."""
 
 UNLIMITED = 10_000
