@@ -276,7 +276,8 @@ def depth_seconds(
 ) -> float:
     """Predict the CPU-seconds of `depth_map` with these parameters.
 
-    The middle of the frame is processed, and the time for it is scaled by the number of micro-images.
+    The middle of the frame is processed, and the time for it is scaled by the number of pairs of neighbouring
+    micro-images.
 
     Raises
     ------
@@ -300,7 +301,9 @@ def depth_seconds(
     for _ in range(2):  # the first time, kernels are loaded
         begin = time.thread_time()
         drain(_iter_by(chosen, part, camera, type_of, slopes, workers=1))
-    return prepared + (time.thread_time() - begin) * len(scene.centres) / len(part.centres)
+    # most of the time goes into pairs of micro-images, of which there are fewer at the edge
+    whole, few = (int((_near(one) >= 0).sum()) or 1 for one in (scene, part))
+    return prepared + (time.thread_time() - begin) * whole / few
 
 
 def metric_depth(

@@ -292,6 +292,22 @@ def test_bad_input(flat: Drawn) -> None:
         depth_map(np.ones((9, 9)), lattice((9, 9), 24.0))
 
 
+def test_the_forecast_counts_pairs_of_micro_images(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Micro-images at the edge of the measured part have fewer neighbours than most of a large frame."""
+    spent = [0.0]
+
+    def match(light: Any, good: Any, lenslets: Any, how: Any, found: Any, numbers: tuple[int, int]) -> None:
+        spent[0] += float((lenslets.near[numbers[0] : numbers[1]] >= 0).sum())
+
+    monkeypatch.setattr("lfcal.lattice.depth.match_lenslets", match)
+    monkeypatch.setattr("lfcal.lattice.depth.time.thread_time", lambda: spent[0])
+    frame, field = np.ones((900, 1000), np.float32), lattice((900, 1000), 11.0)
+    wanted = depth_seconds(frame, field, method="micro-images")
+    spent[0] = 0.0
+    depth_map(frame, field, method="micro-images", workers=1)
+    assert wanted == pytest.approx(spent[0], rel=1e-6)
+
+
 def test_a_camera_alone_finds_nothing_in_a_uniform_frame() -> None:
     camera = preset("bench")
     field = lattice_of(camera)
