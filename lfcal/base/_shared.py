@@ -86,6 +86,7 @@ from lfcal.base.system import (
 )
 from lfcal.base.threads import (
     WORKERS,
+    Meter,
     bounded_threads,
     chunks,
     for_each_block,
@@ -127,6 +128,7 @@ __all__ = [
     "Judgement",
     "LfcalError",
     "Merit",
+    "Meter",
     "Position",
     "Region",
     "Registry",

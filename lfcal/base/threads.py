@@ -11,19 +11,22 @@ import itertools
 import os
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, wait
-from contextlib import ExitStack, contextmanager, suppress
-from contextvars import copy_context
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextvars import ContextVar, copy_context
 from functools import partial
 from typing import Any, Generic, TypeVar
 
+from lfcal.base.compiled import preparing_seconds
 from lfcal.base.errors import InputError
 from lfcal.base.system import processors
 
 __all__ = [
     "WORKERS",
+    "Meter",
     "bounded_threads",
     "chunks",
     "for_each_block",
@@ -183,6 +186,48 @@ class _Helpers:
 _HELPERS = _Helpers()
 
 
+class Meter:
+    """Processor time of work in this thread, and in the threads of `for_each_chunk` and `for_each_block` that help it.
+
+    The time of other work in the same process is not counted, nor that of loading and compiling kernels, which happens
+    once per process.
+
+    Attributes
+    ----------
+    seconds
+        CPU-seconds so far.
+    """
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._lock = threading.Lock()
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Count the time of the block; a generator must not yield inside it."""
+        token = _METER.set(self)
+        try:
+            with self.timed():
+                yield
+        finally:
+            _METER.reset(token)
+
+    @contextmanager
+    def timed(self) -> Iterator[None]:
+        """Count the time of this thread in the block."""
+        start = time.thread_time() - preparing_seconds()
+        try:
+            yield
+        finally:
+            took = time.thread_time() - preparing_seconds() - start
+            with self._lock:
+                self.seconds += max(0.0, took)
+
+
+_METER: ContextVar[Meter | None] = ContextVar("_METER", default=None)
+"""The meter of the work that this thread does or helps with."""
+
+
 def chunks(n: int, parts: int) -> list[tuple[int, int]]:
     """Split ``range(n)`` into at most ``parts`` nearly equal ``(start, stop)`` ranges."""
     parts = max(1, min(parts, n))
@@ -231,7 +276,7 @@ class _Shared(Generic[R]):
     def done(self, count: int) -> list[R]:
         """Return the results in order, computed by ``count`` threads; raise the first error in order."""
         # a copy of the caller's context for each: if the caller is abandoned, its helpers end as well
-        helping = [_HELPERS.submit(copy_context().run, self.take) for _ in range(count - 1)]
+        helping = [_HELPERS.submit(copy_context().run, self.help) for _ in range(count - 1)]
         try:
             self.take()
         finally:
@@ -242,6 +287,12 @@ class _Shared(Generic[R]):
             finally:
                 self.errors.clear()  # breaks the reference cycle of error and traceback
         return [self.results[k] for k in range(len(self.ranges))]
+
+    def help(self) -> None:
+        """Process chunks in another thread than the caller's; the caller's meter counts the time."""
+        meter = _METER.get()
+        with nullcontext() if meter is None else meter.timed():
+            self.take()
 
     def take(self) -> None:
         """Process chunks until none is left, or one has failed."""

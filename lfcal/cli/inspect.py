@@ -31,6 +31,7 @@ def _show(one: InspectedMatrix) -> None:
     """Print the verdict, the metrics that are not good, a line for all others, and the comparison."""
     from lfcal.judge.quality import counted_words, merit_word
     from lfcal.judge.report import limits, value_text
+    from lfcal.psf import computed_words
 
     H, found, comparison, every = one.matrix, one.found, one.comparison, one.task.every
     quality, report = found.quality, one.task.report
@@ -38,6 +39,8 @@ def _show(one: InspectedMatrix) -> None:
     turned = H.provenance.get("orientation", {}).get("applied", "as is")
     if turned != "as is":
         typer.echo(f"made from frames that were turned upright: {turned}")
+    for words in computed_words(one.simulated):
+        typer.echo(f"simulated: {words}")
     show_judgement(found.judgement)
     _show_faults(found)
     listed_metrics = [m for m in quality.metrics if every or (m.applies and m.merit != "good")]

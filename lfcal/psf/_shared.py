@@ -20,7 +20,7 @@ from lfcal.psf.measured_noise import scan_noise
 from lfcal.psf.opening import head_of, mat_order_of, mat_orders_of, opening_notes
 from lfcal.psf.orientation import AS_IS, ORIENTATIONS, FoundOrientation, either_words, find_orientation
 from lfcal.psf.picked import iter_pick
-from lfcal.psf.provenance import OF_FRAMES, light_shares, optics_of, simulated_planes
+from lfcal.psf.provenance import OF_FRAMES, computed_words, light_shares, optics_of, simulated_planes
 from lfcal.psf.saving import iter_transpose_file
 from lfcal.psf.store import FORMAT
 from lfcal.psf.upright import AUTO, CHECK, check_found, iter_upright
@@ -53,6 +53,7 @@ __all__ = [
     "check_missing",
     "code_of",
     "codes_for",
+    "computed_words",
     "copied_positions",
     "dark_planes",
     "depth_sum",

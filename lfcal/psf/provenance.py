@@ -10,6 +10,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from lfcal.base import format_seconds, format_share
+
 if TYPE_CHECKING:
     from lfcal.frames import Noise
 
@@ -18,6 +20,7 @@ __all__ = [
     "Codec",
     "FrameNoise",
     "codec_of",
+    "computed_words",
     "light_shares",
     "noise_of",
     "optics_of",
@@ -148,7 +151,16 @@ def light_shares(provenance: Mapping[str, Any]) -> bool:
 
 
 def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[str, Any] | None]:
-    """Return a record of how each plane was simulated (engine, sampling, seconds); None for planes without one."""
+    """Return a record of how each plane was simulated; None for planes without one.
+
+    ``docs/files.md`` lists the entries of a record.
+
+    Examples
+    --------
+    >>> from lfcal.psf import simulated_planes
+    >>> simulated_planes({"simulated": {"planes": [{"engine": "grid", "seconds": 1.5}, None]}}, 2)
+    [{'engine': 'grid', 'seconds': 1.5}, None]
+    """
     found = _within(provenance, "simulated").get("planes")
     if not isinstance(found, list) or len(found) != planes:
         return [None] * planes
@@ -156,8 +168,71 @@ def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[st
 
 
 def with_simulated(provenance: Mapping[str, Any], planes: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
-    """Return provenance with the records of how each plane was simulated, which `simulated_planes` returns."""
-    return {**provenance, "simulated": {**provenance.get("simulated", {}), "planes": list(planes)}}
+    """Return provenance with the records of how each plane was simulated, which `simulated_planes` returns.
+
+    The level becomes that of the engines that ran; the requested one is kept as ``requested_level``.
+    """
+    simulated = {**provenance.get("simulated", {}), "planes": list(planes)}
+    engines = dict.fromkeys(str(one["engine"]) for one in planes if one is not None and "engine" in one)
+    if engines and "level" in simulated:
+        simulated |= {"requested_level": simulated["level"], "level": ", ".join(engines)}
+    return {**provenance, "simulated": simulated}
+
+
+def computed_words(planes: Sequence[Mapping[str, Any] | None]) -> tuple[str, ...]:
+    """Return engine, sampling, processor time and error of the planes with a record, as lines of text.
+
+    Planes with the same engine and sampling share a line.
+
+    Examples
+    --------
+    >>> from lfcal.psf import computed_words
+    >>> one = {"engine": "grid", "sampling": {"samples_per_px": 4, "margin_px": 10}, "grid_side": 160}
+    >>> computed_words([{**one, "processor_seconds": 0.5, "error": 0.018}, {**one, "processor_seconds": 0.7}])
+    ('planes 0 to 1: grid, 4 samples per pixel, 160 x 160 samples; 1.2 s of processor time; error at most 1.8 %',)
+    """
+    groups: dict[str, list[int]] = {}
+    for z, one in enumerate(planes):
+        if one is not None and isinstance(one.get("engine"), str):
+            groups.setdefault(f"{one['engine']}{_sampling_words(one)}", []).append(z)
+    found = []
+    for how, numbers in groups.items():
+        those = [one for z in numbers if (one := planes[z]) is not None]
+        sides = sorted(side for one in those if (side := _number(one.get("grid_side"))))
+        grid = "" if not sides else f"{sides[0]:g} x {sides[0]:g}"
+        if sides and sides[0] != sides[-1]:
+            grid += f" to {sides[-1]:g} x {sides[-1]:g}"
+        count = "plane" if len(numbers) == 1 else "planes"
+        parts = [f"{count} {_ranges(numbers)}: {how}" + (f", {grid} samples" if grid else "")]
+        spent = [n for one in those if (n := _number(one.get("processor_seconds"))) is not None]
+        if len(spent) == len(those):
+            parts.append(f"{format_seconds(sum(spent))} of processor time")
+        errors = [n for one in those if (n := _number(one.get("error"))) is not None]
+        if errors:
+            parts.append(f"error at most {format_share(max(errors))}")
+        found.append("; ".join(parts))
+    return tuple(found)
+
+
+def _sampling_words(one: Mapping[str, Any]) -> str:
+    """Return the sampling of a plane's record as text: what its engine uses of it."""
+    sampling, engine = _within(one, "sampling"), one["engine"]
+    if engine == "geometric":
+        return ", rays integrated over the pixels"
+    on_array = engine in ("grid", "reference")
+    per = _number(sampling.get("samples_per_px" if on_array else "nodes_per_px"))
+    return "" if per is None else f", {per:g} {'samples' if on_array else 'nodes'} per pixel"
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Return increasing numbers as text, such as ``0 to 3, 5``."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]}" if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs)
 
 
 def _within(value: Mapping[str, Any], name: str) -> Mapping[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Progress, Work, worker_count
+from lfcal.base import Clock, InputError, Meter, Progress, Work, worker_count
 from lfcal.camera import ScanPlan
 from lfcal.simulate.accuracy import EFFECTS_SHARE, EffectSelection, correct_rate, plan_effects
 from lfcal.simulate.effects import Effect
@@ -105,7 +106,7 @@ class Computed(NamedTuple):
     error
         Relative L1 error: the estimate for omitted effects plus the measured error of the computation.
     record
-        ``engine``, ``sampling`` and ``seconds`` (elapsed), for provenance.
+        For provenance: `PlaneResponse.record`, with ``seconds`` (elapsed), ``processor_seconds`` and ``error``.
     """
 
     error: float
@@ -140,25 +141,29 @@ class PlaneTask:
 
     def compute(self, out: NDArray[np.float32], workers: int | None) -> Work[Computed]:
         """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, which must contain zeros."""
-        begun, cpu = time.perf_counter(), time.process_time()
-        response = PlaneResponse(
-            self.plan, self.z, self.effects, level=self.level, tolerance=self.tolerance, sampling=self.sampling
-        )
+        begun, cpu, meter, count = time.perf_counter(), time.process_time(), Meter(), worker_count(workers)
+        with meter.running():
+            response = PlaneResponse(
+                self.plan, self.z, self.effects, level=self.level, tolerance=self.tolerance, sampling=self.sampling
+            )
         name = f"simulate plane {self.z + 1} of {self.plan.shape[0]}"
-        yield from _plane(out, response, name, worker_count(workers))
+        yield from _plane(out, response, name, count, meter)
         outlook, rays = outlook_of(self.plan, self.z), response.level == "geometric"
         lost = sum(e.estimate(outlook).error for e in self.effects if rays and e.needs_waves)
-        elapsed, count = time.perf_counter() - begun, worker_count(workers)
-        # of the process's time, at most as much as its workers can have used
-        correct_rate(
-            outlook, response.level, self.tolerance, response.runs, min(time.process_time() - cpu, count * elapsed)
-        )
-        seconds = round(elapsed, 3)
-        record = {"engine": response.level, "sampling": response.sampling_used, "seconds": seconds}
-        return Computed(response.reached + self.left_out + lost, record)
+        elapsed, spent = time.perf_counter() - begun, meter.seconds
+        if not self.plan.camera.has_lattice:
+            # matrix products in threads of the BLAS: of the process's time, at most as much as they can have used
+            spent = max(spent, min(time.process_time() - cpu, count * elapsed))
+        correct_rate(outlook, response.level, self.tolerance, response.runs, spent)
+        error = response.reached + self.left_out + lost
+        known = {"error": error} if math.isfinite(error) else {}
+        record = {**response.record(), "seconds": round(elapsed, 3), "processor_seconds": round(spent, 3), **known}
+        return Computed(error, record)
 
 
-def _plane(out: NDArray[np.float32], response: PlaneResponse, name: str, workers: int) -> Iterable[Progress]:
+def _plane(
+    out: NDArray[np.float32], response: PlaneResponse, name: str, workers: int, meter: Meter
+) -> Iterable[Progress]:
     """Compute one plane into ``out`` ``(ny, nx, nt, ns)``, zeroed; yield progress."""
     ny, nx = out.shape[:2]
     # the same blocks for any number of threads: rows of a block may be mirror images, and another division would
@@ -167,5 +172,10 @@ def _plane(out: NDArray[np.float32], response: PlaneResponse, name: str, workers
     block = min(ny, max(2, BLOCK_BYTES // max(1, out[0].nbytes) // 2 * 2))
     clock = Clock(name, ny * response.runs)
     yield clock.at(0)
-    for done in response.accumulate(out, np.arange(ny), np.arange(nx), block=block, workers=workers):
+    steps = response.accumulate(out, np.arange(ny), np.arange(nx), block=block, workers=workers)
+    while True:
+        with meter.running():
+            done = next(steps, None)
+        if done is None:
+            return
         yield clock.at(done)

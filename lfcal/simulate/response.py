@@ -92,6 +92,14 @@ class PlaneResponse:
         """Return the sampling of the engines created so far, as plain JSON types; None if no engine ran."""
         return None if self.settled is None else asdict(self.settled)
 
+    def record(self) -> dict[str, Any]:
+        """Return the engine that ran, its sampling, and the samples on a side of its grids, as plain JSON types."""
+        used = next(iter(self._engines.values()), None)
+        level = self.level if used is None else used.level
+        # the name that the level has in commands
+        name = "microscope" if level == "debye" else level
+        return {"engine": name, "sampling": self.sampling_used, "grid_side": 0 if used is None else used.grid_side}
+
     @property
     def runs(self) -> int:
         """Number of engine runs for each response."""

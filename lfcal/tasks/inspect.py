@@ -48,11 +48,19 @@ class InspectedMatrix(TaskResult):
         """Whether H was required to be good or fair (``strict``), and is not."""
         return self.task.strict and self.found.merit not in ("good", "fair")
 
+    @property
+    def simulated(self) -> tuple[dict[str, Any] | None, ...]:
+        """Record of how each plane was simulated: engine, sampling, times and error; None if unknown."""
+        from lfcal.psf import simulated_planes
+
+        return tuple(simulated_planes(self.matrix.provenance, len(self.matrix)))
+
     def to_dict(self) -> dict[str, Any]:
         """Return all values as plain JSON types."""
         camera = self.matrix.camera
         found = self.found.to_dict(every=self.task.every)
         found |= {} if self.comparison is None else {"comparison": self.comparison.to_dict()}
+        found |= {"simulated": self.simulated} if any(self.simulated) else {}
         found |= {} if self.loss is None else {"regions": self.loss.to_dict()}
         found |= {"assumed": [] if camera is None else camera.marks.paths("assumed")}
         return found if self.page is None else found | {"report": self.page}

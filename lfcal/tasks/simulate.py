@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -95,7 +94,7 @@ class SimulatedH(SimulationForecast):
 
     @property
     def planes(self) -> tuple[dict[str, Any] | None, ...]:
-        """Engine, sampling and computing time (s) of each plane; None if unknown."""
+        """Record of how each plane was computed: engine, sampling, times and error; None if unknown."""
         from lfcal.psf import simulated_planes
 
         return tuple(simulated_planes(self.matrix.provenance, len(self.plan.depths_um)))
@@ -108,16 +107,15 @@ class SimulatedH(SimulationForecast):
     @property
     def reached(self) -> tuple[str, ...]:
         """Error of the planes, how they were computed, and their light in the cutout, as lines of text."""
+        from lfcal.psf import computed_words
+
         lowest, highest = 100 * min(self.errors), 100 * max(self.errors)
         error = f"{highest:.2g} %" if highest < 1.1 * lowest else f"{lowest:.2g} to {highest:.2g} %"
         what = "including that of storage" if self.stored is not None else "of omitted effects and of the computation"
         least, most = 100 * min(self.light), 100 * max(self.light)
-        engines = Counter(plane["engine"] for plane in self.planes if plane is not None)
-        count = len(self.errors)
-        computed = ", ".join(f"{name} ({n} of {count} planes)" for name, n in engines.items())
         return (
             f"error {what}: {error} ({100 * self.limit:.3g} % allowed)",
-            *((f"computed by {computed}",) if computed else ()),
+            *computed_words(self.planes),
             f"light in the cutout: {least:.3g}" + ("" if most - least < 0.1 else f" to {most:.3g}") + " %",
         )
 
@@ -131,7 +129,7 @@ class SimulatedH(SimulationForecast):
             self.out,
             f"H {self.matrix.shape}",
             shape=self.matrix.shape,
-            level=self.effects.level,
+            level=self.matrix.provenance["simulated"]["level"],
             tolerance=self.effects.tolerance,
             planes=self.planes,
             error=self.errors,

@@ -63,6 +63,32 @@ def test_chunks_keep_to_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("workers", [1, 3])
+def test_a_meter_counts_its_own_work_in_any_number_of_threads(workers: int) -> None:
+    """Compared with the sum over the parts, each measured by its thread; work of another thread is not counted."""
+    parts, stop = [], threading.Event()
+
+    def busy(start: int, stop: int) -> None:
+        begun = time.thread_time()
+        while time.thread_time() - begun < 0.004 * (stop - start):
+            sum(range(1000))
+        parts.append(time.thread_time() - begun)
+
+    other = threading.Thread(target=lambda: [None for _ in iter(stop.is_set, True)])
+    other.start()
+    try:
+        meter = threads.Meter()
+        for _ in range(2):
+            with meter.running():
+                for_each_chunk(busy, 12, workers)
+    finally:
+        stop.set()
+        other.join()
+    assert sum(parts) >= 0.096 and sum(parts) <= meter.seconds <= sum(parts) + 0.05
+    for_each_chunk(busy, 12, workers)
+    assert meter.seconds < sum(parts), "it has stopped"
+
+
+@pytest.mark.parametrize("workers", [1, 3])
 def test_threads_that_help_end_where_nobody_waits_for_the_caller(workers: int) -> None:
     went = []
 

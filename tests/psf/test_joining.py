@@ -54,7 +54,7 @@ def contents(path: Path) -> dict[str, Any]:
     def look(name: str, entry: Any) -> None:
         found.update({f"{name}@{key}": np.asarray(value).tolist() for key, value in entry.attrs.items()})
         if f"{name}@provenance" in found:
-            found[f"{name}@provenance"] = re.sub(r'"seconds": [0-9.e-]+', '"seconds": 0', found[f"{name}@provenance"])
+            found[f"{name}@provenance"] = re.sub(r'seconds": [0-9.e-]+', 'seconds": 0', found[f"{name}@provenance"])
         if isinstance(entry, h5py.Dataset):
             found[name] = np.asarray(entry[()]).tobytes()
             if entry.chunks:

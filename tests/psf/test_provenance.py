@@ -21,7 +21,16 @@ from lfcal.frames import ORIENTATIONS, ArraySource, CorrectionChain, Dark, LeftO
 from lfcal.frames.source import Position
 from lfcal.psf import Cutout, PSFMatrix, assemble, open_psf, save, save_regions
 from lfcal.psf.assembly import AssemblySettings, assemble_plan
-from lfcal.psf.provenance import Codec, FrameNoise, codec_of, light_shares, noise_of, optics_of, simulated_planes
+from lfcal.psf.provenance import (
+    Codec,
+    FrameNoise,
+    codec_of,
+    computed_words,
+    light_shares,
+    noise_of,
+    optics_of,
+    simulated_planes,
+)
 from lfcal.psf.saving import iter_transpose_file
 from lfcal.simulate import SimulatedCamera, simulate_psf
 from lfcal.simulate.effects import Quantisation
@@ -139,6 +148,34 @@ def assert_says_how(matrix: PSFMatrix) -> None:
     for plane in simulated_planes(matrix.provenance, len(matrix)):
         assert plane is not None and plane["engine"] in ("geometric", "wave", "grid"), plane
         assert plane["sampling"]["nodes_per_px"] >= 1 and plane["seconds"] > 0
+        assert plane["processor_seconds"] > 0 and plane["grid_side"] >= 0
+    simulated = matrix.provenance["simulated"]
+    assert simulated["requested_level"] == "auto" and simulated["level"] in ("geometric", "wave", "grid")
+
+
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        ({"engine": 3}, None),
+        ({"engine": "wave", "seconds": 1.5}, "plane 0: wave"),
+        ({"engine": "wave", "sampling": 5, "grid_side": "x", "processor_seconds": True}, "plane 0: wave"),
+        ({"engine": "grid", "sampling": {"samples_per_px": float("nan")}, "error": []}, "plane 0: grid"),
+        (
+            {"engine": "geometric", "sampling": {"nodes_per_px": 4}},
+            "plane 0: geometric, rays integrated over the pixels",
+        ),
+        (
+            {"engine": "microscope", "sampling": {"nodes_per_px": 2}, "grid_side": 90, "error": 0.02},
+            "plane 0: microscope, 2 nodes per pixel, 90 x 90 samples; error at most 2 %",
+        ),
+    ],
+)
+def test_records_of_older_files_and_of_anyone_are_shown_as_far_as_they_go(record: Any, words: str | None) -> None:
+    found = computed_words(simulated_planes({"simulated": {"planes": [record]}}, 1))
+    assert found == (() if words is None else (words,))
+    assert computed_words([None, record, record]) == (
+        () if words is None else (words.replace("plane 0", "planes 1 to 2"),)
+    )
 
 
 def test_each_simulated_plane_says_how_it_was_computed(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 
 from lfcal.base import InputError
 from lfcal.camera import RegionPlan, ScanPlan, preset
+from lfcal.psf import open_psf, simulated_planes
 from lfcal.records import rows
 from lfcal.tasks import (
     SimulateForecast,
@@ -29,6 +30,7 @@ from lfcal.tasks import (
     task_set,
 )
 from lfcal.tasks.task import RunSettings, Task
+from lfcal.work import parts_folder
 from tests.cli import conftest
 from tests.cli.conftest import Run
 
@@ -152,15 +154,49 @@ def test_h_states_how_magnitudes_are_known(plan: Path, tmp_path: Path) -> None:
         assert matrix.provenance["effect_sources"] == {"coma": {"waves": "measured", "angle_rad": "stated"}}
 
 
-def test_the_result_names_the_engine_of_every_plane(plan: Path, tmp_path: Path) -> None:
-    """It said the wave level where the grid engine computed."""
-    (made,) = SimulateH(camera=str(plan), tolerance=0.01, out=tmp_path / "H.h5").run()
+@pytest.mark.parametrize("executor", ["threads", pytest.param("processes", marks=pytest.mark.long)])
+def test_the_result_names_engine_sampling_time_and_error_of_every_plane(
+    plan: Path, tmp_path: Path, executor: str
+) -> None:
+    """It said the wave level where the grid engine computed, and the H file said auto."""
+    two = ScanPlan.from_json(plan.read_text())
+    camera = two.camera
+    two = replace(two, depths_um=(camera.depth_of(3.0), camera.depth_of(4.0)), period=(4, 3))
+    plan.write_text(two.to_json())
+    task = SimulateH(camera=str(plan), tolerance=0.01, out=tmp_path / "H.h5")
+    (made,) = task.run(RunSettings(executor=executor, workers=2))
     told = made.to_dict()
     made.close()
-    (plane,) = told["planes"]
-    assert told["level"] == "wave" and plane["engine"] == "grid" and plane["seconds"] > 0
-    assert plane["sampling"]["samples_per_px"] >= 4
-    assert "computed by grid (1 of 1 planes)" in made.reached
+    assert told["level"] == "grid" and len(told["planes"]) == 2
+    for plane, error in zip(told["planes"], told["error"], strict=True):
+        assert plane["engine"] == "grid" and plane["sampling"]["samples_per_px"] >= 4
+        assert plane["grid_side"] > two.cutout[0], "the grid contains the cutout"
+        assert 0 < plane["processor_seconds"] and plane["seconds"] > 0
+        assert plane["error"] == pytest.approx(error)
+    with open_psf(tmp_path / "H.h5") as matrix:
+        simulated = matrix.provenance["simulated"]
+        assert (simulated["level"], simulated["requested_level"]) == ("grid", "auto")
+        assert simulated["planes"] == list(told["planes"])
+    (line,) = [words for words in made.reached if "grid" in words]
+    per = f"{told['planes'][0]['sampling']['samples_per_px']:g} samples per pixel"
+    assert line.startswith(f"planes 0 to 1: grid, {per}, ") and "of processor time; error at most" in line
+
+
+def test_what_a_plane_took_is_kept_where_a_run_resumes(plan: Path, tmp_path: Path) -> None:
+    two = ScanPlan.from_json(plan.read_text())
+    camera = two.camera
+    plan.write_text(replace(two, depths_um=(camera.depth_of(3.0), camera.depth_of(4.0)), period=(4, 3)).to_json())
+    task = SimulateH(camera=str(plan), tolerance=0.1, out=tmp_path / "H.h5")
+    work = task.work(RunSettings(executor="threads", workers=1))
+    while not next(work).note.startswith("1 of"):
+        pass
+    work.close()
+    with open_psf(next(parts_folder(task.out).glob("*.h5"))) as part:
+        (first,) = part.provenance["simulated"]["planes"]
+    (made,) = task.run(RunSettings(executor="threads", workers=1, resume=True))
+    with made.matrix as matrix:
+        planes = simulated_planes(matrix.provenance, 2)
+    assert first in planes and all(one is not None and one["processor_seconds"] > 0 for one in planes)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -76,6 +76,11 @@ class FieldsSum:
         return other
 
     @property
+    def grid_side(self) -> int:
+        """Samples on a side of the grid; see `PlaneEngine.grid_side`."""
+        return max(part.grid_side for part in self._parts)
+
+    @property
     def certificate(self) -> Certificate:
         """Energy in and out of all responses so far, over all fields."""
         found = [part.certificate for part in self._parts]

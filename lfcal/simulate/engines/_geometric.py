@@ -68,6 +68,11 @@ class GeometricPlane:
         self._spread = pull, size
 
     @property
+    def grid_side(self) -> int:
+        """0, because rays are not on a grid."""
+        return 0
+
+    @property
     def certificate(self) -> Certificate:
         """Energy in and out of all responses so far; a spot counts only inside the cutout."""
         return self._ledger.certificate

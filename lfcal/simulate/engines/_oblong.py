@@ -102,6 +102,11 @@ class OblongPlane:
         self._pilot = Pilot()
 
     @property
+    def grid_side(self) -> int:
+        """Samples on a side of the grid; see `PlaneEngine.grid_side`."""
+        return self._fine.grid_side
+
+    @property
     def certificate(self) -> Certificate:
         """Energy in and out of all responses so far."""
         return self._fine.certificate

@@ -98,6 +98,11 @@ class WavePlane:
         return other
 
     @property
+    def grid_side(self) -> int:
+        """Nodes on a side of the largest window of a lenslet."""
+        return max(lens.width for lens in self.tables.kinds) * self.sampling.nodes_per_px
+
+    @property
     def certificate(self) -> Certificate:
         """Energy in and out of all responses so far."""
         return self._ledger.certificate

@@ -121,6 +121,11 @@ class PlaneEngine(Protocol):
         ...
 
     @property
+    def grid_side(self) -> int:
+        """Samples on a side of the largest grid with the light of a position, or of a lenslet; 0: not on a grid."""
+        ...
+
+    @property
     def certificate(self) -> Certificate:
         """Energy in and out of all responses so far."""
         ...

@@ -236,6 +236,11 @@ class GridPlane:
 
     # -- responses ---------------------------------------------------------------------------------------
     @property
+    def grid_side(self) -> int:
+        """Samples on a side of the grid; see `PlaneEngine.grid_side`."""
+        return self._n
+
+    @property
     def certificate(self) -> Certificate:
         """Energy in and out of all responses so far."""
         return self._ledger.certificate

@@ -273,6 +273,11 @@ class DebyePlane:
 
     # -- responses ---------------------------------------------------------------------------------------
     @property
+    def grid_side(self) -> int:
+        """Samples on a side of the grid; see `PlaneEngine.grid_side`."""
+        return 2 * self._count - 1
+
+    @property
     def certificate(self) -> Certificate:
         """Energy in and out of all responses so far."""
         return self._ledger.certificate

@@ -169,6 +169,11 @@ class PupilPlane:
         self._kind = np.complex128 if sampling.double else np.complex64
 
     @property
+    def grid_side(self) -> int:
+        """0, because the size of a window differs between spots."""
+        return 0
+
+    @property
     def certificate(self) -> Certificate:
         """Energy in and out of all responses so far."""
         return self._ledger.certificate
