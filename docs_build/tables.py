@@ -94,10 +94,10 @@ def _devices() -> str:
     return table(("backend", "devices", "options"), rows)
 
 
-def _places() -> str:
-    from lfcal.accuracy import PLACES
+def _parts() -> str:
+    from lfcal.accuracy import PARTS
 
-    return table(("place", "error", "cost"), [(f"`{place.name}`", place.error, place.cost) for place in PLACES])
+    return table(("part", "error", "cost"), [(f"`{part.name}`", part.error, part.cost) for part in PARTS])
 
 
 def _commands() -> str:
@@ -112,7 +112,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "effects": _effects,
     "unknowns": _unknowns,
     "devices": _devices,
-    "places": _places,
+    "parts": _parts,
     "commands": _commands,
     "options": lambda: options_table(),
 }

@@ -1,8 +1,8 @@
 """The cost of accuracy: curves of error against seconds, bytes or frames for one camera or H.
 
-- ``curves``: points (`Rung`) and curves (`Curve`), the Pareto front, the cheapest point for an error
+- ``curves``: points (`CostPoint`) and curves (`Curve`), the Pareto front, the cheapest point for an error
 - ``subject``: the measured scan plan or H, and samples of it that are quick to process
-- ``place``: `Place`, a part of the processing whose curve can be measured; one module in ``places`` for each
+- ``part``: `AccuracyPart`, a part of the processing whose curve can be measured; one module in ``parts`` for each
 - ``measure``: measurement of curves, point by point, within a time limit; results are kept if it is stopped
 - ``drawing``: curves on one page
 """

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from lfcal.accuracy.curves import Curve, Rung, marked
+from lfcal.accuracy.curves import CostPoint, Curve, marked
 from lfcal.accuracy.drawing import draw_curves
 from lfcal.accuracy.measure import CurveProgress, iter_measure_curve, measure_curve
-from lfcal.accuracy.place import PLACES, AccuracyStep, Place, Truth
+from lfcal.accuracy.part import PARTS, AccuracyPart, AccuracyStep, Truth
 from lfcal.accuracy.subject import Subject
 
 __all__ = [
-    "PLACES",
+    "PARTS",
+    "AccuracyPart",
     "AccuracyStep",
+    "CostPoint",
     "Curve",
     "CurveProgress",
-    "Place",
-    "Rung",
     "Subject",
     "Truth",
     "draw_curves",

@@ -9,7 +9,7 @@ from typing import Any
 
 from lfcal.base import check_choice, check_number, format_bytes, format_seconds, format_share
 
-__all__ = ["UNITS", "Curve", "Rung", "cost_axis", "format_cost", "marked"]
+__all__ = ["UNITS", "CostPoint", "Curve", "cost_axis", "format_cost", "marked"]
 
 UNITS = ("seconds", "bytes", "frames")
 """Units in which the cost of accuracy is measured."""
@@ -19,7 +19,7 @@ SHOWN = {"seconds": ("s", 1.0), "bytes": ("MB", 1e6), "frames": ("", 1.0)}
 
 
 @dataclass(frozen=True, slots=True)
-class Rung:
+class CostPoint:
     """One point of a curve: a setting with its error and cost.
 
     Attributes
@@ -46,9 +46,9 @@ class Rung:
 
     Examples
     --------
-    >>> from lfcal.accuracy import Rung
-    >>> rung = Rung("rounded to 16 bits", {"dtype": "rounded"}, error=0.001, cost=4e6, unit="bytes")
-    >>> print(f"{rung.label}: {rung.error:.1%} off in {rung.cost / 1e6:g} MB")
+    >>> from lfcal.accuracy import CostPoint
+    >>> point = CostPoint("rounded to 16 bits", {"dtype": "rounded"}, error=0.001, cost=4e6, unit="bytes")
+    >>> print(f"{point.label}: {point.error:.1%} off in {point.cost / 1e6:g} MB")
     rounded to 16 bits: 0.1% off in 4 MB
     """
 
@@ -74,7 +74,7 @@ class Curve:
 
     Attributes
     ----------
-    place, title
+    part, title
         Name of the part of the processing, and its display name.
     error, cost
         Meaning of error and cost, with units.
@@ -82,7 +82,7 @@ class Curve:
         Unit of the cost, one of `UNITS`.
     truth
         Description of the reference with which results are compared.
-    rungs
+    points
         Measured points, cheapest first; those on the Pareto front are marked.
     notes
         Conditions of the measurement, one line each.
@@ -91,45 +91,45 @@ class Curve:
 
     Examples
     --------
-    >>> from lfcal.accuracy import Curve, Rung
+    >>> from lfcal.accuracy import Curve, CostPoint
     >>> curve = Curve("averaging", "Frames averaged", "noise over the signal", "frames at each position", "frames")
     >>> for n in (1, 4, 16, 64):
-    ...     curve = curve.with_rung(Rung(f"mean of {n}", {"frames": n}, 0.08 / n**0.5, n, "frames"))
+    ...     curve = curve.with_point(CostPoint(f"mean of {n}", {"frames": n}, 0.08 / n**0.5, n, "frames"))
     >>> print(curve.answer(0.02))
     An error of 2 % costs 16 frames: mean of 16 (2 %)
     >>> print(curve.answer(0.005))
     No measured setting reaches an error of 0.5 %; the best one has 1 % for 64 frames: mean of 64
     """
 
-    place: str
+    part: str
     title: str
     error: str
     cost: str
     unit: str
     truth: str = ""
-    rungs: tuple[Rung, ...] = ()
+    points: tuple[CostPoint, ...] = ()
     notes: tuple[str, ...] = ()
     stopped: str = ""
 
-    def with_rung(self, rung: Rung) -> Curve:
+    def with_point(self, point: CostPoint) -> Curve:
         """Return the curve with one more point."""
-        return replace(self, rungs=marked((*self.rungs, rung)))
+        return replace(self, points=marked((*self.points, point)))
 
     @property
-    def front(self) -> tuple[Rung, ...]:
+    def front(self) -> tuple[CostPoint, ...]:
         """The efficient points, cheapest first; each costs more than the previous one and has a smaller error."""
-        return tuple(rung for rung in self.rungs if rung.efficient)
+        return tuple(point for point in self.points if point.efficient)
 
     @property
-    def best(self) -> Rung | None:
+    def best(self) -> CostPoint | None:
         """The most accurate point; of equally accurate points, the cheapest. None without points."""
-        return min(self.rungs, key=lambda rung: (rung.error, rung.cost), default=None)
+        return min(self.points, key=lambda point: (point.error, point.cost), default=None)
 
-    def cheapest(self, error: float) -> Rung | None:
+    def cheapest(self, error: float) -> CostPoint | None:
         """Return the cheapest point with an error of at most ``error`` (relative); None if there is none."""
         check_number("requested error (a fraction)", error, above=0, remedy="0.01 is 1 %")
-        good = (rung for rung in self.rungs if rung.error <= error)
-        return min(good, key=lambda rung: (rung.cost, rung.error), default=None)
+        good = (point for point in self.points if point.error <= error)
+        return min(good, key=lambda point: (point.cost, point.error), default=None)
 
     def answer(self, error: float) -> str:
         """Return a sentence on the cost of the relative error ``error``."""
@@ -147,21 +147,21 @@ class Curve:
         )
 
 
-def marked(rungs: Iterable[Rung]) -> tuple[Rung, ...]:
+def marked(points: Iterable[CostPoint]) -> tuple[CostPoint, ...]:
     """Return the points, cheapest first, marked as efficient if no other has both a lower cost and a smaller error.
 
     Examples
     --------
-    >>> from lfcal.accuracy import Rung, marked
+    >>> from lfcal.accuracy import CostPoint, marked
     >>> measured = (("quick", 0.1, 1), ("slow", 0.2, 2), ("best", 0.05, 3))
-    >>> rungs = marked(Rung(label, {}, error, seconds, "seconds") for label, error, seconds in measured)
-    >>> print([rung.label for rung in rungs if rung.efficient])
+    >>> points = marked(CostPoint(label, {}, error, seconds, "seconds") for label, error, seconds in measured)
+    >>> print([point.label for point in points if point.efficient])
     ['quick', 'best']
     """
     lowest, out = math.inf, []
-    for rung in sorted(rungs, key=lambda r: (r.cost, r.error)):
-        out.append(replace(rung, efficient=rung.error < lowest))
-        lowest = min(lowest, rung.error)
+    for point in sorted(points, key=lambda r: (r.cost, r.error)):
+        out.append(replace(point, efficient=point.error < lowest))
+        lowest = min(lowest, point.error)
     return tuple(out)
 
 

@@ -48,15 +48,15 @@ def draw_curves(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from lfcal.accuracy import Curve, Rung, draw_curves
+    >>> from lfcal.accuracy import Curve, CostPoint, draw_curves
     >>> curve = Curve("averaging", "Frames averaged", "noise over the signal", "frames at each position", "frames")
     >>> for n in (1, 4, 16, 64):
-    ...     curve = curve.with_rung(Rung(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames"))
+    ...     curve = curve.with_point(CostPoint(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames"))
     >>> draw_curves([curve], "accuracy.png", error=0.02)
     >>> print(Path("accuracy.png").read_bytes()[1:4])
     b'PNG'
     """
-    shown = [curve for curve in curves if curve.rungs]
+    shown = [curve for curve in curves if curve.points]
     if not shown:
         raise InputError.expected(
             "curves to draw", "at least one with measurements", "none", "allow a longer time for each measurement"
@@ -73,9 +73,9 @@ def draw_curves(
 
 def _panel(axes: Axes, curve: Curve, error: float | None) -> None:
     label, scale = cost_axis(curve)
-    points = [(rung.cost / scale, 100 * max(rung.error, FLOOR)) for rung in curve.rungs]
+    points = [(point.cost / scale, 100 * max(point.error, FLOOR)) for point in curve.points]
     axes.plot(*zip(*points, strict=True), "o", ms=4, color=LINES[0])
-    front = [(rung.cost / scale, 100 * max(rung.error, FLOOR)) for rung in curve.front]
+    front = [(point.cost / scale, 100 * max(point.error, FLOOR)) for point in curve.front]
     axes.plot(*zip(*front, strict=True), "-", color=COLOURS["muted"], lw=1)
     _logarithmic(axes)
     if error is not None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 
-from lfcal.accuracy.curves import Curve, Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint, Curve
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import LfcalError, Progress, Work, check_number, drained, format_seconds
 
@@ -15,7 +15,7 @@ __all__ = ["SECONDS", "CurveProgress", "iter_measure_curve", "measure_curve"]
 SECONDS = 10.0
 """Default time limit for a curve (s)."""
 
-FOR_RUNGS = 0.4
+FOR_POINTS = 0.4
 """Fraction of the time limit that is reserved for the points, however long the reference took."""
 
 
@@ -30,13 +30,13 @@ class CurveProgress(Progress):
 
     Examples
     --------
-    >>> from lfcal.accuracy import PLACES, CurveProgress, Subject, iter_measure_curve
+    >>> from lfcal.accuracy import PARTS, CurveProgress, Subject, iter_measure_curve
     >>> from lfcal.camera import ScanPlan, preset
     >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))
-    >>> work = iter_measure_curve(PLACES.get("storage"), subject)
+    >>> work = iter_measure_curve(PARTS.get("storage"), subject)
     >>> step: CurveProgress = next(work)
     >>> work.close()
-    >>> print(step.curve.title, len(step.curve.rungs))
+    >>> print(step.curve.title, len(step.curve.points))
     H file: stored type and compression 0
     """
 
@@ -52,7 +52,7 @@ class _Run:
     number: int
     total: int
     start: float = field(default_factory=lambda: time.perf_counter())
-    rung_at: float = 0.0
+    point_at: float = 0.0
     longest: float = 0.0
 
     @property
@@ -62,24 +62,24 @@ class _Run:
     def record(self, note: str = "") -> CurveProgress:
         return CurveProgress(self.number, self.total, "cost of accuracy", self.elapsed, note, curve=self.curve)
 
-    def take(self, found: Truth | AccuracyStep | Rung | Progress) -> str:
+    def take(self, found: Truth | AccuracyStep | CostPoint | Progress) -> str:
         """Process one result of the measurement; return a remark on it."""
         if isinstance(found, Truth):
             self.curve = replace(self.curve, truth=found.label, notes=found.notes)
-            self.rung_at = self.elapsed
-            self.limit = max(self.limit, self.rung_at + FOR_RUNGS * self.limit)
+            self.point_at = self.elapsed
+            self.limit = max(self.limit, self.point_at + FOR_POINTS * self.limit)
             return f"{self.curve.title}: reference"
-        if isinstance(found, Rung):
-            self.curve = self.curve.with_rung(found)
+        if isinstance(found, CostPoint):
+            self.curve = self.curve.with_point(found)
             now = self.elapsed
-            self.longest, self.rung_at = now - self.rung_at, now
+            self.longest, self.point_at = now - self.point_at, now
             return f"{self.curve.title}: {found.label}"
         inner = found.label if isinstance(found, AccuracyStep) else found.stage
         return f"{self.curve.title}: {inner}"
 
-    def over(self, found: Truth | AccuracyStep | Rung | Progress) -> bool:
+    def over(self, found: Truth | AccuracyStep | CostPoint | Progress) -> bool:
         """Return whether the time limit is reached; at least one point is always measured."""
-        if not self.curve.rungs or isinstance(found, Truth):
+        if not self.curve.points or isinstance(found, Truth):
             return False
         ahead = 0.0
         if isinstance(found, AccuracyStep):
@@ -89,7 +89,7 @@ class _Run:
 
 
 def iter_measure_curve(
-    place: Place, subject: Subject, seconds: float = SECONDS, *, number: int = 0, total: int = 1
+    part: AccuracyPart, subject: Subject, seconds: float = SECONDS, *, number: int = 0, total: int = 1
 ) -> Work[Curve]:
     """Measure one part of the processing, and return its curve of error against cost.
 
@@ -97,7 +97,7 @@ def iter_measure_curve(
 
     Parameters
     ----------
-    place
+    part
         Part of the processing to measure.
     subject
         Plan or H to measure.
@@ -118,16 +118,16 @@ def iter_measure_curve(
 
     Examples
     --------
-    >>> from lfcal.accuracy import Place, Rung, Subject, Truth, iter_measure_curve
+    >>> from lfcal.accuracy import AccuracyPart, CostPoint, Subject, Truth, iter_measure_curve
     >>> from lfcal.camera import ScanPlan, preset
     >>> def averaging(subject, seconds):
     ...     yield Truth("the mean of all frames")
     ...     for n in (1, 4):
-    ...         yield Rung(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames")
-    >>> place = Place("averaging", "Frames averaged", "noise over the signal", "frames", "frames", averaging)
+    ...         yield CostPoint(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames")
+    >>> part = AccuracyPart("averaging", "Frames averaged", "noise over the signal", "frames", "frames", averaging)
     >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))
-    >>> for step in iter_measure_curve(place, subject):
-    ...     print(step.note or "end", [rung.error for rung in step.curve.rungs])
+    >>> for step in iter_measure_curve(part, subject):
+    ...     print(step.note or "end", [point.error for point in step.curve.points])
     Frames averaged []
     Frames averaged: reference []
     Frames averaged: mean of 1 [0.08]
@@ -135,10 +135,10 @@ def iter_measure_curve(
     end [0.08, 0.04]
     """
     check_number("time for each measurement (s)", seconds, above=0)
-    run = _Run(Curve(place.name, place.title, place.error, place.cost, place.unit), seconds, number, total)
-    yield run.record(place.title)
+    run = _Run(Curve(part.name, part.title, part.error, part.cost, part.unit), seconds, number, total)
+    yield run.record(part.title)
     try:
-        yield from _followed(place.measure(subject, seconds), run)
+        yield from _followed(part.measure(subject, seconds), run)
     except LfcalError as error:
         run.curve = replace(run.curve, stopped=str(error))
     yield replace(run.record(), done=number + 1)
@@ -150,16 +150,16 @@ measure_curve = drained(
     """
     Examples
     --------
-    >>> from lfcal.accuracy import Place, Rung, AccuracyStep, Subject, Truth, measure_curve
+    >>> from lfcal.accuracy import AccuracyPart, CostPoint, AccuracyStep, Subject, Truth, measure_curve
     >>> from lfcal.camera import ScanPlan, preset
     >>> def averaging(subject, seconds):
     ...     yield Truth("the mean of all frames")
     ...     for n in (1, 4, 16):
     ...         yield AccuracyStep(f"mean of {n}")
-    ...         yield Rung(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames")
-    >>> place = Place("averaging", "Frames averaged", "noise over the signal", "frames", "frames", averaging)
+    ...         yield CostPoint(f"mean of {n}", {}, 0.08 / n**0.5, n, "frames")
+    >>> part = AccuracyPart("averaging", "Frames averaged", "noise over the signal", "frames", "frames", averaging)
     >>> subject = Subject("bench", ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=63))
-    >>> print(measure_curve(place, subject).answer(0.05))
+    >>> print(measure_curve(part, subject).answer(0.05))
     An error of 5 % costs 4 frames: mean of 4 (4 %)
     """,
 )

@@ -18,23 +18,23 @@ from lfcal.records import read_as, read_cutout, read_depths, read_share, read_vi
 from lfcal.tasks import check_mat_files, check_output, open_matrix
 
 if TYPE_CHECKING:
-    from lfcal.accuracy import Curve, Place, Subject
+    from lfcal.accuracy import AccuracyPart, Curve, Subject
 
 
 def command(
     context: typer.Context,
     subject: str = typer.Argument(
-        ..., help="H file, JSON of a scan plan, preset or camera file; list prints the names for --place."
+        ..., help="H file, JSON of a scan plan, preset or camera file; list prints the names for --part."
     ),
     depths: str = typer.Option("", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
     virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
     cutout: str = typer.Option("", help="Size of the cutout, odd: 181 or ROWS,COLUMNS (px); default: by geometry."),
     *,
-    place: list[str] = typer.Option(
-        [], "--place", help="Part of the processing to measure, a name from `lfcal accuracy list`; may be repeated."
+    part: list[str] = typer.Option(
+        [], "--part", help="Part of the processing to measure, a name from `lfcal accuracy list`; may be repeated."
     ),
     error: str = typer.Option("1%", "--error", help="Error whose cost to report: 1% or 0.01."),
-    seconds: float = typer.Option(10.0, "--seconds", help="Approximate time for each place (s)."),
+    seconds: float = typer.Option(10.0, "--seconds", help="Approximate time for each part (s)."),
     draw: Path | None = typer.Option(None, "--draw", help="File for a plot of all curves (.png)."),
     mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
@@ -45,55 +45,55 @@ def command(
 
     Ctrl-C ends the measurement; results measured until then are printed.
 
-    Example: `lfcal accuracy bench --virtual-depths 3,4,5 --place storage --place solvers --draw cost.png`
+    Example: `lfcal accuracy bench --virtual-depths 3,4,5 --part storage --part solvers --draw cost.png`
     """
-    from lfcal.accuracy import PLACES, draw_curves
+    from lfcal.accuracy import PARTS, draw_curves
 
-    for reason in PLACES.failures().values():
+    for reason in PARTS.failures().values():
         report(f"left out: {reason}")
     if subject == "list":
-        measuring = ("depths", "virtual_depths", "cutout", "place", "error", "seconds", "draw", "mat_order")
+        measuring = ("depths", "virtual_depths", "cutout", "part", "error", "seconds", "draw", "mat_order")
         refuse(context, "a camera, plan or H to measure", "list", *measuring)
         heads = ("name", "title", "error", "cost")
-        listed = [{head: getattr(one, head) for head in heads} for one in PLACES]
-        print_result(listed, ["place", "", "error", "cost"], [list(one.values()) for one in listed], json=json)
+        listed = [{head: getattr(one, head) for head in heads} for one in PARTS]
+        print_result(listed, ["part", "", "error", "cost"], [list(one.values()) for one in listed], json=json)
         return
     share = read_as("--error", read_share, error)
     check_number("--error", share, above=0, at_most=10)
     check_mat_files(mat_order, Path(subject))
-    chosen = [PLACES.get(name) for name in dict.fromkeys(place)] or list(PLACES)
+    chosen = [PARTS.get(name) for name in dict.fromkeys(part)] or list(PARTS)
     if draw is not None:
         check_output(draw, subject, force=force)
     with _subject(subject, (depths, virtual_depths, cutout), workers, mat_order=mat_order, quiet=json) as measured:
         curves, ended = _measured(chosen, measured, seconds, share, quiet=json)
         if json:
-            answers = {one.place: {"words": one.answer(share), "rung": one.cheapest(share)} for one in curves}
+            answers = {one.part: {"words": one.answer(share), "point": one.cheapest(share)} for one in curves}
             facts = {"subject": measured.name, "error": share, "seconds": seconds}
             print_json(facts | {"curves": curves, "answers": answers})
-        if draw is not None and any(curve.rungs for curve in curves):
+        if draw is not None and any(curve.points for curve in curves):
             draw_curves(curves, draw, f"What accuracy costs: {measured.name}", error=share)
             if not json:
                 typer.echo(f"drawn: {draw}")
     if ended is not None:
         raise ended
-    if not any(curve.rungs for curve in curves):
+    if not any(curve.points for curve in curves):
         raise InputError(
-            f"{measured.name}: nothing could be measured; {curves[0].stopped or 'choose other places (--place)'}"
+            f"{measured.name}: nothing could be measured; {curves[0].stopped or 'choose other parts (--part)'}"
         )
 
 
 def _measured(
-    places: list[Place], subject: Subject, seconds: float, share: float, *, quiet: bool
+    parts: list[AccuracyPart], subject: Subject, seconds: float, share: float, *, quiet: bool
 ) -> tuple[list[Curve], BaseException | None]:
     """Measure part after part, and print each result; return the exception that ended the measurement, if any."""
     from lfcal.accuracy import iter_measure_curve
 
     curves: list[Curve] = []
-    for number, place in enumerate(places):
+    for number, part in enumerate(parts):
         kept: deque[Any] = deque(maxlen=1)
         ended: BaseException | None = None
         try:
-            work = iter_measure_curve(place, subject, seconds, number=number, total=len(places))
+            work = iter_measure_curve(part, subject, seconds, number=number, total=len(parts))
             curves.append(run_work(work, quiet=quiet, seen=kept.append))
         except Exception:
             raise
@@ -140,17 +140,17 @@ def _show(curve: Curve, share: float) -> None:
     """Print one curve as a table, its meaning, and the cost of the requested error."""
     from lfcal.accuracy import format_cost
 
-    if not curve.rungs:
+    if not curve.points:
         typer.echo(f"{curve.title}: not measured: {curve.stopped or 'stopped before the first measurement'}\n")
         return
-    names = list(dict.fromkeys(name for rung in curve.rungs for name in rung.others))
+    names = list(dict.fromkeys(name for point in curve.points for name in point.others))
     picked = curve.cheapest(share)
     rows = []
-    for rung in curve.rungs:
-        mark = ("efficient" if rung.efficient else "") + (", picked" if rung is picked else "")
-        others = [f"{rung.others[name]:.4g}" if name in rung.others else "—" for name in names]
-        words = [rung.label, format_share(rung.error), format_cost(rung.cost, curve.unit), *others]
-        rows.append([*words, "; ".join(filter(None, (mark, rung.note)))])
+    for point in curve.points:
+        mark = ("efficient" if point.efficient else "") + (", picked" if point is picked else "")
+        others = [f"{point.others[name]:.4g}" if name in point.others else "—" for name in names]
+        words = [point.label, format_share(point.error), format_cost(point.cost, curve.unit), *others]
+        rows.append([*words, "; ".join(filter(None, (mark, point.note)))])
     print_table(["", "error", "cost", *names, " "], rows, title=curve.title)
     typer.echo(f"error: {curve.error}; cost: {curve.cost}")
     typer.echo(f"measured by: {curve.truth}")

@@ -1,4 +1,4 @@
-"""A small plan that every place can measure in moments."""
+"""A small plan that every part can measure in moments."""
 
 from __future__ import annotations
 

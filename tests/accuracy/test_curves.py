@@ -1,4 +1,4 @@
-"""Rungs and curves: the front, the cheapest rung, and words."""
+"""Points and curves: the front, the cheapest point, and words."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfcal.accuracy import Curve, Rung, draw_curves, marked
+from lfcal.accuracy import CostPoint, Curve, draw_curves, marked
 from lfcal.base.errors import InputError
 
 PAIRS = st.lists(st.tuples(st.floats(0, 1e3), st.floats(0, 10)), min_size=1, max_size=30)
 
 
-def rung(cost: float, error: float, label: str = "") -> Rung:
-    return Rung(label or f"{cost} {error}", {"tolerance": error}, error, cost, "seconds")
+def point(cost: float, error: float, label: str = "") -> CostPoint:
+    return CostPoint(label or f"{cost} {error}", {"tolerance": error}, error, cost, "seconds")
 
 
 def curve(*pairs: tuple[float, float]) -> Curve:
     made = Curve("storage", "Storage", "relative L1 error", "seconds", "seconds", "the values", notes=("a note",))
     for cost, error in pairs:
-        made = made.with_rung(rung(cost, error))
+        made = made.with_point(point(cost, error))
     return made
 
 
 @given(PAIRS)
 def test_the_front_is_what_nothing_beats(pairs: list[tuple[float, float]]) -> None:
-    rungs = marked(rung(*pair) for pair in pairs)
-    assert sorted((r.cost, r.error) for r in rungs) == sorted(pairs)
-    front = [(r.cost, r.error) for r in rungs if r.efficient]
+    points = marked(point(*pair) for pair in pairs)
+    assert sorted((r.cost, r.error) for r in points) == sorted(pairs)
+    front = [(r.cost, r.error) for r in points if r.efficient]
     # by the definition, pair by pair: nothing is at least as good in both and better in one
     beaten = {(c, e) for c, e in pairs if any((a <= c and b < e) or (a < c and b <= e) for a, b in pairs)}
     assert front == sorted(set(pairs) - beaten)
@@ -39,7 +39,7 @@ def test_the_front_is_what_nothing_beats(pairs: list[tuple[float, float]]) -> No
 
 
 @given(PAIRS, st.floats(1e-6, 10))
-def test_the_cheapest_rung_keeps_the_error_and_nothing_that_does_is_cheaper(
+def test_the_cheapest_point_keeps_the_error_and_nothing_that_does_is_cheaper(
     pairs: list[tuple[float, float]], error: float
 ) -> None:
     found = curve(*pairs).cheapest(error)
@@ -62,14 +62,14 @@ def test_what_one_per_cent_would_cost() -> None:
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0])
 def test_what_is_no_error_and_no_cost_is_refused(value: float) -> None:
     with pytest.raises(InputError):
-        rung(1.0, value)
+        point(1.0, value)
     with pytest.raises(InputError):
-        rung(value, 1.0)
+        point(value, 1.0)
     with pytest.raises(InputError, match="unit of cost"):
-        Rung("a", {}, 1.0, 1.0, "apples")
+        CostPoint("a", {}, 1.0, 1.0, "apples")
 
 
-def test_a_page_has_a_panel_for_each_curve_with_rungs(tmp_path: Path) -> None:
+def test_a_page_has_a_panel_for_each_curve_with_points(tmp_path: Path) -> None:
     import cv2
 
     # an error of nothing has no logarithm, and is drawn all the same

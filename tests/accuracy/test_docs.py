@@ -1,4 +1,4 @@
-"""The place that the documentation adds."""
+"""The part that the documentation adds."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from lfcal.psf import PSFMatrix
 from tests.distribution import names_of
 
 
-def test_the_place_of_the_documentation_measures() -> None:
+def test_the_part_of_the_documentation_measures() -> None:
     names = names_of("extending.md", "An accuracy curve")
     H = PSFMatrix(np.random.default_rng(0).random((1, 6, 6, 3, 3)).astype(np.float32))
     curve = measure_curve(names["MEAN_LIGHT"], Subject.of_matrix(H, "H"), 10)
-    assert curve.stopped == "" and len(curve.rungs) == 5
+    assert curve.stopped == "" and len(curve.points) == 5
     # the mean of n patterns scatters by 1/sqrt(n)
-    assert 0.15 < curve.rungs[-1].error / curve.rungs[0].error < 0.4
+    assert 0.15 < curve.points[-1].error / curve.points[0].error < 0.4

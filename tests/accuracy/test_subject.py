@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Subject, measure_curve
+from lfcal.accuracy import PARTS, Subject, measure_curve
 from lfcal.accuracy import subject as module
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
@@ -35,12 +35,12 @@ def test_ht_is_measured_as_its_h() -> None:
     np.testing.assert_array_equal(np.asarray(drain(Subject.of_matrix(H.T, "HT").iter_sample(1)).matrix), np.asarray(H))
 
 
-@pytest.mark.parametrize("place", ["storage", "projection", "solvers"])
+@pytest.mark.parametrize("part", ["storage", "projection", "solvers"])
 @pytest.mark.parametrize("level", [0.0, -1.0])
-def test_without_light_there_is_nothing_to_measure(place: str, level: float) -> None:
+def test_without_light_there_is_nothing_to_measure(part: str, level: float) -> None:
     H = PSFMatrix(np.full((3, 2, 2, 5, 5), level, np.float32))
-    found = measure_curve(PLACES.get(place), Subject.of_matrix(H, "dark.h5"))
-    assert not found.rungs and "expected light in the middle planes, got none" in found.stopped
+    found = measure_curve(PARTS.get(part), Subject.of_matrix(H, "dark.h5"))
+    assert not found.points and "expected light in the middle planes, got none" in found.stopped
 
 
 def test_samples_are_made_once() -> None:

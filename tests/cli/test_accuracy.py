@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, AccuracyStep, Place, Rung, Truth
+from lfcal.accuracy import PARTS, AccuracyPart, AccuracyStep, CostPoint, Truth
 from lfcal.psf import PSFMatrix, save
 from tests.acquire.rigs import small_plan
 from tests.cli.conftest import Run
@@ -37,7 +37,7 @@ def test_a_curve_of_h_as_json_and_drawn(lfcal: Lfcal, h: Path, tmp_path: Path) -
     run = lfcal(
         "accuracy",
         h,
-        "--place",
+        "--part",
         "storage",
         "--error",
         "0.5%",
@@ -53,11 +53,11 @@ def test_a_curve_of_h_as_json_and_drawn(lfcal: Lfcal, h: Path, tmp_path: Path) -
     found: Any = run.json
     assert found["subject"] == "H.h5" and found["error"] == 0.005 and chart.stat().st_size > 5000
     (curve,) = found["curves"]
-    assert curve["place"] == "storage" and len(curve["rungs"]) == 10
-    picked = found["answers"]["storage"]["rung"]
-    good = [r["cost"] for r in curve["rungs"] if r["error"] <= 0.005]
+    assert curve["part"] == "storage" and len(curve["points"]) == 10
+    picked = found["answers"]["storage"]["point"]
+    good = [r["cost"] for r in curve["points"] if r["error"] <= 0.005]
     assert picked["cost"] == min(good) and picked["error"] <= 0.005
-    again = lfcal("accuracy", h, "--place", "storage", "--draw", chart)
+    again = lfcal("accuracy", h, "--part", "storage", "--draw", chart)
     assert again.code == 2 and "a.png: exists; add --force" in again.err
 
 
@@ -65,21 +65,21 @@ def test_a_curve_of_h_as_json_and_drawn(lfcal: Lfcal, h: Path, tmp_path: Path) -
 def test_a_curve_is_drawn_again_where_that_is_asked_for(lfcal: Lfcal, h: Path, tmp_path: Path) -> None:
     chart = tmp_path / "a.png"
     chart.write_text("an earlier one")
-    assert lfcal("accuracy", h, "--place", "storage", "--draw", chart, "--force").code == 0
+    assert lfcal("accuracy", h, "--part", "storage", "--draw", chart, "--force").code == 0
 
 
 @pytest.mark.long
 def test_a_plan_as_a_table(lfcal: Lfcal, scan: Path) -> None:
-    run = lfcal("accuracy", scan, "--place", "bases", "--place", "averaging", "--seconds", 600, "--error", "20 %")
+    run = lfcal("accuracy", scan, "--part", "bases", "--part", "averaging", "--seconds", 600, "--error", "20 %")
     assert run.code == 0, run.err
     assert run.out.index("Multiplexing: masks and exposure") < run.out.index("Recording: averaging and exposure")
     assert "An error of 20 % costs" in run.out and "measured by: uniform light, equal in all samples" in run.out
 
 
 def test_a_camera_needs_planes(lfcal: Lfcal) -> None:
-    run = lfcal("accuracy", "bench", "--place", "bases")
+    run = lfcal("accuracy", "bench", "--part", "bases")
     assert run.code == 2 and "give --depths (µm) or --virtual-depths" in run.err
-    assert lfcal("accuracy", "bench", "--depths", "-20mm", "--cutout", "31", "--place", "bases", "--json").code == 0
+    assert lfcal("accuracy", "bench", "--depths", "-20mm", "--cutout", "31", "--part", "bases", "--json").code == 0
 
 
 @pytest.mark.parametrize("options", [("--depths", "1,2"), ("--virtual-depths", "3"), ("--cutout", "31")])
@@ -101,9 +101,9 @@ def test_planes_of_h_are_its_own(lfcal: Lfcal, h: Path, options: tuple[str, str]
         (("--error", "1.2.3%"), "--error: expected a number, or percent"),
         (("--seconds", "0"), "time for each measurement (s): expected a number > 0"),
         (("--seconds", "nan"), "time for each measurement (s): expected a number > 0"),
-        (("--place", "moon"), "place of accuracy: expected simulation, sampling, "),
+        (("--part", "moon"), "part of the processing: expected simulation, sampling, "),
         (
-            ("--place", "lattice"),
+            ("--part", "lattice"),
             "nothing could be measured; camera of the measurement: expected the camera of a scan, got H of an unknown",
         ),
     ],
@@ -113,16 +113,16 @@ def test_bad_options_are_one_line(lfcal: Lfcal, h: Path, options: tuple[str, str
     assert run.code == 2 and message in run.err and run.err.count("\n") == 1, run.err
 
 
-def test_the_places_are_listed(lfcal: Lfcal) -> None:
+def test_the_parts_are_listed(lfcal: Lfcal) -> None:
     run = lfcal("accuracy", "list")
-    assert run.code == 0 and all(place.title.split(":")[0] in run.out for place in PLACES)
+    assert run.code == 0 and all(part.title.split(":")[0] in run.out for part in PARTS)
     found: Any = lfcal("accuracy", "list", "--json").json
-    assert [entry["name"] for entry in found] == list(PLACES.names())
+    assert [entry["name"] for entry in found] == list(PARTS.names())
 
 
 def _stopped() -> Iterator[object]:
     yield Truth("exact")
-    yield Rung("a rung that was measured", {"k": 1}, 0.5, 1.0, "seconds")
+    yield CostPoint("a point that was measured", {"k": 1}, 0.5, 1.0, "seconds")
     os.kill(os.getpid(), signal.SIGINT)
     yield AccuracyStep("the next")
     raise AssertionError("it went on")
@@ -141,14 +141,14 @@ def interruptible() -> Iterator[None]:
 def test_ctrl_c_keeps_what_was_measured(
     lfcal: Lfcal, h: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, json: bool
 ) -> None:
-    place = Place("made up", "Made up", "error", "cost", "seconds", lambda s, t: _stopped())  # type: ignore[arg-type, return-value]
-    monkeypatch.setattr(type(PLACES), "get", lambda self, name: place)
+    part = AccuracyPart("made up", "Made up", "error", "cost", "seconds", lambda s, t: _stopped())  # type: ignore[arg-type, return-value]
+    monkeypatch.setattr(type(PARTS), "get", lambda self, name: part)
     chart = tmp_path / "a.png"
-    run = lfcal("accuracy", h, "--place", "a", "--place", "b", "--draw", chart, *(["--json"] if json else []))
+    run = lfcal("accuracy", h, "--part", "a", "--part", "b", "--draw", chart, *(["--json"] if json else []))
     assert run.code == 130 and run.err == "lfcal: stopped; no incomplete output remains\n"
     assert chart.stat().st_size > 5000
     if json:
         found: Any = run.json
-        assert [r["label"] for r in found["curves"][0]["rungs"]] == ["a rung that was measured"]
+        assert [r["label"] for r in found["curves"][0]["points"]] == ["a point that was measured"]
     else:
-        assert run.out.count("a rung that was measured") == 2, "in the table and as the best"
+        assert run.out.count("a point that was measured") == 2, "in the table and as the best"

@@ -124,7 +124,7 @@ def test_a_reconstruction_with_one_of_several_regions_says_so(lfcal: Lfcal, plac
 
 
 @pytest.mark.parametrize("text", ["9x11", "9,11", "9×11"])
-@pytest.mark.parametrize("words", [("plan",), ("simulate", "--plan-only"), ("accuracy", "--place", "bases")])
+@pytest.mark.parametrize("words", [("plan",), ("simulate", "--plan-only"), ("accuracy", "--part", "bases")])
 def test_a_cutout_is_written_alike_for_every_command(lfcal: Lfcal, words: tuple[str, ...], text: str) -> None:
     """Read, and refused for another reason, as text that is not understood would not be."""
     name, *more = words

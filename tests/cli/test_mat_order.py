@@ -98,7 +98,7 @@ def test_figures_that_are_worked_out_of_it(lfcal: Lfcal, theirs: np.ndarray, tmp
     told = [lfcal(*coding, tmp_path / "right.h5"), lfcal(*coding, tmp_path / "H.mat", *ROWS)]
     gains = [one.json["equal_time"] for one in told if isinstance(one.json, dict)]
     assert len(gains) == 2 and gains[0] == pytest.approx(gains[1], rel=1e-4) and "as requested" in told[1].err
-    done = lfcal("accuracy", tmp_path / "H.mat", "--place", "storage", "--seconds", "0.1", *ROWS, "--json")
+    done = lfcal("accuracy", tmp_path / "H.mat", "--part", "storage", "--seconds", "0.1", *ROWS, "--json")
     assert done.code == 0 and "as requested" in done.err
 
 

@@ -50,7 +50,7 @@ WRITERS = {
     "white": Writer("white white.tif --camera camera.json -o out", "out/camera.json", 200),
     "views": Writer("views white.tif --white white.tif --slopes 2,3 -o out", "out/focal_stack.tif", 2000),
     "simulate": Writer("simulate scan.json --level geometric -o out.h5", "out.h5", 8000),
-    "accuracy": Writer("accuracy scan.json --place bases --draw out.png", "out.png", 3000),
+    "accuracy": Writer("accuracy scan.json --part bases --draw out.png", "out.png", 3000),
     "assemble": Writer("assemble session/frames --dark session/dark -o out.h5", "out.h5", 8000),
     "acquire": Writer(
         "acquire scan.json --out s --assemble out.h5 --no-check-stage --darks 0 --reference-every 0", "out.h5", 4000

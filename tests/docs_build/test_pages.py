@@ -13,7 +13,7 @@ import yaml
 
 import lfcal
 from docs_build.screens import SCENES, SHOWN
-from lfcal.accuracy import PLACES
+from lfcal.accuracy import PARTS
 from tests.distribution import code_of
 
 ROOT = Path(__file__).parents[2]
@@ -53,7 +53,7 @@ def test_every_picture_of_a_page_is_taken_in_a_scene() -> None:
     pages = "".join(path.read_text(encoding="utf-8") for path in DOCS.rglob("*.md"))
     for key in set(re.findall(r"images/workstation/(\w+)\.png", pages)):
         assert any(re.fullmatch(pattern, SHOWN.get(key, key)) for pattern in taken), key
-    assert SHOWN["accuracy"].removeprefix("accuracy_") in PLACES.names()
+    assert SHOWN["accuracy"].removeprefix("accuracy_") in PARTS.names()
 
 
 def test_the_version_is_the_same_everywhere() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from docs_build.tables import TABLES, commands, options_table, table
-from lfcal.accuracy import PLACES
+from lfcal.accuracy import PARTS
 from lfcal.devices.registry import BACKENDS
 from lfcal.fit import GROUPS
 from lfcal.judge import FAULTS
@@ -32,7 +32,7 @@ def first_column(name: str, column: int = 0) -> list[str]:
         ("effects", 1, [effect.name for effect in CATALOGUE]),
         ("unknowns", 0, [group.name for group in GROUPS]),
         ("devices", 0, [backend.name for backend in BACKENDS]),
-        ("places", 0, list(PLACES.names())),
+        ("parts", 0, list(PARTS.names())),
     ],
 )
 def test_a_table_lists_every_part_in_its_order(name: str, column: int, wanted: list[str]) -> None:

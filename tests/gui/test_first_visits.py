@@ -74,7 +74,7 @@ def test_the_first_window_loads_neither_libraries_nor_what_opens_later(tmp_path:
     pages = {name.split(".")[2] for name in loaded if name.startswith("lfcal_gui.pages.") and name.count(".") > 2}
     assert pages == {"setup"}
     dialogs = {f"lfcal_gui.pages.setup._{name}_dialog" for name in ("check", "sensor", "target")}
-    assert dialogs | {"lfcal.camera.importers.olaf_yaml", "lfcal.accuracy.places.solvers"} <= set(later)
+    assert dialogs | {"lfcal.camera.importers.olaf_yaml", "lfcal.accuracy.parts.solvers"} <= set(later)
 
 
 def test_pictures_of_a_fit_and_levels_of_the_inspector_are_made_when_they_are_wanted(qtbot: QtBot) -> None:

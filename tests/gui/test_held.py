@@ -68,7 +68,7 @@ def test_where_values_come_from_is_held_too() -> None:
 
 
 def test_what_is_refused_is_not_called_done(held: MainWindow, qtbot: QtBot) -> None:
-    """A rung of Accuracy, a stage that was measured, a lattice, a sensor: each said that it had been taken."""
+    """A point of Accuracy, a stage that was measured, a lattice, a sensor: each said that it had been taken."""
     context: Context = held.context
     plan = context.state.plan
     assert plan is not None

@@ -23,7 +23,7 @@ from lfcal_gui.models.comparison import (
     plane_of_row,
 )
 from lfcal_gui.models.cost import (
-    CostPoint,
+    ChartPoint,
     MeasuredCurves,
     asked_seconds,
     axis_labels,

@@ -15,7 +15,7 @@ from lfcal_gui.models.settings import stated_order
 from lfcal_gui.models.words import typeset
 
 if TYPE_CHECKING:
-    from lfcal.accuracy import Curve, Rung, Subject
+    from lfcal.accuracy import CostPoint, Curve, Subject
     from lfcal.camera import ScanPlan
 
 KEPT = 64
@@ -30,7 +30,7 @@ REFERENCE, OTHERS_S = 20.0, 3.0
 
 @dataclass
 class MeasuredCurves:
-    """Curves measured since the window opened, by subject (plan or H) and place, with their duration (s).
+    """Curves measured since the window opened, by subject (plan or H) and part, with their duration (s).
 
     A measurement in a thread adds to them while the window reads: each change replaces one whole curve.
     """
@@ -38,25 +38,25 @@ class MeasuredCurves:
     curves: dict[tuple[object, str], tuple[Curve, float]] = field(default_factory=dict)
 
     def of(self, subject: object) -> Mapping[str, Curve]:
-        """Return the curves of a subject by place, in the order of measurement."""
-        return {place: curve for (key, place), (curve, _) in list(self.curves.items()) if key == subject}
+        """Return the curves of a subject by part, in the order of measurement."""
+        return {part: curve for (key, part), (curve, _) in list(self.curves.items()) if key == subject}
 
-    def took(self, subject: object, place: str) -> str:
+    def took(self, subject: object, part: str) -> str:
         """Return the duration of a measurement as text; empty if it was not measured."""
-        found = self.curves.get((subject, place))
+        found = self.curves.get((subject, part))
         return "" if found is None else f"measured in {format_seconds(found[1])}"
 
     def put(self, subject: object, curve: Curve, seconds: float) -> None:
         """Store a curve as the newest."""
-        self.curves.pop((subject, curve.place), None)
-        self.curves[subject, curve.place] = curve, seconds
+        self.curves.pop((subject, curve.part), None)
+        self.curves[subject, curve.part] = curve, seconds
         for old in list(self.curves)[:-KEPT]:
             del self.curves[old]
 
-    def forget(self, subject: object, places: Iterable[str]) -> None:
+    def forget(self, subject: object, parts: Iterable[str]) -> None:
         """Drop curves that will be measured again."""
-        for place in places:
-            self.curves.pop((subject, place), None)
+        for part in parts:
+            self.curves.pop((subject, part), None)
 
 
 def asked_seconds(plan: ScanPlan) -> float:
@@ -74,16 +74,16 @@ def subject_of(project: ProjectState, kind: str) -> object:
 
 
 def iter_measure(
-    project: ProjectState, kind: str, seconds: float, places: Iterable[str], kept: MeasuredCurves
+    project: ProjectState, kind: str, seconds: float, parts: Iterable[str], kept: MeasuredCurves
 ) -> Work[None]:
-    """Measure the places in turn, each for about ``seconds``; each point is added to ``kept`` when measured."""
-    from lfcal.accuracy import PLACES, iter_measure_curve
+    """Measure the parts in turn, each for about ``seconds``; each point is added to ``kept`` when measured."""
+    from lfcal.accuracy import PARTS, iter_measure_curve
 
-    chosen, key = [PLACES.get(name) for name in places], subject_of(project, kind)
+    chosen, key = [PARTS.get(name) for name in parts], subject_of(project, kind)
     with ExitStack() as stack:
         subject = _subject(project, kind, stack)
-        for number, place in enumerate(chosen):
-            work = iter_measure_curve(place, subject, seconds, number=number, total=len(chosen))
+        for number, part in enumerate(chosen):
+            work = iter_measure_curve(part, subject, seconds, number=number, total=len(chosen))
             stack.callback(work.close)
             for record in work:
                 kept.put(key, record.curve, record.seconds)  # type: ignore[attr-defined]
@@ -105,8 +105,8 @@ def _subject(project: ProjectState, kind: str, stack: ExitStack) -> Subject:
 
 # -- showing -----------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class CostPoint:
-    """A measured setting (rung) in the chart: decimal logarithms of its cost and of its error (%)."""
+class ChartPoint:
+    """A measured setting in the chart: decimal logarithms of its cost and of its error (%)."""
 
     x: float
     y: float
@@ -116,27 +116,27 @@ class CostPoint:
     words: str
 
 
-def points_of(curve: Curve, picked: Rung | None) -> tuple[CostPoint, ...]:
-    """Return the measured settings (rungs) of a curve as points, in their order."""
+def points_of(curve: Curve, picked: CostPoint | None) -> tuple[ChartPoint, ...]:
+    """Return the measured settings of a curve as points, in their order."""
     from lfcal.accuracy import cost_axis
 
     _, scale = cost_axis(curve)
     return tuple(
-        CostPoint(
-            math.log10(max(rung.cost / scale, FLOOR)),
-            math.log10(100 * max(rung.error, FLOOR)),
-            rung.efficient,
-            rung is picked,
-            _name_of(rung),
-            rung_words(rung),
+        ChartPoint(
+            math.log10(max(point.cost / scale, FLOOR)),
+            math.log10(100 * max(point.error, FLOOR)),
+            point.efficient,
+            point is picked,
+            _name_of(point),
+            point_words(point),
         )
-        for rung in curve.rungs
+        for point in curve.points
     )
 
 
-def _name_of(rung: Rung) -> str:
-    """Return the first words of a rung's label, short enough to fit next to its point."""
-    words = ", ".join(rung.label.split(", ")[:2])
+def _name_of(point: CostPoint) -> str:
+    """Return the first words of a point's label, short enough to fit next to its point."""
+    words = ", ".join(point.label.split(", ")[:2])
     return typeset(words.removeprefix("tolerance "))
 
 
@@ -147,10 +147,10 @@ def axis_labels(curve: Curve) -> tuple[str, str]:
     return cost_axis(curve)[0], f"{curve.error.split(',')[0]} (%)"
 
 
-def rung_words(rung: Rung) -> str:
-    """Return the description of a measured setting (rung) as a few lines of text."""
+def point_words(point: CostPoint) -> str:
+    """Return the description of a measured setting as a few lines of text."""
     from lfcal.accuracy import format_cost
 
-    lines = [typeset(rung.label), f"error {format_share(rung.error)}, costs {format_cost(rung.cost, rung.unit)}"]
-    lines += [f"{name}: {value:.4g}" for name, value in rung.others.items()]
-    return "\n".join(filter(None, (*lines, rung.note)))
+    lines = [typeset(point.label), f"error {format_share(point.error)}, costs {format_cost(point.cost, point.unit)}"]
+    lines += [f"{name}: {value:.4g}" for name, value in point.others.items()]
+    return "\n".join(filter(None, (*lines, point.note)))

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lfcal.accuracy import PLACES
+from lfcal.accuracy import PARTS
 from lfcal.base import sample_session, write_tiff
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
 from lfcal.lattice import lattice_of
@@ -250,10 +250,10 @@ def multiplex(stage: Stage) -> Iterator[Capture]:
 def accuracy(stage: Stage) -> Iterator[Capture]:
     """Show what accuracy costs."""
     page = stage.page("accuracy")
-    for name in PLACES.names():
+    for name in PARTS.names():
         page.measure((name,))
         stage.settle()
-        page.context.edit(page.settings, "place", name)
+        page.context.edit(page.settings, "part", name)
         stage.settle()
         stage.tidy()
         yield Capture(f"accuracy_{name}")

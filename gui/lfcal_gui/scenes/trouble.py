@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lfcal.accuracy import PLACES
+from lfcal.accuracy import PARTS
 from lfcal.base import sample_session
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal_gui._rescue import RestoreDialog
@@ -68,7 +68,7 @@ def _jobs(stage: Stage) -> Iterator[Capture]:
     page.exporting.start("/proc/none/exported.mat")
     stage.settle()
     page = stage.page("accuracy")
-    page.measure(PLACES.names())
+    page.measure(PARTS.names())
     stage.window.page("simulate").measure()
     stage.window.page("simulate").simulate(str(stage.folder / "queued.h5"))
     stage.turn(100)

@@ -10,7 +10,7 @@ from PySide6.QtCore import QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout
 
-from lfcal_gui.models import CostPoint
+from lfcal_gui.models import ChartPoint
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets._axes import DecadeAxis
 from lfcal_gui.widgets.plots import LinePlot, line_px
@@ -62,7 +62,7 @@ class CostCurve(LinePlot):
         self.blank.show_blank(False)
         self.blank.show_blank(True)
         self.blank.words = NOT_MEASURED
-        self._points: tuple[CostPoint, ...] = ()
+        self._points: tuple[ChartPoint, ...] = ()
         self._reached: int | None = None
         self.front = pg.PlotDataItem(antialias=True)
         words = {"position": 0.02, "anchors": [(0.0, 1.0), (0.0, 1.0)]}  # usually left of all points
@@ -98,7 +98,7 @@ class CostCurve(LinePlot):
         column.addLayout(foot)
 
     # -- showing ---------------------------------------------------------------------------------------
-    def show_points(self, points: Sequence[CostPoint], log_percent: float, asked: str = "tolerance") -> None:
+    def show_points(self, points: Sequence[ChartPoint], log_percent: float, asked: str = "tolerance") -> None:
         """Show points, and what is ``asked`` for as a line at the decimal logarithm of an error in per cent."""
         if len(points) != len(self._points):
             self._reached = None
@@ -236,7 +236,7 @@ class CostCurve(LinePlot):
 
     def table_lines(self, between: str) -> Iterator[str]:
         """Yield every point."""
-        yield "# cost, error (%), efficient, rung\n"
+        yield "# cost, error (%), efficient, point\n"
         for point in self._points:
             cells = (f"{10**point.x:.9g}", f"{10**point.y:.9g}", f"{int(point.efficient)}", point.words.splitlines()[0])
             yield between.join(cells) + "\n"

@@ -11,11 +11,11 @@ from PySide6.QtCore import QPointF, Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from lfcal_gui.models.cost import CostPoint
+from lfcal_gui.models.cost import ChartPoint
 from lfcal_gui.widgets.cost_curve import CostCurve
 
 POINTS = tuple(
-    CostPoint(float(np.log10(cost)), float(np.log10(error)), efficient, picked, f"{name}, wave", f"{name}\nmore")
+    ChartPoint(float(np.log10(cost)), float(np.log10(error)), efficient, picked, f"{name}, wave", f"{name}\nmore")
     for cost, error, efficient, picked, name in (
         (1.0, 15.0, True, False, "30 %"),
         (1.5, 1.1, True, True, "3 %"),

@@ -1,7 +1,7 @@
 """Accuracy: what it costs in each step of the work, and settings that you apply from the chart.
 
-- ``page``, ``panel``: the places, and the curve of one
-- ``model``: settings, measurements, words, and what a rung changes in the project
+- ``page``, ``panel``: the parts, and the curve of one
+- ``model``: settings, measurements, words, and what a point changes in the project
 """
 
 from __future__ import annotations

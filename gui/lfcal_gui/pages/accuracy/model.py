@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from lfcal.accuracy import Curve, Rung
+from lfcal.accuracy import CostPoint, Curve
 from lfcal.base import InputError, LfcalError, any_of
 from lfcal_gui.models import Field, PageSettings, ProjectState, typeset
 
@@ -21,7 +21,7 @@ FIELDS = (
         choices=SUBJECTS,
         tip="Simulate the camera of the plan, or use the values of H",
     ),
-    Field("seconds", "Time per measurement", "s", "Approximate time to measure one place"),
+    Field("seconds", "Time per measurement", "s", "Approximate time to measure one part of the processing"),
     Field("error", "Cost at error", "%", "Error at which the cost is estimated", scale=0.01),
 )
 
@@ -32,25 +32,25 @@ class AccuracySettings(PageSettings):
 
     Attributes
     ----------
-    place
-        One of `PLACES`.
+    part
+        One of `PARTS`.
     subject
         ``"plan"`` or ``"psf"``.
     seconds
-        Approximate time to measure one place (s).
+        Approximate time to measure one part (s).
     error
         Target error whose cost is shown (fraction).
     """
 
     page: ClassVar[str] = "accuracy"
 
-    place: str = "simulation"
+    part: str = "simulation"
     subject: str = "plan"
     seconds: float = 10.0
     error: float = 0.01
 
     def __post_init__(self) -> None:
-        """Check every value; a place of a package that is not installed is kept."""
+        """Check every value; a part of a package that is not installed is kept."""
         if self.subject not in dict(SUBJECTS):
             raise InputError.expected("subject", any_of(dict(SUBJECTS)), self.subject, "choose one of these")
         if not 0 < self.seconds <= 86_400:
@@ -71,7 +71,7 @@ def words_of(curve: Curve | None, error: float, *, running: bool) -> tuple[str, 
     """Return the cost of the target error, and how it was measured, as text."""
     if curve is None:
         return ("measuring …" if running else "Not measured yet: press Measure."), ""
-    if not curve.rungs:
+    if not curve.points:
         return ("measuring the reference …" if running else f"Not measured: {curve.stopped or 'stopped'}"), ""
     state = "measuring …" if running else curve.stopped
     how = [f"Measured by: {curve.truth}.", *curve.notes, state]
@@ -86,12 +86,12 @@ NO_USE = {
     "aperture": "Nothing was changed: the period of the array sets the number of positions per plane.",
     "sampling": "Nothing was changed: the sampling is chosen automatically from the tolerance.",
 }
-"""Reason why the result changes nothing, for each place without a setting in the project."""
+"""Reason why the result changes nothing, for each part without a setting in the project."""
 
 
 @dataclass(frozen=True)
-class RungUse:
-    """Result of applying a measured setting (rung).
+class PointUse:
+    """Result of applying a measured setting.
 
     Attributes
     ----------
@@ -111,15 +111,15 @@ class RungUse:
     page: str = ""
 
 
-def use_of(project: ProjectState, curve: Curve, rung: Rung) -> RungUse:
-    """Return the changes of the project that apply the measured setting ``rung``."""
-    maker = _USES.get(curve.place)
+def use_of(project: ProjectState, curve: Curve, point: CostPoint) -> PointUse:
+    """Return the changes of the project that apply the measured setting ``point``."""
+    maker = _USES.get(curve.part)
     if maker is None:
-        return RungUse(NO_USE.get(curve.place, "Nothing was changed: the window has no setting for it."))
+        return PointUse(NO_USE.get(curve.part, "Nothing was changed: the window has no setting for it."))
     try:
-        return maker(project, rung)
+        return maker(project, point)
     except (LfcalError, KeyError, TypeError) as error:
-        return RungUse(f"Nothing was changed: {error}")
+        return PointUse(f"Nothing was changed: {error}")
 
 
 def _settings(project: ProjectState, page: str, **values: Any) -> dict[str, Any]:
@@ -128,65 +128,65 @@ def _settings(project: ProjectState, page: str, **values: Any) -> dict[str, Any]
     return {"settings": {**project.settings, page: {**(own if isinstance(own, Mapping) else {}), **values}}}
 
 
-def _simulation(project: ProjectState, rung: Rung) -> RungUse:
-    tolerance = float(rung.settings["tolerance"])
+def _simulation(project: ProjectState, point: CostPoint) -> PointUse:
+    tolerance = float(point.settings["tolerance"])
     changes = _settings(project, "simulate", tolerance=tolerance, level="auto")
-    return RungUse(f"Compute: tolerance {100 * tolerance:g} %, level auto.", "tolerance", changes, "simulate")
+    return PointUse(f"Compute: tolerance {100 * tolerance:g} %, level auto.", "tolerance", changes, "simulate")
 
 
-def _planes(project: ProjectState, rung: Rung) -> RungUse:
+def _planes(project: ProjectState, point: CostPoint) -> PointUse:
     if project.plan is None:
-        return RungUse("Nothing was changed: there is no scan plan.")
-    depths = tuple(float(z) for z in rung.settings["depths_um"])
+        return PointUse("Nothing was changed: there is no scan plan.")
+    depths = tuple(float(z) for z in point.settings["depths_um"])
     plan = replace(project.plan, depths_um=depths, exposure_s=project.plan.exposures[0])
-    return RungUse(f"Plan: {len(depths)} planes over the same depths.", "planes", {"plan": plan}, "setup")
+    return PointUse(f"Plan: {len(depths)} planes over the same depths.", "planes", {"plan": plan}, "setup")
 
 
-def _averaging(project: ProjectState, rung: Rung) -> RungUse:
+def _averaging(project: ProjectState, point: CostPoint) -> PointUse:
     if project.plan is None:
-        return RungUse("Nothing was changed: there is no scan plan.")
-    given = tuple(float(t) for t in rung.settings["exposure_s"])
+        return PointUse("Nothing was changed: there is no scan plan.")
+    given = tuple(float(t) for t in point.settings["exposure_s"])
     exposure = given if len(given) == len(project.plan.depths_um) else given[0]
-    frames = int(rung.settings["frames_averaged"])
+    frames = int(point.settings["frames_averaged"])
     plan = replace(project.plan, frames_averaged=frames, exposure_s=exposure)
     words = f"Plan: {frames} frame{'s' * (frames > 1)} averaged, exposure {1e3 * given[0]:.4g} ms."
-    return RungUse(words, "frames averaged", {"plan": plan}, "setup")
+    return PointUse(words, "frames averaged", {"plan": plan}, "setup")
 
 
-def _interpolation(project: ProjectState, rung: Rung) -> RungUse:
-    name = str(rung.settings["interpolation"])
+def _interpolation(project: ProjectState, point: CostPoint) -> PointUse:
+    name = str(point.settings["interpolation"])
     changes = _settings(project, "frames", interpolation=name)
-    return RungUse(f"Folder: interpolation {name}.", "interpolation", changes, "frames")
+    return PointUse(f"Folder: interpolation {name}.", "interpolation", changes, "frames")
 
 
-def _projection(project: ProjectState, rung: Rung) -> RungUse:
-    method, double = str(rung.settings["method"]), bool(rung.settings["double"])
-    threshold = float(rung.settings["threshold"])
+def _projection(project: ProjectState, point: CostPoint) -> PointUse:
+    method, double = str(point.settings["method"]), bool(point.settings["double"])
+    threshold = float(point.settings["threshold"])
     changes = _settings(project, "reconstruct", method=method, double=double, threshold=threshold)
     precision = "double precision" if double else "single precision"
     words = (
         f"Reconstruct: projector {method}, {precision}, entries of H below {100 * threshold:g} % of the peak omitted."
     )
-    return RungUse(words, "projector", changes, "reconstruct")
+    return PointUse(words, "projector", changes, "reconstruct")
 
 
-def _solvers(project: ProjectState, rung: Rung) -> RungUse:
-    solver, iterations = str(rung.settings["solver"]), int(rung.settings["iterations"])
+def _solvers(project: ProjectState, point: CostPoint) -> PointUse:
+    solver, iterations = str(point.settings["solver"]), int(point.settings["iterations"])
     changes = _settings(project, "reconstruct", solver=solver, iterations=iterations)
     words = f"Reconstruct: {solver}, {iterations} iteration{'s' * (iterations > 1)}."
-    return RungUse(words, "solver", changes, "reconstruct")
+    return PointUse(words, "solver", changes, "reconstruct")
 
 
-def _storage(project: ProjectState, rung: Rung) -> RungUse:
-    dtype, compression = str(rung.settings["dtype"]), str(rung.settings["compression"])
+def _storage(project: ProjectState, point: CostPoint) -> PointUse:
+    dtype, compression = str(point.settings["dtype"]), str(point.settings["compression"])
     if dtype not in ("rounded", "float32") or compression not in ("gzip", "none"):
-        return RungUse(
+        return PointUse(
             "Nothing was changed: the window exports H rounded or as float32, with gzip or without. "
             "For other types, use the command line or Python."
         )
     chosen = {"suffix": ".h5", "dtype": dtype, "uncompressed": compression == "none"}
     packed = "with gzip" if compression == "gzip" else "not compressed"
-    return RungUse(
+    return PointUse(
         f"Use: Other formats proposes an H file, {dtype}, {packed}.",
         "export",
         _settings(project, "export", **chosen),
@@ -194,21 +194,23 @@ def _storage(project: ProjectState, rung: Rung) -> RungUse:
     )
 
 
-def _filters(project: ProjectState, rung: Rung) -> RungUse:
-    if rung.settings["route"] != "spatial":
-        return RungUse("Nothing was changed: Multiplexing always shows the Fourier route next to the spatial one.")
-    name = str(rung.settings["filter"])
-    return RungUse(f"Multiplexing: filter {name}.", "filter", _settings(project, "multiplex", filter=name), "multiplex")
+def _filters(project: ProjectState, point: CostPoint) -> PointUse:
+    if point.settings["route"] != "spatial":
+        return PointUse("Nothing was changed: Multiplexing always shows the Fourier route next to the spatial one.")
+    name = str(point.settings["filter"])
+    return PointUse(
+        f"Multiplexing: filter {name}.", "filter", _settings(project, "multiplex", filter=name), "multiplex"
+    )
 
 
-def _bases(project: ProjectState, rung: Rung) -> RungUse:
-    kind, size = str(rung.settings["mask"]), int(rung.settings["size"])
+def _bases(project: ProjectState, point: CostPoint) -> PointUse:
+    kind, size = str(point.settings["mask"]), int(point.settings["size"])
     changes = _settings(project, "multiplex", family="mask", mask=kind, size=size)
     words = f"Multiplexing: {kind.replace('_', ' ')}, {size} x {size} px. The exposure is that of your session."
-    return RungUse(words, "modulator", changes, "multiplex")
+    return PointUse(words, "modulator", changes, "multiplex")
 
 
-_USES: dict[str, Callable[[ProjectState, Rung], RungUse]] = {
+_USES: dict[str, Callable[[ProjectState, CostPoint], PointUse]] = {
     "simulation": _simulation,
     "planes": _planes,
     "averaging": _averaging,
@@ -219,4 +221,4 @@ _USES: dict[str, Callable[[ProjectState, Rung], RungUse]] = {
     "filters": _filters,
     "bases": _bases,
 }
-"""Function that applies a measured setting (rung), for each place."""
+"""Function that applies a measured setting, for each part."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from lfcal.accuracy import PLACES, Curve
+from lfcal.accuracy import PARTS, Curve
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
@@ -25,13 +25,15 @@ class Page(BasePage):
         self._used: tuple[str, str] = ("", "")
         self._shown: Curve | None = None
         self.all_button = self.tool_button(
-            "Measure all", "Measure all places, one after the other", lambda: self.measure(PLACES.names())
+            "Measure all",
+            "Measure all parts of the processing, one after the other",
+            lambda: self.measure(PARTS.names()),
         )
         self.stop_button = self.stop_tool("Stop measuring, and keep what was measured")
         self.panel = AccuracyPanel()
         context.let_edit(self.panel.form, lambda: self.settings, "accuracy:")
-        self.panel.place_asked.connect(lambda name: context.edit(self.settings, "place", name, "accuracy:"))
-        self.panel.rung_chosen.connect(self.use)
+        self.panel.part_asked.connect(lambda name: context.edit(self.settings, "part", name, "accuracy:"))
+        self.panel.point_chosen.connect(self.use)
         self.panel.chart.moved.connect(lambda error: context.edit(self.settings, "error", error, "accuracy:"))
         self.panel.chart.measure_asked.connect(self.measure)
         self.measure_button = self.panel.chart.measure_button
@@ -44,8 +46,8 @@ class Page(BasePage):
 
     @staticmethod
     def prepare() -> None:
-        """Find the places."""
-        PLACES.names()
+        """Find the parts."""
+        PARTS.names()
 
     # -- project ---------------------------------------------------------------------------------------
     @property
@@ -56,8 +58,8 @@ class Page(BasePage):
 
     @property
     def curve(self) -> Curve | None:
-        """The curve of the place looked at, as far as it is measured."""
-        return self.kept.of(self._key).get(self.settings.place)
+        """The curve of the part looked at, as far as it is measured."""
+        return self.kept.of(self._key).get(self.settings.part)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
         """Follow settings, plan and H."""
@@ -93,27 +95,27 @@ class Page(BasePage):
         # points are numbered in the curve that is on screen, not in the one that has grown meanwhile
         self._shown = self.curve
         self.panel.show_measured(self.kept.of(self._key), running)
-        took = self.kept.took(self._key, settings.place)
-        self.panel.show_curve(self._shown, settings, took, running=running == settings.place)
-        place, words = self._used
-        self.panel.show_used(words if place == settings.place else "")
+        took = self.kept.took(self._key, settings.part)
+        self.panel.show_curve(self._shown, settings, took, running=running == settings.part)
+        part, words = self._used
+        self.panel.show_used(words if part == settings.part else "")
 
     def _running(self) -> str:
-        """Return the place that is measured now; the last one begun."""
+        """Return the part that is measured now; the last one begun."""
         begun = list(self.kept.of(self._key))
-        return (begun[-1] if begun else self.settings.place) if self._job else ""
+        return (begun[-1] if begun else self.settings.part) if self._job else ""
 
     # -- measuring -------------------------------------------------------------------------------------
-    def measure(self, places: Sequence[str] = ()) -> None:
-        """Measure places as a job; by default the one that is looked at."""
+    def measure(self, parts: Sequence[str] = ()) -> None:
+        """Measure parts as a job; by default the one that is looked at."""
         state, settings = self.context.state, self.settings
-        chosen = tuple(places) or (settings.place,)
-        if self._job or not subjects(state) or settings.place not in PLACES:
+        chosen = tuple(parts) or (settings.part,)
+        if self._job or not subjects(state) or settings.part not in PARTS:
             return
         kept = self.kept
         kept.forget(self._key, chosen)
         self._used = ("", "")
-        title = PLACES.get(chosen[0]).title if len(chosen) == 1 else "What accuracy costs"
+        title = PARTS.get(chosen[0]).title if len(chosen) == 1 else "What accuracy costs"
         self._job = self.context.jobs.start(
             title,
             "accuracy",
@@ -138,21 +140,21 @@ class Page(BasePage):
 
     # -- using -----------------------------------------------------------------------------------------
     def use(self, number: int) -> None:
-        """Apply a measured setting (rung) to the page that has it, or report why this is not possible."""
+        """Apply a measured setting to the page that has it, or report why this is not possible."""
         curve = self._shown
-        if curve is None or not 0 <= number < len(curve.rungs):
+        if curve is None or not 0 <= number < len(curve.points):
             return
-        rung = curve.rungs[number]
-        use = use_of(self.context.state, curve, rung)
+        point = curve.points[number]
+        use = use_of(self.context.state, curve, point)
         if use.changes is not None:
             key = self._key
-            seconds = self.kept.curves[key, curve.place][1]
+            seconds = self.kept.curves[key, curve.part][1]
             if not self.context.project.update(use.label, **use.changes):
                 return
-            if self._key != key and curve.place in ("planes", "averaging"):
-                # the plan is the rung's now: the curve that it was chosen from stays
+            if self._key != key and curve.part in ("planes", "averaging"):
+                # the plan is the point's now: the curve that it was chosen from stays
                 self.kept.put(self._key, curve, seconds)
-        self._used = (curve.place, f"{rung.label}. {use.words}")
+        self._used = (curve.part, f"{point.label}. {use.words}")
         self.context.message.emit(self._used[1])
         self._show(self.context.state)
 

@@ -1,4 +1,4 @@
-"""Accuracy: places and settings on the left; the chart, what an error would cost, and the rung used on the right."""
+"""Accuracy: parts and settings on the left; the chart, what an error would cost, and the point used on the right."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QListWidget, QListWidgetItem, QSizePolicy, QWidget
 
-from lfcal.accuracy import PLACES, Curve
+from lfcal.accuracy import PARTS, Curve
 from lfcal_gui.models import axis_labels, points_of
 from lfcal_gui.pages.accuracy.model import FIELDS, AccuracySettings, words_of
 from lfcal_gui.widgets import CostCurve, FoldedForm, card, column_area
@@ -19,40 +19,42 @@ class AccuracyPanel(QWidget):
 
     Signals
     -------
-    place_asked(name)
-        Another place is looked at.
-    rung_chosen(number)
-        Use the rung of this number.
+    part_asked(name)
+        Another part is looked at.
+    point_chosen(number)
+        Use the point of this number.
     """
 
-    place_asked = Signal(str)
-    rung_chosen = Signal(int)
+    part_asked = Signal(str)
+    point_chosen = Signal(int)
 
     def __init__(self) -> None:
         super().__init__()
         row = QHBoxLayout(self)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(8)
-        row.addWidget(column_area(300, self._places_card(), self._settings_card()))
+        row.addWidget(column_area(300, self._parts_card(), self._settings_card()))
         row.addWidget(self._chart_card(), 1)
 
     # -- building --------------------------------------------------------------------------------------
-    def _places_card(self) -> QFrame:
+    def _parts_card(self) -> QFrame:
         frame, column = card("Where accuracy costs time")
-        self.places = QListWidget()
-        self.places.setAccessibleName("places where accuracy costs time")
-        self.places.setToolTip("Choose a place to see its error and cost, with a point for each measured setting")
-        for place in PLACES:
-            item = QListWidgetItem(place.title)
-            item.setData(Qt.ItemDataRole.UserRole, place.name)
-            item.setToolTip(f"Error: {place.error}.\nCost: {place.cost}.")
-            self.places.addItem(item)
+        self.parts = QListWidget()
+        self.parts.setAccessibleName("parts of the processing")
+        self.parts.setToolTip(
+            "Choose a part of the processing to see its error and cost, with a point for each measured setting"
+        )
+        for part in PARTS:
+            item = QListWidgetItem(part.title)
+            item.setData(Qt.ItemDataRole.UserRole, part.name)
+            item.setToolTip(f"Error: {part.error}.\nCost: {part.cost}.")
+            self.parts.addItem(item)
         # as high as its rows are when they are styled
-        self.places.setSizeAdjustPolicy(QListWidget.SizeAdjustPolicy.AdjustToContents)
-        self.places.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        self.places.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.places.currentItemChanged.connect(self._place_changed)
-        column.addWidget(self.places)
+        self.parts.setSizeAdjustPolicy(QListWidget.SizeAdjustPolicy.AdjustToContents)
+        self.parts.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+        self.parts.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.parts.currentItemChanged.connect(self._part_changed)
+        column.addWidget(self.parts)
         frame.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Maximum)
         return frame
 
@@ -67,7 +69,7 @@ class AccuracyPanel(QWidget):
         self.title = QLabel("Error versus cost")
         frame, column = card(self.title)
         self.chart = CostCurve()
-        self.chart.chosen.connect(self.rung_chosen.emit)
+        self.chart.chosen.connect(self.point_chosen.emit)
         self.answer = _label("value")
         self.used = _label("")
         self.how = _label("hint")
@@ -86,27 +88,27 @@ class AccuracyPanel(QWidget):
             for k in range(box.count()):
                 item = box.model().item(k)  # type: ignore[attr-defined]
                 item.setEnabled(box.itemData(k) in open_to)
-        blocker = QSignalBlocker(self.places)
-        for k in range(self.places.count()):
-            if self.places.item(k).data(Qt.ItemDataRole.UserRole) == settings.place:
-                self.places.setCurrentRow(k)
+        blocker = QSignalBlocker(self.parts)
+        for k in range(self.parts.count()):
+            if self.parts.item(k).data(Qt.ItemDataRole.UserRole) == settings.part:
+                self.parts.setCurrentRow(k)
         blocker.unblock()
 
     def show_measured(self, curves: Mapping[str, Curve], running: str) -> None:
-        """Mark the places that have measurements, and the place that is being measured."""
-        for k in range(self.places.count()):
-            item = self.places.item(k)
+        """Mark the parts that have measurements, and the part that is being measured."""
+        for k in range(self.parts.count()):
+            item = self.parts.item(k)
             name = item.data(Qt.ItemDataRole.UserRole)
             curve = curves.get(name)
-            mark = "…" if name == running else ("✓" if curve is not None and curve.rungs else " ")
-            item.setText(f"{mark}  {PLACES.get(name).title}")
+            mark = "…" if name == running else ("✓" if curve is not None and curve.points else " ")
+            item.setText(f"{mark}  {PARTS.get(name).title}")
 
     def show_curve(self, curve: Curve | None, settings: AccuracySettings, took: str, *, running: bool) -> None:
         """Show a curve as far as it is measured, or that there is none yet; ``took``: how long that was."""
         answer, how = words_of(curve, settings.error, running=running)
         self.answer.setText(answer)
         self.how.setText(how)
-        title = PLACES.get(settings.place).title if settings.place in PLACES else settings.place
+        title = PARTS.get(settings.part).title if settings.part in PARTS else settings.part
         self.title.setText(title)
         if curve is not None:
             self.chart.set_labels(*axis_labels(curve))
@@ -115,7 +117,7 @@ class AccuracyPanel(QWidget):
         self.chart.show_status(took, "" if running else "Measure again" if took else "Measure")
 
     def show_used(self, words: str) -> None:
-        """Show what a rung changed, or nothing."""
+        """Show what a point changed, or nothing."""
         self.used.setText(words)
         self.used.setVisible(bool(words))
 
@@ -123,9 +125,9 @@ class AccuracyPanel(QWidget):
         """Take the colours of the theme in use."""
         self.chart.apply_theme()
 
-    def _place_changed(self, item: QListWidgetItem | None) -> None:
+    def _part_changed(self, item: QListWidgetItem | None) -> None:
         if item is not None:
-            self.place_asked.emit(item.data(Qt.ItemDataRole.UserRole))
+            self.part_asked.emit(item.data(Qt.ItemDataRole.UserRole))
 
 
 def _label(role: str) -> QLabel:

@@ -9,7 +9,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject
 
-from lfcal.accuracy import Curve, Rung
+from lfcal.accuracy import CostPoint, Curve
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
 from lfcal_gui.models import axis_labels, iter_measure, points_of, subject_of
@@ -21,7 +21,7 @@ SECONDS = 10.0
 """About how long a curve is measured (s)."""
 
 USES = {"solvers": ("solver", "iterations"), "projection": ("method", "double", "threshold")}
-"""Settings that a point of each place sets."""
+"""Settings that a point of each part sets."""
 
 
 class Costing(QObject):
@@ -42,15 +42,15 @@ class Costing(QObject):
         self._context, self._panel, self._use = context, panel, use
         self._job, self._error = 0, 0.01
         self._shown: Curve | None = None
-        panel.place.currentIndexChanged.connect(lambda _: self.show())
+        panel.part.currentIndexChanged.connect(lambda _: self.show())
         panel.more.head.toggled.connect(lambda _: self.show())
         context.jobs.changed.connect(self._job_changed)
         context.jobs.finished.connect(self._job_finished)
 
     @property
-    def place(self) -> str:
-        """The place that is shown."""
-        found: str = self._panel.place.currentData()
+    def part(self) -> str:
+        """The part that is shown."""
+        found: str = self._panel.part.currentData()
         return found
 
     @cached_property
@@ -67,20 +67,20 @@ class Costing(QObject):
         if not self._panel.more.head.isChecked():
             return
         curves, key = self._context.curves, subject_of(self._context.state, "psf")
-        self._shown = curve = curves.of(key).get(self.place)
+        self._shown = curve = curves.of(key).get(self.part)
         if curve is not None:
             self._chart.set_labels(*axis_labels(curve))
         points = () if curve is None else points_of(curve, self._picked(curve))
         self._chart.show_points(points, math.log10(100 * self._error), "error")
-        took = curves.took(key, self.place)
+        took = curves.took(key, self.part)
         self._chart.show_status(took, "" if self._job else "Measure again" if took else "Measure")
 
-    def _picked(self, curve: Curve) -> Rung | None:
+    def _picked(self, curve: Curve) -> CostPoint | None:
         """Return the point that is in use."""
         settings = ReconstructSettings.of(self._context.state)
-        wanted = {name: getattr(settings, name) for name in USES[self.place]}
+        wanted = {name: getattr(settings, name) for name in USES[self.part]}
         return next(
-            (rung for rung in curve.rungs if {name: rung.settings.get(name) for name in wanted} == wanted), None
+            (point for point in curve.points if {name: point.settings.get(name) for name in wanted} == wanted), None
         )
 
     def _move(self, error: float) -> None:
@@ -88,15 +88,15 @@ class Costing(QObject):
         self.show()
 
     def measure(self) -> None:
-        """Measure the place that is shown, as a job."""
-        state, kept, place = self._context.state, self._context.curves, self.place
+        """Measure the part that is shown, as a job."""
+        state, kept, part = self._context.state, self._context.curves, self.part
         if self._job or not state.psf:
             return
-        kept.forget(subject_of(state, "psf"), (place,))
+        kept.forget(subject_of(state, "psf"), (part,))
         self._job = self._context.jobs.start(
-            f"What accuracy costs: {self._panel.place.currentText().lower()}",
+            f"What accuracy costs: {self._panel.part.currentText().lower()}",
             "reconstruct",
-            lambda: iter_measure(state, "psf", SECONDS, (place,), kept),
+            lambda: iter_measure(state, "psf", SECONDS, (part,), kept),
             abandon=True,
             needs=(state.psf,),
         )
@@ -105,9 +105,9 @@ class Costing(QObject):
     def take(self, number: int) -> None:
         """Use a point of the curve."""
         curve = self._shown
-        if curve is not None and 0 <= number < len(curve.rungs):
-            settings = curve.rungs[number].settings
-            self._use(curve.rungs[number].label, {name: settings[name] for name in USES[curve.place]})
+        if curve is not None and 0 <= number < len(curve.points):
+            settings = curve.points[number].settings
+            self._use(curve.points[number].label, {name: settings[name] for name in USES[curve.part]})
             self.show()
 
     def _job_changed(self, job: WindowJob) -> None:

@@ -58,7 +58,7 @@ MAKE = (
     "Project a phantom with this H, add photon noise, and save the result as a light field whose true volume is known"
 )
 
-PLACES = (("solvers", "Solver and iterations"), ("projection", "Projector"))
+PARTS = (("solvers", "Solver and iterations"), ("projection", "Projector"))
 """Places where accuracy is paid for, as the chart of costs has them."""
 
 GO = {
@@ -183,12 +183,12 @@ class ReconstructPanel(QWidget):
         self.solver_words = WrappedLabel()
         self.solver_words.setProperty("role", "hint")
         self.again = self._button("again", "Start again", "Reconstruct from the first iteration with these settings")
-        self.place = choice_box(PLACES, "What the chart compares: solvers and iterations, or ways to apply H")
-        self.place.setAccessibleName("what the chart compares")
+        self.part = choice_box(PARTS, "What the chart compares: solvers and iterations, or ways to apply H")
+        self.part.setAccessibleName("what the chart compares")
         costs = QWidget()
         self._costs_column = column = QVBoxLayout(costs)
         column.setContentsMargins(0, 0, 0, 0)
-        for part in (heading("What accuracy costs"), self.place):
+        for part in (heading("What accuracy costs"), self.part):
             column.addWidget(part)
         self.more.fold_line(self.solver_words, above=True)
         self.more.fold_line(costs)

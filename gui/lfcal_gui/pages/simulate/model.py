@@ -15,7 +15,7 @@ from lfcal.tasks import SimulateFrames, SimulateH, SimulatePasses
 from lfcal_gui.models import PLAN_FILE, Field, PageSettings, Shot, fields_of, plane_words, text_in_form
 
 if TYPE_CHECKING:
-    from lfcal.accuracy import Curve, Rung
+    from lfcal.accuracy import CostPoint, Curve
     from lfcal.simulate import EffectSelection
     from lfcal.simulate.effects import Effect, Entry
 
@@ -233,39 +233,39 @@ def pattern_of(
     return Shot(values, f"{plane_words(z, plan.shape[0])}, y {y}, x {x}: {how}", name="pattern")
 
 
-def used_rung(curve: Curve | None, settings: SimulateSettings) -> Rung | None:
+def used_point(curve: Curve | None, settings: SimulateSettings) -> CostPoint | None:
     """Return the measured setting in use: the coarsest whose tolerance is at most that of the settings.
 
     Curves are measured at level auto with the planner's effects; for other choices there is none.
     """
     if curve is None or settings.level != "auto" or settings.overrides or settings.magnitudes:
         return None
-    good = [rung for rung in curve.rungs if rung.settings["tolerance"] <= settings.tolerance * (1 + 1e-9)]
-    return max(good, key=lambda rung: float(rung.settings["tolerance"]), default=None)
+    good = [point for point in curve.points if point.settings["tolerance"] <= settings.tolerance * (1 + 1e-9)]
+    return max(good, key=lambda point: float(point.settings["tolerance"]), default=None)
 
 
-def numbers_of(rung: Rung | None, settings: SimulateSettings, seconds: float | None) -> tuple[str, str, str, str]:
+def numbers_of(point: CostPoint | None, settings: SimulateSettings, seconds: float | None) -> tuple[str, str, str, str]:
     """Return time and error of H, each with its meaning; ``seconds``: duration of computing H on this machine."""
     time = "…" if seconds is None else format_seconds(seconds)
-    if rung is not None:
-        return time, "for all of H", format_share(rung.error), "error, measured"
+    if point is not None:
+        return time, "for all of H", format_share(point.error), "error, measured"
     return time, "for all of H", format_share(settings.tolerance), "error requested"
 
 
-def better_words(curve: Curve | None, rung: Rung | None, paced: Callable[[float], float]) -> str:
-    """Return a sentence on a measured setting that is faster and no less exact than ``rung``; empty if none is.
+def better_words(curve: Curve | None, point: CostPoint | None, paced: Callable[[float], float]) -> str:
+    """Return a sentence on a measured setting that is faster and no less exact than ``point``; empty if none is.
 
     Parameters
     ----------
-    curve, rung
+    curve, point
         Measured curve, and the setting in use.
     paced
         Returns the duration on this machine (s) for a processor time (s).
     """
-    if curve is None or rung is None:
+    if curve is None or point is None:
         return ""
-    better = min((one for one in curve.front if one.error <= rung.error), key=lambda one: one.cost)
-    if better.cost > WORTH * rung.cost:
+    better = min((one for one in curve.front if one.error <= point.error), key=lambda one: one.cost)
+    if better.cost > WORTH * point.cost:
         return ""
     asked = f"Tolerance {100 * better.settings['tolerance']:g} %"
     took, error = format_seconds(paced(better.cost)), format_share(better.error)

@@ -27,7 +27,7 @@ from lfcal_gui.pages.simulate.model import (
     pattern_of,
     read_settings,
     settings_text,
-    used_rung,
+    used_point,
 )
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 from lfcal_gui.pages.simulate.model_frames import (
@@ -42,7 +42,7 @@ from lfcal_gui.pages.simulate.model_frames import (
 from lfcal_gui.pages.simulate.panel import SimulatePanel
 from lfcal_gui.saving import ask_target, write_file
 
-PLACE, SECONDS = "simulation", 20.0
+PART, SECONDS = "simulation", 20.0
 """What is measured, and about how long that may take (s)."""
 
 LONG = 30.0
@@ -393,11 +393,11 @@ class Page(BasePage):
             self._warned = plan
             self.panel.curve.show_status(f"This takes {rough_seconds(expected)}.", "Measure anyway")
             return
-        curves.forget(subject_of(state, "plan"), (PLACE,))
+        curves.forget(subject_of(state, "plan"), (PART,))
         self._measuring = self.context.jobs.start(
             "What accuracy costs",
             "simulate",
-            lambda: iter_measure(state, "plan", SECONDS, (PLACE,), curves),
+            lambda: iter_measure(state, "plan", SECONDS, (PART,), curves),
             leave=True,
         )
         self._show_curve()
@@ -412,21 +412,21 @@ class Page(BasePage):
         """Show what is measured, which of it is in force, and how long H takes."""
         key, curves = subject_of(self.context.state, "plan"), self.context.curves
         # points are numbered in the curve that is on screen, not in the one that has grown meanwhile
-        self._curve = curves.of(key).get(PLACE)
+        self._curve = curves.of(key).get(PART)
         paced = partial(self.context.paces.seconds, "compute")
         self.panel.show_cost(self._curve, self.settings, self._seconds, paced)
-        rung = used_rung(self._curve, self.settings)
+        point = used_point(self._curve, self.settings)
         # the line of the next step corrects the time in the same way
-        facts = {"compute_s": self._seconds} if rung is None else {"compute_s": rung.cost, "error": rung.error}
+        facts = {"compute_s": self._seconds} if point is None else {"compute_s": point.cost, "error": point.error}
         self.context.tell(self.spec.key, **facts)
-        took = curves.took(key, PLACE)
+        took = curves.took(key, PART)
         button = "" if self._measuring else "Measure again" if took else "Measure"
         self.panel.curve.show_status(took, button)
 
     def use(self, number: int) -> None:
         """Take the tolerance of a measured point."""
         if self._curve is not None:
-            tolerance = float(self._curve.rungs[number].settings["tolerance"])
+            tolerance = float(self._curve.points[number].settings["tolerance"])
             self._change("measured tolerance", lambda: replace(self.settings, tolerance=tolerance, level="auto"))
 
     def _apply_theme(self) -> None:

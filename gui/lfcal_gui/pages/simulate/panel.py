@@ -36,7 +36,7 @@ from lfcal_gui.pages.simulate.model import (
     numbers_of,
     refusal,
     shown,
-    used_rung,
+    used_point,
 )
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
 from lfcal_gui.pages.simulate.model_frames import SimulatedFrame, write_frame
@@ -319,17 +319,17 @@ class SimulatePanel(QWidget):
         forecast
             Processor time of H (s) where it was not measured.
         """
-        rung = used_rung(curve, settings)
+        point = used_point(curve, settings)
         if curve is not None:
             self.curve.set_labels(*axis_labels(curve))
-        points = () if curve is None else points_of(curve, rung)
+        points = () if curve is None else points_of(curve, point)
         self.curve.show_points(points, math.log10(100 * settings.tolerance))
-        seconds = forecast if rung is None else rung.cost
-        numbers = numbers_of(rung, settings, None if seconds is None else paced(seconds))
+        seconds = forecast if point is None else point.cost
+        numbers = numbers_of(point, settings, None if seconds is None else paced(seconds))
         labels = (self.seconds, self.seconds_words, self.error, self.error_words)
         for label, text in zip(labels, numbers, strict=True):
             label.setText(text)
-        self.better.setText(better_words(curve, rung, paced))
+        self.better.setText(better_words(curve, point, paced))
         self.better.setVisible(bool(self.better.text()))
 
     def apply_theme(self) -> None:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Curve, Rung, Subject, measure_curve
+from lfcal.accuracy import PARTS, CostPoint, Curve, Subject, measure_curve
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.psf import PSFMatrix, save
-from lfcal_gui.models.cost import MeasuredCurves, axis_labels, iter_measure, points_of, rung_words, subject_of
+from lfcal_gui.models.cost import MeasuredCurves, axis_labels, iter_measure, point_words, points_of, subject_of
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.settings import OpeningSettings
 from lfcal_gui.pages.accuracy.model import NO_USE, AccuracySettings, subjects, use_of, words_of
@@ -28,27 +28,27 @@ from tests.acquire.rigs import small_plan
 PLAN = small_plan()
 
 
-def curve(*rungs: Rung, place: str = "storage", stopped: str = "") -> Curve:
+def curve(*points: CostPoint, part: str = "storage", stopped: str = "") -> Curve:
     made = Curve(
-        place, "Title", "relative L1 error, of all", "time, in all", "seconds", "the values", (), ("a note",), stopped
+        part, "Title", "relative L1 error, of all", "time, in all", "seconds", "the values", (), ("a note",), stopped
     )
-    for rung in rungs:
-        made = made.with_rung(rung)
+    for point in points:
+        made = made.with_point(point)
     return made
 
 
-def rung(error: float, cost: float, **settings: Any) -> Rung:
-    return Rung(f"rung {cost:g}", settings, error, cost, "seconds", {"read (s)": 2.5}, "note")
+def point(error: float, cost: float, **settings: Any) -> CostPoint:
+    return CostPoint(f"point {cost:g}", settings, error, cost, "seconds", {"read (s)": 2.5}, "note")
 
 
 def test_points_are_logarithms_with_the_front_and_the_pick() -> None:
-    made = curve(rung(0.1, 1.0), rung(0.001, 100.0), rung(0.5, 10.0), rung(0.0, 1000.0))
+    made = curve(point(0.1, 1.0), point(0.001, 100.0), point(0.5, 10.0), point(0.0, 1000.0))
     points = points_of(made, made.cheapest(0.05))
     assert [(p.x, p.y) for p in points[:3]] == [pytest.approx(v) for v in ((0, 1), (1, np.log10(50)), (2, -1))]
     assert [p.efficient for p in points] == [True, False, True, True]
     assert [p.picked for p in points] == [False, False, True, False]
     assert np.isfinite(points[3].y), "an error of nothing is shown, too"
-    assert rung_words(made.rungs[0]) == "rung 1\nerror 10 %, costs 1.0 s\nread (s): 2.5\nnote"
+    assert point_words(made.points[0]) == "point 1\nerror 10 %, costs 1.0 s\nread (s): 2.5\nnote"
     assert axis_labels(made) == ("time (s)", "relative L1 error (%)")
 
 
@@ -56,8 +56,8 @@ def test_words_say_what_to_do_and_why_there_is_nothing() -> None:
     assert words_of(None, 0.01, running=False)[0] == "Not measured yet: press Measure."
     assert words_of(curve(), 0.01, running=True)[0] == "measuring the reference …"
     assert words_of(curve(stopped="no camera"), 0.01, running=False)[0] == "Not measured: no camera"
-    answer, how = words_of(curve(rung(0.1, 1.0), stopped="ended after 10 s"), 0.2, running=False)
-    assert answer == "An error of 20 % costs 1.0 s: rung 1 (10 %)"
+    answer, how = words_of(curve(point(0.1, 1.0), stopped="ended after 10 s"), 0.2, running=False)
+    assert answer == "An error of 20 % costs 1.0 s: point 1 (10 %)"
     assert how == "Measured by: the values.\na note\nended after 10 s"
 
 
@@ -81,28 +81,28 @@ def test_h_is_measured_and_closed(tmp_path: Path) -> None:
     state, kept = replace(ProjectState(), psf=str(tmp_path / "H.h5")), MeasuredCurves()
     drain(iter_measure(state, "psf", 10.0, ("storage", "lattice"), kept))
     curves = kept.of(subject_of(state, "psf"))
-    assert len(curves["storage"].rungs) == 10 and list(curves) == ["storage", "lattice"]
+    assert len(curves["storage"].points) == 10 and list(curves) == ["storage", "lattice"]
     assert "H of an unknown camera" in curves["lattice"].stopped
 
 
 def test_closed_at_any_record_it_keeps_what_it_has() -> None:
     state, kept = replace(ProjectState(), plan=PLAN), MeasuredCurves()
     work, key = iter_measure(state, "plan", 10.0, ("bases",), kept), subject_of(state, "plan")
-    while len(kept.of(key).get("bases", curve()).rungs) < 2:
+    while len(kept.of(key).get("bases", curve()).points) < 2:
         next(work)
     work.close()
-    assert len(kept.of(key)["bases"].rungs) == 2 and kept.took(key, "bases").startswith("measured in ")
+    assert len(kept.of(key)["bases"].points) == 2 and kept.took(key, "bases").startswith("measured in ")
     assert not kept.of(subject_of(replace(state, plan=small_plan(planes=1)), "plan"))
 
 
-def used(state: ProjectState, place: str, **settings: Any) -> tuple[ProjectState, Any]:
-    use = use_of(state, curve(place=place), rung(0.1, 1.0, **settings))
+def used(state: ProjectState, part: str, **settings: Any) -> tuple[ProjectState, Any]:
+    use = use_of(state, curve(part=part), point(0.1, 1.0, **settings))
     assert use.changes is not None, use.words
     return replace(state, **use.changes), use
 
 
-def test_rungs_change_the_settings_that_pages_read() -> None:
-    """The pages' own records read what a rung wrote; what else was set stays."""
+def test_points_change_the_settings_that_pages_read() -> None:
+    """The pages' own records read what a point wrote; what else was set stays."""
     state = replace(ProjectState(), plan=PLAN)
     state = replace(state, settings=ReconstructSettings(read_noise=3.0).into(state))
     state, use = used(state, "simulation", tolerance=0.06, level="wave", effects=["coma"])
@@ -122,7 +122,7 @@ def test_rungs_change_the_settings_that_pages_read() -> None:
     assert (found.filter, found.family, found.mask, found.size) == ("lanczos", "mask", "MURA", 11)
 
 
-def test_rungs_change_the_plan() -> None:
+def test_points_change_the_plan() -> None:
     state = replace(ProjectState(), plan=PLAN)
     changed, use = used(state, "averaging", frames_averaged=4, exposure_s=[0.005] * 3)
     assert changed.plan == replace(PLAN, frames_averaged=4, exposure_s=(0.005,) * 3)
@@ -134,13 +134,13 @@ def test_rungs_change_the_plan() -> None:
 
 @pytest.mark.parametrize(("dtype", "compression"), [("float64", "gzip"), ("float16", "gzip"), ("rounded", "zstd")])
 def test_types_that_the_window_does_not_export_say_so(dtype: str, compression: str) -> None:
-    use = use_of(ProjectState(), curve(place="storage"), rung(0.1, 1.0, dtype=dtype, compression=compression))
+    use = use_of(ProjectState(), curve(part="storage"), point(0.1, 1.0, dtype=dtype, compression=compression))
     assert use.changes is None and use.words.startswith("Nothing was changed: the window exports H rounded or")
 
 
 def test_sizes_are_shown_in_megabytes() -> None:
     sizes = Curve("storage", "Title", "error", "size of the file", "bytes")
-    sizes = sizes.with_rung(Rung("a", {}, 0.1, 2.5e7, "bytes"))
+    sizes = sizes.with_point(CostPoint("a", {}, 0.1, 2.5e7, "bytes"))
     assert axis_labels(sizes)[0] == "size of the file (MB)" and points_of(sizes, None)[0].x == pytest.approx(
         np.log10(25)
     )
@@ -148,29 +148,29 @@ def test_sizes_are_shown_in_megabytes() -> None:
     assert axis_labels(frames)[0] == "frames of the scan"
 
 
-@pytest.mark.parametrize("place", NO_USE)
-def test_a_rung_that_cannot_be_used_says_so(place: str) -> None:
-    use = use_of(replace(ProjectState(), plan=PLAN), curve(place=place), rung(0.1, 1.0, dtype="uint8"))
+@pytest.mark.parametrize("part", NO_USE)
+def test_a_point_that_cannot_be_used_says_so(part: str) -> None:
+    use = use_of(replace(ProjectState(), plan=PLAN), curve(part=part), point(0.1, 1.0, dtype="uint8"))
     assert use.changes is None and use.words.startswith("Nothing was changed: ")
 
 
-def test_without_a_plan_and_with_a_strange_rung_it_says_so_too() -> None:
-    for place in ("planes", "averaging"):
-        use = use_of(ProjectState(), curve(place=place), rung(0.1, 1.0))
+def test_without_a_plan_and_with_a_strange_point_it_says_so_too() -> None:
+    for part in ("planes", "averaging"):
+        use = use_of(ProjectState(), curve(part=part), point(0.1, 1.0))
         assert use.changes is None and use.words == "Nothing was changed: there is no scan plan."
-    foreign = use_of(ProjectState(), curve(place="mine"), rung(0.1, 1.0))
+    foreign = use_of(ProjectState(), curve(part="mine"), point(0.1, 1.0))
     assert foreign.words == "Nothing was changed: the window has no setting for it."
     for wrong in ({}, {"solver": "rl", "iterations": None}):
-        assert use_of(ProjectState(), curve(place="solvers"), rung(0.1, 1.0, **wrong)).changes is None
+        assert use_of(ProjectState(), curve(part="solvers"), point(0.1, 1.0, **wrong)).changes is None
 
 
-def test_every_place_can_be_used_or_says_why_not() -> None:
-    """A rung as each place makes it, of those that are quick to measure."""
+def test_every_part_can_be_used_or_says_why_not() -> None:
+    """A point as each part makes it, of those that are quick to measure."""
     state = replace(ProjectState(), plan=PLAN)
     for name in ("bases", "averaging", "filters", "storage"):
-        found = measure_curve(PLACES.get(name), Subject("small", PLAN, workers=1), 1.0)
-        use = use_of(state, found, found.rungs[0])
-        assert (use.changes is None) == (name == "storage" and found.rungs[0].settings["dtype"] == "uint8"), use.words
+        found = measure_curve(PARTS.get(name), Subject("small", PLAN, workers=1), 1.0)
+        use = use_of(state, found, found.points[0])
+        assert (use.changes is None) == (name == "storage" and found.points[0].settings["dtype"] == "uint8"), use.words
 
 
 def test_the_command_names_the_order_of_axes_that_was_stated() -> None:

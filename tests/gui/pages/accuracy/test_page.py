@@ -1,4 +1,4 @@
-"""The Accuracy page: the chart fills, is stopped and keeps what it has; a click uses a rung."""
+"""The Accuracy page: the chart fills, is stopped and keeps what it has; a click uses a point."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from PySide6.QtCore import QPointF, Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from lfcal.accuracy import PLACES, AccuracyStep, Place, Rung, Subject, Truth
+from lfcal.accuracy import PARTS, AccuracyPart, AccuracyStep, CostPoint, Subject, Truth
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.context import Context
 from lfcal_gui.models.page import PageState
@@ -39,13 +39,13 @@ def page(open_page: OpenPage) -> Page:
 
 
 MEASURED: list[Any] = []
-"""What measuring the place `bases` yields, once it was measured."""
+"""What measuring the part `bases` yields, once it was measured."""
 
 
 @pytest.fixture(autouse=True)
 def _measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the place `bases` be measured by the first test that asks for it; to the others its course is told again."""
-    real = PLACES.get("bases")
+    """Let the part `bases` be measured by the first test that asks for it; to the others its course is told again."""
+    real = PARTS.get("bases")
 
     def measure(subject: Subject, tolerance: float) -> Iterator[Any]:
         if MEASURED:
@@ -58,25 +58,25 @@ def _measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
         MEASURED[:] = course
 
     told = replace(real, measure=measure)
-    places = SimpleNamespace(get=lambda name: told if name == "bases" else PLACES.get(name))
-    monkeypatch.setattr("lfcal.accuracy.PLACES", places)
+    parts = SimpleNamespace(get=lambda name: told if name == "bases" else PARTS.get(name))
+    monkeypatch.setattr("lfcal.accuracy.PARTS", parts)
 
 
 def look_at(page: Page, name: str) -> None:
-    places = page.panel.places
-    row = next(k for k in range(places.count()) if places.item(k).data(Qt.ItemDataRole.UserRole) == name)
-    places.setCurrentRow(row)
+    parts = page.panel.parts
+    row = next(k for k in range(parts.count()) if parts.item(k).data(Qt.ItemDataRole.UserRole) == name)
+    parts.setCurrentRow(row)
 
 
 def points(page: Page) -> list[tuple[float, float]]:
     found = page.panel.chart.scatter.data
-    # in the order of the rungs, whatever is drawn first
+    # in the order of the points, whatever is drawn first
     rows = sorted(zip(found["data"].tolist(), found["x"].tolist(), found["y"].tolist(), strict=True))
     return [(x, y) for _, x, y in rows]
 
 
 def click(page: Page, number: int, qtbot: QtBot) -> None:
-    """Click with the mouse on the point of a rung."""
+    """Click with the mouse on a point."""
     chart = page.panel.chart
     QApplication.processEvents()  # the view takes its range when it is laid out
     x, y = points(page)[number]
@@ -84,16 +84,16 @@ def click(page: Page, number: int, qtbot: QtBot) -> None:
     qtbot.mouseClick(chart.graphics.viewport(), Qt.MouseButton.LeftButton, pos=at)
 
 
-def test_a_place_is_measured_drawn_and_answered(page: Page, qtbot: QtBot) -> None:
+def test_a_part_is_measured_drawn_and_answered(page: Page, qtbot: QtBot) -> None:
     look_at(page, "bases")
     assert page.panel.answer.text() == "Not measured yet: press Measure." and not points(page)
     page.measure_button.click()
     assert page.stop_button.isEnabled() and not page.measure_button.isEnabled()
     idle(page.context.jobs, qtbot)
-    assert page.curve is not None and len(points(page)) == len(page.curve.rungs) == 16
+    assert page.curve is not None and len(points(page)) == len(page.curve.points) == 16
     x, y = np.array(points(page)).T
-    np.testing.assert_allclose(10**x, [r.cost for r in page.curve.rungs])
-    np.testing.assert_allclose(10**y, [100 * r.error for r in page.curve.rungs])
+    np.testing.assert_allclose(10**x, [r.cost for r in page.curve.points])
+    np.testing.assert_allclose(10**y, [100 * r.error for r in page.curve.points])
     front = np.transpose(page.panel.chart.front.getData())
     np.testing.assert_allclose(10 ** front[:, 1], [100 * r.error for r in page.curve.front])
     assert page.panel.answer.text() == page.curve.answer(0.01)
@@ -131,14 +131,14 @@ def endless() -> Iterator[Any]:
     while True:
         k += 1
         yield AccuracyStep("next", 0.0)
-        yield Rung(f"rung {k}", {"k": k}, 1 / k, float(k), "seconds")
+        yield CostPoint(f"point {k}", {"k": k}, 1 / k, float(k), "seconds")
 
 
 def test_it_fills_while_it_is_measured_and_keeps_what_it_has(
     page: Page, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made = Place("bases", "Bases", "error", "cost", "seconds", lambda s, t: endless())  # type: ignore[arg-type]
-    monkeypatch.setattr("lfcal.accuracy.PLACES", SimpleNamespace(get=lambda name: made))
+    made = AccuracyPart("bases", "Bases", "error", "cost", "seconds", lambda s, t: endless())  # type: ignore[arg-type]
+    monkeypatch.setattr("lfcal.accuracy.PARTS", SimpleNamespace(get=lambda name: made))
     look_at(page, "bases")
     page.activateWindow()
     qtbot.waitUntil(page.isActiveWindow, timeout=GUARD_MS)
@@ -150,13 +150,13 @@ def test_it_fills_while_it_is_measured_and_keeps_what_it_has(
     qtbot.keyClick(focus, Qt.Key.Key_Escape)
     idle(page.context.jobs, qtbot)
     count = len(points(page))
-    assert page.curve is not None and count == len(page.curve.rungs) > 3
+    assert page.curve is not None and count == len(page.curve.points) > 3
     assert "measuring" not in page.panel.how.text() and page.panel.answer.text() == page.curve.answer(0.01)
 
 
 def test_stop_says_that_it_stops(page: Page, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = Place("bases", "Bases", "error", "cost", "seconds", lambda s, t: endless())  # type: ignore[arg-type]
-    monkeypatch.setattr("lfcal.accuracy.PLACES", SimpleNamespace(get=lambda name: made))
+    made = AccuracyPart("bases", "Bases", "error", "cost", "seconds", lambda s, t: endless())  # type: ignore[arg-type]
+    monkeypatch.setattr("lfcal.accuracy.PARTS", SimpleNamespace(get=lambda name: made))
     look_at(page, "bases")
     page.measure()
     qtbot.waitUntil(lambda: len(points(page)) > 1, timeout=GUARD_MS)
@@ -166,14 +166,14 @@ def test_stop_says_that_it_stops(page: Page, qtbot: QtBot, monkeypatch: pytest.M
     assert page.stop_button.text() == "Stop" and not page.stop_button.isEnabled()
 
 
-def test_a_click_uses_a_rung_and_undo_takes_it_back(page: Page, context: Context, qtbot: QtBot) -> None:
+def test_a_click_uses_a_point_and_undo_takes_it_back(page: Page, context: Context, qtbot: QtBot) -> None:
     look_at(page, "averaging")
     page.measure()
     idle(page.context.jobs, qtbot)
     assert page.curve is not None
     before = context.state.plan
-    number = next(k for k, r in enumerate(page.curve.rungs) if r.settings["frames_averaged"] == 8)
-    wanted = page.curve.rungs[number].settings
+    number = next(k for k, r in enumerate(page.curve.points) if r.settings["frames_averaged"] == 8)
+    wanted = page.curve.points[number].settings
     click(page, number, qtbot)
     plan = context.state.plan
     assert plan is not None and (plan.frames_averaged, list(plan.exposures)) == (8, wanted["exposure_s"])
@@ -183,13 +183,13 @@ def test_a_click_uses_a_rung_and_undo_takes_it_back(page: Page, context: Context
     assert context.state.plan == before
 
 
-def test_a_rung_that_cannot_be_used_says_so_and_changes_nothing(page: Page, context: Context, qtbot: QtBot) -> None:
+def test_a_point_that_cannot_be_used_says_so_and_changes_nothing(page: Page, context: Context, qtbot: QtBot) -> None:
     look_at(page, "storage")
     page.measure()
     idle(page.context.jobs, qtbot)
     before = context.state
     assert page.curve is not None
-    unusable = next(k for k, rung in enumerate(page.curve.rungs) if rung.settings["dtype"] in ("float16", "float64"))
+    unusable = next(k for k, point in enumerate(page.curve.points) if point.settings["dtype"] in ("float16", "float64"))
     click(page, unusable, qtbot)
     assert context.state == before and "Nothing was changed" in page.panel.used.text()
     page.use(999)
@@ -245,9 +245,9 @@ def test_both_themes_and_a_saved_table(page: Page, context: Context, qtbot: QtBo
     assert page.panel.chart.front.opts["pen"].color().name() == DARK.accent
     page.panel.chart.save_data(str(tmp_path / "a.csv"))
     lines = (tmp_path / "a.csv").read_text().splitlines()
-    assert page.curve is not None and len(lines) == 1 + len(page.curve.rungs)
+    assert page.curve is not None and len(lines) == 1 + len(page.curve.points)
     cost, error = (float(v) for v in lines[1].split(",")[:2])
     assert (cost, error) == (
-        pytest.approx(page.curve.rungs[0].cost),
-        pytest.approx(100 * page.curve.rungs[0].error),
+        pytest.approx(page.curve.points[0].cost),
+        pytest.approx(100 * page.curve.points[0].error),
     )

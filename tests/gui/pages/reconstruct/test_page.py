@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit
 from pytestqt.qtbot import QtBot
 
-from lfcal.accuracy import Curve, Rung
+from lfcal.accuracy import CostPoint, Curve
 from lfcal.psf import PSFMatrix, save
 from lfcal.reconstruct.projectors.device import ArrayDevice
 from lfcal.reconstruct.solvers.choice import SolverChoice
@@ -348,7 +348,7 @@ def test_a_measured_point_sets_solver_and_iterations(page: Page, context: Contex
     curve = Curve("solvers", "Solvers", "error", "seconds", "seconds")
     for solver, iterations, error, cost in (("isra", 4, 0.2, 1.0), ("rl", 30, 0.01, 9.0)):
         settings = {"solver": solver, "iterations": iterations}
-        curve = curve.with_rung(Rung(f"{solver}, {iterations}", settings, error, cost, "seconds"))
+        curve = curve.with_point(CostPoint(f"{solver}, {iterations}", settings, error, cost, "seconds"))
     context.curves.put(subject_of(context.state, "psf"), curve, 2.0)
     page.costing.show()
     assert "measured in" in page.panel.curve.status.text()
@@ -357,8 +357,8 @@ def test_a_measured_point_sets_solver_and_iterations(page: Page, context: Contex
     assert [point.picked for point in page.panel.curve._points] == [False, True]
     context.project.undo()
     assert page.settings.solver == SolverChoice().name
-    page.panel.place.setCurrentIndex(1)
-    assert page.costing.place == "projection" and not page.panel.curve._points
+    page.panel.part.setCurrentIndex(1)
+    assert page.costing.part == "projection" and not page.panel.curve._points
 
 
 def test_a_curve_is_measured_as_a_job(
@@ -371,5 +371,5 @@ def test_a_curve_is_measured_as_a_job(
     assert not page.panel.curve.measure_button.isEnabled() and page.panel.go.text() == "Reconstruct"
     idle(context.jobs, qtbot)
     found = context.curves.of(subject_of(context.state, "psf"))["solvers"]
-    assert found.rungs and len(page.panel.curve._points) == len(found.rungs)
+    assert found.points and len(page.panel.curve._points) == len(found.points)
     assert page.panel.curve.measure_button.text() == "Measure again"

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication, QScrollArea
 from pytestqt.qtbot import QtBot
 
 import lfcal_gui.pages.simulate.page as simulate_page
-from lfcal.accuracy import PLACES, AccuracyStep, Rung, Truth
+from lfcal.accuracy import PARTS, AccuracyStep, CostPoint, Truth
 from lfcal.base import format_seconds
 from lfcal.camera import ScanPlan
 from lfcal.psf import open_psf
@@ -123,24 +123,24 @@ def test_without_a_plan_no_button_is_dead(open_page: Any, context: Context) -> N
         assert "no scan plan" in page.notice.label.text()
 
 
-RUNGS = ((0.3, "wave", 0.15, 1.0), (0.1, "wave", 0.05, 2.0), (0.03, "grid", 0.01, 1.5), (0.01, "grid", 0.004, 3.0))
+POINTS = ((0.3, "wave", 0.15, 1.0), (0.1, "wave", 0.05, 2.0), (0.03, "grid", 0.01, 1.5), (0.01, "grid", 0.004, 3.0))
 """Tolerance, level, error and seconds as a measurement finds them."""
 
 
 def course(go_on: threading.Event | None = None) -> Iterator[Any]:
     """Yield what measuring the simulation yields; half of it before the event."""
     yield Truth("the reference")
-    for k, (tolerance, level, error, seconds) in enumerate(RUNGS):
+    for k, (tolerance, level, error, seconds) in enumerate(POINTS):
         if k == 2 and go_on is not None:
             yield AccuracyStep("next", 0.0)
             go_on.wait(GUARD_MS / 1e3)
         label = f"tolerance {100 * tolerance:g} %, {level}, 6 effects"
-        yield Rung(label, {"tolerance": tolerance, "level": level}, error, seconds, "seconds")
+        yield CostPoint(label, {"tolerance": tolerance, "level": level}, error, seconds, "seconds")
 
 
 def measured_by(monkeypatch: pytest.MonkeyPatch, course: Any) -> None:
-    told = replace(PLACES.get("simulation"), measure=lambda subject, seconds: course())
-    monkeypatch.setattr("lfcal.accuracy.PLACES", SimpleNamespace(get=lambda name: told))
+    told = replace(PARTS.get("simulation"), measure=lambda subject, seconds: course())
+    monkeypatch.setattr("lfcal.accuracy.PARTS", SimpleNamespace(get=lambda name: told))
 
 
 @pytest.fixture
@@ -159,7 +159,7 @@ def test_the_curve_says_what_the_tolerance_in_force_costs(page: Any, context: Co
     panel.curve.measure_button.click()
     assert not panel.curve.measure_button.isEnabled()
     idle(context.jobs, qtbot)
-    assert len(panel.curve.scatter.data) == len(RUNGS) and panel.curve.status.text().startswith("measured in ")
+    assert len(panel.curve.scatter.data) == len(POINTS) and panel.curve.status.text().startswith("measured in ")
     assert (panel.seconds.text(), panel.error.text(), panel.error_words.text()) == ("1.5 s", "1 %", "error, measured")
     panel.curve.moved.emit(0.2)
     assert SimulateSettings.of(context.state).tolerance == 0.2
@@ -175,7 +175,7 @@ def test_the_curve_says_what_the_tolerance_in_force_costs(page: Any, context: Co
     page._set("level", "wave")
     idle(context.jobs, qtbot)
     assert panel.error_words.text() == "error requested", "it was measured at level auto"
-    panel.curve.chosen.emit(next(k for k, rung in enumerate(page._curve.rungs) if rung.error == 0.15))
+    panel.curve.chosen.emit(next(k for k, point in enumerate(page._curve.points) if point.error == 0.15))
     settings = SimulateSettings.of(context.state)
     assert (settings.tolerance, settings.level, panel.seconds.text()) == (0.3, "auto", "1.0 s")
     context.project.undo()
@@ -191,7 +191,7 @@ def test_a_curve_is_kept_for_its_plan(page: Any, context: Context, qtbot: QtBot)
     assert not len(page.panel.curve.scatter.data) and page.panel.curve.measure_button.text() == "Measure"
     context.project.undo()
     idle(context.jobs, qtbot)
-    assert len(page.panel.curve.scatter.data) == len(RUNGS)
+    assert len(page.panel.curve.scatter.data) == len(POINTS)
     assert page.panel.curve.measure_button.text() == "Measure again"
 
 

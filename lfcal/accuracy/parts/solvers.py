@@ -6,14 +6,14 @@ import time
 
 import numpy as np
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import LfcalError
 from lfcal.camera import Sensor
 from lfcal.reconstruct import SOLVERS, Projector, SolverChoice, iter_reconstruct, nrmse, phantom
 
-__all__ = ["PLACE"]
+__all__ = ["PART"]
 
 SHOWN = (1, 2, 5, 10, 20, 40, 80)
 """Iterations at which the volume is compared with the truth."""
@@ -68,7 +68,7 @@ def _solved(P: Projector, image: np.ndarray, truth: np.ndarray, name: str, setup
             settings = {"solver": name, "iterations": record.iteration}
             others = {"iterations": float(record.iteration), "preparing (s)": setup}
             words = f"{name}, {record.iteration} iteration{'s' * (record.iteration > 1)}"
-            yield Rung(words, settings, error, record.seconds, "seconds", others)
+            yield CostPoint(words, settings, error, record.seconds, "seconds", others)
             if time.perf_counter() - start > seconds:
                 return
             yield AccuracyStep(f"{name}, further iterations", 0.0)
@@ -78,7 +78,7 @@ def _solved(P: Projector, image: np.ndarray, truth: np.ndarray, name: str, setup
         work.close()
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "solvers",
     "Reconstruction: solver and iterations",
     "rms error of the volume, relative to its rms",

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Subject, measure_curve
-from lfcal.accuracy.places.bases import FULL, sample_noise
+from lfcal.accuracy import PARTS, Subject, measure_curve
+from lfcal.accuracy.parts.bases import FULL, sample_noise
 from lfcal.camera import Sensor
 from lfcal.multiplex import amplification, mask, transmission
 
@@ -36,13 +36,13 @@ def test_masks_by_the_papers_equation(kind: str) -> None:
 
 
 def test_longer_exposures_are_better_for_every_mask(subject: Subject) -> None:
-    curve = measure_curve(PLACES.get("bases"), subject, 100)
+    curve = measure_curve(PARTS.get("bases"), subject, 100)
     sensor = subject.planned.camera.sensor
     assert f"{FULL:.0%}".replace("%", " %") in curve.notes[1]
     for kind in ("pinhole", "lenslet", "MURA", "sum_of_sinusoids"):
-        rungs = [r for r in curve.rungs if r.settings["mask"] == kind]
-        assert len(rungs) == 4 and [r.cost for r in rungs] == pytest.approx([0.02 / 64, 0.02 / 16, 0.005, 0.02])
-        assert [r.error for r in rungs] == sorted((r.error for r in rungs), reverse=True)
-    lenslet = next(r for r in curve.rungs if r.label == "lenslet, 20 ms")
+        points = [r for r in curve.points if r.settings["mask"] == kind]
+        assert len(points) == 4 and [r.cost for r in points] == pytest.approx([0.02 / 64, 0.02 / 16, 0.005, 0.02])
+        assert [r.error for r in points] == sorted((r.error for r in points), reverse=True)
+    lenslet = next(r for r in curve.points if r.label == "lenslet, 20 ms")
     electrons = FULL * sensor.full_well_e
     assert lenslet.error == pytest.approx(math.sqrt(electrons + sensor.read_noise_e**2) / electrons, rel=0.02)

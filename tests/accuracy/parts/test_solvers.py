@@ -1,12 +1,12 @@
-"""Solvers: the volume that is known comes nearer with every iteration; a rung is what the solver gives."""
+"""Solvers: the volume that is known comes nearer with every iteration; a point is what the solver gives."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Curve, Subject, iter_measure_curve, measure_curve
-from lfcal.accuracy.places import solvers
+from lfcal.accuracy import PARTS, Curve, Subject, iter_measure_curve, measure_curve
+from lfcal.accuracy.parts import solvers
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import SOLVERS
 from tests.reconstruct.oracles import lenslet_psf
@@ -20,19 +20,19 @@ def h(monkeypatch: pytest.MonkeyPatch) -> Subject:
 
 def by_solver(curve: Curve) -> dict[str, dict[int, float]]:
     found: dict[str, dict[int, float]] = {}
-    for rung in curve.rungs:
-        found.setdefault(rung.settings["solver"], {})[rung.settings["iterations"]] = rung.error
+    for point in curve.points:
+        found.setdefault(point.settings["solver"], {})[point.settings["iterations"]] = point.error
     return found
 
 
 @pytest.mark.long
 def test_every_solver_comes_nearer_to_the_truth(h: Subject) -> None:
-    curve = measure_curve(PLACES.get("solvers"), h, 1000)
+    curve = measure_curve(PARTS.get("solvers"), h, 1000)
     found = by_solver(curve)
     assert set(found) == set(SOLVERS.names()) and curve.stopped == ""
     for name, errors in found.items():
         assert errors[20] < errors[1] < 2, name
-    seconds = [r.cost for r in curve.rungs if r.settings["solver"] == "rl"]
+    seconds = [r.cost for r in curve.points if r.settings["solver"] == "rl"]
     assert sorted(seconds) == seconds and len(seconds) == len(solvers.SHOWN)
 
 
@@ -45,7 +45,7 @@ def test_the_first_iteration_is_that_of_richardson_and_lucy(h: Subject, monkeypa
     monkeypatch.setattr(solvers, "SHOWN", (1,))
     small = lenslet_psf(2, cutout=11)
     H = PSFMatrix(small.astype(np.float32))
-    curve = measure_curve(PLACES.get("solvers"), Subject.of_matrix(H, "H", 1), 1000)
+    curve = measure_curve(PARTS.get("solvers"), Subject.of_matrix(H, "H", 1), 1000)
     shape = (16, 16)
     A = dense(small, shape)
     truth = phantom("vesicle", (2, *shape)).ravel()
@@ -62,8 +62,8 @@ def test_the_first_iteration_is_that_of_richardson_and_lucy(h: Subject, monkeypa
 
 
 def test_closed_early_it_keeps_what_was_reached(h: Subject) -> None:
-    work = iter_measure_curve(PLACES.get("solvers"), h, 1000)
-    record = next(r for r in work if len(r.curve.rungs) == 3)  # type: ignore[attr-defined]
+    work = iter_measure_curve(PARTS.get("solvers"), h, 1000)
+    record = next(r for r in work if len(r.curve.points) == 3)  # type: ignore[attr-defined]
     work.close()
     assert by_solver(record.curve) == {"rl": by_solver(record.curve)["rl"]}  # type: ignore[attr-defined]
-    assert [r.settings["iterations"] for r in record.curve.rungs] == [1, 2, 5]  # type: ignore[attr-defined]
+    assert [r.settings["iterations"] for r in record.curve.points] == [1, 2, 5]  # type: ignore[attr-defined]

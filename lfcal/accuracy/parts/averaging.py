@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import format_seconds, format_share
 from lfcal.camera import Camera, Forecast, ScanPlan
@@ -18,7 +18,7 @@ from lfcal.simulate import expose
 from lfcal.simulate.effects import FrameEffect, Quantisation, ReadNoise, Saturation, ShotNoise
 from lfcal.simulate.sensor import FrameKind, temporal_noise
 
-__all__ = ["EFFECTS", "PLACE", "dark_level", "expected_noise"]
+__all__ = ["EFFECTS", "PART", "dark_level", "expected_noise"]
 
 EXPOSURES = (1.0, 0.25, 4.0)
 """Exposures relative to that of the plan, at which the brightest pixel reaches `FULL` of the full well."""
@@ -61,7 +61,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
             if count * light.size > PIXELS:
                 break
             yield AccuracyStep(f"{count} frames of {times:g} times the exposure", 0.3)
-            yield _rung(plan, (camera, dark), light, times, count)
+            yield _point(plan, (camera, dark), light, times, count)
 
 
 def dark_level(camera: Camera) -> float:
@@ -75,7 +75,9 @@ def dark_level(camera: Camera) -> float:
     return float(np.mean(means))
 
 
-def _rung(plan: ScanPlan, sensor: tuple[Camera, float], light: NDArray[np.float32], times: float, count: int) -> Rung:
+def _point(
+    plan: ScanPlan, sensor: tuple[Camera, float], light: NDArray[np.float32], times: float, count: int
+) -> CostPoint:
     """Return the point for the mean of ``count`` frames of ``light`` (patterns, nt, ns), less the dark level."""
     camera, dark = sensor
     total = float(light.sum(dtype=np.float64))
@@ -96,7 +98,7 @@ def _rung(plan: ScanPlan, sensor: tuple[Camera, float], light: NDArray[np.float3
     others = {"error by the noise model (%)": 100 * model, "frames": float(scan.n_positions * count)}
     full = float((light >= camera.sensor.full_well_e).mean())
     note = f"{format_share(full)} of the pixels are saturated" if full else ""
-    return Rung(label, settings, off / total, 3600 * Forecast.of(scan).hours, "seconds", others, note)
+    return CostPoint(label, settings, off / total, 3600 * Forecast.of(scan).hours, "seconds", others, note)
 
 
 def _cut_off(camera: Camera) -> tuple[str, ...]:
@@ -120,7 +122,7 @@ def expected_noise(light_e: NDArray[np.float32], noise: Noise, electrons_per_cou
     return math.sqrt(2 / (math.pi * count)) * float(np.sqrt(variance).sum() / counts.sum())
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "averaging",
     "Recording: averaging and exposure",
     "relative L1 error of H due to noise, without noise reduction",

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import format_length
 from lfcal.camera import ScanPlan
@@ -16,7 +16,7 @@ from lfcal.simulate import Budget, PlaneResponse, budgeted, plan_effects
 from lfcal.simulate.accuracy import cost_scaling, engine_clock, plane_seconds
 from lfcal.simulate.engines import engine_for
 
-__all__ = ["PLACE", "TOLERANCES"]
+__all__ = ["PART", "TOLERANCES"]
 
 TOLERANCES = (0.3, 0.15, 0.1, 0.06, 0.04, 0.03, 0.02, 0.01, 0.005)
 """Requested tolerances, from coarse to fine."""
@@ -37,34 +37,34 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     """Yield the error of positions simulated with each tolerance, relative to a reference with all effects."""
     plan, z = subject.planned, subject.middle
     count = max(1, min(MOST_POSITIONS, int(seconds / POSITION_SECONDS)))
-    places = _places(plan.period, count)
+    positions = _positions(plan.period, count)
     every = plan_effects(plan, FINEST).at(plan.depths_um[z])
-    yield AccuracyStep(f"reference at {len(places)} positions")
+    yield AccuracyStep(f"reference at {len(positions)} positions")
     finest = PlaneResponse(plan, z, every, level="reference", tolerance=FINEST / 2)
     truth = []
-    for place in places:
-        truth.append(_responses(finest, [place]))
-        yield AccuracyStep(f"reference, position {place}")
+    for position in positions:
+        truth.append(_responses(finest, [position]))
+        yield AccuracyStep(f"reference, position {position}")
     yield Truth(
         "the reference level with the effects that matter at 1 %: " + ", ".join(e.name for e in every),
-        (f"{len(places)} position{'s' * (len(places) > 1)} of plane {z} (z = {format_length(plan.depths_um[z])})",),
+        (f"{count} position{'s' * (count > 1)} of plane {z} (z = {format_length(plan.depths_um[z])})",),
     )
     true = np.concatenate(truth)
     for tolerance in TOLERANCES:
         yield AccuracyStep(f"tolerance {100 * tolerance:g} %", FINE_SECONDS if tolerance < FINE else None)
-        yield _rung(plan, z, tolerance, places, true)
+        yield _point(plan, z, tolerance, positions, true)
 
 
-def _rung(
-    plan: ScanPlan, z: int, tolerance: float, places: Sequence[tuple[int, int]], truth: NDArray[np.float64]
-) -> Rung:
+def _point(
+    plan: ScanPlan, z: int, tolerance: float, positions: Sequence[tuple[int, int]], truth: NDArray[np.float64]
+) -> CostPoint:
     found = plan_effects(plan, tolerance)
     budget = budgeted(found, plan, tolerance)
     # the computation may use the part of the tolerance that omitted effects leave
     chosen, share = budget.at(plan.depths_um[z])
     response = PlaneResponse(plan, z, chosen, tolerance=share)
     cost = _whole_seconds(plan, z, budget, response)
-    values = _responses(response, places)
+    values = _responses(response, positions)
     error = float(np.abs(values - truth).sum() / np.abs(truth).sum())
     settings = {
         "tolerance": tolerance,
@@ -72,7 +72,7 @@ def _rung(
         "effects": [effect.name for effect in found.effects],
     }
     label = f"tolerance {100 * tolerance:g} %, {response.level}, {len(found.effects)} effects"
-    return Rung(label, settings, error, cost, "seconds", {"requested error (%)": 100 * tolerance})
+    return CostPoint(label, settings, error, cost, "seconds", {"requested error (%)": 100 * tolerance})
 
 
 def _whole_seconds(plan: ScanPlan, z: int, budget: Budget, response: PlaneResponse) -> float:
@@ -87,17 +87,17 @@ def _whole_seconds(plan: ScanPlan, z: int, budget: Budget, response: PlaneRespon
     return plan.shape[0] * probe + shares.seconds(setup, plane_seconds(engine))
 
 
-def _responses(response: PlaneResponse, places: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
-    return np.concatenate([response.rows([y], [x], 1)[0] for y, x in places]).astype(np.float64)
+def _responses(response: PlaneResponse, positions: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
+    return np.concatenate([response.rows([y], [x], 1)[0] for y, x in positions]).astype(np.float64)
 
 
-def _places(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
+def _positions(period: tuple[int, int], count: int) -> list[tuple[int, int]]:
     """Return positions spread over the period: equally spaced in rows, by the golden ratio in columns."""
     ny, nx = period
     return [(int(ny * (k + 0.5) / count), int(nx * ((k + 1) * 0.6180339887498949 % 1))) for k in range(count)]
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "simulation",
     "Simulation: effects and computation",
     "relative L1 error of the patterns, from omitted effects and from the computation",

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import InputError
 from lfcal.camera import Forecast, ScanPlan
@@ -16,12 +16,12 @@ from lfcal.simulate import PlaneResponse, plan_effects, resolve_level, scene_for
 from lfcal.simulate.accuracy import step_for
 from lfcal.simulate.effects import Effect
 
-__all__ = ["PLACE"]
+__all__ = ["PART"]
 
 COUNTS = (2, 3, 5, 9, 17, 33, 65)
 """Numbers of planes over the plan's range of depths; each set includes the planes of the previous one."""
 
-PLACES = 5
+DEPTHS = 5
 """Number of tested depths, spread over the range; each is represented by the nearest plane."""
 
 TOLERANCE = 0.05
@@ -37,13 +37,13 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         )
     effects = plan_effects(plan, TOLERANCE).effects
     # irrational fractions of the range, so that no depth coincides with a plane
-    between = [float(low + (high - low) * ((k + 1) * 0.6180339887498949 % 1)) for k in range(PLACES)]
+    between = [float(low + (high - low) * ((k + 1) * 0.6180339887498949 % 1)) for k in range(DEPTHS)]
     true = []
     for depth in between:
         yield AccuracyStep(f"z = {depth:.4g} µm")
         true.append(_pattern(plan, depth, effects))
     yield Truth(
-        "the simulation at the exact depth", (f"middle position, {PLACES} depths between {low:g} and {high:g} µm",)
+        "the simulation at the exact depth", (f"middle position, {DEPTHS} depths between {low:g} and {high:g} µm",)
     )
     known: dict[float, NDArray[np.float64]] = {}
     for count in COUNTS:
@@ -57,7 +57,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
             error += float(np.abs(known[nearest] - pattern).sum())
             total += float(np.abs(pattern).sum())
             yield AccuracyStep(f"{count} planes, z = {depth:.4g} µm", 0.0)
-        yield _rung(plan, tuple(depths.tolist()), error / total)
+        yield _point(plan, tuple(depths.tolist()), error / total)
 
 
 def _pattern(plan: ScanPlan, depth: float, effects: tuple[Effect, ...]) -> NDArray[np.float64]:
@@ -73,15 +73,15 @@ def _pattern(plan: ScanPlan, depth: float, effects: tuple[Effect, ...]) -> NDArr
     return pattern
 
 
-def _rung(plan: ScanPlan, depths: tuple[float, ...], error: float) -> Rung:
+def _point(plan: ScanPlan, depths: tuple[float, ...], error: float) -> CostPoint:
     scan = replace(plan, depths_um=depths, exposure_s=plan.exposures[0])
     found = Forecast.of(scan)
     others = {"recording (s)": 3600 * found.hours, "H, float32 (bytes)": float(found.h_float32_bytes)}
     settings = {"depths_um": list(depths)}
-    return Rung(f"{len(depths)} planes", settings, error, float(found.frames), "frames", others)
+    return CostPoint(f"{len(depths)} planes", settings, error, float(found.frames), "frames", others)
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "planes",
     "Depth planes",
     "relative L1 error of the pattern of the nearest plane, at depths between the planes",

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Camera
 from lfcal.lattice import MicroImageLattice, fit_lattice, lattice_of
@@ -19,7 +19,7 @@ from lfcal.simulate import expose
 from lfcal.simulate.effects import FrameEffect, Quantisation, ReadNoise, Saturation, ShotNoise
 from lfcal.simulate.sensor import FrameKind
 
-__all__ = ["PLACE", "white_discs"]
+__all__ = ["PART", "white_discs"]
 
 SIDES = (8, 12, 18, 28, 42, 64, 96, 140)
 """Side of the fitted part of the white image (lenslets)."""
@@ -55,9 +55,9 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         frame = expose(light, part, NOISE, exposure_s=exposure, kind=FrameKind.WHITE)
         if took is None:  # the first fit of a session compiles
             _fitted(part, frame, subject.workers)
-        rung = _fitted(part, frame, subject.workers)
-        took = rung.cost
-        yield rung
+        point = _fitted(part, frame, subject.workers)
+        took = point.cost
+        yield point
         if part.sensor.shape == sensor.shape:
             return
 
@@ -92,14 +92,14 @@ def _nearest(true: MicroImageLattice, y: NDArray[np.float64], x: NDArray[np.floa
     near = np.rint(true.lenslet_at(y, x))
     # in an oblique basis the nearest lenslet may be a neighbour of the rounded one
     index = near + np.array([(q, r) for q in (-1, 0, 1) for r in (-1, 0, 1)])[:, None]
-    places = true.centres_px(index[..., 0], index[..., 1])
-    distance = np.hypot(places[..., 0] - y, places[..., 1] - x)
+    centres = true.centres_px(index[..., 0], index[..., 1])
+    distance = np.hypot(centres[..., 0] - y, centres[..., 1] - x)
     best = distance.argmin(axis=0)
     at = np.arange(best.size)
     return index[best, at], distance[best, at]
 
 
-def _fitted(camera: Camera, frame: NDArray[np.uint16] | NDArray[np.float32], workers: int | None) -> Rung:
+def _fitted(camera: Camera, frame: NDArray[np.uint16] | NDArray[np.float32], workers: int | None) -> CostPoint:
     start = time.perf_counter()
     fit = fit_lattice(frame, dark=camera.sensor.black_level, workers=workers)
     took = time.perf_counter() - start
@@ -110,10 +110,10 @@ def _fitted(camera: Camera, frame: NDArray[np.uint16] | NDArray[np.float32], wor
     settings = {"rows": rows, "columns": columns}
     others = {"lenslets": float(count), "pitch error (px)": abs(fit.pitch_px - camera.pitch_px)}
     label = f"{count} lenslets, {rows} x {columns} px"
-    return Rung(label, settings, math.sqrt(float((distance**2).mean())), took, "seconds", others)
+    return CostPoint(label, settings, math.sqrt(float((distance**2).mean())), took, "seconds", others)
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "lattice",
     "White image: lattice fit",
     "rms distance between the fitted and the true lenslets, in pixels",

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import Position
 from lfcal.camera import ScanPlan
@@ -18,7 +18,7 @@ from lfcal.psf import INTERPOLATIONS, Cutout
 from lfcal.simulate import PlaneResponse, plan_effects
 from lfcal.simulate.effects import Effect
 
-__all__ = ["PLACE"]
+__all__ = ["PART"]
 
 SHIFTS = ((0.5, 0.5), (0.25, -0.4), (-0.15, 0.3))
 """Displacements of the image from whole pixels (rows, columns): the worst case, and two others."""
@@ -45,7 +45,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     effects = plan_effects(plan, TOLERANCE).effects
     whole = replace(plan, anchor=(float(round(plan.anchor[0])), float(round(plan.anchor[1]))))
     yield AccuracyStep("pattern on whole pixels")
-    # one response determines the sampling of all, so that only the place of the pixels differs
+    # one response determines the sampling of all, so that only the part of the pixels differs
     first = PlaneResponse(whole, z, effects, tolerance=TOLERANCE)
     at = plan.period[0] // 2, plan.period[1] // 2
     true = first.rows([at[0]], [at[1]], 1)[0, 0]
@@ -65,7 +65,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     for name in INTERPOLATIONS:
         yield AccuracyStep(name)
         error, took = _tried(name, moved, true)
-        yield Rung(name, {"interpolation": name}, error, took * count, "seconds", {"pattern (ms)": 1e3 * took})
+        yield CostPoint(name, {"interpolation": name}, error, took * count, "seconds", {"pattern (ms)": 1e3 * took})
 
 
 def _moved(
@@ -106,7 +106,7 @@ def _tried(name: str, moved: list[_Moved], true: NDArray[np.float32]) -> tuple[f
     return error / (len(moved) * float(np.abs(true).sum(dtype=np.float64))), took
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "interpolation",
     "Assembly: interpolation",
     "relative L1 error of a pattern whose image is between pixels",

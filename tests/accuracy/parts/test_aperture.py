@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Subject, measure_curve
-from lfcal.accuracy.places.aperture import FULL, iris_diameter_px, noisy_sum
+from lfcal.accuracy import PARTS, Subject, measure_curve
+from lfcal.accuracy.parts.aperture import FULL, iris_diameter_px, noisy_sum
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 
@@ -32,7 +32,7 @@ def test_the_diameter_is_that_of_a_ray_trace() -> None:
 def test_what_has_no_iris_says_so() -> None:
     microscope = preset("lfm_20x05")
     plan = ScanPlan.for_camera(microscope, depths_um=(-10.0, 10.0))
-    assert "the iris of a main lens" in measure_curve(PLACES.get("aperture"), Subject("lfm", plan)).stopped
+    assert "the iris of a main lens" in measure_curve(PARTS.get("aperture"), Subject("lfm", plan)).stopped
     with pytest.raises(InputError, match="a shadow larger than a lenslet"):
         iris_diameter_px(preset("bench"), preset("bench").depth_of(1.2))
 
@@ -49,9 +49,9 @@ def test_noise_of_a_sum_is_that_of_its_photons_and_frames() -> None:
 @pytest.mark.long
 def test_all_positions_show_the_iris_of_the_description() -> None:
     plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,))
-    curve = measure_curve(PLACES.get("aperture"), Subject("bench", plan), 1000)
-    frames = [r.cost for r in curve.rungs]
+    curve = measure_curve(PARTS.get("aperture"), Subject("bench", plan), 1000)
+    frames = [r.cost for r in curve.points]
     assert frames == sorted(frames) and frames[0] == 9 and frames[-1] == 33 * 19
-    whole = curve.rungs[-1]
+    whole = curve.points[-1]
     assert whole.error < 0.05 and whole.others["blades found"] == 7 and whole.note == ""
-    assert curve.rungs[0].error > whole.error, "nine positions show spots, not an iris"
+    assert curve.points[0].error > whole.error, "nine positions show spots, not an iris"

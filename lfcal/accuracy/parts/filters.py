@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.camera import Sensor
 from lfcal.multiplex import WAYS, cfa, iter_measure_filters, zone_plate
 
-__all__ = ["PLACE"]
+__all__ = ["PART"]
 
 SIDE = 256
 HIGHEST = 0.2
@@ -47,7 +47,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         )
         trial = (yield from work)[0]
         cost = trial.seconds * pixels / SIDE**2
-        yield Rung(trial.name, {"route": route, "filter": name, "pattern": pattern}, trial.error, cost, "seconds")
+        yield CostPoint(trial.name, {"route": route, "filter": name, "pattern": pattern}, trial.error, cost, "seconds")
 
 
 def _sensor(subject: Subject) -> Sensor:
@@ -56,7 +56,7 @@ def _sensor(subject: Subject) -> Sensor:
     return subject.planned.camera.sensor
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "filters",
     "Multiplexing: route and filter",
     "rms error of the samples, relative to the scene's range",

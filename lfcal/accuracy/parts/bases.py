@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import format_seconds
 from lfcal.camera import Sensor
 from lfcal.multiplex import MASKS, Modulator, amplification, mask
 
-__all__ = ["PLACE", "sample_noise"]
+__all__ = ["PART", "sample_noise"]
 
 EXPOSURES = (1.0, 1 / 4, 1 / 16, 1 / 64)
 """Exposures, relative to that at which unmodulated light reaches `FULL` of the full well."""
@@ -51,7 +51,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
             settings = {"mask": kind, "size": side, "exposure_s": exposure * share}
             label = f"{kind.replace('_', ' ')}, {format_seconds(exposure * share)}"
             others = {"signal-to-noise ratio (dB)": -10 * math.log10(error), "amplification": amplification(modulator)}
-            yield Rung(label, settings, error, exposure * share, "seconds", others)
+            yield CostPoint(label, settings, error, exposure * share, "seconds", others)
 
 
 def sample_noise(
@@ -80,7 +80,7 @@ def sample_noise(
     return float(np.sqrt(np.mean(off**2)) * modulator.count)
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "bases",
     "Multiplexing: masks and exposure",
     "rms noise of a recovered sample, relative to its value",

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Subject, measure_curve
-from lfcal.accuracy.places import projection
-from lfcal.accuracy.places.projection import PointByPoint
+from lfcal.accuracy import PARTS, Subject, measure_curve
+from lfcal.accuracy.parts import projection
+from lfcal.accuracy.parts.projection import PointByPoint
 from lfcal.psf import PSFMatrix
 from tests.reconstruct.oracles import dense, lenslet_psf
 
@@ -31,17 +31,17 @@ def test_point_by_point_is_the_operator() -> None:
 def curve(monkeypatch: pytest.MonkeyPatch) -> object:
     monkeypatch.setattr(projection, "SIDE", 40)
     H = PSFMatrix(lenslet_psf(1, cutout=21).astype(np.float32), anchor=(1.0, 3.0))
-    return measure_curve(PLACES.get("projection"), Subject.of_matrix(H, "H", 1), 1000)
+    return measure_curve(PARTS.get("projection"), Subject.of_matrix(H, "H", 1), 1000)
 
 
 def test_precision_is_that_of_its_type_and_thresholds_cost_accuracy(curve: object) -> None:
-    rungs = curve.rungs  # type: ignore[attr-defined]
+    points = curve.points  # type: ignore[attr-defined]
     assert curve.stopped == ""  # type: ignore[attr-defined]
-    exact = [r for r in rungs if not r.settings["threshold"]]
+    exact = [r for r in points if not r.settings["threshold"]]
     # sums over some hundreds of entries
     assert all(r.error < (1e-12 if r.settings["double"] else 1e-4) for r in exact) and len(exact) >= 4
     assert {r.settings["method"] for r in exact} == {"polyphase", "direct", "sparse"}
-    cut = {r.settings["threshold"]: r.error for r in rungs if r.settings["method"] == "sparse"}
+    cut = {r.settings["threshold"]: r.error for r in points if r.settings["method"] == "sparse"}
     assert cut[0.0] < cut[1e-4] <= cut[1e-3] < cut[1e-2] < cut[5e-2] < 0.3
 
 
@@ -52,6 +52,6 @@ def test_an_entry_below_the_threshold_is_missing(monkeypatch: pytest.MonkeyPatch
     values[..., 2, 2], values[..., 2, 3] = 1, 0.004
     monkeypatch.setattr(projection, "SETTINGS", (("sparse", True, 0.0), ("sparse", True, 0.01)))
     monkeypatch.setattr(projection, "POINTS", 1)
-    rungs = measure_curve(PLACES.get("projection"), Subject.of_matrix(PSFMatrix(values), "H", 1), 1000).rungs
-    errors = {r.settings["threshold"]: r.error for r in rungs}
+    points = measure_curve(PARTS.get("projection"), Subject.of_matrix(PSFMatrix(values), "H", 1), 1000).points
+    errors = {r.settings["threshold"]: r.error for r in points}
     assert errors[0.0] < 1e-7 and errors[0.01] == pytest.approx(0.004, rel=0.6)

@@ -7,15 +7,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import InputError
 from lfcal.camera import Camera, MainLens, Sensor
 from lfcal.psf.aperture import fit_aperture
 from lfcal.simulate import PlaneResponse, plan_effects
 
-__all__ = ["PLACE", "iris_diameter_px", "noisy_sum"]
+__all__ = ["PART", "iris_diameter_px", "noisy_sum"]
 
 SIDES = (3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
 """Number of positions along each axis of the period: from coarse grids to every position."""
@@ -65,7 +65,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
             total += row.sum(axis=0, dtype=np.float64)
             brightest = max(brightest, float(row.max()))
             yield AccuracyStep(f"{grid[0]} x {grid[1]} positions, row {y}", 0.0)
-        yield _rung(total / brightest, (len(ys), len(xs)), diameter, camera.sensor)
+        yield _point(total / brightest, (len(ys), len(xs)), diameter, camera.sensor)
 
 
 def iris_diameter_px(camera: Camera, z_um: float) -> float:
@@ -83,7 +83,7 @@ def iris_diameter_px(camera: Camera, z_um: float) -> float:
     optics = camera.optics
     if not isinstance(optics, MainLens):
         raise InputError.expected(
-            "iris to measure", "the iris of a main lens", "a microscope", "leave the place aperture out"
+            "iris to measure", "the iris of a main lens", "a microscope", "leave aperture out (--part)"
         )
     shift = camera.image_shift_um(z_um)
     radius = optics.focal_length_um / optics.f_number / 2
@@ -113,7 +113,7 @@ def noisy_sum(total: NDArray[np.float64], frames: int, sensor: Sensor, rng: np.r
     return rng.poisson(electrons) + noise
 
 
-def _rung(total: NDArray[np.float64], grid: tuple[int, int], diameter: float, sensor: Sensor) -> Rung:
+def _point(total: NDArray[np.float64], grid: tuple[int, int], diameter: float, sensor: Sensor) -> CostPoint:
     frames = grid[0] * grid[1]
     found = [fit_aperture(noisy_sum(total, frames, sensor, np.random.default_rng([frames, k]))) for k in range(ROUNDS)]
     # a sum without an outline does not determine the diameter: the error is 100 %
@@ -122,10 +122,10 @@ def _rung(total: NDArray[np.float64], grid: tuple[int, int], diameter: float, se
     settings = {"rows": grid[0], "columns": grid[1]}
     others = {"blades found": float(np.median([fit.blades for fit in found]))}
     label = f"{grid[1]} x {grid[0]} positions"
-    return Rung(label, settings, float(np.mean(errors)), float(frames), "frames", others, refused)
+    return CostPoint(label, settings, float(np.mean(errors)), float(frames), "frames", others, refused)
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "aperture",
     "Depth-plane sum: aperture fit",
     "relative error of the iris diameter, mean of several fits",

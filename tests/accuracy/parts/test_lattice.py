@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Subject, measure_curve
-from lfcal.accuracy.places import lattice
+from lfcal.accuracy import PARTS, Subject, measure_curve
+from lfcal.accuracy.parts import lattice
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.lattice import lattice_of
 
@@ -36,16 +36,16 @@ def test_the_light_of_a_disc_lies_about_its_lenslet(turned: Camera) -> None:
 def test_more_lenslets_are_found_better(turned: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lattice, "SIDES", (8, 12))
     plan = ScanPlan.for_camera(turned, virtual_depths=(3.0,), cutout=21)
-    curve = measure_curve(PLACES.get("lattice"), Subject("turned", plan), 100)
-    assert all(0 < r.error < 0.05 for r in curve.rungs), curve.rungs
-    counts = [r.others["lenslets"] for r in curve.rungs]
+    curve = measure_curve(PARTS.get("lattice"), Subject("turned", plan), 100)
+    assert all(0 < r.error < 0.05 for r in curve.points), curve.points
+    counts = [r.others["lenslets"] for r in curve.points]
     assert len(counts) == 2 and min(counts) > 30
-    assert all(r.others["pitch error (px)"] < 0.02 for r in curve.rungs)
+    assert all(r.others["pitch error (px)"] < 0.02 for r in curve.points)
 
 
 @pytest.mark.long
 def test_it_ends_with_the_whole_sensor(turned: Camera) -> None:
     plan = ScanPlan.for_camera(turned, virtual_depths=(3.0,), cutout=21)
-    curve = measure_curve(PLACES.get("lattice"), Subject("turned", plan), 1000)
-    assert curve.stopped == "" and [120, 140] in [[r.settings["rows"], r.settings["columns"]] for r in curve.rungs]
-    assert max(r.settings["rows"] for r in curve.rungs) == 120
+    curve = measure_curve(PARTS.get("lattice"), Subject("turned", plan), 1000)
+    assert curve.stopped == "" and [120, 140] in [[r.settings["rows"], r.settings["columns"]] for r in curve.points]
+    assert max(r.settings["rows"] for r in curve.points) == 120

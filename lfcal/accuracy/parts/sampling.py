@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import plain
 from lfcal.simulate import Sampling, iter_ladder, lattice_scene_for, plan_effects, resolve_level
 from lfcal.simulate.accuracy import LadderRung, quick_steps
 
-__all__ = ["PLACE"]
+__all__ = ["PART"]
 
 TOLERANCE = 0.03
 """The scene of all samplings includes the effects that matter at this tolerance."""
@@ -46,16 +46,16 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         for rung in found.rungs:
             if rung.label not in seen:
                 seen.add(rung.label)
-                yield _rung(rung)
+                yield _point(rung)
 
 
-def _rung(rung: LadderRung) -> Rung:
+def _point(rung: LadderRung) -> CostPoint:
     settings = {"level": rung.level, "sampling": plain(rung.sampling)}
     others = {"tables (s)": rung.setup_seconds, "position (s)": rung.position_seconds}
-    return Rung(rung.label, settings, rung.error, rung.whole_seconds, "seconds", others)
+    return CostPoint(rung.label, settings, rung.error, rung.whole_seconds, "seconds", others)
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "sampling",
     "Simulation: level and sampling",
     "relative L1 error of the computation, with the same scene for all",

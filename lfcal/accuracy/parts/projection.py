@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Subject
 from lfcal.base import InputError
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector, nrmse
 
-__all__ = ["PLACE", "PointByPoint"]
+__all__ = ["PART", "PointByPoint"]
 
 SETTINGS = (
     ("auto", False, 0.0),
@@ -113,12 +113,12 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     for method, double, threshold in SETTINGS:
         yield AccuracyStep(f"{method}, {'float64' if double else 'float32'}, threshold {threshold:g}", ABOUT)
         try:
-            found, rung = _tried(H, shape, test, (method, double, threshold), subject.workers)
+            found, point = _tried(H, shape, test, (method, double, threshold), subject.workers)
         except InputError:  # this method does not fit into the memory
             continue
         if found not in done:
             done.add(found)
-            yield rung
+            yield point
 
 
 def _image_shape(shape: tuple[int, ...]) -> tuple[int, int]:
@@ -142,7 +142,7 @@ def _test(H: PSFMatrix, shape: tuple[int, int]) -> _Test:
 
 def _tried(
     H: PSFMatrix, shape: tuple[int, int], test: _Test, setting: tuple[str, bool, float], workers: int | None
-) -> tuple[tuple[str, bool, float], Rung]:
+) -> tuple[tuple[str, bool, float], CostPoint]:
     """Return the point of a setting, and the setting with the method that was used."""
     method, double, threshold = setting
     start = time.perf_counter()
@@ -165,10 +165,10 @@ def _tried(
         took = min(took, time.perf_counter() - start)
     settings = {"method": P.method, "double": double, "threshold": threshold}
     words = f"{P.method}, {'float64' if double else 'float32'}" + (f", threshold {threshold:g}" if threshold else "")
-    return (P.method, double, threshold), Rung(words, settings, error, took, "seconds", {"preparing (s)": setup})
+    return (P.method, double, threshold), CostPoint(words, settings, error, took, "seconds", {"preparing (s)": setup})
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "projection",
     "Projector: precision and sparsity",
     "relative rms error of the projection (the larger of forward and adjoint)",

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.accuracy.curves import Rung
-from lfcal.accuracy.place import AccuracyStep, Measuring, Place, Truth
+from lfcal.accuracy.curves import CostPoint
+from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
 from lfcal.accuracy.subject import Patterns, Subject
 from lfcal.base.h5 import encode_chunk
 from lfcal.psf import PSFWriter, open_psf
 
-__all__ = ["HALF", "PLACE", "relative_error"]
+__all__ = ["HALF", "PART", "relative_error"]
 
 DTYPES = ("rounded", "float32", "float64")
 """Stored types that can represent any H, in the order of interest."""
@@ -40,7 +40,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     yield _half(patterns)
 
 
-def _stored(path: Path, patterns: Patterns, dtype: str, compression: str, workers: int | None) -> Rung:
+def _stored(path: Path, patterns: Patterns, dtype: str, compression: str, workers: int | None) -> CostPoint:
     values = patterns.values
     shape = (1, *values.shape)
     start = time.perf_counter()
@@ -57,7 +57,7 @@ def _stored(path: Path, patterns: Patterns, dtype: str, compression: str, worker
     others = {"write (s)": wrote * patterns.scale, "read (s)": read * patterns.scale}
     cost = max(0.0, float(size - beside)) * patterns.scale
     settings = {"dtype": dtype, "compression": compression}
-    return Rung(f"{dtype}, {compression}", settings, relative_error(found, values), cost, "bytes", others)
+    return CostPoint(f"{dtype}, {compression}", settings, relative_error(found, values), cost, "bytes", others)
 
 
 def _write(path: Path, values: NDArray[np.float32], dtype: str, compression: str, workers: int | None) -> None:
@@ -65,7 +65,7 @@ def _write(path: Path, values: NDArray[np.float32], dtype: str, compression: str
         writer.write_plane(0, values)
 
 
-def _half(patterns: Patterns) -> Rung:
+def _half(patterns: Patterns) -> CostPoint:
     """Return the point for float16: values scaled to its range, each pattern encoded as a chunk of an H file."""
     values = patterns.values
     top = float(np.abs(values).max()) or 1.0
@@ -76,7 +76,7 @@ def _half(patterns: Patterns) -> Rung:
     wrote = (time.perf_counter() - start) * patterns.scale
     error = relative_error(half.astype(np.float64) * (top / 2.0**15), values)
     settings = {"dtype": "float16", "compression": "gzip"}
-    return Rung("float16, gzip", settings, error, size * patterns.scale, "bytes", {"write (s)": wrote}, HALF)
+    return CostPoint("float16, gzip", settings, error, size * patterns.scale, "bytes", {"write (s)": wrote}, HALF)
 
 
 def relative_error(found: NDArray[Any], true: NDArray[Any]) -> float:
@@ -86,7 +86,7 @@ def relative_error(found: NDArray[Any], true: NDArray[Any]) -> float:
     return off / total if total > 0 else 0.0
 
 
-PLACE = Place(
+PART = AccuracyPart(
     "storage",
     "H file: stored type and compression",
     "relative L1 error of H as read from its file",

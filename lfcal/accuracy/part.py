@@ -1,15 +1,15 @@
-"""Parts of the processing whose accuracy can be chosen: their definition (`Place`), and all of them by name."""
+"""Parts of the processing whose accuracy can be chosen: their definition (`AccuracyPart`), and all of them by name."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
-from lfcal.accuracy.curves import UNITS, Rung
+from lfcal.accuracy.curves import UNITS, CostPoint
 from lfcal.accuracy.subject import Subject
 from lfcal.base import Progress, Registry, check_choice
 
-__all__ = ["PLACES", "AccuracyStep", "Measuring", "Place", "Truth", "find_places"]
+__all__ = ["PARTS", "AccuracyPart", "AccuracyStep", "Measuring", "Truth", "find_parts"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,13 +28,13 @@ class AccuracyStep:
     seconds: float | None = None
 
 
-Measuring = Generator[Truth | AccuracyStep | Rung | Progress, None, None]
+Measuring = Generator[Truth | AccuracyStep | CostPoint | Progress, None, None]
 """A running measurement. It may be closed at any time, and yields records at short intervals."""
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """One part of the processing whose accuracy can be chosen; modules of `lfcal.accuracy.places` define ``PLACE``.
+class AccuracyPart:
+    """One part of the processing whose accuracy can be chosen; modules of `lfcal.accuracy.parts` define ``PART``.
 
     Attributes
     ----------
@@ -52,9 +52,9 @@ class Place:
 
     Examples
     --------
-    >>> from lfcal.accuracy import PLACES, Place
-    >>> place: Place = PLACES.get("averaging")
-    >>> print(f"{place.error}, for {place.unit}")
+    >>> from lfcal.accuracy import PARTS, AccuracyPart
+    >>> part: AccuracyPart = PARTS.get("averaging")
+    >>> print(f"{part.error}, for {part.unit}")
     relative L1 error of H due to noise, without noise reduction, for seconds
     """
 
@@ -75,22 +75,22 @@ GROUP = "lfcal.accuracy"
 """Entry point group for parts of the processing in other distributions."""
 
 
-def _check(part: Place) -> None:
-    if not isinstance(part, Place):
-        raise TypeError(f"expected a Place, got {type(part).__name__}")
+def _check(part: AccuracyPart) -> None:
+    if not isinstance(part, AccuracyPart):
+        raise TypeError(f"expected a AccuracyPart, got {type(part).__name__}")
 
 
-def find_places() -> Registry[Place]:
+def find_parts() -> Registry[AccuracyPart]:
     """Return a registry of all parts of the processing whose accuracy can be chosen, in the order of processing."""
     return Registry(
-        "place of accuracy",
-        "lfcal.accuracy.places",
-        "PLACE",
+        "part of the processing",
+        "lfcal.accuracy.parts",
+        "PART",
         GROUP,
-        order=lambda place: (place.rank, place.name),
+        order=lambda part: (part.rank, part.name),
         check=_check,
     )
 
 
-PLACES = find_places()
+PARTS = find_parts()
 """All parts of the processing whose accuracy can be chosen, in the order of processing."""

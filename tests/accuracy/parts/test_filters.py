@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Subject, measure_curve
-from lfcal.accuracy.places import filters
+from lfcal.accuracy import PARTS, Subject, measure_curve
+from lfcal.accuracy.parts import filters
 from lfcal.camera import ScanPlan
 from lfcal.multiplex.scenes import zone_plate
 
@@ -18,9 +18,9 @@ def test_nearest_errs_as_written_out(plan: ScanPlan, monkeypatch: pytest.MonkeyP
     """The nearest red sample is that of the 2 x 2 cell, of green the mean of its two: by hand on the inner part."""
     monkeypatch.setattr(filters, "SIDE", 64)
     coloured = replace(plan.camera, sensor=replace(plan.camera.sensor, cfa="RGGB"))
-    curve = measure_curve(PLACES.get("filters"), Subject("rggb", replace(plan, camera=coloured)), 100)
+    curve = measure_curve(PARTS.get("filters"), Subject("rggb", replace(plan, camera=coloured)), 100)
     assert "the sensor's RGGB pattern" in curve.notes[0]
-    errors = {r.settings["filter"] if r.settings["route"] == "spatial" else "fourier": r.error for r in curve.rungs}
+    errors = {r.settings["filter"] if r.settings["route"] == "spatial" else "fourier": r.error for r in curve.points}
     assert errors["cubic"] < errors["linear"] < errors["nearest"]
     scene = zone_plate((64, 64), filters.HIGHEST)
     level = filters.FULL * coloured.sensor.full_well_e
@@ -42,6 +42,6 @@ def test_nearest_errs_as_written_out(plan: ScanPlan, monkeypatch: pytest.MonkeyP
 def test_a_sensor_without_filters_is_compared_with_bayer(subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(filters, "SIDE", 64)
     monkeypatch.setattr(filters, "WAYS", (("spatial", "linear"),))
-    curve = measure_curve(PLACES.get("filters"), subject, 100)
+    curve = measure_curve(PARTS.get("filters"), subject, 100)
     assert curve.notes[0].startswith("the sensor has no colour filters; assumed is a Bayer")
-    assert curve.rungs[0].settings == {"route": "spatial", "filter": "linear", "pattern": "Bayer"}
+    assert curve.points[0].settings == {"route": "spatial", "filter": "linear", "pattern": "Bayer"}

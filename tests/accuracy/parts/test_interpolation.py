@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Subject, measure_curve
-from lfcal.accuracy.places import interpolation
+from lfcal.accuracy import PARTS, Subject, measure_curve
+from lfcal.accuracy.parts import interpolation
 from lfcal.camera import ScanPlan, preset
 
 
@@ -14,9 +14,9 @@ from lfcal.camera import ScanPlan, preset
 def test_moved_by_whole_pixels_nothing_is_lost(subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lattice, source and cutout move the same way, or the pattern would be another."""
     monkeypatch.setattr(interpolation, "SHIFTS", ((2.0, -1.0),))
-    curve = measure_curve(PLACES.get("interpolation"), subject, 100)
-    assert {r.label for r in curve.rungs} == {"nearest", "linear", "cubic", "fourier"}
-    assert all(r.error < 1e-3 for r in curve.rungs), curve.rungs
+    curve = measure_curve(PARTS.get("interpolation"), subject, 100)
+    assert {r.label for r in curve.points} == {"nearest", "linear", "cubic", "fourier"}
+    assert all(r.error < 1e-3 for r in curve.points), curve.points
 
 
 @pytest.mark.long
@@ -24,13 +24,13 @@ def test_smooth_spots_are_moved_the_right_way(monkeypatch: pytest.MonkeyPatch) -
     """A counter-test: against the shift, interpolation would be worse than none (twice as far off)."""
     monkeypatch.setattr(interpolation, "SHIFTS", ((0.4, 0.4),))
     plan = ScanPlan.for_camera(preset("lfm_20x05"), depths_um=(-10.0,), cutout=61)
-    errors = {r.label: r.error for r in measure_curve(PLACES.get("interpolation"), Subject("lfm", plan), 100).rungs}
+    errors = {r.label: r.error for r in measure_curve(PARTS.get("interpolation"), Subject("lfm", plan), 100).points}
     assert 0 < errors["cubic"] < errors["linear"] < 0.85 * errors["nearest"]
 
 
 def test_seconds_are_those_of_all_positions(subject: Subject, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(interpolation, "SHIFTS", ((0.5, 0.5),))
-    curve = measure_curve(PLACES.get("interpolation"), subject, 100)
-    for rung in curve.rungs:
-        assert rung.cost == pytest.approx(27 * rung.others["pattern (ms)"] / 1e3)
-    assert np.isfinite([r.cost for r in curve.rungs]).all()
+    curve = measure_curve(PARTS.get("interpolation"), subject, 100)
+    for point in curve.points:
+        assert point.cost == pytest.approx(27 * point.others["pattern (ms)"] / 1e3)
+    assert np.isfinite([r.cost for r in curve.points]).all()

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Subject, measure_curve
-from lfcal.accuracy.places import planes
+from lfcal.accuracy import PARTS, Subject, measure_curve
+from lfcal.accuracy.parts import planes
 from lfcal.camera import ScanPlan
 from lfcal.simulate import plan_effects, simulate_psf
 
@@ -22,26 +22,26 @@ def pattern(plan: ScanPlan, depth: float) -> np.ndarray:
 @pytest.mark.long
 def test_the_nearest_plane_stands_in(subject: Subject, plan: ScanPlan, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planes, "COUNTS", (2, 5))
-    monkeypatch.setattr(planes, "PLACES", 1)
-    curve = measure_curve(PLACES.get("planes"), subject, 100)
+    monkeypatch.setattr(planes, "DEPTHS", 1)
+    curve = measure_curve(PARTS.get("planes"), subject, 100)
     low, high = min(plan.depths_um), max(plan.depths_um)
     depths = [low + (high - low) * ((k + 1) * 0.6180339887498949 % 1) for k in range(1)]
-    for rung, count in zip(curve.rungs, (2, 5), strict=True):
+    for point, count in zip(curve.points, (2, 5), strict=True):
         steps = np.linspace(low, high, count)
         near = [float(steps[np.abs(steps - depth).argmin()]) for depth in depths]
         true = [pattern(plan, depth) for depth in depths]
         off = sum(np.abs(pattern(plan, at) - one).sum() for at, one in zip(near, true, strict=True))
         # each pattern is computed to 5 % only, here and there in another way
-        assert rung.error == pytest.approx(off / sum(one.sum() for one in true), abs=0.06)
-        assert rung.cost == count * 9 and len(rung.settings["depths_um"]) == count
-    assert curve.rungs[1].error < curve.rungs[0].error
+        assert point.error == pytest.approx(off / sum(one.sum() for one in true), abs=0.06)
+        assert point.cost == count * 9 and len(point.settings["depths_um"]) == count
+    assert curve.points[1].error < curve.points[0].error
 
 
 def test_one_plane_bounds_no_range(plan: ScanPlan) -> None:
     one = replace(plan, depths_um=plan.depths_um[:1], exposure_s=0.02)
-    curve = measure_curve(PLACES.get("planes"), Subject("one", one))
+    curve = measure_curve(PARTS.get("planes"), Subject("one", one))
     assert (
-        not curve.rungs
+        not curve.points
         and curve.stopped
         == "depth planes: expected at least two planes, as the ends of the depth range, got one; add a plane"
     )

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.accuracy import PLACES, Subject, measure_curve
-from lfcal.accuracy.places.averaging import EFFECTS, FULL, dark_level, expected_noise
+from lfcal.accuracy import PARTS, Subject, measure_curve
+from lfcal.accuracy.parts.averaging import EFFECTS, FULL, dark_level, expected_noise
 from lfcal.camera import Forecast, ScanPlan
 from lfcal.psf import PSFMatrix
 from lfcal.simulate.sensor.noise import temporal_noise
@@ -22,25 +22,25 @@ def even(plan: ScanPlan) -> Subject:
 
 
 def test_noise_is_that_of_photons_and_reading_over_the_root_of_the_frames(even: Subject) -> None:
-    curve = measure_curve(PLACES.get("averaging"), even, 100)
+    curve = measure_curve(PARTS.get("averaging"), even, 100)
     plan = even.planned
     sensor = plan.camera.sensor
-    own = {r.settings["frames_averaged"]: r for r in curve.rungs if r.settings["exposure_s"] == [0.02] * 3}
+    own = {r.settings["frames_averaged"]: r for r in curve.points if r.settings["exposure_s"] == [0.02] * 3}
     assert set(own) == {1, 2, 4, 8, 16, 32, 64}
-    for count, rung in own.items():
+    for count, point in own.items():
         electrons = FULL * sensor.full_well_e
         # the mean absolute deviate of a normal distribution is sqrt(2/pi) of its rms
         variance = electrons + sensor.read_noise_e**2 + sensor.electrons_per_count**2 / 12
         wanted = math.sqrt(2 / math.pi * variance / count) / electrons
-        assert rung.error == pytest.approx(wanted, rel=0.05)
-        assert rung.others["error by the noise model (%)"] == pytest.approx(100 * wanted, rel=1e-3)
+        assert point.error == pytest.approx(wanted, rel=0.05)
+        assert point.others["error by the noise model (%)"] == pytest.approx(100 * wanted, rel=1e-3)
         scan = replace(plan, frames_averaged=count)
-        assert rung.cost == pytest.approx(3600 * Forecast.of(scan).hours)
+        assert point.cost == pytest.approx(3600 * Forecast.of(scan).hours)
 
 
 def test_more_light_than_the_well_holds_does_not_average_out(even: Subject) -> None:
-    curve = measure_curve(PLACES.get("averaging"), even, 100)
-    bright = [r for r in curve.rungs if r.settings["exposure_s"] == [0.08] * 3]
+    curve = measure_curve(PARTS.get("averaging"), even, 100)
+    bright = [r for r in curve.points if r.settings["exposure_s"] == [0.08] * 3]
     # of 4 x 0.8 full wells one is kept
     assert all(r.error == pytest.approx(1 - 1 / (4 * FULL), rel=0.01) for r in bright)
     assert all(r.note == "100 % of the pixels are saturated" for r in bright)
@@ -73,5 +73,5 @@ def test_the_dark_level_is_what_dark_frames_show(plan: ScanPlan, black: float) -
 @pytest.mark.long
 def test_a_black_level_within_the_noise_is_said(plan: ScanPlan) -> None:
     low = replace(plan, camera=replace(plan.camera, sensor=replace(plan.camera.sensor, black_level=0.0)))
-    said, silent = (measure_curve(PLACES.get("averaging"), Subject("p", p), 0.1).notes for p in (low, plan))
+    said, silent = (measure_curve(PARTS.get("averaging"), Subject("p", p), 0.1).notes for p in (low, plan))
     assert "the black level of 0 is within the read noise" in said[-1] and len(said) == len(silent) + 1

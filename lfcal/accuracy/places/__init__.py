@@ -1,5 +1,0 @@
-"""Parts of the processing whose accuracy can be chosen, one module each with its ``PLACE``.
-
-They are found by `lfcal.accuracy.place`. To add one, add a module here, or an entry point of the group
-``lfcal.accuracy`` in another distribution (``docs/extending.md``).
-"""
