@@ -68,7 +68,7 @@ GO = {
 }
 """What the button does, by what it is."""
 
-PLOT, CURVE = 132, 240
+PLOT, CURVE = 120, 240
 """Heights of charts in the inspector (px)."""
 
 
