@@ -84,7 +84,7 @@ def test_a_record_changes_no_class_and_runs_no_constructor(tmp_path: Path) -> No
         "a call of Unit": unit + b"(S'n'\nS'm:f'\n}tR.",
         "an object built by an operation that lfcal never uses": b"(" + unit[1:] + b"o.",
         "numpy.testing": b"cnumpy.testing\nassert_equal\n.",
-        "other values of Reading": b"clfcal.judge.quality.metric\nReading\n)\x81" + suffix + b"b.",
+        "fields that Reading does not have": b"clfcal.judge.quality.metric\nReading\n)\x81" + suffix + b"b.",
     }
     for words, data in crafted.items():
         path.write_bytes(data)
