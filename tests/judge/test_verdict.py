@@ -57,8 +57,8 @@ def test_the_verdict_says_what_the_table_says(quality: QualityReport, seed: int)
     standing = [m for m in metrics if found.settled(m) is None and not found.withdrawn(m)]
     every = {*merits, *(m.merit for m in standing if m.merit != "unknown")}
     worst = next(merit for merit in ("bad", "fair", "good") if merit in every)
-    start = {"bad": "This PSF should not be used", "fair": "This PSF is usable, but should be checked", "good": "This PSF is good"}[worst]
-    assert verdict.startswith(start) and found.merit == worst
+    starts = {"bad": "should not be used", "fair": "is usable, but should be checked", "good": "is good"}
+    assert verdict.startswith(f"This PSF {starts[worst]}") and found.merit == worst
     assert found.bad == (worst == "bad")
     # what decides is named, or counted among the others
     names = [f.title for f, merit in zip(findings, merits, strict=True) if merit == worst]
