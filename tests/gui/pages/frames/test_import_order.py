@@ -80,7 +80,8 @@ def test_list_names_and_order_are_not_said_together(tmp_path: Path) -> None:
     choice = ImportChoice(folder, listed=f"{folder}/stage.csv", pattern="a{y}_{x}.tif", order="raster")
     found = survey(choice, plan(), None)
     assert found.problem == (
-        "positions of the frames: expected one of List, Names and Order, got List, Names and Order; keep one and clear the others"
+        "positions of the frames: expected one of List, Names and Order, got List, Names and Order; "
+        "keep one and clear the others"
     )
 
 
