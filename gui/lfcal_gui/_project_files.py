@@ -260,7 +260,7 @@ class ProjectFiles(QObject):
             action.triggered.connect(lambda _=False, path=path: self.open(path))
             menu.addAction(action)
         if menu.isEmpty():
-            menu.addAction("none yet").setEnabled(False)
+            menu.addAction("No recent projects").setEnabled(False)
 
     # -- leaving ---------------------------------------------------------------------------------------
     def may_leave(self) -> bool:

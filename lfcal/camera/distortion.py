@@ -189,8 +189,12 @@ class LatticeDistortion:
             return
         right = [len(polynomial_powers(n)) for n in range(2, MAX_DEGREE + 1)]
         if len(counts) != 2 or counts[0] != counts[1] or counts[0] not in right:
-            wanted = f"two lists of equally many terms, {any_of(map(str, right))}"
-            raise InputError.expected("terms of a polynomial distortion", wanted, counts, "give lists of this length")
+            raise InputError.expected(
+                "terms of a polynomial distortion",
+                f"two lists of the same length ({any_of(map(str, right))})",
+                f"lengths {' and '.join(map(str, counts))}" if counts else "no lists",
+                "give two lists of one of these lengths",
+            )
 
     @property
     def degree(self) -> int:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
-from lfcal.base import InputError
+from lfcal.base import InputError, choose
 from lfcal.camera.description import Camera, Marks
 from lfcal.camera.distortion import BrownDistortion
 from lfcal.camera.lattice import LensletLattice, LensType
@@ -122,9 +122,11 @@ class Draft:
             If such a camera has no value at ``path``.
         """
         if path not in PATHS or not self._has(path):
-            raise InputError.expected(
-                "entry of a camera", f"an entry of {self._title}", path, "choose an entry that lfcal camera show lists"
-            )
+            known = [own for own in sorted(PATHS) if self._has(own)]
+            part = path.rpartition(".")[0] + "."
+            near = [own for own in known if own.startswith(part)] or known
+            wanted = f"an entry of {self._title} ({', '.join(near)})"
+            raise InputError.expected("entry of a camera", wanted, path, choose(path, near))
         if value is not None:
             self._values.setdefault(path, (value, mark))
 

@@ -187,7 +187,8 @@ def _by_super_pixels(
     facts: dict[str, Any] = {"samples": list(modulator.sample_names)[:16]}
     if route != "fourier" and (weights is not None or filter is None):
         if filter not in (None, "linear"):
-            raise InputError.expected("filter with weighted pixels", "linear", filter, "leave --filter out")
+            wanted = "linear, because --camera or --dead gives weights to the pixels"
+            raise InputError.expected("--filter", wanted, filter, "leave --filter out")
         known = np.ones(light.shape) if weights is None else weights
         found = demultiplex_weighted(light, modulator, known)
         lost = float(np.isinf(found.deviation).any(0).mean())
@@ -200,11 +201,12 @@ def _by_super_pixels(
             _write(deviation, found.deviation)
         facts |= {"pixels_left_out": float((known == 0).mean()), "places_not_recovered": lost}
     elif deviation is not None:
-        raise InputError.expected("deviation", "the filter linear", filter or route, "leave --filter out")
+        raise InputError.expected("--deviation", "the filter linear", filter or route, "leave --filter out")
     elif route != "fourier":
         _write(out, demultiplex(light, modulator, filter=filter))
     elif weights is not None:
-        raise InputError.expected("route with weighted pixels", "spatial or both", "fourier", "give --route spatial")
+        wanted = "spatial or both, because --camera or --dead gives weights to the pixels"
+        raise InputError.expected("--route", wanted, "fourier", "give --route spatial")
     if route != "spatial":
         whole = np.where(np.isfinite(light), light, 0.0) if weights is not None else light
         target = out if route == "fourier" else _fourier_file(out)
@@ -288,10 +290,9 @@ def views(
         cells = modulator_of(modulator)
         grid = channel_grid(light.shape, fit, cells.side, spacing_px=None, axes=axes)
     if weights is not None and (route == "fourier" or filter not in (None, "linear")):
-        got = f"{route}, {filter or 'linear'}"
-        raise InputError.expected(
-            "route and filter with weighted pixels", "spatial, linear", got, "leave --route and --filter out"
-        )
+        wanted = "spatial or both, and linear, because --sensor or --dead gives weights to the pixels"
+        got = f"{route} and {filter or 'linear'}"
+        raise InputError.expected("--route and --filter", wanted, got, "leave both options out")
     if route != "fourier":
         found, spread = _views(light, weights, fit, cells, filter, axes=axes)
         _write(out, found)

@@ -89,8 +89,8 @@ def _field(views: Views) -> dict[str, Any]:
 def viewed_frame(path: Path, given: GivenLattice, camera: Camera | None, reading: ColourReading) -> ViewedFrame:
     """Return a frame with the lattice for its views: from a white image, from a file, or from the camera.
 
-    Without a white image, all pixels of a micro-image have equal weight, up to the lenslets' clear aperture or to half
-    a pitch.
+    Without a white image, all pixels within a radius of each micro-image centre have equal weight. The radius is half
+    the lenslets' clear diameter or half the pitch, whichever is smaller.
     """
     from lfcal.lattice import cropped, lattice_of, load_lattice
 

@@ -312,7 +312,7 @@ def fitted(
     starts: Starts,
     rounding: float,
 ) -> Evidence:
-    """Fit each pattern ``(n, nt, ns)`` by its model with the parameters `COLUMNS`, and return the evidence.
+    """Fit the model of each pattern to ``data`` ``(n, nt, ns)``, with the parameters `COLUMNS`; return the evidence.
 
     ``known`` is the camera. The other parameters are the attributes of `Evidence` with the same names.
     """

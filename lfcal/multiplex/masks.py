@@ -78,7 +78,9 @@ def mask(kind: str, size: int) -> Modulator:
 
 
 def mask_pattern(kind: str, size: int) -> Array:
-    """Return the transmission ``(size, size)`` of one period of a mask, in 0 … 1; all ones for a lenslet.
+    """Return the transmission ``(size, size)`` of one period of a mask, from 0 to 1; it is 1 everywhere for a lenslet.
+
+    ``kind`` and ``size`` are the parameters of `mask`.
 
     Examples
     --------

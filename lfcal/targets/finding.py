@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -405,8 +406,9 @@ def _labelled(
     lattice = refined_basis(spots.pixels, basis)
     places, has = lattice_labels(spots.pixels, lattice)
     used, places = spots.only(has), places[has]
-    if len(used) < max(2, ENOUGH * len(spots)):
-        wanted = f"{len(spots)} points on one lattice"
+    least = max(2, math.ceil(ENOUGH * len(spots)))
+    if len(used) < least:
+        wanted = f"at least {least} of {len(spots)} on one lattice"
         raise InputError.expected(
             "points in the frame", wanted, f"{len(used)}", "check the pitch and the depth of the target"
         )

@@ -136,7 +136,7 @@ class _Acquire(Task):
     backend: str = opt("sim", "Devices with which to record; lfcal doctor lists them.", label="Devices", short="-b")
     stage: str = opt(
         "",
-        "Devices of the stage, if they differ from those of the camera.",
+        "Backend of the stage, if it differs from that of the camera (--backend).",
         label="Stage",
         empty="same as the camera",
         more=True,
@@ -638,7 +638,10 @@ class AcquireUntil(_AcquireScan):
     def _places(self, plan: Any) -> tuple[Position, ...]:
         from lfcal.frames import Position
 
-        note("this is the largest number of positions; the session ends earlier if H reaches the target error")
+        note(
+            "the forecast is for the largest number of positions; the session ends earlier if H reaches the target "
+            "error"
+        )
         most = self.most or plan.n_positions
         return tuple(Position(*place) for place in plan.order_indices()[:most].tolist())
 
@@ -665,7 +668,7 @@ class Acquire(_AcquireScan):
     redo: Path | None = _again()
     positions: Path | None = opt(
         None,
-        "Record only the positions of this list (from lfcal plan fit).",
+        "Record only the positions in this list (from lfcal plan fit, or from lfcal plan --list).",
         label="Positions",
         file="in",
         empty="all positions of the plan",

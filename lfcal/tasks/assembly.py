@@ -187,9 +187,10 @@ class AssembleRegions(_Assemble):
     )
     channel: str = opt(
         "",
-        "Colour of a mosaic (R, G1, G2, B) or of a colour image (R, G, B).",
+        "Colour channel to use: R, G1, G2 or B of a mosaic; R, G or B of a colour image. each: write one H file for "
+        "each colour.",
         examples=("each", "R", "G", "B", "G1", "G2"),
-        empty="unchanged frames",
+        empty="frames are used unchanged",
     )
     half_cell: bool = opt(
         False,
@@ -237,7 +238,11 @@ class Assemble(AssembleRegions):
     in_units: ClassVar[bool] = True
 
     plan: Path | None = opt(
-        None, "Scan plan (.json).", short="-p", file="in", empty="the plan of the session, or plan.json with the frames"
+        None,
+        "Scan plan (.json).",
+        short="-p",
+        file="in",
+        empty="the plan of the session, or plan.json in the frame folder or the folder above",
     )
     manifest: Path | None = opt(
         None, "Manifest or list of the frames (.csv, .tsv, .txt, .json).", file="in", empty="stored with the frames"

@@ -65,7 +65,8 @@ class _Plan(PlanTask):
     )
     depths: str | tuple[float, ...] = opt(
         (),
-        "Depths of the planes, increasing away from the camera: a,b,c or start:stop:step, in µm or with mm.",
+        "Depths of the planes, increasing away from the camera: a,b,c or start:stop:step. In µm, unless a unit follows "
+        "(1.2mm).",
         label="Depth planes",
         unit="µm",
         read=read_depths,
@@ -90,7 +91,7 @@ class _Plan(PlanTask):
         None,
         "Sensor pixel ROW,COLUMN onto which the position y = x = 0 is imaged.",
         unit="px",
-        empty="centred",
+        empty="such that the scanned cell is centred on the sensor",
         read=read_pair,
         show=_show,
     )

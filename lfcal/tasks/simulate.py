@@ -467,8 +467,12 @@ class SimulateForecast(_OfOnePlan):
         label="Forecast only",
         chooses=True,
     )
-    out: Path | None = opt(None, "H file of the planned simulation, which is not written.", **OUT | {"file": ""})
-    frames: Path | None = opt(None, "Frame folder of the planned simulation, which is not written.", **FRAMES)
+    out: Path | None = opt(None, "H file of the planned simulation. It is not written.", **OUT | {"file": ""})
+    frames: Path | None = opt(
+        None,
+        "Folder for the frames of the planned simulation. It affects the forecast only; nothing is written.",
+        **FRAMES,
+    )
     peak: float = opt(0.8, "Brightness of the brightest pixel in the frames.", needs=("frames", ""), more=True, **PEAK)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulationForecast]:

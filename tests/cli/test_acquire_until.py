@@ -61,7 +61,7 @@ def test_a_session_goes_on_to_a_smaller_error_within_some_positions(lfcal: Lfcal
 def test_a_dry_run_says_at_most(lfcal: Lfcal, place: Path) -> None:
     run = until(lfcal, "--until-error", "1%", "--most", "30", "--dry-run", "--json")
     assert run.code == 0 and isinstance(run.json, dict) and run.json["positions"] == 30
-    assert "this is the largest number of positions" in run.err and not (place / "s").exists()
+    assert "the forecast is for the largest number of positions" in run.err and not (place / "s").exists()
 
 
 def test_goals_by_their_words() -> None:

@@ -179,8 +179,11 @@ def test_views_from_pixels_with_weights(lfcal, field: Path, tmp_path: Path) -> N
     fourier = demultiplex_lattice(light, lattice, mask("MURA", 5), route="fourier")
     np.testing.assert_allclose(tifffile.imread(tmp_path / "views_fourier.tif"), fourier, rtol=1e-4, atol=0.1)
     for more, word in (
-        ((*known, "--filter", "cubic"), "with weighted pixels"),
-        ((*known, "--modulator", "MURA:5", "--route", "fourier"), "with weighted pixels"),
+        ((*known, "--filter", "cubic"), "gives weights to the pixels, got spatial and cubic"),
+        (
+            (*known, "--modulator", "MURA:5", "--route", "fourier"),
+            "gives weights to the pixels, got fourier and linear",
+        ),
         (("--deviation", sd), "pixels with weights"),
         (("--dead", field / "none.tif"), "none.tif"),
         (("--route", "both"), "spatial for lenslets"),

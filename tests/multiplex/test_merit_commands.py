@@ -141,8 +141,8 @@ def test_recover_by_a_filter_and_by_both_routes(lfcal, tmp_path: Path) -> None: 
     cv2.imwrite(str(tmp_path / "dead.png"), (frame > 3990).astype(np.uint8))
     known = ("--dead", tmp_path / "dead.png")
     for more, word in (
-        ((*known, "--filter", "cubic"), "filter with weighted pixels"),
-        ((*known, "--route", "fourier"), "route with weighted pixels"),
+        ((*known, "--filter", "cubic"), "--filter: expected linear, because"),
+        ((*known, "--route", "fourier"), "--route: expected spatial or both, because"),
         (("--filter", "cubic", "--deviation", tmp_path / "sd.tif"), "deviation"),
         (("--route", "scenic"), "route"),
         (("--filter", "scenic"), "filter"),

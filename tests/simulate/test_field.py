@@ -138,8 +138,9 @@ def test_part_of_a_large_shadow_is_the_part_of_the_whole(corner):
 
 
 def test_tables_that_cannot_be_are_refused():
-    with pytest.raises(InputError, match="switch it on"):
-        field_table(camera_scene(0.1, main_diffraction=False), 2.0, 100.0)
+    for exact, limit in ((False, 12), (True, 8)):
+        with pytest.raises(InputError, match=f"main_diffraction.*is below {limit}, got off; switch it on"):
+            field_table(camera_scene(0.1, main_diffraction=False, exact_rays=exact), 2.0, 100.0)
     with pytest.raises(InputError, match="samples on each side"):
         field_table(camera_scene(0.1), 0.02, 500.0)
     with pytest.raises(InputError, match="increase the number of samples"):

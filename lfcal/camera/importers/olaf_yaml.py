@@ -59,13 +59,17 @@ def _read(text: str, source: Path, options: ImportOptions) -> Imported:
         raise FileFormatError(f"{source}: {error}") from None
 
 
+class _AliasError(Exception):
+    """An alias (``*name``) in a file."""
+
+
 class _Plain(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
-    """YAML loader without references, because a few references can expand to gigabytes of text."""
+    """YAML loader without aliases, because a few aliases can expand to gigabytes of text."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Raise an error for references."""
+        """Raise an error for aliases."""
         if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("a reference (*name), which is not allowed in a camera file")
+            raise _AliasError
         return super().compose_node(parent, index)
 
 
@@ -76,6 +80,10 @@ def _entries(text: str, source: Path) -> Mapping[str, Any]:
         )
     try:
         data = yaml.load(text, _Plain)
+    except _AliasError:
+        raise FileFormatError.expected(
+            str(source), "YAML without aliases", "an alias (*name)", "replace each alias by its value"
+        ) from None
     except Exception as error:  # yaml's constructors of dates and numbers can raise any error
         parse_error = isinstance(error, yaml.YAMLError | ValueError)
         reason = " ".join(str(error).split())[:200] if parse_error else "an invalid YAML value"

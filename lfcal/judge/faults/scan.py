@@ -291,7 +291,10 @@ class Strangers(Fault):
     settles: ClassVar[tuple[str, ...]] = ("misplaced",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault with the patterns whose sources are far from their positions, or that differ from the model."""
+        """Yield a fault with the patterns whose sources or cutouts are far from their positions, or unlike the model.
+
+        Nothing is yielded if there are too many such patterns.
+        """
         alike, gains = evidence.alike, evidence.values[:, 0]
         lit = gains > DARK * float(np.median(gains[np.isfinite(evidence.sigmas[:, 0])]))
         far = np.stack([_fitted(evidence, name).left for name in ("source_y", "source_x")], 1)

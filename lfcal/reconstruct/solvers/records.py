@@ -155,7 +155,11 @@ def progress_of(
     change: float,
     held_out: tuple[float, float] = (float("nan"), float("nan")),
 ) -> SolverProgress:
-    """Return the record of the iteration that ended in ``state``, for a run of ``total`` iterations."""
+    """Return the record of the iteration that ended in ``state``, for a run of ``total`` iterations.
+
+    ``held_out`` is the pair (`held_out`, `held_out_error`) of `SolverProgress`, and ``method`` is its ``stage``. The
+    other arguments are its attributes with the same names.
+    """
     return SolverProgress(
         done=state.iteration,
         total=total,

@@ -289,7 +289,10 @@ class Effect(ABC):
         """Return the size of the effect and the error that leaving it out would cause in the plane of ``outlook``."""
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether the estimate's formula is valid; otherwise the effect is run at a few positions."""
+        """Return whether the formula of `estimate` is valid.
+
+        If it is not, the error is measured by simulating a few positions with and without the effect.
+        """
         return outlook.regular
 
     def wavelengths(self, outlook: Outlook) -> int:

@@ -336,7 +336,10 @@ class PupilOutlook(Outlook):
 
     @property
     def airy_px(self) -> float:
-        """Rms width 0.42 lambda B / d of a lenslet's diffraction (pixels)."""
+        """Rms width of the Gaussian approximation to a lenslet's diffraction spot (pixels).
+
+        It is 0.42 lambda B / d, with the gap B and the clear diameter d.
+        """
         return 0.42 * self.wavelength_um * self.gap_um / self.clear_um / self.pixel_um
 
     @property

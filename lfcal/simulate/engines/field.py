@@ -168,11 +168,12 @@ def _made(scene: Scene, dx: float, half: float, mode: str) -> tuple[Complex, boo
         return _debye(scene, dx, half, mode), False
     outline = _by_sine(scene, iris_outline(scene.iris))
     if mode == "U" and not scene.main_diffraction:
+        number, limit = scene.fresnel_number, SWITCH_EXACT if scene.exact_rays else SWITCH
         raise InputError.expected(
-            "main-iris diffraction",
-            f"on at Fresnel numbers below {SWITCH:g}",
-            f"off at {scene.fresnel_number:.3g}",
-            "switch it on for this plane",
+            "diffraction at the main iris (main_diffraction)",
+            f"on, because the Fresnel number of this plane, {number:.3g}, is below {limit:g}",
+            "off",
+            "switch it on",
         )
     if len(outline) < 3:
         return np.zeros((4, 4), np.complex128), True

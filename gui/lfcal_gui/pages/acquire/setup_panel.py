@@ -187,8 +187,8 @@ class SetupPanel(QWidget):
         self._nearest = 0
         self.numbers, self.spot = wrapped("", "–"), wrapped("", "–")
         self.spot.setToolTip(
-            "Centroid of the light above the background; sharpness compares neighbouring pixels "
-            "(larger is sharper, independent of brightness); measured − predicted: rows, columns"
+            "Centroid: of the light above the background. Sharpness: from differences between neighbouring pixels; "
+            "larger is sharper, at any brightness. Measured − predicted: offset of the image in rows and columns (px)"
         )
         for label in (self.numbers, self.spot):
             label.setTextFormat(Qt.TextFormat.RichText)
