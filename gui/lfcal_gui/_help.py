@@ -136,7 +136,7 @@ class Manual(QDialog):
         self.whole.setToolTip("Show the complete page that contains this section")
         self.whole.clicked.connect(lambda: self.show_page(self._page))
         close = QPushButton("Close")
-        close.setToolTip("Close the manual. To open it again, click a link to the fault atlas in the checks of H")
+        close.setToolTip("Close the manual. Help > Fault atlas opens it again")
         close.clicked.connect(self.close)
         buttons = QHBoxLayout()
         buttons.addWidget(self.whole)

@@ -53,7 +53,7 @@ class VerifyDialog(QDialog):
         self.start.clicked.connect(self.check)
         self.stop.clicked.connect(lambda: context.jobs.cancel(self._number))
         self.again = QPushButton("Record damaged positions again")
-        self.again.setToolTip("Add these positions to the list on Record > Rig")
+        self.again.setToolTip("Add the damaged positions to the positions to record again, on Record > Rig")
         self.again.clicked.connect(self._send)
         self.found = QPlainTextEdit()
         self.found.setReadOnly(True)

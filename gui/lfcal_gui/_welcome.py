@@ -72,7 +72,7 @@ class Welcome(QDialog):
         self.list.setToolTip("Press Enter or double-click to open a project")
         self.list.addItems([str(path) for path in recent])
         self.list.itemActivated.connect(lambda item: self._open(item.text()))
-        self.none = QLabel("none yet")
+        self.none = QLabel("No recent projects")
         self.none.setProperty("role", "hint")
         self.list.setVisible(bool(recent))
         self.none.setVisible(not recent)

@@ -36,8 +36,8 @@ class AssemblySettings:
 
     cutout: tuple[int, int] | str | None = opt(
         None,
-        "Size of the cutout: ROWS,COLUMNS (both odd). auto: the smallest cutout that keeps the lost energy within "
-        "its limit.",
+        "Size of the cutout: an odd number of pixels, or ROWS,COLUMNS (both odd). auto: the smallest cutout that loses "
+        "no more energy than allowed (--lost).",
         unit="px",
         empty="as planned",
         read=read_cutout_or_auto,
@@ -56,17 +56,19 @@ class AssemblySettings:
     )
     interpolation: str = opt(
         "",
-        "Interpolation of cutouts that lie between pixels.",
+        "Interpolation for cutouts at fractional pixel positions.",
         choices=INTERPOLATIONS,
         empty="nearest; cubic if the plan resamples",
         more=True,
     )
     pad: bool = opt(
-        False, "Fill parts of cutouts beyond the sensor with zeros, and mark them.", label="Pad at the edge"
+        False,
+        "Fill parts of cutouts beyond the sensor with zeros, and mark these pixels as invalid.",
+        label="Pad at the edge",
     )
     strict: bool = opt(False, "Stop if positions are missing or repeated.", label="Stop at gaps")
     keep_pedestal: bool = opt(
-        False, "Accept frames without subtracting a black level.", label="Keep the black level", more=True
+        False, "Accept frames from which no black level has been subtracted.", label="Keep the black level", more=True
     )
     dtype: str = opt(
         "rounded",
@@ -78,7 +80,7 @@ class AssemblySettings:
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
     store_tolerance: float | None = opt(
         None,
-        "Largest fraction (L1) of its light that a pattern may lose when the file is compressed, as in lfcal reduce.",
+        "Largest fraction of a pattern's light (L1) that compression of the file may remove, as in lfcal reduce.",
         label="Loss in the file",
         above=0,
         below=1,

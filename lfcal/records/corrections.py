@@ -62,8 +62,8 @@ class CorrectionRecipe:
     )
     defect_list: str | os.PathLike[str] = opt(
         "",
-        "Defective pixels to repair, for example the camera manufacturer's list: ROW,COLUMN per line, or an image that "
-        "is not 0 at these pixels.",
+        "Defective pixels to repair, for example from the camera manufacturer: a list with one ROW,COLUMN per line, or "
+        "an image that is not 0 at these pixels.",
         label="List of defective pixels",
         file="in",
         empty="none",
@@ -71,9 +71,8 @@ class CorrectionRecipe:
     )
     mask: str | os.PathLike[str] = opt(
         "",
-        "Pixels without information: an image of the sensor that is not 0 at these pixels, or a list, ROW,COLUMN per "
-        "line. "
-        "They stay invalid in H.",
+        "Pixels without information, which stay invalid in H: an image of the sensor that is not 0 at these pixels, or "
+        "a list with one ROW,COLUMN per line.",
         label="Mask of pixels",
         file="in",
         empty="none",
@@ -81,15 +80,15 @@ class CorrectionRecipe:
     )
     background: str = opt(
         "none",
-        "Background to subtract: none; border: the median of the border; plane: a plane fitted to the border; "
-        "or a number of counts.",
+        "Background to subtract: none, or a number of counts. border: the median of each frame's border. plane: a "
+        "plane fitted to each frame's border.",
         unit="counts",
         examples=("none", "border", "plane"),
     )
     exposure: str = opt(
         "auto",
-        "auto: scale frames to a common exposure if their exposures are known and differ. none: do not scale. "
-        "Or give the exposure to scale to.",
+        "Exposure time to which the frames are scaled. auto: a common one, if exposure times are known and differ. "
+        "none: do not scale.",
         unit="s",
         examples=("auto", "none"),
         more=True,

@@ -37,7 +37,8 @@ class LightFieldSettings:
     )
     mask: str | os.PathLike[str] = opt(
         "",
-        "Pixels without information, which are left out: an image that is not 0 there, or a list, ROW,COLUMN per line.",
+        "Pixels without information, which are left out: an image that is not 0 at these pixels, or a list with one "
+        "ROW,COLUMN per line.",
         label="Mask of pixels",
         file="in",
         empty="none",
@@ -77,10 +78,11 @@ class VoxelGrid:
 
     voxel: float | str | None = opt(
         None,
-        "Side of voxels in all planes. Behind a main lens, pixels differ between planes; auto: the smallest.",
+        "Side length of the voxels in all planes. auto: the smallest size of a sensor pixel in object space, which "
+        "depends on depth behind a main lens.",
         label="Voxel size",
         unit="µm",
-        empty="one voxel for each pixel",
+        empty="in each plane, the size of a sensor pixel in object space",
         read=read_voxel,
         examples=("auto",),
     )
@@ -114,7 +116,10 @@ class ProjectionSettings:
     """Settings for projecting volumes through H."""
 
     method: str = opt(
-        "auto", "Projection method. auto: the fastest that fits into memory.", label="Projection", examples=PROJECTIONS
+        "auto",
+        "Projection method: polyphase, direct, sparse, reduced or fft. auto: the fastest that fits into memory.",
+        label="Projection",
+        examples=PROJECTIONS,
     )
     device: str = opt(
         "auto",

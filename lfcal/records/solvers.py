@@ -51,7 +51,7 @@ class SolverFields:
     iterations: int | str = opt(
         15,
         "Number of iterations. auto: stop when the prediction of held-out pixels no longer improves. auto:discrepancy: "
-        "stop when the volume agrees with the frame to within the noise of gain and read noise.",
+        "stop when the volume agrees with the frame to within the noise expected from gain and read noise.",
         short="-n",
         read=partial(read_count, at_least=1, words=tuple(SOLVER_ENDS)),
         examples=tuple(SOLVER_ENDS),
@@ -69,7 +69,7 @@ class SolverFields:
         "Counts per photo-electron, for chi2 per pixel and for iterations auto:discrepancy.",
         unit="counts/e⁻",
         above=0,
-        empty="the noise stored in H; 1 for auto:discrepancy",
+        empty="from the noise model stored in H; 1 for auto:discrepancy",
         more=True,
     )
 
@@ -96,7 +96,7 @@ class _Saturation:
         "Sample value at which pixels saturate; pixels at or above it are left out.",
         unit="counts",
         above=0,
-        empty="none",
+        empty="no pixel is left out",
     )
 
 
@@ -109,14 +109,14 @@ class _Tolerance:
 
 @record
 class _ReadNoise:
-    read_noise: float = opt(0.0, "Read noise, rms.", unit="counts", at_least=0)
+    read_noise: float = opt(0.0, "Rms read noise of a pixel.", unit="counts", at_least=0)
 
 
 @record
 class _Strength:
     strength: float | None = opt(
         None,
-        "Weight of the penalty.",
+        "Weight of the regularization term.",
         at_least=0,
         empty="0.002 for rl-tv, 0.02 for rl-tikhonov",
     )

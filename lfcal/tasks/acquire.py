@@ -133,7 +133,12 @@ class _Acquire(Task):
         file="in",
     )
     out: Path = required("Folder for the session.", label="Session folder", short="-o", file="out")
-    backend: str = opt("sim", "Devices with which to record; lfcal doctor lists them.", label="Devices", short="-b")
+    backend: str = opt(
+        "sim",
+        "Backend that controls camera and stage; sim is the simulator. lfcal doctor lists all backends.",
+        label="Devices",
+        short="-b",
+    )
     stage: str = opt(
         "",
         "Backend of the stage, if it differs from that of the camera (--backend).",
@@ -161,7 +166,7 @@ class _Acquire(Task):
     )
     dark_every: int | None = opt(
         None,
-        "Record dark frames again after this number of positions. 0 records them only at the start.",
+        "Interval, in positions, at which dark frames are recorded again. 0 records them only at the start.",
         label="Positions between dark frames",
         at_least=0,
         empty="0",
@@ -175,14 +180,14 @@ class _Acquire(Task):
     )
     reference_every: int | None = opt(
         None,
-        "Record a reference frame, which shows the drift of the lamp, after this number of positions. 0 records none.",
+        "Interval, in positions, between reference frames, which show the drift of the lamp. 0 records none.",
         label="Positions between reference frames",
         at_least=0,
         empty="100",
         more=True,
     )
     retries: int | None = opt(
-        None, "Number of further attempts after a temporary fault.", at_least=0, empty="2", more=True
+        None, "Number of further attempts after a temporary fault of a device.", at_least=0, empty="2", more=True
     )
     on_suspect: str | None = opt(
         None,
@@ -200,7 +205,8 @@ class _Acquire(Task):
     )
     suspend: tuple[str, ...] = opt(
         (),
-        "Pause the recording while a gauge, or the last number in a file, is outside its bounds: GAUGE=LOW:HIGH.",
+        "Pause the recording while a reading is out of bounds: GAUGE=LOW:HIGH, where LOW or HIGH may be omitted. GAUGE "
+        "is a gauge of the devices, or a file that ends with the newest number. May be repeated.",
         label="Pause by gauges",
         empty="none",
         more=True,
@@ -219,7 +225,7 @@ class _Acquire(Task):
         None,
         "Largest allowed position error X,Y,Z of the stage.",
         unit="µm",
-        empty="a tenth of the lateral step, and one plane distance in depth",
+        empty="a tenth of the lateral step; in depth, the full lateral step",
         **NUMBERS,
     )
     overshoot: str | tuple[float, ...] | None = opt(
@@ -231,7 +237,12 @@ class _Acquire(Task):
         **NUMBERS,
     )
     keep_free: float | None = opt(
-        None, "Disk space that remains free.", unit="GB", at_least=0, empty="a tenth of the recording", more=True
+        None,
+        "Disk space to keep free.",
+        unit="GB",
+        at_least=0,
+        empty="a tenth of the recording, at least 16 MiB",
+        more=True,
     )
     origin: str | tuple[float, ...] | None = opt(
         None,
@@ -244,12 +255,12 @@ class _Acquire(Task):
         None,
         "Measure the directions, scale, repeatability and depth of the stage before the scan.",
         label="Check the stage",
-        empty="as in the session so far, or yes in a new one",
+        empty="yes for a new session, else as before",
         more=True,
     )
     check_origin: bool = opt(
         True,
-        "Do not check the origin, for which a continued session records its last position again.",
+        "Do not check the origin when a session continues. The check records the last position again.",
         label="Check the origin",
         more=True,
     )
@@ -267,7 +278,7 @@ class _Acquire(Task):
         "Largest frame rate of the camera, used to predict the recording time.",
         unit="frames/s",
         above=0,
-        empty="without readout time",
+        empty="the readout time is ignored",
         needs=("dry_run", ""),
         more=True,
     )
@@ -518,7 +529,8 @@ class _AcquireScan(_Acquire):
     )
     controls: int | None = opt(
         None,
-        "Number of control frames for each plane and direction of motion.",
+        "Largest number of control frames for each plane and direction. They are recorded whole periods away from "
+        "the scan, and show whether H is periodic.",
         label="Control frames",
         at_least=0,
         empty="0",

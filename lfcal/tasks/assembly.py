@@ -121,7 +121,7 @@ class _Assemble(Task):
 
     frames: Path = required(
         "Folder of frames, manifest (.csv, .json), one file of many frames, recorded session, or scan plan "
-        "(.json). The simulated camera then records the plan.",
+        "(.json). For a scan plan, the simulated camera records the frames.",
         argument=True,
         file="in",
     )
@@ -181,7 +181,7 @@ class AssembleRegions(_Assemble):
     )
     shift: str = opt(
         "0",
-        "Number of bits by which to shift left-aligned samples to the right, or auto.",
+        "Number of bits by which to shift left-aligned samples to the right. auto: detect it from the samples.",
         unit="bit",
         examples=("auto",),
     )
@@ -254,7 +254,7 @@ class Assemble(AssembleRegions):
     columns: str = opt(
         "",
         "Contents of the columns of a list, e.g. file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
-        empty="from their names",
+        empty="inferred from the names of the columns",
         more=True,
     )
     first: int | None = opt(
@@ -269,7 +269,7 @@ class Assemble(AssembleRegions):
     nan: str = opt(
         "auto",
         "Treatment of NaN in floating-point frames. auto: mask pixels that are NaN in all frames, and refuse "
-        "frames with others. mask: mask all.",
+        "frames with others. mask: mask all. refuse: refuse frames with NaN.",
         label="NaN in frames",
         choices=("auto", "mask", "refuse"),
         more=True,

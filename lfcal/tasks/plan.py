@@ -74,7 +74,8 @@ class _Plan(PlanTask):
     )
     virtual_depths: str | tuple[float, ...] = opt(
         (),
-        "Depth planes, given by the virtual depths v = a/B of their images behind the main lens.",
+        "Depth planes, given by the virtual depths v = a/B of their images behind the main lens: a,b,c or "
+        "start:stop:step.",
         label="Virtual depths",
         read=read_virtual_depths,
         show=show_planes,
@@ -235,7 +236,7 @@ class PlanRecorded(_Plan):
     columns: str = opt(
         "",
         "Contents of the columns of the list, e.g. file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
-        empty="from their names",
+        empty="inferred from the names of the columns",
         more=True,
     )
     origin: str = origin_field("the whole sensor")
@@ -335,7 +336,7 @@ class PlanScan(_PlanOfCamera):
     )
     peak: float | str | None = opt(
         None,
-        "Brightest pixel, as a fraction of the full well. If you give it, the noise of H is predicted.",
+        "Brightest pixel, as a fraction of the full well. If this fraction is given, the noise of H is predicted.",
         label="Brightest pixel",
         above=0,
         at_most=1,

@@ -77,17 +77,18 @@ class _PlanTarget(PlanTask):
     )
     most_frames: int | None = opt(
         None,
-        "Largest number of frames for each plane. The command prints the fraction of positions that they show.",
+        "Largest number of frames for each plane. If more would be needed, some positions are not shown; the result "
+        "states the fraction that is shown.",
         label="Largest number of frames",
         at_least=1,
         empty="no limit",
     )
-    regions: str = opt("", "Regions of the field to cover, ROWSxCOLUMNS over the sensor, e.g. 3x3.", empty="one")
+    regions: str = opt("", "Regions of the field to cover, ROWSxCOLUMNS over the sensor, e.g. 3x3.", empty="one region")
     signal: float | None = opt(
         None,
         "Electrons in the brightest pixel of a point. This number determines whether coded frames, which show "
         "several points together, have less noise. If so, a display shows coded frames.",
-        unit="e",
+        unit="e⁻",
         above=0,
         empty="0.8 of the full well",
         more=True,
@@ -181,7 +182,12 @@ class PlanTarget(_PlanTarget):
         "Pose of the target: rotation=1,tilt_right=2,tilt_down=0 (degrees), right=0.3mm,down=0,away=0.",
         empty="as in its file, else not rotated or tilted",
     )
-    pose_within: str = opt("", "Uncertainty of the pose, in the same format as the pose.", empty="known", more=True)
+    pose_within: str = opt(
+        "",
+        "Largest error of each value of the pose, in the format of the pose. The pose is then fitted.",
+        empty="zero: the pose is known",
+        more=True,
+    )
 
     def __post_init__(self) -> None:
         """Check every value, and that target and pose can be parsed."""

@@ -42,7 +42,7 @@ class PlanTask(Task):
         "Largest frame rate of the camera for the region that is read, as stated in its data sheet.",
         unit="frames/s",
         above=0,
-        empty="without readout time",
+        empty="the readout time is ignored",
         more=True,
     )
 

@@ -78,7 +78,7 @@ class Reduce(CopyTask):
     out: Path = required("H file to write (.h5).", label="H file", short="-o", file="out")
     tolerance: float = opt(
         0.005,
-        "Largest fraction of its light (L1) that a pattern may lose.",
+        "Largest fraction of a pattern's light (L1) that the reduction may remove.",
         above=0,
         below=1,
         read=read_share,

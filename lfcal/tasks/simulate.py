@@ -200,7 +200,7 @@ class _Simulate(Task):
         empty="the effects that matter for the tolerance",
     )
     tolerance: float = opt(
-        0.03, "Largest relative L1 error caused by omitted effects.", above=0, at_most=4, read=read_share, unit="share"
+        0.03, "Largest relative L1 error caused by omitted effects.", above=0, at_most=4, read=read_share
     )
     level: str = opt(
         "auto",
@@ -287,8 +287,9 @@ class _OfOnePlan(_Simulate):
 
     depths: tuple[float, ...] = opt(
         (),
-        "Depths of the planes, increasing away from the camera: a,b,c or start:stop:step.",
-        unit="µm, or with mm",
+        "Depths of the planes, increasing away from the camera: a,b,c or start:stop:step. In µm, unless a unit follows "
+        "(1.2mm).",
+        unit="µm",
         read=read_depths,
         show=show_planes,
         empty="the planes of the plan",

@@ -45,7 +45,7 @@ class PeriodMap(Picture):
         """Yields the lines of a table that is copied and saved in place of the values."""
         self.box.setMouseEnabled(False, False)
         self.steered_to.connect(self.chosen.emit)
-        self.setToolTip("Drag to choose the source position; arrow keys step")
+        self.setToolTip("Drag, or use the arrow keys, to choose the source position")
 
     def set_values(
         self,

@@ -104,7 +104,7 @@ class DevicePanel(QWidget):
         for box in (self.backend, self.stage):
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.backend.setAccessibleName("camera")
-        self.backend.setToolTip("Driver of the camera; a driver that is not available shows the reason")
+        self.backend.setToolTip("Driver of the camera. Point at an absent driver in the list to see why it is absent")
         self.backend.setMinimumContentsLength(10)
         self.backend.activated.connect(self._backend_chosen)
         self.stage.setToolTip("Driver of the stage, if the camera driver does not include a stage")

@@ -72,7 +72,7 @@ class ErrorView(LinePlot):
             0.0,
             angle=0,
             pen=pg.mkPen(LINES[2], width=1.6, style=Qt.PenStyle.DashLine),
-            label="wanted",
+            label="target",
             labelOpts={"position": 0.06, "anchors": [(0, 1), (0, 1)], "color": LINES[2]},
         )
         for item in (self.bars, self.aside, self.wanted):

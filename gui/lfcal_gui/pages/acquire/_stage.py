@@ -134,7 +134,7 @@ class StagePanel(QWidget):
         self.step.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.step.setAccessibleName("step of the stage")
         self.step.setToolTip("How far an arrow moves the stage: large to find the image, small to centre it")
-        grid.addWidget(QLabel("step"), 3, 0)
+        grid.addWidget(QLabel("Step"), 3, 0)
         grid.addWidget(self.step, 3, 1)
         return grid
 

@@ -138,7 +138,7 @@ class DepthPanel(QWidget):
         self.quantity.currentIndexChanged.connect(lambda _: self.chosen.emit())
         self.least, self.percent = QSlider(Qt.Orientation.Horizontal), QLabel()
         self.least.setRange(0, 100)
-        self.least.setAccessibleName("least confidence")
+        self.least.setAccessibleName("smallest confidence shown")
         self.least.setToolTip(LEAST)
         self.least.valueChanged.connect(self._confidence_moved)
         self.least.setValue(USUAL)
@@ -199,7 +199,7 @@ class DepthPanel(QWidget):
         self._facts = facts
         muted = f"style='color:{current_theme().muted}'"
         rows = "".join(f"<tr><td {muted}><nobr>{a}&nbsp;&nbsp;</nobr></td><td>{escape(b)}</td></tr>" for a, b in facts)
-        self.facts.setText(f"<table cellspacing='1'>{rows}</table>" if facts else "Nothing is measured yet.")
+        self.facts.setText(f"<table cellspacing='1'>{rows}</table>" if facts else "Nothing has been measured yet.")
         for one in (self.quantity, self.least, self.save_map, self.save_points, self.segments["depth"]):
             one.setEnabled(bool(facts))
         if quantities:

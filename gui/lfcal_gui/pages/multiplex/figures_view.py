@@ -66,9 +66,9 @@ class FiguresView(QWidget):
         self.figure = choice_box([(str(n), TITLES[n]) for n in (*FIGURES, MAP)], tip)
         self.figure.setAccessibleName("figure of the paper")
         self.figure.currentIndexChanged.connect(lambda _: self.figure_chosen.emit(int(self.figure.currentData())))
-        self.own = QCheckBox("project's camera")
+        self.own = QCheckBox("Project's camera")
         self.own.setToolTip(
-            "Use the noise of the project's camera instead of the paper's. Figure 6 marks it in any case"
+            "Use the noise of the project's camera instead of the paper's. Figure 6 always marks the project's camera"
         )
         self.own.toggled.connect(self.camera_chosen.emit)
         self.status = QLabel("")

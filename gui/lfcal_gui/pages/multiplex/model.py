@@ -53,7 +53,7 @@ FIELDS = (
         "Filters",
         kind="choice",
         choices=(*_named(tuple(CFA_PATTERNS)), (TYPED, "custom pattern")),
-        tip="Colour filter array. Custom pattern: the letters below",
+        tip="Colour filter array. Custom pattern: the array given by the letters below",
     ),
     Field(
         "pattern",
@@ -114,7 +114,7 @@ FIELDS = (
         "Filter",
         kind="choice",
         choices=_named(SPATIAL_FILTERS),
-        tip="Interpolation of the spatial route (theorem 1); the Fourier route is a sinc (theorem 2)",
+        tip="Interpolation of the spatial route (theorem 1); the Fourier route always uses a sinc (theorem 2)",
         group="Reconstruction",
     ),
     Field(

@@ -194,7 +194,7 @@ class VolumeView(QWidget):
         self.slice.setAccessibleName("slice at the cross")
         self.slice.steered_to.connect(lambda row, column: self._steer(self.looks[0], "xy", row, column))
         self.light_field = Picture(legend=False)
-        self.light_field.setToolTip("The light field; the frame shows the region that is used")
+        self.light_field.setToolTip("Light field to reconstruct. The rectangle shows the region that is used")
         share_contrast(*self._volumes())
         self._watch(self.looks[0])
         self.contrasts = [self._contrast(self.solid)]

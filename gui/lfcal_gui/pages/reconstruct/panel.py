@@ -96,13 +96,13 @@ class ReconstructPanel(QWidget):
             form.set_defaults(vars(ReconstructSettings()))
         self.no_device = NO_DEVICE
         self.view = VolumeView(jobs)
-        self.view.light_field.blank.words = "Open a light field, or make one."
+        self.view.light_field.blank.words = "Open a light field, or simulate one."
         self.phantoms = QMenu(self)
         for name in PHANTOMS:
             self.phantoms.addAction(name).triggered.connect(lambda _=False, name=name: self.make_asked.emit(name))
         empty = {
             "Open light field …": (OPEN, lambda: self.pressed.emit("open")),
-            "Make one …": (MAKE, self._show_phantoms),
+            "Simulate one …": (MAKE, self._show_phantoms),
         }
         self.view.set_empty(EmptyState(NO_LIGHT_FIELD, empty))
         self.export = ExportCard()
@@ -148,7 +148,7 @@ class ReconstructPanel(QWidget):
         self.took.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         column.addLayout(line(heading("Reconstruct"), self.took, stretch=1))
         self.open = self._button("open", "Open light field …", OPEN)
-        self.make = QPushButton("Make one …")
+        self.make = QPushButton("Simulate one …")
         self.make.setToolTip(MAKE)
         self.make.setMenu(self.phantoms)
         column.addLayout(line(self.open, self.make, stretch=0))
