@@ -37,7 +37,7 @@ class AssemblySettings:
     cutout: tuple[int, int] | str | None = opt(
         None,
         "Size of the cutout: an odd number of pixels, or ROWS,COLUMNS (both odd). auto: the smallest cutout that loses "
-        "no more energy than allowed (--lost).",
+        "no more than the allowed fraction of energy.",
         unit="px",
         empty="as planned",
         read=read_cutout_or_auto,

@@ -524,13 +524,13 @@ class _AcquireScan(_Acquire):
         "Number of pixels to record around the cutout on each side.",
         unit="px",
         at_least=0,
-        empty="0, or 12 if the period is not a whole number of pixels",
+        empty="12 if the anchor is between pixels or frames are resampled, else 0",
         more=True,
     )
     controls: int | None = opt(
         None,
-        "Largest number of control frames for each plane and direction. They are recorded whole periods away from "
-        "the scan, and show whether H is periodic.",
+        "Largest number of control frames for each plane and direction. They are recorded a whole number of "
+        "periods away from the scan, and show whether H is periodic.",
         label="Control frames",
         at_least=0,
         empty="0",
@@ -620,7 +620,7 @@ class AcquireUntil(_AcquireScan):
     )
     unknowns: str | tuple[str, ...] = opt(
         (),
-        "Groups of unknowns to fit, separated by commas.",
+        "Groups of unknowns to fit, separated by commas. auto: the groups that reduce the error of held-out patterns.",
         choices=_groups,
         read=read_names,
         show=show_names,

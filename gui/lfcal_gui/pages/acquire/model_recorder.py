@@ -467,7 +467,7 @@ def automatic_words(devices: Devices, options: Options) -> str:
         return ""
     return (
         f"The camera changes frames automatically: {devices.automatic_words}. Switch this off in "
-        "the manufacturer's program and connect again, or tick Allow automatic."
+        "the manufacturer's program and connect again, or tick Allow automatic settings."
     )
 
 

@@ -33,7 +33,7 @@ from lfcal_gui.widgets import (
 OPEN = "An image of the camera: TIFF, PNG, NPY, RAW and others; files can be dropped here as well"
 MEASURE = "Match the micro-images, or the views, of the whole frame, as a job (F5)"
 STOP = "Stop measuring (Esc)"
-LEAST = "Samples of less confidence are grey. Saved files keep all samples, with their confidence"
+LEAST = "Samples below this confidence are shown in grey. Saved files keep all samples, with their confidence"
 MAP = "Write depth, standard error, confidence, light and disparity as float pages of a TIFF file"
 POINTS = "Write a point cloud (.ply), for CloudCompare, MeshLab or Blender"
 
@@ -114,7 +114,7 @@ class DepthPanel(QWidget):
         column.addWidget(self.file)
         seen = tuple(field for key in BASIC for field in FIELDS if field.key == key)
         rest = tuple(field for field in FIELDS if field.key not in BASIC)
-        tip = "Lattice file, method, search range, mask, colours and the place on the sensor"
+        tip = "Lattice file, method, search range, mask, colours, and position of the frame on the sensor"
         self.form = FoldedForm(seen, rest, f"{len(rest)} more settings", tip)
         for field in rest:  # next to long labels there is no room for what an empty field means
             if len(field.empty) > SHORT:

@@ -281,7 +281,7 @@ class ImportDialog(QDialog):
         self.shift = choice_box(SHIFTS, "Shift left-aligned samples down by a number of bits")
         self.channel = choice_box((("", "all light"),), "One colour of a mosaic or a colour image")
         self.channel.setMinimumContentsLength(10)
-        self.orientation = choice_box(LIES, "Rotation or mirroring that makes the frames upright, as on the camera")
+        self.orientation = choice_box(LIES, "Rotation or mirroring that gives the frames the orientation of the sensor")
         # its words are long
         self.orientation.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.orientation.setMinimumContentsLength(12)

@@ -45,8 +45,8 @@ from lfcal_gui.widgets import (
     wrapped,
 )
 
-ONE = "The frame of the selected position"
-THREE = "Three frames. The image must be inside the cutout in all of them"
+ONE = "Show the frame of the selected position"
+THREE = "Show the first, middle and last frame. The image must be inside the cutout in all of them"
 WHOLE = "Show the full frame; the view no longer follows the cutout"
 FOLLOW = "Zoom to the cutout, and follow it as it moves with the point source"
 LATTICE = (

@@ -53,7 +53,7 @@ SIGMA, PI = "Spatial basis Σ", "Plenoptic basis Π"
 TITLES = ("Pattern", "Spectrum", SIGMA, PI)
 CURVES = "Gain in SNR"
 TIPS = (
-    "Transmission of each pixel of a super-pixel for the middle view; colours as seen",
+    "Transmission of each pixel of a super-pixel for the middle view; filters are shown in their colour",
     "Magnitude of the pattern's Fourier weights, zero frequency in the middle, mean over colours",
     "Spatial basis: the weight of each basis function σ (columns j) at each pixel of the super-pixel (rows k, counted "
     "by rows). A pixel records Σ times the light projected on Π, summed over j",

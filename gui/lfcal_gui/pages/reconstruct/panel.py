@@ -47,7 +47,7 @@ from lfcal_gui.widgets import (
 NOT_BY_ITSELF = "It cannot hold out pixels, so it ends after the number of iterations."
 
 NO_LIGHT_FIELD = (
-    "No light field open\nOpen an image taken through these optics, or make one from a known "
+    "No light field open\nOpen an image taken through these optics, or simulate one from a known "
     "specimen to test this H.\nYou can also drop a .tif, .png or .raw file here."
 )
 

@@ -57,12 +57,17 @@ MAIN_LENS = (
         choices=OPTICS,
     ),
     Field("optics.focal_length_um", "Focal length", "mm", "Focal length of the main lens", scale=1e3),
-    Field("optics.f_number", "f-number", "", "As set on the lens: focal length over entrance pupil"),
+    Field(
+        "optics.f_number",
+        "f-number",
+        "",
+        "f-number set on the lens: focal length divided by the diameter of the entrance pupil",
+    ),
     Field(
         "optics.working_distance_um",
         "Distance",
         "mm",
-        "From the lens to the plane that is imaged onto the lenslets",
+        "Distance from the lens to the plane that is imaged onto the lenslets",
         scale=1e3,
     ),
     Field("optics.blades", "Iris blades", "", "0 is a circular iris", "int"),
@@ -91,15 +96,28 @@ LATTICE = (
         "lattice.row_pitch_um",
         "Row distance",
         "µm",
-        "Distance between rows, if it is not the ideal one",
+        "Distance between rows of micro-images, if it differs from that of the ideal lattice",
         optional=True,
         empty="ideal",
     ),
     Field("lattice.gap_um", "Gap", "µm", "Distance B from lenslets to sensor"),
-    Field("lattice.rotation_rad", "Rotation", "°", "From the column axis to the row axis (clockwise)", scale=DEGREE),
+    Field(
+        "lattice.rotation_rad",
+        "Rotation",
+        "°",
+        "Angle from the horizontal axis of the sensor to the rows of the lattice, positive clockwise",
+        scale=DEGREE,
+    ),
     Field("lattice.shear_rad", "Shear", "°", "Shear angle of the rows relative to the ideal lattice", scale=DEGREE),
-    Field("lattice.offset_x", "Offset x", "µm", "Centre of a type-0 micro-image, right of the sensor's centre"),
-    Field("lattice.offset_y", "Offset y", "µm", "Centre of a type-0 micro-image, below the sensor's centre"),
+    Field(
+        "lattice.offset_x",
+        "Offset x",
+        "µm",
+        "Distance of the centre of a type-0 micro-image to the right of the sensor's centre",
+    ),
+    Field(
+        "lattice.offset_y", "Offset y", "µm", "Distance of the centre of a type-0 micro-image below the sensor's centre"
+    ),
     Field("lattice.clear_um", "Clear diameter", "µm", CLEAR, optional=True, empty="as wide as the pitch"),
     Field("lattice.focus", "Types in focus at v", "", FOCUS, "floats", endless=True),
     Field("lattice.distortion", "Distortion", "", DISTORTED, "shown"),
@@ -108,7 +126,7 @@ LATTICE = (
         "lattice.focal_lengths_um",
         "Lenslets' focal lengths",
         "µm",
-        "One value for all lenslets, or one for each type",
+        "One value for all lenslets, or one for each lenslet",
         "floats",
     ),
     Field("lattice.lens_centres_um", "Lenslet centres", "µm", CENTRES, "text"),
@@ -119,7 +137,9 @@ UNKNOWN: dict[str, Any] = {"optional": True, "empty": "not known"}
 SENSOR = (
     Field("sensor.rows", "Rows", "px", "Pixels from top to bottom", "int"),
     Field("sensor.columns", "Columns", "px", "Pixels from left to right", "int"),
-    Field("sensor.pixel_um", "Pixel pitch", "µm", "As seen at the lenslets, if there are relay optics"),
+    Field(
+        "sensor.pixel_um", "Pixel pitch", "µm", "Distance between pixels. With relay optics: as imaged at the lenslets"
+    ),
     Field("sensor.bit_depth", "Bit depth", "bit", "Bits per sample", "int"),
     Field("sensor.full_well_e", "Full well", "e⁻", "Electrons at the highest sample value"),
     Field("sensor.saturation", "Saturation", "counts", SATURATED, optional=True, empty="the highest"),
@@ -128,7 +148,7 @@ SENSOR = (
         "sensor.dark_current_e_s", "Dark current", "e⁻/s", "Dark current of each pixel. It adds noise in long exposures"
     ),
     Field("sensor.black_level", "Black level", "counts", "Sample value without light"),
-    Field("sensor.prnu", "PRNU", "", "Pixel response non-uniformity, rms, relative"),
+    Field("sensor.prnu", "PRNU", "", "Relative rms variation of the pixels' response (photo-response non-uniformity)"),
     Field("sensor.dsnu_e", "DSNU", "e⁻ rms", "Variation of the pixel offsets in the dark; empty: not known", **UNKNOWN),
     Field(
         "sensor.linearity",
