@@ -19,6 +19,8 @@ def show(made: tuple[SimulationForecast | SimulatedRegions, ...]) -> None:
             continue
         for words in one.reached:
             report(words)
+        for sentence in one.undescribed_words:
+            report(f"{sentence}; --plan-only lists measurements that determine them")
         facts = one.to_dict()
         typer.echo(f"written: {facts['path']} ({facts['what']})")
 
@@ -32,3 +34,8 @@ def _show_forecast(forecast: SimulationForecast) -> None:
         f"whole H: about {format_seconds(found.seconds)} of processor time (ideal camera: "
         f"{format_seconds(found.ideal_seconds)})"
     )
+    missing = forecast.undescribed
+    if missing.sentence:
+        typer.echo(f"{missing.sentence}\nmeasurements that determine them, the cheapest first:")
+        for words in missing.lines(forecast.camera):
+            typer.echo(f"  {words}")

@@ -25,10 +25,12 @@ from lfcal.simulate.noise_forecast import (
 from lfcal.simulate.progressive import iter_refine_psf
 from lfcal.simulate.sensor import SimulatedCamera, expose, iter_write_session, write_session
 from lfcal.simulate.simulate import iter_simulate_psf, simulate_psf
+from lfcal.simulate.undescribed import EffectMeasurement, UndescribedEffects, undescribed_effects
 from lfcal.simulate.volume import iter_light_field, light_field, plume, points, vesicle
 
 __all__ = [
     "AssumedEffect",
+    "EffectMeasurement",
     "EffectSelection",
     "ExpectedLight",
     "Ladder",
@@ -37,6 +39,7 @@ __all__ = [
     "Sampling",
     "ScanChoice",
     "SimulatedCamera",
+    "UndescribedEffects",
     "draw_ladder",
     "expose",
     "iter_assumed_effects",
@@ -55,6 +58,7 @@ __all__ = [
     "predict_seconds",
     "scan_choices",
     "simulate_psf",
+    "undescribed_effects",
     "vesicle",
     "write_session",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +28,7 @@ from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.psf import PSFMatrix
-    from lfcal.simulate import EffectSelection
+    from lfcal.simulate import EffectSelection, UndescribedEffects
 
 __all__ = [
     "SIMULATE",
@@ -53,10 +54,26 @@ MOST_DRIFT = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationForecast(TaskResult):
-    """Effects selected for the simulation of a plan, with the reason and the cost of each."""
+    """Effects selected for the simulation of a plan, with the reason and the cost of each.
+
+    ``camera`` is the preset or file of the camera, as commands name it.
+    """
 
     plan: ScanPlan
     effects: EffectSelection
+    camera: str
+
+    @property
+    def undescribed(self) -> UndescribedEffects:
+        """Effects that the camera does not describe, and the cheapest measurements that determine them."""
+        from lfcal.simulate import undescribed_effects
+
+        return undescribed_effects(self.effects, self.plan.camera)
+
+    @property
+    def undescribed_words(self) -> tuple[str, ...]:
+        """Effects that the camera does not describe, as one sentence; empty if there are none."""
+        return tuple(filter(None, (self.undescribed.sentence,)))
 
     @property
     def reached(self) -> tuple[str, ...]:
@@ -65,13 +82,15 @@ class SimulationForecast(TaskResult):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all values as plain JSON types."""
-        return {**self.effects.to_dict(), "assumed": self.plan.camera.marks.paths("assumed")}
+        assumed = self.plan.camera.marks.paths("assumed")
+        return {**self.effects.to_dict(), "undescribed": self.undescribed.to_dict(self.camera), "assumed": assumed}
 
     def written(self, path: Path, what: str, **more: Any) -> dict[str, Any]:
         """Return a description of the file or folder ``path`` that was written, as plain JSON types."""
         names = [effect.name for effect in self.effects.effects]
         assumed = self.plan.camera.marks.paths("assumed")
-        return {"path": path, "what": what, **more, "effects": names, "assumed": assumed}
+        missing = self.undescribed.to_dict(self.camera)
+        return {"path": path, "what": what, **more, "effects": names, "undescribed": missing, "assumed": assumed}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,6 +169,11 @@ class SimulatedRegions(TaskResult):
         """Accuracy of the planes of each region, as lines of text."""
         return tuple(words for one in self.regions.values() for words in one.reached)
 
+    @property
+    def undescribed_words(self) -> tuple[str, ...]:
+        """Effects that the camera does not describe, as one sentence for all regions; empty if there are none."""
+        return tuple(dict.fromkeys(words for one in self.regions.values() for words in one.undescribed_words))[:1]
+
     def to_dict(self) -> dict[str, Any]:
         """Return all values as plain JSON types."""
         told = {name: one.to_dict() for name, one in self.regions.items()}
@@ -209,6 +233,11 @@ class _Simulate(Task):
         "as accurate as the effects need.",
         choices=LEVELS,
     )
+
+    @property
+    def camera_name(self) -> str:
+        """Preset or file of the camera, as commands name it; a file to write if ``camera`` is a plan."""
+        return "camera.json"
 
     def selection(self, plan: ScanPlan, tolerance: float | None = None, **more: Any) -> EffectSelection:
         """Return the effects that matter for a plan; ``more`` is passed to `lfcal.simulate.plan_effects`."""
@@ -276,7 +305,8 @@ class _Simulate(Task):
             passes = (lambda tolerance: self.selection(plan, tolerance), self.level)
             matrix = yield from iter_refine_psf(plan, *passes, **how, on_pass=on_pass)
         light = tuple(light_in_cutout(matrix, plan, found))
-        made = SimulatedH(plan=plan, effects=found, out=out, matrix=matrix, stored=stored, light=light)
+        known: dict[str, Any] = {"plan": plan, "effects": found, "camera": self.camera_name}
+        made = SimulatedH(**known, out=out, matrix=matrix, stored=stored, light=light)
         _warn(made, finest=self.level == "auto")
         return made
 
@@ -309,6 +339,11 @@ class _OfOnePlan(_Simulate):
         show=show_pair,
         empty="as in the plan, else the geometric size of the pattern",
     )
+
+    @property
+    def camera_name(self) -> str:
+        """Preset or file of the camera, as commands name it; a file to write if ``camera`` is a plan."""
+        return shlex.quote(self.camera) if self.depths or self.virtual_depths else super().camera_name
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Any, ...]]:
         """Simulate the plan, or show the expected cost."""
@@ -445,7 +480,7 @@ class SimulateFrames(_OfOnePlan):
         source = SimulatedCamera(plan, found, level=self.level, **how)
         known = {"task": self.known(plan, found)["task"]}
         count = yield from iter_write_session(source, self.frames, resume=run.resume, provenance=known)
-        return SimulatedFrames(plan=plan, effects=found, folder=self.frames, count=count)
+        return SimulatedFrames(plan=plan, effects=found, camera=self.camera_name, folder=self.frames, count=count)
 
 
 @record
@@ -484,7 +519,8 @@ class SimulateForecast(_OfOnePlan):
         for target in filter(None, (self.out, self.frames)):
             note(f"{target} is not written, because of --plan-only")
         # the costs of effects are estimated without a run
-        return SimulationForecast(plan=plan, effects=found if self.level == "auto" else self.timed(plan, found))
+        found = found if self.level == "auto" else self.timed(plan, found)
+        return SimulationForecast(plan=plan, effects=found, camera=self.camera_name)
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

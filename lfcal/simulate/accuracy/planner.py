@@ -28,6 +28,9 @@ __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
 EFFECTS_SHARE = 0.5
 """Fraction of the tolerance available to all omitted effects together; the computation may use the rest."""
 
+UNKNOWN = "unknown"
+"""Reason of an effect that is off because the camera does not describe it."""
+
 NEGLIGIBLE = 1e-5
 """Estimates below this fraction of the image count as zero."""
 
@@ -84,6 +87,11 @@ class PlannedEffect:
     def on(self) -> bool:
         """Whether the effect is simulated in at least one plane."""
         return any(self.planes)
+
+    @property
+    def undescribed(self) -> bool:
+        """Whether the effect is off because the camera does not describe its size."""
+        return self.brief == UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -379,7 +387,7 @@ def _decide(draft: _Draft, e: Estimate, allowed: float, used: float) -> _Decisio
             return _Decision(False, "needs a size", f"switched on, but has no typical size ({size}); give a size")
         return _Decision(True, "switched on", f"switched on: {size}, {share}{cost}")
     if effect.deviation and not draft.known:
-        return _Decision(False, "unknown", f"unknown for this camera; a typical {size} would be {share}")
+        return _Decision(False, UNKNOWN, f"unknown for this camera; a typical {size} would be {share}")
     if isinstance(effect, FrameEffect) and effect.whole_numbers:
         return _Decision(True, "always", f"frames consist of whole numbers: {size}, {share}")
     if e.error < NEGLIGIBLE:

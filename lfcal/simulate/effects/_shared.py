@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.simulate.effects.base import WHITE_IMAGE
 from lfcal.simulate.effects.described import (
     SETTINGS,
     Entry,
@@ -19,6 +20,7 @@ from lfcal.simulate.effects.magnitudes import Magnitude, magnitudes_of, number_i
 __all__ = [
     "NEIGHBOURS",
     "SETTINGS",
+    "WHITE_IMAGE",
     "Entry",
     "Magnitude",
     "effect_entries",

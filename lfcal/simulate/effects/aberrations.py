@@ -32,6 +32,7 @@ class _Aberration(SceneEffect):
 
     __slots__ = ()
     deviation: ClassVar[bool] = True
+    measured_by: ClassVar[str] = "wavefront"
     needs_waves: ClassVar[bool] = True
 
     @abstractmethod

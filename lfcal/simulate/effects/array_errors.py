@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from lfcal.base import InputError
-from lfcal.simulate.effects.base import Estimate, SceneEffect
+from lfcal.simulate.effects.base import WHITE_IMAGE, Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
 
@@ -80,6 +80,7 @@ class LensletGap(SceneEffect):
     title: ClassVar[str] = "lenslet gap error"
     rank: ClassVar[int] = 80
     deviation: ClassVar[bool] = True
+    measured_by: ClassVar[str] = "geometry"
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the spot shift of the rim ray (px), and the error due to the mean shift, two thirds of it."""
@@ -119,6 +120,7 @@ class ArrayRotation(SceneEffect):
     title: ClassVar[str] = "array rotation error"
     rank: ClassVar[int] = 81
     deviation: ClassVar[bool] = True
+    measured_by: ClassVar[str] = WHITE_IMAGE
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rms displacement of the region's lenslets (px), and the resulting error."""
@@ -161,6 +163,7 @@ class PitchError(SceneEffect):
     title: ClassVar[str] = "lenslet pitch error"
     rank: ClassVar[int] = 82
     deviation: ClassVar[bool] = True
+    measured_by: ClassVar[str] = WHITE_IMAGE
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the rms displacement of the region's lenslets (px), and the resulting error."""
@@ -207,6 +210,7 @@ class ArrayTilt(SceneEffect):
     title: ClassVar[str] = "array tilt"
     rank: ClassVar[int] = 83
     deviation: ClassVar[bool] = True
+    measured_by: ClassVar[str] = "array_tilt"
 
     def farther_um(self, outlook: Outlook) -> float:
         """Return the increase of the gap in the middle of the region (µm)."""

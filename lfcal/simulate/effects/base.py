@@ -22,6 +22,7 @@ from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
 
 __all__ = [
+    "WHITE_IMAGE",
     "ActsOn",
     "Effect",
     "EngineSeconds",
@@ -34,6 +35,9 @@ __all__ = [
     "SceneEffect",
     "SensorStrip",
 ]
+
+WHITE_IMAGE = "white image"
+"""Source of the size of an effect that `lfcal white` measures; see `Effect.measured_by`."""
 
 
 class ActsOn(Enum):
@@ -229,6 +233,11 @@ class Effect(ABC):
     """Order along the light path, among the effects that act on the same thing."""
     deviation: ClassVar[bool] = False
     """Whether it is an error of assembly or use whose size is not in the camera's description."""
+    measured_by: ClassVar[str] = ""
+    """What determines its size in a camera with a lattice: `WHITE_IMAGE`, or a group of unknowns of `lfcal.fit`.
+
+    A group needs a few frames of a point source. Empty: neither.
+    """
     needs_waves: ClassVar[bool] = False
     """Whether rays cannot show the effect, so that it switches lenslet diffraction on."""
     by_wavelength: ClassVar[bool] = False
@@ -283,6 +292,10 @@ class Effect(ABC):
     def is_described(cls, field: str, camera: Camera) -> bool:
         """Return whether the description of ``camera`` has a value for ``field``."""
         return has_value(camera, cls.described.get(field, ""))
+
+    def settled_by(self, camera: Camera) -> str:
+        """Return what determines the size of the effect in ``camera``, as in `measured_by`."""
+        return self.measured_by if camera.has_lattice else ""
 
     @abstractmethod
     def estimate(self, outlook: Outlook) -> Estimate:

@@ -51,6 +51,7 @@ class CoverGlass(SceneEffect):
     title: ClassVar[str] = "cover glass"
     rank: ClassVar[int] = 85
     deviation: ClassVar[bool] = True
+    measured_by: ClassVar[str] = "geometry"
 
     def shorter_um(self) -> float:
         """Return the described gap minus the equivalent gap in air (µm)."""

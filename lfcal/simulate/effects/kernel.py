@@ -67,6 +67,7 @@ class PixelKernel(PsfEffect):
     title: ClassVar[str] = "arbitrary filter of the pixels"
     rank: ClassVar[int] = 93
     deviation: ClassVar[bool] = True
+    measured_by: ClassVar[str] = "pixel_kernel"
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the sum of the fractions, and the error due to blur or displacement, whichever is larger."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from lfcal.base import InputError, check_number, check_tuple
 from lfcal.camera import nearest_lens
-from lfcal.simulate.effects.base import Effect, Estimate, SceneEffect
+from lfcal.simulate.effects.base import WHITE_IMAGE, Effect, Estimate, SceneEffect
 from lfcal.simulate.effects.field import overlap
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Defects, Scene
@@ -52,6 +52,7 @@ class MissingLenslets(SceneEffect):
     title: ClassVar[str] = "defective lenslets"
     rank: ClassVar[int] = 84
     deviation: ClassVar[bool] = True
+    measured_by: ClassVar[str] = WHITE_IMAGE
 
     def __post_init__(self) -> None:
         """Check every lenslet; of one given twice the last counts."""
@@ -128,6 +129,7 @@ class LensletSpherical(SceneEffect):
     title: ClassVar[str] = "lenslets' spherical aberration"
     rank: ClassVar[int] = 25
     deviation: ClassVar[bool] = True
+    measured_by: ClassVar[str] = "lenslet_spherical"
     needs_waves: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = dict.fromkeys(("waves", *OF_TYPES), "waves")
     titles: ClassVar[Mapping[str, str]] = {name: f"more in lens type {k}" for k, name in enumerate(OF_TYPES)}

@@ -50,6 +50,7 @@ class FiniteSource(LightEffect):
     without_lattice: ClassVar[bool] = True
     rank: ClassVar[int] = 10
     deviation: ClassVar[bool] = True
+    measured_by: ClassVar[str] = "source"
 
     def image_px(self, outlook: Outlook) -> float:
         """Return the diameter of the source's image on the lenslets (pixels)."""

@@ -97,6 +97,7 @@ class Crosstalk(PsfEffect):
     title: ClassVar[str] = "pixel crosstalk"
     without_lattice: ClassVar[bool] = True
     deviation: ClassVar[bool] = True
+    measured_by: ClassVar[str] = "crosstalk"
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the fraction x, and the error from its blur, a variance of 2 x along each axis.

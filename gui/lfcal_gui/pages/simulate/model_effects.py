@@ -12,14 +12,11 @@ from lfcal.camera import ScanPlan
 from lfcal_gui.pages.simulate.model import SimulateSettings, frames_task
 
 if TYPE_CHECKING:
-    from lfcal.simulate import EffectSelection, PlannedEffect
+    from lfcal.simulate import EffectSelection, PlannedEffect, UndescribedEffects
     from lfcal.simulate.effects import Effect, Magnitude
 
 LEAST = 1e-5
 """Error of the image at the left end of a bar; the right end is 1."""
-
-NAMED = 3
-"""Largest number of undescribed effects that are named."""
 
 FRAMES_ONLY = "affects sensor frames, not H"
 
@@ -89,8 +86,9 @@ class EffectsVerdict:
 
     Attributes
     ----------
-    unknown
-        Effects that the camera does not describe, largest first, as text; empty if there are none.
+    unknown, measurements
+        Effects that the camera does not describe, largest first, and the measurements that determine them, as text;
+        empty if there are none.
     found, frames
         Decisions for H, and for the frames of a session.
     """
@@ -99,6 +97,7 @@ class EffectsVerdict:
     settings: SimulateSettings
     rows: tuple[EffectRow, ...]
     unknown: str
+    measurements: str
     found: EffectSelection
     frames: EffectSelection
 
@@ -113,13 +112,17 @@ class EffectsVerdict:
 
 def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> EffectsVerdict:
     """Return the decisions of the planner for H and for frames, as table rows."""
+    from lfcal.simulate import undescribed_effects
+
     task = frames_task(settings, "frames")
     found = task.selection(plan)
     frames = task.selection(plan, frames=True, peak=task.peak)
     rows = tuple(
         _row(row if row.effect.acts_on.enters_h else frames.row(row.name), plan, settings) for row in found.rows
     )
-    return EffectsVerdict(plan, settings, rows, unknown_words(rows, settings), found, frames)
+    missing = undescribed_effects(found, plan.camera)
+    words = unknown_words(missing, settings), measurement_words(missing)
+    return EffectsVerdict(plan, settings, rows, *words, found, frames)
 
 
 def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> EffectRow:
@@ -159,16 +162,18 @@ def _group(planned: PlannedEffect) -> str:
     return "unknown" if planned.effect.deviation else "small"
 
 
-def unknown_words(rows: Sequence[EffectRow], settings: SimulateSettings) -> str:
+def unknown_words(missing: UndescribedEffects, settings: SimulateSettings) -> str:
     """Return the effects that the camera does not describe, and those that are not installed, as text."""
-    undescribed = sorted(
-        (row for row in rows if row.group == "unknown" and row.share >= LEAST), key=lambda row: -row.share
-    )
-    named = "; ".join(f"{row.title}, up to {format_share(row.share)}" for row in undescribed[:NAMED])
-    words = f"Not described: {named} of the image" if named else ""
-    missing = settings.missing()
-    absent = f"Not installed, so omitted: {', '.join(missing)}" if missing else ""
+    words = missing.sentence[:1].upper() + missing.sentence[1:]
+    names = settings.missing()
+    absent = f"Not installed, so omitted: {', '.join(names)}" if names else ""
     return ". ".join(filter(None, (words, absent)))
+
+
+def measurement_words(missing: UndescribedEffects) -> str:
+    """Return the measurements that determine undescribed effects, with their commands, as text; empty if none."""
+    lines = missing.lines("camera.json")
+    return "\n".join(("Measurements that determine them, the cheapest first:", *lines)) if lines else ""
 
 
 GROUPS = {

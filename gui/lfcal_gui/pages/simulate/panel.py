@@ -303,6 +303,7 @@ class SimulatePanel(QWidget):
         """Show the planner's answer: a row for each effect."""
         self.table.show_verdict(verdict)
         self.unknown.setText(verdict.unknown)
+        self.unknown.setToolTip(verdict.measurements)
         self.unknown.setVisible(bool(verdict.unknown))
         self.place.show_plan(verdict.plan)
         self.effect.show_row(verdict.row(self.table.selected))

@@ -234,7 +234,10 @@ def test_the_largest_effects_that_are_not_described_are_named(page: Any) -> None
     """Six effects of 30 are on: an unknown cover glass could change more than all of them."""
     rows = sorted((row for row in page.verdict.rows if row.group == "unknown"), key=lambda row: -row.share)
     text = page.panel.unknown.text()
-    assert text.startswith(f"Not described: {rows[0].title}, up to {rows[0].share_text()}; {rows[1].title}, up to ")
+    first, second = (f"{row.title}, up to {row.share_text()}" for row in rows[:2])
+    assert text.startswith(f"Not described: {first} of the image; {second}; ")
+    tip = page.panel.unknown.toolTip()
+    assert rows[0].title in tip and "lfcal plan camera.json --depths=" in tip and "lfcal white white.tif" in tip
     assert page.panel.table.groups["unknown"].text(0) == f"Off, not described by the camera: {len(rows)}"
 
 

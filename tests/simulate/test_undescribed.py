@@ -1,0 +1,142 @@
+"""Effects that the camera does not describe: the sentence, and the measurements that determine them."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lfcal.camera import ScanPlan, preset
+from lfcal.fit import GROUPS
+from lfcal.simulate import plan_effects
+from lfcal.simulate.effects import WHITE_IMAGE, Coma, CoverGlass, catalogue
+from lfcal.simulate.undescribed import BEAD_FRAMES, undescribed_effects
+from tests.cli import conftest
+from tests.simulate.common import small_plan
+
+lfcal = conftest.lfcal
+
+KNOWN = tuple(effect for effect in catalogue() if effect.measured_by)
+
+
+def test_the_largest_effects_are_named_first() -> None:
+    """Each share is that of the planner's row; effects that are described, switched or small are left out."""
+    plan = small_plan()
+    chosen = plan_effects(plan, 0.03, {"lenslet_gap": "off"}, effects=[Coma(0.001)])
+    found = undescribed_effects(chosen, plan.camera)
+    shares = [row.estimate.error for row in found.rows]
+    assert shares == sorted(shares, reverse=True) and shares[-1] > 0.015
+    assert not {"lenslet_gap", "coma"} & {row.name for row in found.rows}
+    first, second = found.rows[:2]
+    assert found.sentence.startswith(
+        f"not described: {first.effect.title}, up to {100 * shares[0]:.2g} % of the image; "
+        f"{second.effect.title}, up to {100 * shares[1]:.2g} %; "
+    )
+    assert found.sentence.endswith(f"; {len(shares) - 3} smaller ones")
+    fine = undescribed_effects(plan_effects(plan, 4.0), plan.camera)
+    assert fine.sentence == "" and fine.lines("bench") == ()
+
+
+def test_a_described_effect_needs_no_measurement() -> None:
+    plan = small_plan()
+    before = undescribed_effects(plan_effects(plan), plan.camera)
+    after = undescribed_effects(plan_effects(plan, effects=[CoverGlass(100.0)]), plan.camera)
+    assert "cover glass" in before.sentence and "cover glass" not in after.sentence
+
+
+def test_every_undescribed_effect_has_one_measurement() -> None:
+    plan = replace(small_plan(), depths_um=tuple(map(preset("bench").depth_of, (2.5, 4.0))))
+    found = undescribed_effects(plan_effects(plan, 1e-3), plan.camera)
+    told = [row.name for one in found.measurements for row in one.rows]
+    assert sorted(told) == sorted(row.name for row in found.rows)
+    frames = [one.frames for one in found.measurements]
+    assert frames == sorted(frames, key=lambda n: n or 99), "the cheapest first"
+    for one in found.measurements:
+        for row in one.rows:
+            source = row.effect.settled_by(plan.camera)
+            assert one.frames == {"": 0, WHITE_IMAGE: 1}.get(source, BEAD_FRAMES)
+            if one.frames == BEAD_FRAMES:
+                assert one.z_um == row.z_um and all(source in words for words in one.commands if "--unknowns" in words)
+
+
+@pytest.mark.parametrize("effect", KNOWN, ids=lambda effect: effect.name)
+def test_what_determines_an_effect_exists(effect: Any) -> None:
+    assert effect.measured_by == WHITE_IMAGE or effect.measured_by in {group.name for group in GROUPS}
+
+
+def test_a_camera_without_a_lattice_states_its_values() -> None:
+    plan = ScanPlan.for_camera(preset("flfm_20x05"), depths_um=[0.0], cutout=101)
+    found = undescribed_effects(plan_effects(plan), plan.camera)
+    assert all(one.frames == 0 for one in found.measurements)
+
+
+def test_the_commands_are_those_of_lfcal(lfcal: Any, tmp_path: Path) -> None:
+    """The proposed plan and choice of positions run as they are printed; the other commands know every option."""
+    told = lfcal("simulate", "bench", "--virtual-depths", "4", "--cutout", "41", "--plan-only", "--json")
+    assert told.code == 0, told.err
+    missing = told.json["undescribed"]
+    assert missing["sentence"].startswith("not described: cover glass, up to ")
+    printed = lfcal("simulate", "bench", "--virtual-depths", "4", "--cutout", "41", "--plan-only").out
+    beads = next(one for one in missing["measurements"] if one["frames"] == BEAD_FRAMES)
+    assert "cover_glass" in beads["effects"] and beads["z_um"] == pytest.approx(preset("bench").depth_of(4.0))
+    for command in beads["commands"]:
+        assert command in printed
+    for command in beads["commands"][:2]:
+        words = [
+            str(tmp_path / word) if word in ("beads.json", "positions.json") else word for word in shlex.split(command)
+        ]
+        done = lfcal(*words[1:])
+        assert done.code == 0, done.err
+    plan = ScanPlan.from_json((tmp_path / "beads.json").read_text())
+    assert plan.depths_um == pytest.approx((beads["z_um"],))
+    assert len(json.loads((tmp_path / "positions.json").read_text())["positions"]) == BEAD_FRAMES
+    for one in missing["measurements"]:
+        for words in map(shlex.split, one["commands"]):
+            names = words[1:3] if words[1:3] == ["plan", "fit"] else words[1:2]
+            said = lfcal(*names, "--help").out
+            assert all(word.partition("=")[0] in said for word in words if word.startswith("--"))
+
+
+TRUTH: dict[str, Any] = {
+    "cover_glass": {"thickness_um": 100.0, "index": 1.52},
+    "lenslet_spherical": {"waves": 0.25},
+    "spherical": {"waves": 0.25},
+    "finite_source": {"diameter_um": 50.0},
+    "crosstalk": {"share": 0.01},
+}
+DETERMINED = {
+    "gap_um": 290.4 - 100 * (1 - 1 / 1.52),
+    "lenslet_waves_0": 0.25,
+    "lenslet_waves_1": 0.25,
+    "lenslet_waves_2": 0.25,
+    "zernike_4_0": 0.25 / 6,
+    "source_um": 50.0,
+    "crosstalk": 0.01,
+}
+"""True values of the fit's unknowns: the plate shortens the gap by t (1 - 1/n), and rho^4 is a sixth of R(4, 0)."""
+
+
+@pytest.mark.long
+def test_the_proposed_bead_frames_determine_the_effects(
+    lfcal: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The commands as they are printed, with a simulated camera that has all these effects."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "truth.json").write_text(json.dumps([{"name": name, **values} for name, values in TRUTH.items()]))
+    told = lfcal("simulate", "bench", "--virtual-depths", "4", "--plan-only", "--json")
+    beads = next(one for one in told.json["undescribed"]["measurements"] if one["frames"] == BEAD_FRAMES)
+    assert set(TRUTH) <= set(beads["effects"])
+    for command in beads["commands"]:
+        words = shlex.split(command)[1:]
+        if words[0] == "acquire":
+            words += ["--backend", "sim", "--option", "optics=grid", "--option", "effects=truth.json"]
+        done = lfcal(*words)
+        assert done.code == 0, done.err
+    found = {one["name"]: one for one in json.loads((tmp_path / "fit" / "fit.json").read_text())["parameters"]}
+    for name, truth in DETERMINED.items():
+        assert abs(found[name]["value"] - truth) < 4 * found[name]["sigma"], name
+        assert found[name]["sigma"] < abs(truth) / 5, f"{name} is determined"
