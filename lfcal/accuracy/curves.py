@@ -9,7 +9,7 @@ from typing import Any
 
 from lfcal.base import check_choice, check_number, format_bytes, format_seconds, format_share
 
-__all__ = ["UNITS", "CostPoint", "Curve", "cost_axis", "format_cost", "marked"]
+__all__ = ["UNITS", "CostPoint", "Curve", "cost_axis", "format_cost", "marked", "marks_of"]
 
 UNITS = ("seconds", "bytes", "frames")
 """Units in which the cost of accuracy is measured."""
@@ -38,6 +38,8 @@ class CostPoint:
         Remark; may be empty.
     efficient
         Whether no other point of the curve is both cheaper and more accurate.
+    in_use
+        Whether the measured scan plan has these settings.
 
     Raises
     ------
@@ -60,6 +62,7 @@ class CostPoint:
     others: Mapping[str, float] = field(default_factory=dict)
     note: str = ""
     efficient: bool = False
+    in_use: bool = False
 
     def __post_init__(self) -> None:
         """Check that error and cost are finite and not negative."""
@@ -121,6 +124,11 @@ class Curve:
         return tuple(point for point in self.points if point.efficient)
 
     @property
+    def in_use(self) -> CostPoint | None:
+        """The point with the settings of the measured scan plan; None if there is none."""
+        return next((point for point in self.points if point.in_use), None)
+
+    @property
     def best(self) -> CostPoint | None:
         """The most accurate point; of equally accurate points, the cheapest. None without points."""
         return min(self.points, key=lambda point: (point.error, point.cost), default=None)
@@ -163,6 +171,12 @@ def marked(points: Iterable[CostPoint]) -> tuple[CostPoint, ...]:
         out.append(replace(point, efficient=point.error < lowest))
         lowest = min(lowest, point.error)
     return tuple(out)
+
+
+def marks_of(point: CostPoint, chosen: CostPoint | None) -> tuple[str, ...]:
+    """Return the marks of a point in tables and charts: chosen for the requested error, in use, efficient."""
+    marks = {"chosen": point is chosen, "in use": point.in_use, "efficient": point.efficient}
+    return tuple(word for word, true in marks.items() if true)
 
 
 def cost_axis(curve: Curve) -> tuple[str, float]:

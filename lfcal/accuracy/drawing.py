@@ -8,15 +8,20 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from lfcal.accuracy.curves import Curve, cost_axis
+from lfcal.accuracy.curves import CostPoint, Curve, cost_axis, marks_of
 from lfcal.base import COLOURS, LINES, InputError, figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.text import Annotation
+    from matplotlib.transforms import Bbox
 
 __all__ = ["draw_curves"]
 
 COLUMNS = 3
+
+ANCHORS = ((1, 1), (-1, -1), (-1, 1), (1, -1))
+"""Directions from a point to its name, best first. A chosen point or one in use is always named."""
 
 FLOOR = 1e-9
 """Value at which an error of zero is drawn on a logarithmic axis."""
@@ -26,6 +31,8 @@ def draw_curves(
     curves: Sequence[Curve], path: str | os.PathLike[str], title: str = "", *, error: float | None = None
 ) -> None:
     """Plot all curves that have points on one page, each in a logarithmic panel with the Pareto front as a line.
+
+    Points are named where there is room. A square marks the point that is in use.
 
     Parameters
     ----------
@@ -68,26 +75,77 @@ def draw_curves(
             fig.suptitle(title)
         for k, curve in enumerate(shown):
             _panel(fig.add_subplot(rows, columns, k + 1), curve, error)
+        fig.draw_without_rendering()  # names need the final size of the panels
+        for axes, curve in zip(fig.axes, shown, strict=True):
+            _name_points(axes, curve, None if error is None else curve.cheapest(error))
         save_figure(fig, path)
 
 
 def _panel(axes: Axes, curve: Curve, error: float | None) -> None:
-    label, scale = cost_axis(curve)
-    points = [(point.cost / scale, 100 * max(point.error, FLOOR)) for point in curve.points]
-    axes.plot(*zip(*points, strict=True), "o", ms=4, color=LINES[0])
-    front = [(point.cost / scale, 100 * max(point.error, FLOOR)) for point in curve.front]
-    axes.plot(*zip(*front, strict=True), "-", color=COLOURS["muted"], lw=1)
+    at = _positions(curve)
+    front = [place for place, point in zip(at, curve.points, strict=True) if point.efficient]
+    axes.plot(*zip(*at, strict=True), "o", ms=4, mfc="none", color=COLOURS["muted"])
+    axes.plot(*zip(*front, strict=True), "o-", ms=4, color=LINES[0], lw=1)
     _logarithmic(axes)
+    chosen = None if error is None else curve.cheapest(error)
     if error is not None:
         axes.axhline(100 * error, color=COLOURS["fair"], ls="--", lw=1)
-        found = curve.cheapest(error)
-        if found is not None:
-            at = found.cost / scale, 100 * max(found.error, FLOOR)
-            axes.plot(*at, "*", ms=13, mfc="none", mec=COLOURS["good"], mew=1.4)
-            axes.annotate(found.label, at, xytext=(6, 6), textcoords="offset points", fontsize=7)
+    for place, point in zip(at, curve.points, strict=True):
+        if point is chosen:
+            axes.plot(*place, "*", ms=13, mfc="none", mec=COLOURS["good"], mew=1.4)
+        if point.in_use:
+            axes.plot(*place, "s", ms=10, mfc="none", mec="black", mew=1.2)
     axes.set_title(curve.title)
-    axes.set_xlabel(label)
+    axes.set_xlabel(cost_axis(curve)[0])
     axes.set_ylabel(textwrap.fill(f"{curve.error.split(',')[0]} (%)", 40))
+    axes.margins(0.12)
+
+
+def _positions(curve: Curve) -> list[tuple[float, float]]:
+    """Return the positions of all points in a panel: cost in the unit of the axis, and error (%)."""
+    _, scale = cost_axis(curve)
+    return [(point.cost / scale, 100 * max(point.error, FLOOR)) for point in curve.points]
+
+
+def _name_points(axes: Axes, curve: Curve, chosen: CostPoint | None) -> None:
+    """Write names of points where they cover neither points nor each other; the most important ones come first."""
+    from matplotlib.transforms import Bbox
+
+    at, inside = _positions(curve), axes.get_window_extent()
+    spots = axes.transData.transform(at)
+    taken = [Bbox.from_bounds(x - 4, y - 4, 8, 8) for x, y in spots]
+    marks = [marks_of(point, chosen) for point in curve.points]
+    order = sorted(range(len(at)), key=lambda k: ("chosen" not in marks[k], "in use" not in marks[k], not marks[k], k))
+    for k in order:
+        found = [word for word in marks[k] if word != "efficient"]
+        words = curve.points[k].label + (f" ({', '.join(found)})" if found else "")
+        names = [_named(axes, at[k], words, direction, strong=bool(marks[k])) for direction in ANCHORS]
+        boxes = [name.get_window_extent() for name in names]
+        free = [n for n, box in enumerate(boxes) if _within(box, inside) and not any(map(box.overlaps, taken))]
+        kept = free[0] if free else 0 if found else None
+        taken += [boxes[kept]] if kept is not None else []
+        for n, name in enumerate(names):
+            if n != kept:
+                name.remove()
+
+
+def _named(axes: Axes, at: tuple[float, float], words: str, direction: tuple[int, int], *, strong: bool) -> Annotation:
+    """Write a name next to a point, in one of the four directions."""
+    across, up = direction
+    return axes.annotate(
+        words,
+        at,
+        xytext=(5 * across, 5 * up),
+        textcoords="offset points",
+        ha="left" if across > 0 else "right",
+        va="bottom" if up > 0 else "top",
+        fontsize=7,
+        color="black" if strong else COLOURS["muted"],
+    )
+
+
+def _within(box: Bbox, outer: Bbox) -> bool:
+    return bool(outer.x0 <= box.x0 and box.x1 <= outer.x1 and outer.y0 <= box.y0 and box.y1 <= outer.y1)
 
 
 def _logarithmic(axes: Axes) -> None:

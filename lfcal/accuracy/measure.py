@@ -15,6 +15,9 @@ __all__ = ["SECONDS", "CurveProgress", "iter_measure_curve", "measure_curve"]
 SECONDS = 10.0
 """Default time limit for a curve (s)."""
 
+LATEST = 2.0
+"""Latest end of the reference and of a step in progress, relative to the time limit (at least `SECONDS`)."""
+
 FOR_POINTS = 0.4
 """Fraction of the time limit that is reserved for the points, however long the reference took."""
 
@@ -48,12 +51,16 @@ class _Run:
     """A measurement in progress: its results, and its time limit."""
 
     curve: Curve
-    limit: float
+    seconds: float
     number: int
     total: int
     start: float = field(default_factory=lambda: time.perf_counter())
+    limit: float = field(init=False)
     point_at: float = 0.0
     longest: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.limit = self.seconds
 
     @property
     def elapsed(self) -> float:
@@ -67,7 +74,7 @@ class _Run:
         if isinstance(found, Truth):
             self.curve = replace(self.curve, truth=found.label, notes=found.notes)
             self.point_at = self.elapsed
-            self.limit = max(self.limit, self.point_at + FOR_POINTS * self.limit)
+            self.limit = max(self.limit, self.point_at + FOR_POINTS * self.seconds)
             return f"{self.curve.title}: reference"
         if isinstance(found, CostPoint):
             self.curve = self.curve.with_point(found)
@@ -77,15 +84,27 @@ class _Run:
         inner = found.label if isinstance(found, AccuracyStep) else found.stage
         return f"{self.curve.title}: {inner}"
 
-    def over(self, found: Truth | AccuracyStep | CostPoint | Progress) -> bool:
-        """Return whether the time limit is reached; at least one point is always measured."""
-        if not self.curve.points or isinstance(found, Truth):
-            return False
-        ahead = 0.0
-        if isinstance(found, AccuracyStep):
-            # a step without an estimate is assumed to take as long as the previous one
+    def too_long(self, found: Truth | AccuracyStep | CostPoint | Progress) -> str:
+        """Return why the measurement ends here, because the next step would end too late; empty if it continues."""
+        if isinstance(found, Truth):
+            return ""
+        started = bool(self.curve.points)
+        # a reference and a step in progress may take longer, because ending them would lose their results
+        latest, ahead, words = LATEST * max(self.seconds, SECONDS), 0.0, ""
+        if isinstance(found, CostPoint):
+            latest = self.limit
+        elif isinstance(found, AccuracyStep):
+            # a step without an estimate is assumed to take as long as the previous point
             ahead = self.longest if found.seconds is None else found.seconds
-        return self.elapsed + ahead > self.limit
+            latest = self.limit if started else latest
+            words = f", before: {found.label}" + f" (about {format_seconds(ahead)})" * (ahead > 0)
+            if not started and found.seconds is None:
+                return ""
+        if self.elapsed + ahead <= latest:
+            return ""
+        if isinstance(found, AccuracyStep) and not started:
+            return f"not begun: {found.label} takes about {format_seconds(ahead)}"
+        return f"ended after {format_seconds(self.elapsed)}{words}"
 
 
 def iter_measure_curve(
@@ -102,7 +121,8 @@ def iter_measure_curve(
     subject
         Plan or H to measure.
     seconds
-        Approximate time limit (s): no point is begun that would end later.
+        Approximate time limit (s): no point is begun that would end later. A reference that would take more than twice
+        the limit is not begun; after one that takes long, 0.4 times the limit remains for points.
     number, total
         Number of this curve, and total number of curves, for progress records.
 
@@ -170,8 +190,8 @@ def _followed(measuring: Measuring, run: _Run) -> Work[None]:
     try:
         for found in measuring:
             note = run.take(found)
-            if run.over(found):
-                run.curve = replace(run.curve, stopped=f"ended after {format_seconds(run.elapsed)}")
+            if reason := run.too_long(found):
+                run.curve = replace(run.curve, stopped=reason)
                 return
             yield run.record(note)
     finally:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from lfcal.base import Clock, InputError, LfcalError, Work
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix
-from lfcal.simulate import PlaneResponse, iter_simulate_psf, plan_effects, resolve_level, scene_for
-from lfcal.simulate.accuracy import step_for
+from lfcal.simulate import PlaneResponse, iter_simulate_psf, outlook_of, plan_effects, resolve_level, scene_for
+from lfcal.simulate.accuracy import few_seconds, step_for
 
-__all__ = ["Patterns", "Sample", "Subject"]
+__all__ = ["Patterns", "Sample", "Subject", "reference_seconds"]
 
 SAMPLE_BYTES = 48 << 20
 """Approximate size to which a sample of H over whole periods is cropped (bytes)."""
@@ -28,6 +28,9 @@ but rays instead of waves would leave their dark pixels empty."""
 
 LONGEST_WAVES = 6.0
 """Predicted CPU-seconds of a sample up to which it is simulated with the effects it needs; above, by rays."""
+
+REFERENCE = 20.0
+"""Duration of the reference relative to its estimate for the planner, fitted to the presets."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,6 +222,11 @@ class Subject:
         )
         how = f"simulated at level {level}" + ("" if waves else ", because wave optics takes longer")
         return Sample(made, math.prod(plan.shape) / math.prod(part.shape), (_sample_note(made, plan.shape, how),))
+
+
+def reference_seconds(plan: ScanPlan, z: int, tolerance: float) -> float:
+    """Return the estimated duration (s) of a position of plane ``z`` by the reference, to within a factor of 3."""
+    return REFERENCE * few_seconds(outlook_of(plan, z), "reference", tolerance, 1)
 
 
 def _check_light(values: NDArray[np.float32], what: str) -> None:

@@ -34,7 +34,9 @@ def command(
         [], "--part", help="Part of the processing to measure, a name from `lfcal accuracy list`; may be repeated."
     ),
     error: str = typer.Option("1%", "--error", help="Error whose cost to report: 1% or 0.01."),
-    seconds: float = typer.Option(10.0, "--seconds", help="Approximate time for each part (s)."),
+    seconds: float = typer.Option(
+        10.0, "--seconds", help="Time for each part (s). A reference that takes more than twice as long is not begun."
+    ),
     draw: Path | None = typer.Option(None, "--draw", help="File for a plot of all curves (.png)."),
     mat_order: MatOrderOption = "",
     workers: WorkersOption = None,
@@ -138,16 +140,18 @@ def _subject(
 
 def _show(curve: Curve, share: float) -> None:
     """Print one curve as a table, its meaning, and the cost of the requested error."""
-    from lfcal.accuracy import format_cost
+    from lfcal.accuracy import format_cost, marks_of
 
+    longer = "; --seconds measures longer" if curve.stopped.startswith(("ended after", "not begun")) else ""
     if not curve.points:
-        typer.echo(f"{curve.title}: not measured: {curve.stopped or 'stopped before the first measurement'}\n")
+        reason = curve.stopped or "stopped before the first measurement"
+        typer.echo(f"{curve.title}: not measured: {reason}{longer}\n")
         return
     names = list(dict.fromkeys(name for point in curve.points for name in point.others))
-    picked = curve.cheapest(share)
+    chosen = curve.cheapest(share)
     rows = []
     for point in curve.points:
-        mark = ("efficient" if point.efficient else "") + (", picked" if point is picked else "")
+        mark = ", ".join(marks_of(point, chosen))
         others = [f"{point.others[name]:.4g}" if name in point.others else "—" for name in names]
         words = [point.label, format_share(point.error), format_cost(point.cost, curve.unit), *others]
         rows.append([*words, "; ".join(filter(None, (mark, point.note)))])
@@ -157,5 +161,5 @@ def _show(curve: Curve, share: float) -> None:
     for note in curve.notes:
         typer.echo(f"  {note}")
     if curve.stopped:
-        typer.echo(f"  {curve.stopped}; --seconds measures longer")
+        typer.echo(f"  {curve.stopped}{longer}")
     typer.echo(f"{curve.answer(share)}\n")

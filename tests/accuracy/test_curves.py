@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lfcal.accuracy import CostPoint, Curve, draw_curves, marked
+from lfcal.accuracy import CostPoint, Curve, draw_curves, marked, marks_of
 from lfcal.base.errors import InputError
 
 PAIRS = st.lists(st.tuples(st.floats(0, 1e3), st.floats(0, 10)), min_size=1, max_size=30)
@@ -67,6 +68,33 @@ def test_what_is_no_error_and_no_cost_is_refused(value: float) -> None:
         point(value, 1.0)
     with pytest.raises(InputError, match="unit of cost"):
         CostPoint("a", {}, 1.0, 1.0, "apples")
+
+
+def test_points_are_marked_as_chosen_in_use_and_efficient() -> None:
+    made = curve((1.0, 0.3), (2.0, 0.4), (60.0, 0.009))
+    made = made.with_point(replace(point(3.0, 0.02), in_use=True))
+    marks = [marks_of(one, made.cheapest(0.05)) for one in made.points]
+    assert marks == [("efficient",), (), ("chosen", "in use", "efficient"), ("efficient",)]
+    assert made.in_use == made.points[2] and curve((1.0, 0.3)).in_use is None
+
+
+def test_the_chosen_point_and_the_one_in_use_are_named_where_there_is_no_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import matplotlib.axes
+
+    # 40 points at almost the same position have room for a few names only
+    made = curve(*((1.0 + 1e-6 * k, 0.5 - 1e-6 * k) for k in range(40)))
+    chosen = made.points[20]
+    made = made.with_point(replace(point(1.0 + 3e-5, 0.6, "mine"), in_use=True))
+    shown: list[str] = []
+
+    def kept(axes: matplotlib.axes.Axes, *_: object) -> None:
+        shown.extend(text.get_text() for text in axes.texts)
+
+    monkeypatch.setattr("lfcal.accuracy.drawing.save_figure", lambda fig, path: kept(fig.axes[0]))
+    draw_curves([made], tmp_path / "a.png", error=chosen.error)
+    assert f"{chosen.label} (chosen)" in shown and "mine (in use)" in shown and len(shown) < 20
 
 
 def test_a_page_has_a_panel_for_each_curve_with_points(tmp_path: Path) -> None:

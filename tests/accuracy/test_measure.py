@@ -20,6 +20,7 @@ from lfcal.accuracy import (
     measure_curve,
 )
 from lfcal.accuracy.part import find_parts
+from lfcal.base import Progress
 from lfcal.base.errors import InputError
 
 
@@ -88,7 +89,7 @@ def test_no_step_begins_that_would_end_too_late(subject: Subject, clock: Clock) 
 
     found = measure_curve(part(slow), subject, 10.0)
     assert len(found.points) == len(begun) == 3 and clock.now == 9.0, "the fourth would end after 12 s"
-    assert found.stopped == "ended after 9.0 s"
+    assert found.stopped == "ended after 9.0 s, before: point 3 (about 3.0 s)"
 
 
 def test_a_step_that_says_how_long_it_takes_is_believed(subject: Subject, clock: Clock) -> None:
@@ -112,6 +113,68 @@ def test_a_long_truth_leaves_time_for_points(subject: Subject, clock: Clock) -> 
             yield CostPoint(f"point {k}", {}, 1.0, k, "seconds")
 
     assert len(measure_curve(part(slow), subject, 10.0).points) == 5, "4 s, and the one that ends later"
+
+
+def test_a_reference_that_does_not_fit_is_not_begun(subject: Subject, clock: Clock) -> None:
+    begun: list[str] = []
+
+    def slow() -> Iterator[object]:
+        yield AccuracyStep("reference", 61.0)
+        begun.append("reference")
+        yield Truth("exact")
+
+    found = measure_curve(part(slow), subject, 30.0)
+    assert not begun and found.stopped == "not begun: reference takes about 1 min 01 s"
+    assert measure_curve(part(slow), subject, 31.0).truth == "exact" and begun == ["reference"]
+
+
+def test_a_step_in_progress_ends_at_twice_the_limit(subject: Subject, clock: Clock) -> None:
+    ended: list[int] = []
+
+    def endless() -> Iterator[object]:
+        yield AccuracyStep("reference")
+        try:
+            for k in range(10**6):
+                clock.now += 1.0
+                yield Progress(k, 10**6, "rows")
+        finally:
+            ended.append(k)
+
+    found = measure_curve(part(endless), subject, 30.0)
+    assert clock.now == 61.0 and ended == [60] and found.stopped == "ended after 1 min 01 s"
+
+
+@pytest.mark.parametrize("seconds", [10.0, 20.0, 100.0])
+@pytest.mark.parametrize(("reference", "each"), [(0.0, 1.0), (5.0, 3.0), (19.0, 0.5), (15.0, 4.0)])
+def test_the_time_limit_is_kept_within_a_factor(
+    subject: Subject, clock: Clock, seconds: float, reference: float, each: float
+) -> None:
+    def slow() -> Iterator[object]:
+        yield AccuracyStep("reference", reference)
+        clock.now += reference
+        yield Truth("exact")
+        for k in range(10**6):
+            yield AccuracyStep(f"point {k}")
+            clock.now += each
+            yield CostPoint(f"point {k}", {}, 1.0, k, "seconds")
+
+    found = measure_curve(part(slow), subject, seconds)
+    assert found.points and clock.now <= max(seconds, reference + 0.4 * seconds) <= 2.4 * seconds
+    assert "before: point" in found.stopped
+
+
+def test_a_long_simulation_of_a_large_camera_is_not_begun(monkeypatch: pytest.MonkeyPatch, clock: Clock) -> None:
+    """By the forecast of the reference alone: no pattern of the R29 is computed."""
+    from lfcal.accuracy.parts import simulation
+    from lfcal.camera import ScanPlan, preset
+
+    plan = ScanPlan.for_camera(preset("r29"), virtual_depths=[3.0], cutout=301)
+    computed: list[object] = []
+    monkeypatch.setattr(simulation.PlaneResponse, "rows", lambda *given: computed.append(given))
+    monkeypatch.setattr("lfcal.accuracy.subject.REFERENCE", 1000.0)
+    found = measure_curve(PARTS.get("simulation"), Subject("R29", plan, workers=1), 10.0)
+    assert not computed and not found.points
+    assert found.stopped.startswith("not begun: reference at 1 position takes about ")
 
 
 def test_what_cannot_be_measured_says_why(subject: Subject) -> None:
@@ -146,6 +209,7 @@ def test_every_part_of_the_work_is_there_and_says_what_it_measures() -> None:
         "planes",
         "lattice",
         "interpolation",
+        "recording",
         "averaging",
         "storage",
         "aperture",

@@ -76,6 +76,32 @@ def test_a_plan_as_a_table(lfcal: Lfcal, scan: Path) -> None:
     assert "An error of 20 % costs" in run.out and "measured by: uniform light, equal in all samples" in run.out
 
 
+def test_points_are_marked_in_the_table_and_in_json(lfcal: Lfcal, scan: Path) -> None:
+    words = ("accuracy", scan, "--part", "recording", "--seconds", 600, "--error", "5 %")
+    found: Any = lfcal(*words, "--json").json
+    (curve,) = found["curves"]
+    used = [point["label"] for point in curve["points"] if point["in_use"]]
+    chosen = found["answers"]["recording"]["point"]["label"]
+    run = lfcal(*words)
+    rows = run.out.splitlines()
+    lines = {label: next(row for row in rows if label in row) for label in (p["label"] for p in curve["points"])}
+    assert used == ["whole scan, 1 frame each"] and "in use" in lines[used[0]] and "chosen" in lines[chosen]
+    for point in curve["points"]:
+        assert ("efficient" in lines[point["label"]]) == point["efficient"]
+        assert ("chosen" in lines[point["label"]]) == (point["label"] == chosen)
+
+
+def test_what_does_not_fit_into_the_time_is_said(lfcal: Lfcal, scan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def slow() -> Iterator[object]:
+        yield AccuracyStep("reference", 61.0)
+        raise AssertionError("it was begun")
+
+    part = AccuracyPart("made up", "Made up", "error", "cost", "seconds", lambda s, t: slow())  # type: ignore[arg-type, return-value]
+    monkeypatch.setattr(type(PARTS), "get", lambda self, name: part)
+    run = lfcal("accuracy", scan, "--part", "a", "--seconds", 30)
+    assert run.code == 2 and "not begun: reference takes about 1 min 01 s; --seconds measures longer" in run.out
+
+
 def test_a_camera_needs_planes(lfcal: Lfcal) -> None:
     run = lfcal("accuracy", "bench", "--part", "bases")
     assert run.code == 2 and "give --depths (µm) or --virtual-depths" in run.err

@@ -24,8 +24,8 @@ KEPT = 64
 FLOOR = 1e-9
 """Value at which an error or a cost of zero is drawn on the logarithmic axes."""
 
-REFERENCE, OTHERS_S = 20.0, 3.0
-"""Factor of the estimate for a reference position, and the remaining time (s), fitted to the presets."""
+OTHERS_S = 3.0
+"""Duration of a simulation curve without its reference (s), fitted to the presets."""
 
 
 @dataclass
@@ -61,11 +61,9 @@ class MeasuredCurves:
 
 def asked_seconds(plan: ScanPlan) -> float:
     """Return the estimated duration of measuring a simulation curve (s), to within a factor of 3."""
-    from lfcal.simulate import outlook_of
-    from lfcal.simulate.accuracy import few_seconds
+    from lfcal.accuracy import reference_seconds
 
-    outlook = outlook_of(plan, plan.shape[0] // 2)
-    return OTHERS_S + REFERENCE * few_seconds(outlook, "reference", 0.005, 1)
+    return OTHERS_S + reference_seconds(plan, plan.shape[0] // 2, 0.005)
 
 
 def subject_of(project: ProjectState, kind: str) -> object:
@@ -112,12 +110,13 @@ class ChartPoint:
     y: float
     efficient: bool
     picked: bool
+    in_use: bool
     name: str
     words: str
 
 
-def points_of(curve: Curve, picked: CostPoint | None) -> tuple[ChartPoint, ...]:
-    """Return the measured settings of a curve as points, in their order."""
+def points_of(curve: Curve, picked: CostPoint | None, in_use: CostPoint | None = None) -> tuple[ChartPoint, ...]:
+    """Return the measured settings of a curve as points, in their order, with the chosen one and the one in use."""
     from lfcal.accuracy import cost_axis
 
     _, scale = cost_axis(curve)
@@ -127,7 +126,8 @@ def points_of(curve: Curve, picked: CostPoint | None) -> tuple[ChartPoint, ...]:
             math.log10(100 * max(point.error, FLOOR)),
             point.efficient,
             point is picked,
-            _name_of(point),
+            point is in_use,
+            _name_of(point) + (" (in use)" if point is in_use else ""),
             point_words(point),
         )
         for point in curve.points

@@ -34,8 +34,13 @@ ANCHORS = ((0.0, 1.0), (1.0, 0.0), (0.0, 0.0), (1.0, 1.0))
 """Corner of a name that lies at its point, best first: right above, left below, right below, left above."""
 
 
+def _rank(point: ChartPoint) -> tuple[bool, bool, bool]:
+    """Return the order in which points are named."""
+    return not point.picked, not point.in_use, not point.efficient
+
+
 class CostCurve(LinePlot):
-    """Error against cost, both logarithmic.
+    """Error against cost, both logarithmic. A ring marks the chosen point, and a square the one in use.
 
     A click on a point uses its setting; the line is the error asked for. By keyboard: Left and Right go from point to
     point, Return uses the one reached, Up and Down move the line.
@@ -138,10 +143,15 @@ class CostCurve(LinePlot):
             ]
         )
         ringed = [k for k, point in enumerate(points) if point.picked]
+        used = [k for k, point in enumerate(points) if point.in_use]
         reached = [k for k in (self._reached,) if k is not None and self.hasFocus()]
-        spots = [(k, theme.text) for k in ringed] + [(k, theme.accent) for k in reached]
+        spots = [(k, theme.text, "o") for k in ringed] + [(k, theme.accent, "o") for k in reached]
+        spots += [(k, theme.text, "s") for k in used]
         self.ring.setData(
-            [{"pos": (points[k].x, points[k].y), "pen": pg.mkPen(tone, width=line_px(2))} for k, tone in spots]
+            [
+                {"pos": (points[k].x, points[k].y), "pen": pg.mkPen(tone, width=line_px(2)), "symbol": symbol}
+                for k, tone, symbol in spots
+            ]
         )
 
     def _fit(self, log_percent: float) -> None:
@@ -167,7 +177,7 @@ class CostCurve(LinePlot):
             taken.append(self.limit.label.mapRectToScene(self.limit.label.boundingRect()))
             height = box.mapViewToScene(QPointF(0, self.limit.value())).y()
             taken.append(QRectF(inside.left(), height - 1, inside.width(), 2))
-        for k in sorted(range(len(at)), key=lambda k: (not self._points[k].picked, not self._points[k].efficient, k)):
+        for k in sorted(range(len(at)), key=lambda k: (*_rank(self._points[k]), k)):
             point = self._points[k]
             wide, high = metrics.horizontalAdvance(point.name) + 8, metrics.height() + 8
             for across, down in ANCHORS:
@@ -178,7 +188,7 @@ class CostCurve(LinePlot):
             else:
                 continue
             taken.append(area)
-            tone = theme.text if point.picked or point.efficient else theme.muted
+            tone = theme.text if any(not low for low in _rank(point)) else theme.muted
             item = pg.TextItem(point.name, color=tone, anchor=(across, down))
             item.setPos(box.mapSceneToView(QPointF(x, y)))
             self.plot.addItem(item, ignoreBounds=True)
@@ -236,7 +246,8 @@ class CostCurve(LinePlot):
 
     def table_lines(self, between: str) -> Iterator[str]:
         """Yield every point."""
-        yield "# cost, error (%), efficient, point\n"
+        yield "# cost, error (%), chosen, in use, efficient, point\n"
         for point in self._points:
-            cells = (f"{10**point.x:.9g}", f"{10**point.y:.9g}", f"{int(point.efficient)}", point.words.splitlines()[0])
+            marks = (f"{int(mark)}" for mark in (point.picked, point.in_use, point.efficient))
+            cells = (f"{10**point.x:.9g}", f"{10**point.y:.9g}", *marks, point.words.splitlines()[0])
             yield between.join(cells) + "\n"

@@ -57,7 +57,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     dark = dark_level(camera)
     for times in EXPOSURES:
         light = (chosen * np.float32(unit * times)).astype(np.float32)
-        for count in FRAMES:
+        for count in sorted({*FRAMES, plan.frames_averaged}):
             if count * light.size > PIXELS:
                 break
             yield AccuracyStep(f"{count} frames of {times:g} times the exposure", 0.3)
@@ -98,7 +98,8 @@ def _point(
     others = {"error by the noise model (%)": 100 * model, "frames": float(scan.n_positions * count)}
     full = float((light >= camera.sensor.full_well_e).mean())
     note = f"{format_share(full)} of the pixels are saturated" if full else ""
-    return CostPoint(label, settings, off / total, 3600 * Forecast.of(scan).hours, "seconds", others, note)
+    hours, own = Forecast.of(scan).hours, scan == plan
+    return CostPoint(label, settings, off / total, 3600 * hours, "seconds", others, note, in_use=own)
 
 
 def _cut_off(camera: Camera) -> tuple[str, ...]:

@@ -19,7 +19,8 @@ from lfcal.simulate.effects import Effect
 __all__ = ["PART"]
 
 COUNTS = (2, 3, 5, 9, 17, 33, 65)
-"""Numbers of planes over the plan's range of depths; each set includes the planes of the previous one."""
+"""Numbers of planes over the plan's range of depths; each set includes the planes of the previous one. The
+planes of the plan itself are measured too."""
 
 DEPTHS = 5
 """Number of tested depths, spread over the range; each is represented by the nearest plane."""
@@ -46,9 +47,9 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         "the simulation at the exact depth", (f"middle position, {DEPTHS} depths between {low:g} and {high:g} µm",)
     )
     known: dict[float, NDArray[np.float64]] = {}
-    for count in COUNTS:
+    for count in sorted({*COUNTS, len(plan.depths_um)}):
         yield AccuracyStep(f"{count} planes")
-        depths = np.linspace(low, high, count)
+        depths = np.array(plan.depths_um) if count == len(plan.depths_um) else np.linspace(low, high, count)
         error = total = 0.0
         for depth, pattern in zip(between, true, strict=True):
             nearest = float(depths[int(np.argmin(np.abs(depths - depth)))])
@@ -77,8 +78,8 @@ def _point(plan: ScanPlan, depths: tuple[float, ...], error: float) -> CostPoint
     scan = replace(plan, depths_um=depths, exposure_s=plan.exposures[0])
     found = Forecast.of(scan)
     others = {"recording (s)": 3600 * found.hours, "H, float32 (bytes)": float(found.h_float32_bytes)}
-    settings = {"depths_um": list(depths)}
-    return CostPoint(f"{len(depths)} planes", settings, error, float(found.frames), "frames", others)
+    settings, own = {"depths_um": list(depths)}, depths == plan.depths_um
+    return CostPoint(f"{len(depths)} planes", settings, error, float(found.frames), "frames", others, in_use=own)
 
 
 PART = AccuracyPart(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfcal.accuracy.curves import CostPoint
 from lfcal.accuracy.part import AccuracyPart, AccuracyStep, Measuring, Truth
-from lfcal.accuracy.subject import Subject
+from lfcal.accuracy.subject import Subject, reference_seconds
 from lfcal.base import format_length
 from lfcal.camera import ScanPlan
 from lfcal.simulate import Budget, PlaneResponse, budgeted, plan_effects
@@ -39,7 +39,8 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     count = max(1, min(MOST_POSITIONS, int(seconds / POSITION_SECONDS)))
     positions = _positions(plan.period, count)
     every = plan_effects(plan, FINEST).at(plan.depths_um[z])
-    yield AccuracyStep(f"reference at {len(positions)} positions")
+    each = reference_seconds(plan, z, FINEST / 2)
+    yield AccuracyStep(f"reference at {count} position{'s' * (count > 1)}", each * len(positions))
     finest = PlaneResponse(plan, z, every, level="reference", tolerance=FINEST / 2)
     truth = []
     for position in positions:

@@ -26,8 +26,9 @@ def test_the_nearest_plane_stands_in(subject: Subject, plan: ScanPlan, monkeypat
     curve = measure_curve(PARTS.get("planes"), subject, 100)
     low, high = min(plan.depths_um), max(plan.depths_um)
     depths = [low + (high - low) * ((k + 1) * 0.6180339887498949 % 1) for k in range(1)]
-    for point, count in zip(curve.points, (2, 5), strict=True):
-        steps = np.linspace(low, high, count)
+    assert [point.in_use for point in curve.points] == [False, True, False], "the plan has three planes"
+    for point, count in zip(curve.points, (2, 3, 5), strict=True):
+        steps = np.array(plan.depths_um) if count == 3 else np.linspace(low, high, count)
         near = [float(steps[np.abs(steps - depth).argmin()]) for depth in depths]
         true = [pattern(plan, depth) for depth in depths]
         off = sum(np.abs(pattern(plan, at) - one).sum() for at, one in zip(near, true, strict=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -15,7 +16,9 @@ from lfcal_gui.models.cost import ChartPoint
 from lfcal_gui.widgets.cost_curve import CostCurve
 
 POINTS = tuple(
-    ChartPoint(float(np.log10(cost)), float(np.log10(error)), efficient, picked, f"{name}, wave", f"{name}\nmore")
+    ChartPoint(
+        float(np.log10(cost)), float(np.log10(error)), efficient, picked, False, f"{name}, wave", f"{name}\nmore"
+    )
     for cost, error, efficient, picked, name in (
         (1.0, 15.0, True, False, "30 %"),
         (1.5, 1.1, True, True, "3 %"),
@@ -55,6 +58,15 @@ def test_the_line_is_dragged_to_another_error(curve: CostCurve, qtbot: QtBot) ->
     assert curve.limit.value() == pytest.approx(np.log10(100 * asked[-1]), abs=0.02)
     curve._move(5.0)
     assert asked[-1] == 1.0, "no error above 100 % is asked for"
+
+
+def test_the_point_in_use_has_a_square_and_is_named(curve: CostCurve) -> None:
+    used = replace(POINTS[2], in_use=True, name="10 % (in use)")
+    curve.show_points((*POINTS[:2], used, POINTS[3]), float(np.log10(3.0)))
+    rings = {(round(spot["x"], 6), spot["symbol"]) for spot in curve.ring.data}
+    assert rings == {(round(POINTS[1].x, 6), "o"), (round(used.x, 6), "s")}
+    assert "10 % (in use)" in [name.toPlainText() for name in curve.names]
+    assert [line.split(",")[2:5] for line in list(curve.table_lines(","))[2:4]] == [["1", "0", "1"], ["0", "1", "0"]]
 
 
 def test_the_keyboard_suffices(curve: CostCurve, qtbot: QtBot) -> None:

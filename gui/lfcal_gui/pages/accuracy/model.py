@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
-from lfcal.accuracy import CostPoint, Curve
-from lfcal.base import InputError, LfcalError, any_of
+from lfcal.accuracy import CostPoint, Curve, format_cost
+from lfcal.base import InputError, LfcalError, any_of, format_share
+from lfcal.reconstruct import SolverChoice
+from lfcal.tasks import SimulateH
 from lfcal_gui.models import Field, PageSettings, ProjectState, typeset
 
 SUBJECTS = (("plan", "Scan plan"), ("psf", "H"))
@@ -67,15 +69,19 @@ def subjects(project: ProjectState) -> tuple[str, ...]:
     return tuple(name for name, there in found if there)
 
 
-def words_of(curve: Curve | None, error: float, *, running: bool) -> tuple[str, str]:
-    """Return the cost of the target error, and how it was measured, as text."""
+def words_of(curve: Curve | None, error: float, *, running: bool, in_use: CostPoint | None = None) -> tuple[str, str]:
+    """Return the cost of the target error with the setting in use, and how it was measured, as text."""
     if curve is None:
         return ("measuring …" if running else "Not measured yet: press Measure."), ""
     if not curve.points:
         return ("measuring the reference …" if running else f"Not measured: {curve.stopped or 'stopped'}"), ""
     state = "measuring …" if running else curve.stopped
     how = [f"Measured by: {curve.truth}.", *curve.notes, state]
-    return typeset(curve.answer(error)), "\n".join(typeset(line) for line in how if line)
+    answer = curve.answer(error)
+    if in_use is not None:
+        spent = f"{format_share(in_use.error)} for {format_cost(in_use.cost, in_use.unit)}"
+        answer += f"\nIn use: {in_use.label} ({spent})"
+    return typeset(answer), "\n".join(typeset(line) for line in how if line)
 
 
 LEVELS = {"debye": "microscope"}
@@ -122,6 +128,32 @@ def use_of(project: ProjectState, curve: Curve, point: CostPoint) -> PointUse:
         return PointUse(f"Nothing was changed: {error}")
 
 
+DEFAULTS: Mapping[str, Mapping[str, Any]] = {
+    "simulate": {"tolerance": SimulateH.tolerance, "level": SimulateH.level},
+    "reconstruct": {"solver": SolverChoice().name, "iterations": SolverChoice().iterations},
+}
+"""Settings that a page uses if the project states none, for pages that take a measured setting."""
+
+
+def in_use(project: ProjectState, curve: Curve) -> CostPoint | None:
+    """Return the measured setting that the project uses now; None if it was not measured."""
+    return next((point for point in curve.points if _used(project, use_of(project, curve, point).changes)), None)
+
+
+def _used(project: ProjectState, changes: Mapping[str, Any] | None) -> bool:
+    """Return whether ``changes`` leave the project as it is."""
+    if changes is None:
+        return False
+    if "plan" in changes:
+        return bool(changes["plan"] == project.plan)
+    for page, values in changes["settings"].items():
+        stored = project.settings.get(page)
+        own = {**DEFAULTS.get(page, {}), **(stored if isinstance(stored, Mapping) else {})}
+        if any(own.get(name) != value for name, value in values.items()):
+            return False
+    return True
+
+
 def _settings(project: ProjectState, page: str, **values: Any) -> dict[str, Any]:
     """Return the settings of all pages with some of one page changed; the page checks them when it reads them."""
     own = project.settings.get(page)
@@ -151,6 +183,12 @@ def _averaging(project: ProjectState, point: CostPoint) -> PointUse:
     plan = replace(project.plan, frames_averaged=frames, exposure_s=exposure)
     words = f"Plan: {frames} frame{'s' * (frames > 1)} averaged, exposure {1e3 * given[0]:.4g} ms."
     return PointUse(words, "frames averaged", {"plan": plan}, "setup")
+
+
+def _recording(project: ProjectState, point: CostPoint) -> PointUse:
+    if "fitted_patterns" in point.settings:
+        return PointUse("Nothing was changed: lfcal plan fit chooses the positions of a fit.")
+    return _averaging(project, point)
 
 
 def _interpolation(project: ProjectState, point: CostPoint) -> PointUse:
@@ -214,6 +252,7 @@ _USES: dict[str, Callable[[ProjectState, CostPoint], PointUse]] = {
     "simulation": _simulation,
     "planes": _planes,
     "averaging": _averaging,
+    "recording": _recording,
     "interpolation": _interpolation,
     "storage": _storage,
     "projection": _projection,

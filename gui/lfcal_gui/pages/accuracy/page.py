@@ -10,7 +10,7 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, iter_measure, subject_of
-from lfcal_gui.pages.accuracy.model import AccuracySettings, subjects, use_of
+from lfcal_gui.pages.accuracy.model import AccuracySettings, in_use, subjects, use_of
 from lfcal_gui.pages.accuracy.panel import AccuracyPanel
 
 
@@ -96,7 +96,8 @@ class Page(BasePage):
         self._shown = self.curve
         self.panel.show_measured(self.kept.of(self._key), running)
         took = self.kept.took(self._key, settings.part)
-        self.panel.show_curve(self._shown, settings, took, running=running == settings.part)
+        used = None if self._shown is None else in_use(self.context.state, self._shown)
+        self.panel.show_curve(self._shown, settings, took, used, running=running == settings.part)
         part, words = self._used
         self.panel.show_used(words if part == settings.part else "")
 
@@ -151,7 +152,7 @@ class Page(BasePage):
             seconds = self.kept.curves[key, curve.part][1]
             if not self.context.project.update(use.label, **use.changes):
                 return
-            if self._key != key and curve.part in ("planes", "averaging"):
+            if self._key != key and curve.part in ("planes", "averaging", "recording"):
                 # the plan is the point's now: the curve that it was chosen from stays
                 self.kept.put(self._key, curve, seconds)
         self._used = (curve.part, f"{point.label}. {use.words}")

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QListWidget, QListWidgetItem, QSizePolicy, QWidget
 
-from lfcal.accuracy import PARTS, Curve
+from lfcal.accuracy import PARTS, CostPoint, Curve
 from lfcal_gui.models import axis_labels, points_of
 from lfcal_gui.pages.accuracy.model import FIELDS, AccuracySettings, words_of
 from lfcal_gui.widgets import CostCurve, FoldedForm, card, column_area
@@ -103,16 +103,18 @@ class AccuracyPanel(QWidget):
             mark = "…" if name == running else ("✓" if curve is not None and curve.points else " ")
             item.setText(f"{mark}  {PARTS.get(name).title}")
 
-    def show_curve(self, curve: Curve | None, settings: AccuracySettings, took: str, *, running: bool) -> None:
-        """Show a curve as far as it is measured, or that there is none yet; ``took``: how long that was."""
-        answer, how = words_of(curve, settings.error, running=running)
+    def show_curve(
+        self, curve: Curve | None, settings: AccuracySettings, took: str, used: CostPoint | None, *, running: bool
+    ) -> None:
+        """Show a curve as far as it is measured, its duration ``took``, and the point that the project uses."""
+        answer, how = words_of(curve, settings.error, running=running, in_use=used)
         self.answer.setText(answer)
         self.how.setText(how)
         title = PARTS.get(settings.part).title if settings.part in PARTS else settings.part
         self.title.setText(title)
         if curve is not None:
             self.chart.set_labels(*axis_labels(curve))
-        points = () if curve is None else points_of(curve, curve.cheapest(settings.error))
+        points = () if curve is None else points_of(curve, curve.cheapest(settings.error), used)
         self.chart.show_points(points, math.log10(100 * settings.error), "error")
         self.chart.show_status(took, "" if running else "Measure again" if took else "Measure")
 

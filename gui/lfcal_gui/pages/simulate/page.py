@@ -397,7 +397,7 @@ class Page(BasePage):
         self._measuring = self.context.jobs.start(
             "What accuracy costs",
             "simulate",
-            lambda: iter_measure(state, "plan", SECONDS, (PART,), curves),
+            lambda: iter_measure(state, "plan", max(SECONDS, expected), (PART,), curves),
             leave=True,
         )
         self._show_curve()

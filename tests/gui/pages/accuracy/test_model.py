@@ -16,7 +16,7 @@ from lfcal.psf import PSFMatrix, save
 from lfcal_gui.models.cost import MeasuredCurves, axis_labels, iter_measure, point_words, points_of, subject_of
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.settings import OpeningSettings
-from lfcal_gui.pages.accuracy.model import NO_USE, AccuracySettings, subjects, use_of, words_of
+from lfcal_gui.pages.accuracy.model import NO_USE, AccuracySettings, in_use, subjects, use_of, words_of
 from lfcal_gui.pages.accuracy.step import step
 from lfcal_gui.pages.frames.model import FrameSettings
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
@@ -120,6 +120,30 @@ def test_points_change_the_settings_that_pages_read() -> None:
     state, _ = used(state, "bases", mask="MURA", size=11, exposure_s=0.02)
     found = MultiplexSettings.of(state)
     assert (found.filter, found.family, found.mask, found.size) == ("lanczos", "mask", "MURA", 11)
+
+
+def test_the_point_in_use_is_that_of_the_project() -> None:
+    state = replace(ProjectState(), plan=PLAN)
+
+    def used_of(part: str, *settings: dict[str, Any]) -> Any:
+        found = in_use(state, curve(*(point(0.1, k + 1.0, **one) for k, one in enumerate(settings)), part=part))
+        return None if found is None else found.settings
+
+    coarse, usual = ({"tolerance": share, "level": "wave"} for share in (0.3, SimulateSettings().tolerance))
+    assert used_of("simulation", coarse, usual) == usual, "by default"
+    state, _ = used(state, "simulation", **coarse)
+    assert used_of("simulation", coarse, usual) == coarse
+    scans = [{"frames_averaged": n, "exposure_s": list(PLAN.exposures)} for n in (1, 4)]
+    assert used_of("averaging", *scans) == used_of("recording", *scans, {"fitted_patterns": 24}) == scans[0]
+    state, _ = used(state, "recording", **scans[1])
+    assert used_of("averaging", *scans) == scans[1] and used_of("averaging", scans[0]) is None
+    solvers = [{"solver": "rl-tv", "iterations": n} for n in (5, 10)]
+    assert used_of("solvers", *solvers) is None
+    state, _ = used(state, "solvers", **solvers[1])
+    assert used_of("solvers", *solvers) == solvers[1]
+    assert used_of("lattice", {"rows": 1}) is None
+    sentence = words_of(curve(point(0.1, 1.0)), 0.2, running=False, in_use=point(0.3, 2.0))[0]
+    assert sentence == "An error of 20 % costs 1.0 s: point 1 (10 %)\nIn use: point 2 (30 % for 2.0 s)"
 
 
 def test_points_change_the_plan() -> None:
