@@ -47,7 +47,7 @@ from lfcal_gui.widgets import (
 NOT_BY_ITSELF = "It cannot hold out pixels, so it ends after the number of iterations."
 
 NO_LIGHT_FIELD = (
-    "No light field open\nOpen an image taken through these optics, or simulate one from a known "
+    "No light field open\nOpen an image taken through these optics, or make one from a known "
     "specimen to test this H.\nYou can also drop a .tif, .png or .raw file here."
 )
 
@@ -96,13 +96,13 @@ class ReconstructPanel(QWidget):
             form.set_defaults(vars(ReconstructSettings()))
         self.no_device = NO_DEVICE
         self.view = VolumeView(jobs)
-        self.view.light_field.blank.words = "Open a light field, or simulate one."
+        self.view.light_field.blank.words = "Open a light field, or make one."
         self.phantoms = QMenu(self)
         for name in PHANTOMS:
             self.phantoms.addAction(name).triggered.connect(lambda _=False, name=name: self.make_asked.emit(name))
         empty = {
             "Open light field …": (OPEN, lambda: self.pressed.emit("open")),
-            "Simulate one …": (MAKE, self._show_phantoms),
+            "Make one …": (MAKE, self._show_phantoms),
         }
         self.view.set_empty(EmptyState(NO_LIGHT_FIELD, empty))
         self.export = ExportCard()
@@ -148,7 +148,7 @@ class ReconstructPanel(QWidget):
         self.took.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         column.addLayout(line(heading("Reconstruct"), self.took, stretch=1))
         self.open = self._button("open", "Open light field …", OPEN)
-        self.make = QPushButton("Simulate one …")
+        self.make = QPushButton("Make one …")
         self.make.setToolTip(MAKE)
         self.make.setMenu(self.phantoms)
         column.addLayout(line(self.open, self.make, stretch=0))
