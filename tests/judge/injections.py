@@ -151,7 +151,7 @@ INJECTIONS: dict[str, Injection] = {
         lambda: np.minimum(clean(), np.float32(0.5 * PEAK)),
     ),
     "cut_off": Injection(
-        "values below zero, which are half of the noise of dark samples, are set to zero",
+        "negative values, about half of the dark samples, are set to zero",
         "the number of dark samples that are exactly zero, and the mean of all dark samples",
         lambda: np.maximum(clean(), np.float32(0)),
     ),
@@ -176,7 +176,7 @@ INJECTIONS: dict[str, Injection] = {
         lambda: blurred_type(recording(), 0.15),
     ),
     "compression": Injection(
-        "every frame is stored as a JPEG of 8 bits and quality 75",
+        "every frame is stored as an 8-bit JPEG of quality 75",
         "neighbours in different blocks of 8 x 8 pixels differ more than within a block, or blocks lack fine structure",
         lambda: compressed(clean(), 75),
     ),
