@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import typer
 
 from lfcal.base import format_seconds
 from lfcal.cli._console import print_table, report
 from lfcal.tasks import SimulatedRegions, SimulationForecast
+
+if TYPE_CHECKING:
+    from lfcal.simulate import PlannedEffect
 
 
 def show(made: tuple[SimulationForecast | SimulatedRegions, ...]) -> None:
@@ -27,9 +32,9 @@ def show(made: tuple[SimulationForecast | SimulatedRegions, ...]) -> None:
 
 def _show_forecast(forecast: SimulationForecast) -> None:
     found = forecast.effects
-    rows = [["on" if row.on else "off", row.effect.title, row.reason] for row in found.rows]
+    rows = [["on" if row.on else "off", row.effect.title, *_times(row), row.reason] for row in found.rows]
     title = f"effects for a tolerance of {100 * found.tolerance:g} %, level {found.level}"
-    print_table(["", "effect", "why"], rows, title=title)
+    print_table(["", "effect", "time with it", "without it", "why"], rows, title=title)
     typer.echo(
         f"whole H: about {format_seconds(found.seconds)} of processor time (ideal camera: "
         f"{format_seconds(found.ideal_seconds)})"
@@ -39,3 +44,10 @@ def _show_forecast(forecast: SimulationForecast) -> None:
         typer.echo(f"{missing.sentence}\nmeasurements that determine them, the cheapest first:")
         for words in missing.lines(forecast.camera):
             typer.echo(f"  {words}")
+
+
+def _times(row: PlannedEffect) -> tuple[str, str]:
+    """Return the forecasts of H with and without an effect as text; empty if the effect costs no time."""
+    if row.seconds_with == row.seconds_without:
+        return "", ""
+    return format_seconds(row.seconds_with), format_seconds(row.seconds_without)

@@ -34,6 +34,10 @@ def test_plan_only_shows_every_effect(lfcal: Lfcal) -> None:
     assert rows["lens_types"]["on"] and not rows["bandwidth"]["on"] and len(rows) >= 28
     table = lfcal("simulate", "bench", "--virtual-depths", "4", "--plan-only", "--effect", "crosstalk=on")
     assert "switched on" in table.out and "whole H" in table.out
+    assert "time with it" in table.out and "without it" in table.out
+    diffraction = rows["lenslet_diffraction"]
+    assert diffraction["seconds_with"] == pytest.approx(run.json["seconds"])  # type: ignore[index, call-overload]
+    assert 0 < diffraction["seconds_without"] < diffraction["seconds_with"]
 
 
 def test_h_from_a_plan(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:

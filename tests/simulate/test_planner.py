@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
+from lfcal.base import drain
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
+from lfcal.simulate import SimulatedCamera, response
 from lfcal.simulate.accuracy import _estimates as estimates
+from lfcal.simulate.accuracy import cost
 from lfcal.simulate.accuracy._estimates import Influence, estimates_of
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects import (
+    CATALOGUE,
+    AngularResponse,
+    ArrayTilt,
     Bandwidth,
     Coma,
     Crosstalk,
@@ -22,6 +30,7 @@ from lfcal.simulate.effects import (
     Estimate,
     ExactAngles,
     FiniteSource,
+    LensletDiffraction,
     LensletGap,
     Outlook,
     PitchError,
@@ -34,11 +43,14 @@ from lfcal.simulate.effects import (
     Zernike,
     catalogue,
 )
+from lfcal.simulate.engines import field as field_engine
+from lfcal.simulate.engines import grid
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.simulate import simulate_psf
+from lfcal.simulate.simulate import iter_simulate_psf, simulate_psf
 from lfcal.simulate.staging import outlook_of
+from lfcal.work import RunChoice
 from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan, some_positions
 
 
@@ -339,3 +351,105 @@ def test_every_reason_has_a_brief_that_repeats_no_number() -> None:
     assert briefs["zernike"] == "needs a size" and briefs["spherical"] == "unknown"
     assert all(row.brief == "needed" for row in found.rows if row.setting == "auto" and "above the" in row.reason)
     assert all(len(brief) <= 14 for brief in briefs.values())
+
+
+ACTIONS = ("on_scene", "spread", "kernel", "displace", "on_frame")
+"""Methods by which an effect acts on a simulation."""
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """Count the calls of the actions of each effect of the catalogue."""
+    found: Counter[str] = Counter()
+
+    def counted(kind: type[Effect], action: str) -> None:
+        original = getattr(kind, action)
+
+        def call(self: Effect, *args: object, **more: object) -> object:
+            found[kind.name] += 1
+            return original(self, *args, **more)
+
+        monkeypatch.setattr(kind, action, call)
+
+    for kind in CATALOGUE:
+        for action in ACTIONS:
+            if hasattr(kind, action):
+                counted(kind, action)
+    return found
+
+
+def test_only_effects_that_are_on_are_called(calls: Counter[str], tmp_path: Path) -> None:
+    """In H in memory and in units, and in frames; nothing else of an effect runs."""
+    plan = replace(small_plan(cutout=31), period=(2, 3))
+    found = plan_effects(plan, 0.03)
+    on = {row.name for row in found.rows if row.on}
+    assert 4 < len(on) < len(found.rows) / 2
+    for how in ({}, {"out": tmp_path / "H.h5", "run": RunChoice("threads", 1)}):
+        calls.clear()
+        drain(iter_simulate_psf(plan, found, **how))
+        assert set(calls) == on
+    frames = plan_effects(plan, 0.03, {"ghost": "off"}, frames=True)
+    calls.clear()
+    SimulatedCamera(plan, frames).read(0)
+    assert on < set(calls) == {row.name for row in frames.rows if row.on}
+
+
+def test_each_action_is_counted(calls: Counter[str]) -> None:
+    """The test above can fail: an effect that is switched on is called."""
+    plan = replace(small_plan(cutout=31), period=(1, 2))
+    found = plan_effects(plan, 0.5, {"coma": "on", "crosstalk": "on", "finite_source": "on"})
+    calls.clear()
+    simulate_psf(plan, found, "geometric")
+    assert {"coma", "crosstalk", "finite_source"} <= set(calls)
+
+
+WORK = {
+    "crosstalk": (Crosstalk(0.01), response, "filtered"),
+    "spherical": (Spherical(0.25), field_engine, "zernike_wavefront"),
+    "array_tilt": (ArrayTilt(1e-3), grid, "TiltedArray"),
+    "angular_response": (AngularResponse(0.4), grid, "pixel_response"),
+    "finite_source": (FiniteSource(50.0), grid.GridPlane, "displaced"),
+    "bandwidth": (Bandwidth(0.02), PlaneResponse, "_make_engine"),
+    "lenslet_diffraction": (LensletDiffraction(), grid, "mask_from_disc"),
+}
+"""Work of the engines that only one effect needs."""
+
+
+@pytest.mark.parametrize("name", WORK)
+def test_an_effect_that_is_off_costs_no_work_in_the_engines(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    effect, place, function = WORK[name]
+    plan, count = replace(small_plan(cutout=31), period=(1, 2)), 0
+    original = getattr(place, function)
+
+    def counted(*args: Any, **more: Any) -> Any:
+        nonlocal count
+        count += 1
+        return original(*args, **more)
+
+    monkeypatch.setattr(place, function, counted)
+    others = tuple(e for e in BASE if e.name != name)
+    most = {"bandwidth": 1}.get(name, 0)
+    for effects, needed in ((others, False), ((*others, effect), True)):
+        count = 0
+        level = "grid" if name != "lenslet_diffraction" or needed else "geometric"
+        simulate_psf(plan, effects, level, sampling=Sampling(4.0, margin_px=10))
+        assert (count > most) == needed, f"{count} calls of {function}"
+
+
+def test_the_forecasts_with_and_without_an_effect_are_those_of_such_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cost, "machine_rate", lambda: cost.FITTED_RATE)
+    plan = ScanPlan.for_camera(small_camera(), virtual_depths=[3.0, 4.0], cutout=41)
+    found = plan_effects(plan, 0.03, effects=(FiniteSource(1.0),))
+    for row in found.rows:
+        assert row.seconds_with >= row.seconds_without
+        if not row.effect.acts_on.enters_h:
+            assert row.seconds_with == row.seconds_without == found.seconds, "it does not act on H"
+            continue
+        assert (row.seconds_with if row.on else row.seconds_without) == pytest.approx(found.seconds)
+        if row.on:
+            other = plan_effects(plan, 0.03, {row.name: "off"}, effects=(FiniteSource(1.0),))
+            assert row.seconds_without == pytest.approx(other.seconds), row.name
+    source = plan_effects(plan, 0.03, {"finite_source": "on"}, effects=(FiniteSource(1.0),))
+    assert found.row("finite_source").seconds_with == pytest.approx(source.seconds) and source.seconds > found.seconds
+    diffraction = found.row("lenslet_diffraction")
+    assert diffraction.seconds_without < 0.5 * diffraction.seconds_with, "rays are faster"

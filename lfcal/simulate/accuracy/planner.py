@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from lfcal.base import InputError, any_of, check_number, choose, format_seconds, format_share
@@ -56,7 +56,10 @@ class PlannedEffect:
     brief
         The same reason in a few words, for a table column.
     seconds
-        Additional computing time for the whole plan (CPU-seconds on this machine).
+        Estimated computing time of the effect alone, for the whole plan (CPU-seconds on this machine).
+    seconds_with, seconds_without
+        Forecast of the computing time for the whole plan with and without the effect, other effects as selected
+        (CPU-seconds).
 
     Examples
     --------
@@ -77,6 +80,8 @@ class PlannedEffect:
     reason: str
     brief: str
     seconds: float
+    seconds_with: float = 0.0
+    seconds_without: float = 0.0
 
     @property
     def name(self) -> str:
@@ -178,6 +183,8 @@ class EffectSelection:
                     "formula": row.estimate.formula,
                     "z_um": row.z_um,
                     "seconds": row.seconds,
+                    "seconds_with": row.seconds_with,
+                    "seconds_without": row.seconds_without,
                     "reason": row.reason,
                 }
                 for row in self.rows
@@ -258,7 +265,13 @@ def plan_effects(
     level = costs.level_of(row.effect for row in rows if row.on)
     depths = tuple(outlook.z_um for outlook in planes)
     return EffectSelection(
-        rows, depths, tolerance, level, costs.total(chosen), costs.rays, tuple(out for _, out in decided)
+        tuple(costs.compared(row, chosen, frames=frames) for row in rows),
+        depths,
+        tolerance,
+        level,
+        costs.total(chosen),
+        costs.rays,
+        tuple(out for _, out in decided),
     )
 
 
@@ -300,6 +313,16 @@ class _Costs:
             # the step from rays to waves, and further runs, are included in the seconds of the engines
             seconds += sum(e.seconds(outlook, engine) for e in effects if not _in_engines(e))
         return seconds
+
+    def compared(self, row: PlannedEffect, chosen: Sequence[Sequence[Effect]], *, frames: bool) -> PlannedEffect:
+        """Return the row with the seconds for the effects chosen in each plane, with and without the row's effect.
+
+        An effect that is off is added to every plane, unless it acts only on ``frames`` that are not simulated.
+        """
+        planes = row.planes if row.on else (frames or row.effect.acts_on.enters_h,) * len(chosen)
+        others = [[e for e in effects if e.name != row.name] for effects in chosen]
+        complete = [[*some, row.effect] if on else some for some, on in zip(others, planes, strict=True)]
+        return replace(row, seconds_with=self.total(complete), seconds_without=self.total(others))
 
 
 def _in_engines(effect: Effect) -> bool:

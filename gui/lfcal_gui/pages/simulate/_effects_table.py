@@ -185,7 +185,7 @@ class EffectsTable(QTreeWidget):
 
     def _fill(self, item: QTreeWidgetItem, row: EffectRow) -> None:
         theme = current_theme()
-        cost = f"{row.title}: {row.verdict_text()}\nProcessor time: {row.seconds_text()}"
+        cost = f"{row.title}: {row.verdict_text()}\nProcessor time of H: {row.seconds_text()}"
         tips = (
             f"{cost}\n{row.name}, {row.size}",
             f"{self._bar.tip()}\n{row.formula}",

@@ -38,8 +38,8 @@ class EffectRow:
     share, upper_bound, size, formula
         Estimated share of the image that is wrong without it, whether that is at most so; size with unit; how both
         were found.
-    seconds
-        Cost (CPU-seconds for all of the plan).
+    seconds_with, seconds_without
+        Forecast of the cost of the whole plan with and without it (CPU-seconds).
     magnitudes
         Its magnitudes.
     """
@@ -56,7 +56,8 @@ class EffectRow:
     upper_bound: bool
     size: str
     formula: str
-    seconds: float
+    seconds_with: float
+    seconds_without: float
     magnitudes: tuple[Magnitude, ...]
 
     @property
@@ -71,8 +72,9 @@ class EffectRow:
         return f"{'≤ ' if self.upper_bound else ''}{format_share(self.share)}"
 
     def seconds_text(self) -> str:
-        """Return the cost as text."""
-        return format_seconds(self.seconds) if self.seconds > 0 else "free"
+        """Return the cost of the plan with and without it as text."""
+        before, after = self.seconds_without, self.seconds_with
+        return "free" if after == before else f"{format_seconds(after)} with it, {format_seconds(before)} without it"
 
     def verdict_text(self) -> str:
         """Return the decision and its reason as text."""
@@ -147,7 +149,8 @@ def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> 
         estimate.upper_bound,
         f"{estimate.size:.3g} {estimate.unit}".strip(),
         estimate.formula,
-        planned.seconds,
+        planned.seconds_with,
+        planned.seconds_without,
         magnitudes,
     )
 

@@ -230,6 +230,17 @@ def test_the_pattern_says_which_engine_computed_it(page: Any, context: Context, 
     assert whole.provenance["simulated"]["planes"][z]["engine"] == "grid"
 
 
+def test_the_tip_of_an_effect_says_what_it_costs(page: Any) -> None:
+    """Time of H with and without it; the share of the image without it is in its row."""
+    row = page.verdict.row("lenslet_diffraction")
+    planned = page.verdict.found.row("lenslet_diffraction")
+    assert row.on and planned.seconds_with > planned.seconds_without > 0
+    tip = page.panel.table._items[row.name].toolTip(0)
+    before, after = format_seconds(planned.seconds_without), format_seconds(planned.seconds_with)
+    assert f"Processor time of H: {after} with it, {before} without it" in tip
+    assert "Processor time of H: free" in page.panel.table._items["lens_types"].toolTip(0)
+
+
 def test_the_largest_effects_that_are_not_described_are_named(page: Any) -> None:
     """Six effects of 30 are on: an unknown cover glass could change more than all of them."""
     rows = sorted((row for row in page.verdict.rows if row.group == "unknown"), key=lambda row: -row.share)
