@@ -148,6 +148,8 @@ def _used(project: ProjectState, changes: Mapping[str, Any] | None) -> bool:
         return bool(changes["plan"] == project.plan)
     for page, values in changes["settings"].items():
         stored = project.settings.get(page)
+        if values == stored:  # also the settings of other pages, of any type
+            continue
         own = {**DEFAULTS.get(page, {}), **(stored if isinstance(stored, Mapping) else {})}
         if any(own.get(name) != value for name, value in values.items()):
             return False
