@@ -16,7 +16,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar
 
-__all__ = ["Kernel", "njit", "preparing_seconds"]
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Kernel", "kernel_input", "njit", "preparing_seconds"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -202,5 +205,16 @@ def _clock(dispatcher: Any) -> None:
 
 def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:
     """Return a decorator that compiles a function at its first call and caches it on disk; it runs without the GIL."""
-    settings = {"cache": True, "nogil": True, **options}
+    settings = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, **options}  # none is called from C
     return lambda function: Kernel(function, settings)
+
+
+def kernel_input(values: NDArray[Any]) -> NDArray[Any]:
+    """Return values as a contiguous array that cannot be written, copied only if necessary.
+
+    numba compiles a kernel again for each kind of array. An input is therefore always passed in this form, no matter
+    whether the caller owns it.
+    """
+    found = np.ascontiguousarray(values).view()
+    found.flags.writeable = False
+    return found

@@ -149,7 +149,7 @@ def register(
         _solve_lenslet(normal, right, squares, out[k])
 
 
-@njit()
+@njit(inline="always")
 def _solve_lenslet(normal: Any, right: Any, squares: float, out: Any) -> None:
     """Solve the normal equations of a lenslet; ``squares`` is the sum of its squared values, ``out`` one row."""
     n = normal[1, 1]

@@ -253,7 +253,7 @@ def transpose_batches(source: Words, out: Words, batches: Batches, start: int, s
     _fence()
 
 
-@njit()
+@njit(inline="always")
 def _turn_tile(source: Words, here: int, ahead: int, tiles: _Tiles, out: Words, at: int) -> None:
     """Turn the tile at ``here`` into ``out``; fetch the one at ``ahead``. Rows beyond nx are scratch."""
     rows, nx, ns, step = tiles.rows, tiles.nx, tiles.ns, tiles.step
@@ -277,7 +277,7 @@ def _turn_tile(source: Words, here: int, ahead: int, tiles: _Tiles, out: Words, 
                 _shear_4(source, here + c, rows, first, out, to, step)
 
 
-@njit()
+@njit(inline="always")
 def _write_runs(scratch: Words, out: Words, runs: _Runs) -> None:
     """Copy the runs from scratch to ``out``: whole cache lines past the caches, then the ends."""
     line = LINE_BYTES // out.itemsize

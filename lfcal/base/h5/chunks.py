@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from lfcal.base.compiled import njit
 from lfcal.base.errors import FileFormatError
 from lfcal.base.files import storage_errors
 from lfcal.base.system import OPEN_FLAGS, read_at
@@ -30,59 +29,14 @@ PIPELINE = ("shuffle", "deflate", "fletcher32")
 """Filters of an H file, in the order in which they are applied on writing."""
 
 
-@njit()
-def _fletcher32(data: NDArray[np.uint8]) -> int:
-    """Return sum2 << 16 | sum1: sum1 is the sum of the words, sum2 the sum of all sum1 so far, both modulo 65535.
-
-    A carry out of 16 bits is added back (65536 = 1 modulo 65535), after each block and twice more at the end, as in
-    the HDF5 library. The result 65535 is then never reduced to 0, and the bits equal the stored ones.
-    """
-    words = data.size // 2
-    sum1 = np.uint32(0)
-    sum2 = np.uint32(0)
-    start = 0
-    while start < words:
-        stop = min(start + 360, words)  # the number of words for which sum2 does not overflow 32 bits
-        for k in range(start, stop):
-            sum1 += np.uint32((np.uint32(data[2 * k]) << np.uint32(8)) | np.uint32(data[2 * k + 1]))
-            sum2 += sum1
-        sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))
-        sum2 = (sum2 & np.uint32(0xFFFF)) + (sum2 >> np.uint32(16))
-        start = stop
-    if data.size % 2:  # an odd last byte is the high byte of a word
-        sum1 += np.uint32(data[data.size - 1]) << np.uint32(8)
-        sum2 += sum1
-        sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))
-        sum2 = (sum2 & np.uint32(0xFFFF)) + (sum2 >> np.uint32(16))
-    sum1 = (sum1 & np.uint32(0xFFFF)) + (sum1 >> np.uint32(16))
-    sum2 = (sum2 & np.uint32(0xFFFF)) + (sum2 >> np.uint32(16))
-    return int((sum2 << np.uint32(16)) | sum1)
-
-
-@njit()
-def _shuffle(data: NDArray[np.uint8], size: int, out: NDArray[np.uint8]) -> None:
-    """Write the first bytes of all values, then all second bytes, and so on, which improves compression."""
-    n = data.size // size
-    for b in range(size):
-        for k in range(n):
-            out[b * n + k] = data[k * size + b]
-
-
-@njit()
-def _unshuffle(data: NDArray[np.uint8], size: int, out: NDArray[np.uint8]) -> None:
-    """Undo `_shuffle` for values of ``size`` bytes."""
-    n = data.size // size
-    for b in range(size):
-        for k in range(n):
-            out[k * size + b] = data[b * n + k]
-
-
 def fletcher32(data: bytes) -> int:
     """Return the checksum that HDF5 stores with a chunk: Fletcher's sums of big-endian 16-bit words.
 
     An odd last byte counts as the high byte of a word (HDF5 library, `H5_checksum_fletcher32`).
     """
-    return int(_fletcher32(np.frombuffer(data, np.uint8)))
+    from imagecodecs import h5checksum_fletcher32
+
+    return int(h5checksum_fletcher32(data))
 
 
 def encode_chunk(array: NDArray[Any], level: int = 1, filters: Sequence[str] = PIPELINE) -> bytes:
@@ -102,9 +56,8 @@ def encode_chunk(array: NDArray[Any], level: int = 1, filters: Sequence[str] = P
     for name in filters:
         if name == "shuffle":
             if contiguous.itemsize > 1:
-                shuffled = np.empty_like(data)
-                _shuffle(data, contiguous.itemsize, shuffled)
-                data = shuffled
+                # the first bytes of all values, then all second bytes, and so on, which improves compression
+                data = data.reshape(-1, contiguous.itemsize).T.copy().reshape(-1)
         elif name == "deflate":
             from imagecodecs import deflate_encode  # libdeflate: the same format in half zlib's time
 
@@ -156,9 +109,10 @@ def decode_chunk(
             data = _inflated(data, nbytes, where)
         elif dtype.itemsize > 1:
             _check_size(data, nbytes, where)
-            plain = np.empty(nbytes, np.uint8)
-            _unshuffle(np.frombuffer(data, np.uint8), dtype.itemsize, plain)
-            data = plain.data
+            plain = np.empty((nbytes // dtype.itemsize, dtype.itemsize), np.uint8)
+            for b, part in enumerate(np.frombuffer(data, np.uint8).reshape(dtype.itemsize, -1)):
+                plain[:, b] = part  # faster than copying the transpose
+            data = plain.reshape(-1)
     _check_size(data, nbytes, where)
     return np.frombuffer(data, dtype).reshape(tuple(shape))
 

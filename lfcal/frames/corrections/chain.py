@@ -10,7 +10,17 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Region, any_of, check_region, for_each_chunk, grow_region, region_shape, whole
+from lfcal.base import (
+    InputError,
+    Region,
+    any_of,
+    check_region,
+    for_each_chunk,
+    grow_region,
+    kernel_input,
+    region_shape,
+    whole,
+)
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.defects import Defects, repair_nan
 from lfcal.frames.corrections.steps import Background, Dark, DarkSet, Exposure, PixelMask, Plane, White
@@ -314,7 +324,7 @@ class CorrectionChain:
         dark_part = None if dark is None else dark.part(region)
         dark_frame = _EMPTY if dark_part is None else dark_part
         level = 0.0 if dark is None else dark.level
-        gain = _EMPTY if white is None else np.ascontiguousarray(white.gain[region])
+        gain = _EMPTY if white is None else white.gain[region]
         r0, c0 = region[0].start, region[1].start
         raw = _narrow(part)
         if (lost := self.masked(region)) is not None:
@@ -324,10 +334,12 @@ class CorrectionChain:
         # the kernel counts from the first pixel of the part, like the parts of dark and gain
         local = np.array([offset[0] + offset[1] * r0 + offset[2] * c0, offset[1], offset[2]])
 
-        terms = _kernels.CorrectionTerms(dark_frame, gain, np.float32(level), np.float32(factor), *local.tolist())
+        maps = kernel_input(dark_frame), kernel_input(gain)
+        terms = _kernels.CorrectionTerms(*maps, np.float32(level), np.float32(factor), *local.tolist())
+        samples = kernel_input(raw)
 
         def rows(start: int, stop: int) -> None:
-            _kernels.correct_rows(raw, terms, (0, 0), start, stop, result)
+            _kernels.correct_rows(samples, terms, (0, 0), start, stop, result)
 
         for_each_chunk(rows, part.shape[0], workers)
         if defects is not None:

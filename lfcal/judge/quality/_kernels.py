@@ -68,7 +68,7 @@ def frame_pass(
         _lit_pixels(frames[x], floor, line[2] - tolerance, out.lit, out.sensor[:, x : x + ns], line)
 
 
-@njit()
+@njit(inline="always")
 def _totals(frame: NDArray[np.float32], bits: NDArray[np.uint32], line: NDArray[np.float64]) -> np.uint64:
     """Write energy, sum of squares, highest value and number of NaN pixels; return the checksum (FNV-1a)."""
     energy = 0.0
@@ -98,7 +98,7 @@ def _totals(frame: NDArray[np.float32], bits: NDArray[np.uint32], line: NDArray[
     return h
 
 
-@njit()
+@njit(inline="always")
 def _lit_pixels(
     frame: NDArray[np.float32],
     floor: float,

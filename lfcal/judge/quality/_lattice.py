@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import for_each_chunk
+from lfcal.base import for_each_chunk, kernel_input
 from lfcal.camera import Camera
 from lfcal.judge.quality._kernels import spot_pass
 
@@ -118,7 +118,8 @@ def spot_waves(
     across = np.exp(-1j * s[:, None] * vectors[:, 0])
     down = np.exp(-1j * t[:, None] * vectors[:, 1])
     out = np.empty((n, len(vectors)), np.complex128)
-    for_each_chunk(lambda a, b: spot_pass(frames[a:b], floor, across, down, out[a:b]), n, workers)
+    shown = kernel_input(frames)
+    for_each_chunk(lambda a, b: spot_pass(shown[a:b], floor, across, down, out[a:b]), n, workers)
     return out
 
 

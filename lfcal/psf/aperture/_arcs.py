@@ -35,27 +35,31 @@ def arcs_radius(arcs: Values, stretch: float, shear: float, row: float, column: 
     angles
         Directions of the rays, from +column towards +row (rad).
     """
-    out = np.full(angles.size, 1e9)
+    n = angles.size
+    ex, ey, length, out = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     x0 = column * (1 + stretch) + row * shear
     y0 = column * shear + row * (1 - stretch)
-    ca, sa = np.cos(angles), np.sin(angles)
-    ex, ey = ca * (1 + stretch) + sa * shear, ca * shear + sa * (1 - stretch)
-    length = np.sqrt(ex * ex + ey * ey)
-    ex, ey = ex / length, ey / length
+    for i in range(n):  # expressions of whole arrays would take longer to compile
+        ca, sa = math.cos(angles[i]), math.sin(angles[i])
+        x, y = ca * (1 + stretch) + sa * shear, ca * shear + sa * (1 - stretch)
+        length[i] = math.sqrt(x * x + y * y)
+        ex[i], ey[i], out[i] = x / length[i], y / length[i], 1e9
     for j in range(arcs.shape[0]):
         u, v, k = math.cos(arcs[j, 0]), math.sin(arcs[j, 0]), arcs[j, 2]
         x, y = x0 * u + y0 * v - arcs[j, 1], y0 * u - x0 * v
         along, across = 1 + k * x, k * y
         constant = k * (x * x + y * y) + 2 * x
         # without a branch, the compiler vectorizes the loop
-        for i in range(angles.size):
+        for i in range(n):
             b = (ex[i] * u + ey[i] * v) * along + (ey[i] * u - ex[i] * v) * across
             root = b * b - k * constant
             below = b + math.sqrt(max(root, 0.0))
             leaves = root > 0 and below > 1e-9
             radius = -constant / (below if leaves else 1.0)
             out[i] = min(out[i], radius) if leaves else out[i]
-    return out / length
+    for i in range(n):
+        out[i] /= length[i]
+    return out
 
 
 @dataclass(frozen=True, slots=True)

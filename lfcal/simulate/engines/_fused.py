@@ -115,7 +115,7 @@ class FusedResponse:
         """Return the scratch memory of one thread for cutouts with ``rows`` rows."""
         groups = -(-self._n // LANES)
         buffer = groups * LANES * STEP
-        return Work(aligned(groups * buffer), aligned(buffer), aligned(rows * self._n))
+        return Work(aligned(groups * buffer), aligned(buffer), aligned(rows * self._n), aligned(LANES))
 
     def respond(
         self,

@@ -86,6 +86,7 @@ class Work(NamedTuple):
     columns: Reals  # a buffer for each LANES columns, with LANES * ceil(n / LANES) numbers each
     rows: Reals  # one buffer
     lines: Reals  # (rows of pixels, n): light on the samples of a row
+    sums: Reals  # LANES numbers
 
 
 # -- code on lanes ----------------------------------------------------------------------------------------
@@ -209,42 +210,57 @@ def _picked(b: Any, pair: tuple[Any, ...], places: list[int]) -> Any:
     return b.shuffle_vector(*pair, ir.Constant(ir.VectorType(_I32, LANES), places))
 
 
+def _define_step(function: Any, before: bool, after: bool) -> None:
+    """Write the code of a stage, see `_stage`: a loop over the butterflies of each size."""
+    data, at, apart, factors, first, radix = function.args
+    b = ir.IRBuilder(function.append_basic_block())
+    end = b.append_basic_block("end")
+    chosen = b.switch(radix, end)
+
+    def twiddled(wave: _Wave, own: Any, k: int) -> _Wave:
+        if not k:
+            return wave
+        places = (b.gep(own, [ir.Constant(_I64, 2 * k - part)]) for part in (2, 1))
+        return wave.times(*(_same(b, b.load(place)) for place in places))
+
+    for n in RADICES:
+        block = b.append_basic_block(f"radix{n}")
+        chosen.add_case(ir.Constant(_I64, n), block)
+        b.position_at_end(block)
+        starts = [b.gep(data, [b.add(at, b.mul(apart, ir.Constant(_I64, k * STEP)))]) for k in range(n)]
+        with cgutils.for_range(b, apart) as loop:
+            here = b.mul(loop.index, ir.Constant(_I64, STEP))
+            own = b.gep(factors, [b.add(first, b.mul(loop.index, ir.Constant(_I64, 2 * n - 2)))])
+            waves = [_load(b, start, here) for start in starts]
+            if before:
+                waves = [twiddled(wave, own, k) for k, wave in enumerate(waves)]
+            waves = _butterfly(waves)
+            if after:
+                waves = [twiddled(wave, own, k) for k, wave in enumerate(waves)]
+            for start, wave in zip(starts, waves, strict=True):
+                _store(b, start, here, wave)
+        b.branch(end)
+    b.position_at_end(end)
+    b.ret_void()
+
+
 def _stage(before: bool, after: bool) -> Any:
     """Make ``step(x, at, apart, twiddles, first, radix)``: butterflies of numbers ``apart`` on lanes from one another.
 
     As many, in place, the first from ``at`` on; with twiddle factors from ``first`` on before or after them.
     """
+    name = f"lfcal_step_{before:d}_{after:d}"
 
     def implement(context: Any, b: Any, signature: Any, arguments: Any) -> Any:
-        _, at, apart, _, first, radix = arguments
         data, factors = (_reals(context, b, signature, arguments, k) for k in (0, 3))
-        end = b.append_basic_block("end")
-        chosen = b.switch(radix, end)
-
-        def twiddled(wave: _Wave, own: Any, k: int) -> _Wave:
-            if not k:
-                return wave
-            places = (b.gep(own, [ir.Constant(_I64, 2 * k - part)]) for part in (2, 1))
-            return wave.times(*(_same(b, b.load(place)) for place in places))
-
-        for n in RADICES:
-            block = b.append_basic_block(f"radix{n}")
-            chosen.add_case(ir.Constant(_I64, n), block)
-            b.position_at_end(block)
-            starts = [b.gep(data, [b.add(at, b.mul(apart, ir.Constant(_I64, k * STEP)))]) for k in range(n)]
-            with cgutils.for_range(b, apart) as loop:
-                here = b.mul(loop.index, ir.Constant(_I64, STEP))
-                own = b.gep(factors, [b.add(first, b.mul(loop.index, ir.Constant(_I64, 2 * n - 2)))])
-                waves = [_load(b, start, here) for start in starts]
-                if before:
-                    waves = [twiddled(wave, own, k) for k, wave in enumerate(waves)]
-                waves = _butterfly(waves)
-                if after:
-                    waves = [twiddled(wave, own, k) for k, wave in enumerate(waves)]
-                for start, wave in zip(starts, waves, strict=True):
-                    _store(b, start, here, wave)
-            b.branch(end)
-        b.position_at_end(end)
+        pointer = _REAL.as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [pointer, _I64, _I64, pointer, _I64, _I64])
+        function = cgutils.get_or_insert_function(b.module, kind, name)
+        if not function.blocks:  # a function of its own, because code at each call would take long to compile
+            function.linkage = "internal"
+            function.attributes.add("noinline")
+            _define_step(function, before, after)
+        b.call(function, [data, arguments[1], arguments[2], factors, *arguments[4:]])
         return context.get_dummy_value()
 
     def typed(_: Any, x: Any, at: Any, apart: Any, twiddles: Any, first: Any, radix: Any) -> Any:
@@ -342,7 +358,7 @@ def _turn(_: Any, x: Any, at: Any, y: Any, to: Any) -> Any:
 
 
 # -- transforms -------------------------------------------------------------------------------------------
-@njit()
+@njit(inline="always")
 def _forth(x: Reals, at: int, count: int, stages: Stages) -> None:
     """Do some stages of a transform of ``count`` numbers at ``at``."""
     block = count
@@ -357,7 +373,7 @@ def _forth(x: Reals, at: int, count: int, stages: Stages) -> None:
         block = apart
 
 
-@njit()
+@njit(inline="always")
 def _back(x: Reals, at: int, count: int, stages: Stages) -> None:
     """Undo what `_forth` does, for numbers whose parts are exchanged."""
     apart = count
@@ -374,7 +390,7 @@ def _back(x: Reals, at: int, count: int, stages: Stages) -> None:
         apart = block
 
 
-@njit()
+@njit(inline="always")
 def _light_on_rows(grid: ResponseGrid, corner: int, way: Way, pixels: Pixels, work: Work) -> float:
     """Fill ``work.lines`` with the light on rows of pixels, at the samples of columns that pixels see.
 
@@ -383,7 +399,7 @@ def _light_on_rows(grid: ResponseGrid, corner: int, way: Way, pixels: Pixels, wo
     n, size = grid.side, work.rows.size
     groups, part = work.columns.size // size, n // way.first.radices[0]
     # behind the array, transformed along y; the last group of columns overlaps the previous one
-    energy, sums, rows = 0.0, np.empty(LANES, np.float32), (n, 2 * n, 2 * grid.width)
+    energy, sums, rows = 0.0, work.sums, (n, 2 * n, 2 * grid.width)
     for g in range(groups):
         left, at = min(g * LANES, n - LANES), g * size
         _multiply(grid.lit, 2 * left, grid.seen, 2 * (corner + left), work.columns, at, rows, sums)
@@ -401,13 +417,13 @@ def _light_on_rows(grid: ResponseGrid, corner: int, way: Way, pixels: Pixels, wo
         for g in range(groups):
             _turn(work.columns, g * size + at, work.rows, min(g * LANES, n - LANES) * STEP)
         own = at // STEP * n * 2
-        _forth(work.rows, whole - whole, n, way.first)
+        _forth(work.rows, 0, n, way.first)
         for start in range(0, whole, part * STEP):
             _forth(work.rows, start, part, way.then)
             for k in range(start, start + part * STEP, STEP):
                 _transfer(work.rows, k, grid.transfer, own + k)
             _back(work.rows, start, part, way.then)
-        _back(work.rows, whole - whole, n, way.first)
+        _back(work.rows, 0, n, way.first)
         for g in seen:
             _turn(work.rows, min(g * LANES, n - LANES) * STEP, work.columns, g * size + at)
 
@@ -423,7 +439,7 @@ def _light_on_rows(grid: ResponseGrid, corner: int, way: Way, pixels: Pixels, wo
     return energy
 
 
-@njit()
+@njit(inline="always")
 def _add_up(lines: Reals, side: int, pixels: Pixels, out: NDArray[Any]) -> None:
     """Fill ``out`` (rows, columns) with the light on pixels, from that on the samples of their rows."""
     for t in range(pixels.rows):
@@ -434,7 +450,7 @@ def _add_up(lines: Reals, side: int, pixels: Pixels, out: NDArray[Any]) -> None:
             out[t, s] = total
 
 
-@njit()
+@njit(_nrt=False)
 def respond(grid: ResponseGrid, way: Way, pixels: Pixels, work: Work, out: Reals, powers: NDArray[np.float64]) -> None:
     """Fill ``out`` (positions, rows, columns) with the light on pixels, and the powers just behind the array."""
     for k in range(grid.corners.size):

@@ -107,6 +107,7 @@ class _Scratch(NamedTuple):
     line: F4  # (6, n)
     parities: F4  # (4, half + 1, 2 (half + 1)) by `EE` and so on: real parts, then imaginary
     half: F4  # (k, 2 (half + 1))
+    lines: F4  # the same memory (2 k, half + 1)
     quarters: F4  # (4, 2 k, k)
     nodes: F4  # (c, c)
     side: F4  # (c, w)
@@ -114,7 +115,7 @@ class _Scratch(NamedTuple):
     turns: F8  # (axis, cosine and sine, c)
 
 
-@njit()
+@njit(_nrt=True, no_cpython_wrapper=True)
 def _product(a: F4, b: F4, out: F4) -> None:
     """Write out = a @ b in pieces too small for threaded BLAS."""
     rows = max(1, _SMALL // (a.shape[1] * b.shape[1]))
@@ -163,8 +164,8 @@ def mask_from_table(aperture: LensAperture, dx: float, x0: float, y0: float, mas
             im[i, j] = value * math.sin(phase)
 
 
-@njit(fastmath={"contract", "nnan", "ninf", "nsz"})
-def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -> None:
+@njit(fastmath={"contract", "nnan", "ninf", "nsz"}, no_cpython_wrapper=True)
+def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split, line: F4) -> None:
     """Write the mask times a phase with which rays of the Fresnel integral arrive where exact rays do, at B tan.
 
     A ray leaves the lenslet's point x with sines s = -(c - X0)/a' - kappa x, kappa = 1/a' + 1/f. In the integral, it
@@ -187,7 +188,7 @@ def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -
     half = optics.rays / (2 * math.pi)
     behind = g[0] * half * v0 * v0 * (1 / 8 + v0 * (3 / 16 + v0 * (29 / 128 + v0 * (65 / 256))))
     chief, scale = real(behind - math.floor(behind)), half / (8 * optics.gap)
-    tilt, excess = np.empty(n, mask.re.dtype), np.empty(n, mask.re.dtype)
+    tilt, excess = line[0], line[1]
     for j in range(n):
         x = (j - n // 2) * dx + spot.x0
         tilt[j], excess[j] = ux + rate * x, scale * x * (2 * ux + rate * x)
@@ -207,7 +208,7 @@ def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split) -
             out_im[j] = in_re[j] * sine + in_im[j] * cosine
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, inline="always")
 def weigh(bent: Split, dx: float, spot: Any, optics: Optics) -> None:
     """Multiply by the pixels' response to each ray's angle, in amplitude: (1 - sin²)^(n/4); rays as in `straighten`."""
     power, from_y, from_x = optics.accept
@@ -221,7 +222,7 @@ def weigh(bent: Split, dx: float, spot: Any, optics: Optics) -> None:
             bent.re[i, j], bent.im[i, j] = gain * bent.re[i, j], gain * bent.im[i, j]
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, inline="always")
 def _split_row(line: F4, i: int, parts: F4) -> None:
     """Write row i of the four parities from ``line``, the field at rows +i and -i (see `fold`)."""
     h, m = parts.shape[1] - 1, parts.shape[1]
@@ -239,7 +240,7 @@ def _split_row(line: F4, i: int, parts: F4) -> None:
     parts[EO, i, 0] = parts[EO, i, m] = parts[OO, i, 0] = parts[OO, i, m] = 0  # odd parts vanish on the axis
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, inline="always")
 def fold(
     field: MainLensField, place: tuple[int, int], mask: Split, turn: tuple[float, float], line: F4, parts: F4
 ) -> float:
@@ -284,8 +285,8 @@ def fold(
     return total
 
 
-@njit()
-def transform(zoom: Zoom, parts: F4, half: F4, out: F4) -> None:
+@njit(inline="always")
+def transform(zoom: Zoom, parts: F4, half: F4, lines: F4, out: F4) -> None:
     """Write the transforms of the four parities at the nodes >= 0: ``out`` (4, 2 k, k), rows re and im alternating.
 
     out[0] = C ee C^T, out[1] = C eo S^T, out[2] = S oe C^T, out[3] = S oo S^T, with C, S (k, h+1) of cosines and
@@ -293,7 +294,6 @@ def transform(zoom: Zoom, parts: F4, half: F4, out: F4) -> None:
     (2 k, h+1), one product along x handles both.
     """
     cosine, sine, cosine_t, sine_t = zoom.cosine, zoom.sine, zoom.cosine_t, zoom.sine_t
-    lines = half.reshape(2 * cosine.shape[0], cosine.shape[1])
     _product(cosine, parts[EE], half)
     _product(lines, cosine_t, out[0])
     _product(cosine, parts[EO], half)
@@ -304,7 +304,7 @@ def transform(zoom: Zoom, parts: F4, half: F4, out: F4) -> None:
     _product(lines, sine_t, out[3])
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, inline="always")
 def add_incoherent(scratch: _Scratch, zoom: Zoom, image: F4, top: int, left: int) -> float:
     """Square the field, integrate over pixels, add to the cutout; return the energy of the whole window.
 
@@ -340,7 +340,7 @@ def add_incoherent(scratch: _Scratch, zoom: Zoom, image: F4, top: int, left: int
     return float(total)
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, inline="always")
 def add_coherent(quarters: F4, turns: F8, grid_re: F4, grid_im: F4, top: int, left: int) -> float:
     """Add the field times its phase to the position's node grid; return the sum of its square.
 
@@ -377,7 +377,7 @@ def add_coherent(quarters: F4, turns: F8, grid_re: F4, grid_im: F4, top: int, le
     return total
 
 
-@njit(fastmath=True)
+@njit(fastmath=True, inline="always")
 def _node_turns(zoom: Zoom, optics: Optics, spot: Any, turns: F8) -> None:
     """Fill the phase of a lenslet's field at the nodes, along y and x, which the transform omits.
 
@@ -395,7 +395,6 @@ def _node_turns(zoom: Zoom, optics: Optics, spot: Any, turns: F8) -> None:
         turns[0, 0, j], turns[0, 1, j] = math.cos(b), math.sin(b)
 
 
-@njit()
 def _memory(zoom: Zoom, like: F4) -> _Scratch:
     """Return scratch memory for one lens type, in the precision of ``like``."""
     k, m = zoom.cosine.shape
@@ -405,20 +404,22 @@ def _memory(zoom: Zoom, like: F4) -> _Scratch:
     quarters, nodes = np.empty((4, 2 * k, k), kind), np.empty((count, count), kind)
     side, pixels = np.empty((count, w), kind), np.empty((w, w), kind)
     straight, bent = Split(masks[0], masks[1]), Split(masks[2], masks[3])
-    return _Scratch(straight, bent, line, parities, half, quarters, nodes, side, pixels, turns)
+    return _Scratch(straight, bent, line, parities, half, half.reshape(2 * k, m), quarters, nodes, side, pixels, turns)
 
 
-@njit(fastmath=True)
-def respond(
-    field: MainLensField, aperture: LensAperture, zoom: Zoom, optics: Optics, spots: Any, target: LightTarget
+@njit(fastmath=True, _nrt=False)
+def _respond(
+    field: MainLensField,
+    lens: tuple[LensAperture, Zoom],
+    optics: Optics,
+    spots: Any,
+    target: LightTarget,
+    scratch: _Scratch,
 ) -> None:
-    """Add one lenslet's response to the cutouts (incoherent) or node grids (coherent) of the listed positions.
-
-    ``spots`` come from `lfcal.simulate.engines._lenslets.select`, sorted so that neighbours have the same position
-    between two samples and share the mask; their ``energy_in`` and ``energy_out`` are filled.
-    """
+    """Do what `respond` describes, in memory made by Python: without allocations, the code compiles faster."""
+    aperture, zoom = lens
     # read arrays from their records before the loop: inside, each access would count references
-    scratch, dx, per, w = _memory(zoom, field.re), field.dx_um, zoom.per_px, zoom.bins.shape[1]
+    dx, per, w = field.dx_um, zoom.per_px, zoom.bins.shape[1]
     straight, bent, line, parities = scratch.mask, scratch.bent, scratch.line, scratch.parities
     half, quarters, turns = scratch.half, scratch.quarters, scratch.turns
     image, grid_re, grid_im, boxes = target.image, target.grid_re, target.grid_im, target.boxes
@@ -435,14 +436,14 @@ def respond(
             last_x, last_y = spot.x0, spot.y0
         place, turn = (spot.row, spot.col), (step * spot.oy, step * spot.ox)
         if optics.rays != 0 or optics.accept[0] != 0:
-            straighten(straight, dx, spot, optics, bent)
+            straighten(straight, dx, spot, optics, bent, line)
             if optics.accept[0] != 0:
                 weigh(bent, dx, spot, optics)
-            light = fold(field, place, bent, turn, line, parities)
+            seen = bent
         else:
-            light = fold(field, place, straight, turn, line, parities)
-        spot.energy_in = optics.share * light
-        transform(zoom, parities, half, quarters)
+            seen = straight
+        spot.energy_in = optics.share * fold(field, place, seen, turn, line, parities)
+        transform(zoom, parities, half, scratch.lines, quarters)
         p, top, left = spot.position, spot.top, spot.left
         if grid_re.shape[0] == 0:
             spot.energy_out = add_incoherent(scratch, zoom, image[p], top, left)
@@ -451,3 +452,14 @@ def respond(
         spot.energy_out = add_coherent(quarters, turns, grid_re[p], grid_im[p], top * per, left * per) / (per * per)
         boxes[p, 0], boxes[p, 1] = min(boxes[p, 0], top), max(boxes[p, 1], top + w)
         boxes[p, 2], boxes[p, 3] = min(boxes[p, 2], left), max(boxes[p, 3], left + w)
+
+
+def respond(
+    field: MainLensField, aperture: LensAperture, zoom: Zoom, optics: Optics, spots: Any, target: LightTarget
+) -> None:
+    """Add one lenslet's response to the cutouts (incoherent) or node grids (coherent) of the listed positions.
+
+    ``spots`` come from `lfcal.simulate.engines._lenslets.select`, sorted so that neighbours have the same position
+    between two samples and share the mask; their ``energy_in`` and ``energy_out`` are filled.
+    """
+    _respond(field, (aperture, zoom), optics, spots, target, _memory(zoom, field.re))

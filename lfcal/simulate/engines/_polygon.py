@@ -146,7 +146,7 @@ def spectrum(
 
     def fill(rows: slice, columns: NDArray[np.intp] | slice) -> None:
         f, g = fx[columns], fy[rows]
-        re, im = np.empty((g.size, f.size)), np.empty((g.size, f.size))
+        re, im = np.zeros((2, g.size, f.size))
         for_each_chunk(lambda a, b: _edge_rows(closed, f, g[a:b], re[a:b], im[a:b]), g.size, workers)
         result.real[rows, columns], result.imag[rows, columns] = re, im  # avoids a temporary sum for a large grid
 
@@ -189,7 +189,7 @@ def _edge_rows(
     re: NDArray[np.float64],
     im: NDArray[np.float64],
 ) -> None:
-    """Fill the transform's real and imaginary part ``(len(fy), len(fx))`` by the edges of ``closed`` (n + 1, 2).
+    """Add the transform's real and imaginary part ``(len(fy), len(fx))`` by the edges of ``closed`` (n + 1, 2).
 
     With edge vectors e, their middles m and sinc x = sin(pi x)/(pi x) the divergence theorem gives
 
@@ -199,12 +199,14 @@ def _edge_rows(
     as f goes to 0. Sines and phases of f.e = f_x e_x + f_y e_y come from those along the axes by the addition theorem;
     none is computed per point. f = 0 gets 0.
     """
-    re[:], im[:] = 0, 0
+    sx, cx, px, qx = np.empty((4, fx.size))
     for k in range(closed.shape[0] - 1):
         ex, ey = np.pi * (closed[k + 1, 0] - closed[k, 0]), np.pi * (closed[k + 1, 1] - closed[k, 1])
         mx, my = np.pi * (closed[k + 1, 0] + closed[k, 0]), np.pi * (closed[k + 1, 1] + closed[k, 1])
         # cosines minus 1, which would cancel near f = 0
-        sx, cx, px, qx = np.sin(ex * fx), np.cos(ex * fx), -2 * np.sin(mx * fx / 2) ** 2, np.sin(mx * fx)
+        for c in range(fx.size):  # expressions of whole arrays would take longer to compile
+            sx[c], cx[c] = np.sin(ex * fx[c]), np.cos(ex * fx[c])
+            px[c], qx[c] = -2 * np.sin(mx * fx[c] / 2) ** 2, np.sin(mx * fx[c])
         for r in range(fy.size):
             f = fy[r]
             sy, cy, py, qy = np.sin(ey * f), np.cos(ey * f), -2 * np.sin(my * f / 2) ** 2, np.sin(my * f)
