@@ -7,6 +7,7 @@ needed, and packages can import their modules normally.
 from __future__ import annotations
 
 import functools
+import gc
 import glob
 import hashlib
 import threading
@@ -48,14 +49,23 @@ def preparing_seconds() -> float:
 
 @contextmanager
 def _preparing() -> Iterator[None]:
-    """Add the CPU time of the block to the thread's total; nested calls are counted once."""
+    """Add the CPU time of the block to the thread's total; nested calls are counted once.
+
+    Python's search for unreachable objects is paused. Compiling creates so many objects that it would take a quarter of
+    the time.
+    """
     if _SPENT.busy:
         yield
         return
     start, _SPENT.busy = time.thread_time(), True
+    paused = gc.isenabled()
+    if paused:
+        gc.disable()
     try:
         yield
     finally:
+        if paused:
+            gc.enable()
         _SPENT.seconds += time.thread_time() - start
         _SPENT.busy = False
 
