@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pkgutil
 import pydoc
@@ -13,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import lfcal
-from lfcal.base.compiled import Kernel, njit, preparing_seconds
+from lfcal.base.compiled import Kernel, kernel_input, njit, preparing_seconds
 from lfcal.base.errors import InputError, LfcalError, StorageError
 from lfcal.base.registry import Registry
 from tests.distribution import install
@@ -189,3 +191,48 @@ def inner(x: float) -> float:
 @njit(cache=False)
 def outer(x: float) -> float:
     return inner(x) + 1
+
+
+@njit(cache=False)
+def added(values: NDArray[np.float64]) -> float:
+    total = 0.0
+    for value in values:
+        total += value
+    return total
+
+
+def test_a_kernel_is_compiled_once_for_arrays_of_every_kind() -> None:
+    """Frozen, transposed, a part of another array: each is a type of its own for numba."""
+    frozen = np.arange(6.0)
+    frozen.setflags(write=False)
+    for array in (np.arange(6.0), frozen, np.arange(12.0)[::2] / 2):
+        assert added(kernel_input(array)) == 15.0
+    assert len(added.compiled().signatures) == 1
+    own = np.arange(6.0)
+    assert np.shares_memory(own, kernel_input(own)) and own.flags.writeable, "neither copied nor frozen"
+
+
+def test_no_garbage_is_collected_while_a_kernel_is_compiled() -> None:
+    from numba.core import event
+    from numba.core.errors import TypingError
+
+    @njit(cache=False)
+    def doubled(x: float) -> float:
+        return 2 * x
+
+    found = []
+
+    class Listener(event.Listener):
+        def on_start(self, _: object) -> None:
+            found.append(gc.isenabled())
+
+        def on_end(self, _: object) -> None:
+            pass
+
+    assert gc.isenabled()
+    with event.install_listener("numba:compile", Listener()):
+        assert doubled(2.0) == 4.0
+        assert gc.isenabled()
+        with pytest.raises(TypingError):
+            doubled(None)  # type: ignore[arg-type]
+    assert found == [False, False] and gc.isenabled(), "after a failure, too"

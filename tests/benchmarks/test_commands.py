@@ -120,6 +120,15 @@ def test_transpose_file(bench: Bench) -> None:
 
 
 @pytest.mark.long
+def test_cold(bench: Bench, tmp_path: Path) -> None:
+    (found,) = bench.json("cold", "--commands", "transpose", "--folder", tmp_path)
+    assert found["command"] == "transpose"
+    assert found["cold_s"] > found["warm_s"] > 0 and found["cold_cpu_s"] > found["warm_cpu_s"] > 0
+    assert "got 'nothing'" in bench("cold", "--commands", "nothing", code=2)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.long
 def test_inspect(bench: Bench, tmp_path: Path) -> None:
     common = ("--preset", "bench", "--cutout", 41, "--folder", tmp_path, "--workers", 1)
     quiet = bench.json("inspect", *common, "--planes", 2, "--noise", 0, "--compression", "zstd")

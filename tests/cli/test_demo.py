@@ -1,5 +1,10 @@
 from __future__ import annotations
 
+import collections
+import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -39,3 +44,37 @@ def test_the_main_job_on_the_sample_session(
     for name in ("H_and_HT.png", "depth_sums.png"):
         assert cv2.imread(str(out / name)).std() > 10, "a picture, not an empty page"
     assert "<html" in (out / "report" / "index.html").read_text(encoding="utf-8")[:200]
+
+
+COUNTED = """
+import json, sys
+from numba.core import event
+compiled = []
+class Listener(event.Listener):
+    def on_start(self, event):
+        pass
+    def on_end(self, event):
+        kernel = event.data["dispatcher"].py_func
+        compiled.append(f"{kernel.__module__}.{kernel.__name__}")
+event.register("numba:compile", Listener())
+from lfcal.cli import main
+try:
+    main()
+finally:
+    print(json.dumps(compiled), file=sys.stderr)
+"""
+
+MOST_KERNELS = 24
+
+
+@pytest.mark.long
+def test_a_first_demo_compiles_few_kernels_and_none_twice(tmp_path: Path) -> None:
+    """Compiling is most of the time of the first command: for another kind of array, or called alone, it is wasted."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    line = [sys.executable, "-c", COUNTED, "demo", str(tmp_path / "out")]
+    done = subprocess.run(line, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    compiled = json.loads(done.stderr.splitlines()[-1])
+    count = collections.Counter(name for name in compiled if name.startswith("lfcal."))
+    assert not {name: times for name, times in count.items() if times > 1}
+    assert 10 < len(count) <= MOST_KERNELS, sorted(count)

@@ -86,7 +86,7 @@ class Work(NamedTuple):
     columns: Reals  # a buffer for each LANES columns, with LANES * ceil(n / LANES) numbers each
     rows: Reals  # one buffer
     lines: Reals  # (rows of pixels, n): light on the samples of a row
-    sums: Reals  # LANES numbers
+    sums: Reals  # (LANES,): power on each lane
 
 
 # -- code on lanes ----------------------------------------------------------------------------------------
@@ -211,7 +211,7 @@ def _picked(b: Any, pair: tuple[Any, ...], places: list[int]) -> Any:
 
 
 def _define_step(function: Any, before: bool, after: bool) -> None:
-    """Write the code of a stage, see `_stage`: a loop over the butterflies of each size."""
+    """Write the code of a stage (see `_stage`): a loop over the butterflies of each size."""
     data, at, apart, factors, first, radix = function.args
     b = ir.IRBuilder(function.append_basic_block())
     end = b.append_basic_block("end")
@@ -256,7 +256,7 @@ def _stage(before: bool, after: bool) -> Any:
         pointer = _REAL.as_pointer()
         kind = ir.FunctionType(ir.VoidType(), [pointer, _I64, _I64, pointer, _I64, _I64])
         function = cgutils.get_or_insert_function(b.module, kind, name)
-        if not function.blocks:  # a function of its own, because code at each call would take long to compile
+        if not function.blocks:  # one function, because code at each call would take long to compile
             function.linkage = "internal"
             function.attributes.add("noinline")
             _define_step(function, before, after)

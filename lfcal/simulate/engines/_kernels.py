@@ -107,7 +107,7 @@ class _Scratch(NamedTuple):
     line: F4  # (6, n)
     parities: F4  # (4, half + 1, 2 (half + 1)) by `EE` and so on: real parts, then imaginary
     half: F4  # (k, 2 (half + 1))
-    lines: F4  # the same memory (2 k, half + 1)
+    lines: F4  # the same memory as (2 k, half + 1)
     quarters: F4  # (4, 2 k, k)
     nodes: F4  # (c, c)
     side: F4  # (c, w)
@@ -290,8 +290,8 @@ def transform(zoom: Zoom, parts: F4, half: F4, lines: F4, out: F4) -> None:
     """Write the transforms of the four parities at the nodes >= 0: ``out`` (4, 2 k, k), rows re and im alternating.
 
     out[0] = C ee C^T, out[1] = C eo S^T, out[2] = S oe C^T, out[3] = S oo S^T, with C, S (k, h+1) of cosines and
-    sines. ``half`` is scratch (k, 2 (h+1)): after the matrix along y it has re and im side by side, so that, read as
-    (2 k, h+1), one product along x handles both.
+    sines. ``half`` is scratch (k, 2 (h+1)): after the matrix along y it has re and im side by side. ``lines`` is the
+    same memory as (2 k, h+1), so that one product along x handles both.
     """
     cosine, sine, cosine_t, sine_t = zoom.cosine, zoom.sine, zoom.cosine_t, zoom.sine_t
     _product(cosine, parts[EE], half)
