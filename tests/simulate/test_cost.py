@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 
 import pytest
 
-from lfcal.simulate import simulate_psf
+from benchmarks._effect_scenes import random_plan
+from lfcal.camera import ScanPlan, preset
+from lfcal.simulate import plan_effects, simulate_psf
+from lfcal.simulate._pupil_scene import AnyScene
 from lfcal.simulate.accuracy import cost
-from lfcal.simulate.accuracy.cost import engine_seconds, machine_rate
-from lfcal.simulate.staging import outlook_of
-from tests.simulate.common import small_plan
+from lfcal.simulate.accuracy.cost import efficient_steps, engine_seconds, machine_rate, step_for
+from lfcal.simulate.accuracy.probe import settle
+from lfcal.simulate.accuracy.sampling import steps_for
+from lfcal.simulate.effects import Outlook
+from lfcal.simulate.staging import outlook_of, resolve_level, scene_for, wave_level
+from tests.simulate.common import BASE, small_plan
+
+TOLERANCES = (0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005, 0.003, 0.001)
 
 
 @pytest.mark.parametrize("level", ["geometric", "wave"])
@@ -23,6 +32,12 @@ def test_lenslets_that_miss_the_cutout_cost_nothing(level: str) -> None:
     assert far < 1.2 * near and farther < 1.2 * near
     wide = engine_seconds(outlook_of(small_plan(300.0, cutout=99), 0), level, 0.03)
     assert 2 * far < wide < 5 * far
+
+
+@pytest.fixture
+def same_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compute with the speed of the machine on which the constants were measured."""
+    monkeypatch.setattr(cost, "_timed_rate", lambda: cost.FITTED_RATE)
 
 
 @pytest.fixture
@@ -62,3 +77,48 @@ def test_simulations_correct_the_forecast(off: float, monkeypatch: pytest.Monkey
         simulate_psf(plan, (), "wave", workers=1)
     # as far as simulations may correct it, in the right direction
     assert machine_rate() == pytest.approx(before * (5 if off > 1 else 0.2), rel=1e-6)
+
+
+def bench_plan() -> ScanPlan:
+    """Return a plane of the bench camera for which one grid is faster than windows behind all its lenslets."""
+    return ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0], cutout=49)
+
+
+def described(plan: ScanPlan) -> tuple[AnyScene | Outlook, ...]:
+    """Return a plane's scene and the outlook on it."""
+    return resolve_level(scene_for(plan, 0, BASE))[0], outlook_of(plan, 0)
+
+
+def test_a_sampling_that_is_slower_than_a_finer_one_is_not_used() -> None:
+    """Tolerances of 4 to 30 % took up to three times as long as 2 %, with windows instead of the grid."""
+    for one in described(bench_plan()):
+        assert {step.level for step in steps_for(one, "wave")} == {"wave", "grid"}
+        assert {step.level for step in efficient_steps(one, "wave")} == {"grid"}
+    scene, _ = resolve_level(scene_for(bench_plan(), 0, BASE))
+    found = settle(scene, "wave", 0.1)
+    assert found.level == "grid" and found.error < 0.02
+
+
+def test_costs_decide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a transform that takes 100 times as long, windows are the faster ones of the same scene."""
+    scene, outlook = described(bench_plan())
+    monkeypatch.setattr(cost, "PER_SAMPLE", 100 * cost.PER_SAMPLE)
+    for one in (scene, outlook):
+        assert [step_for(one, "wave", t).level for t in (0.1, 0.05, 0.01)] == ["wave", "wave", "grid"]
+        # nothing that keeps the smallest tolerance is lost
+        assert efficient_steps(one, "wave")[-1] == steps_for(one, "wave")[-1]
+
+
+@pytest.mark.usefixtures("same_machine")
+@pytest.mark.parametrize("number", range(40))
+@pytest.mark.few(8)
+def test_costs_do_not_rise_with_the_tolerance(number: int) -> None:
+    """Random cameras, by the forecast: for the sampling alone, and together with the effects of each tolerance."""
+    plan, _ = random_plan(number)
+    level = wave_level(plan.camera)
+    for one in (scene_for(plan, 0, ()), outlook_of(plan, 0)):
+        times = [cost._step_seconds(one, step) for step in efficient_steps(one, level)]
+        costs = [tables + (math.prod(one.period) + cost.PROBED) * each for tables, each in times]
+        assert costs == sorted(costs)
+    seconds = [plan_effects(plan, tolerance).seconds for tolerance in TOLERANCES]
+    assert all(loose <= 1.01 * tight for loose, tight in zip(seconds, seconds[1:], strict=False)), seconds

@@ -15,7 +15,7 @@ from scipy.special import j0
 from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice, LensType, Microscope, ScanPlan, preset
 from lfcal.simulate import plan_effects
-from lfcal.simulate.accuracy.sampling import step_for
+from lfcal.simulate.accuracy.cost import step_for
 from lfcal.simulate.effects import ExactAngles, LensletDiffraction, Outlook
 from lfcal.simulate.engines._debye import debye_field, debye_nodes, radial_field
 from lfcal.simulate.engines._wave import WavePlane

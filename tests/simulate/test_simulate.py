@@ -13,7 +13,7 @@ from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.psf import open_psf
 from lfcal.simulate import iter_simulate_psf, plan_effects, simulate_psf
-from lfcal.simulate.accuracy.sampling import step_for, steps_for
+from lfcal.simulate.accuracy.cost import efficient_steps, step_for
 from lfcal.simulate.effects import (
     Bandwidth,
     Coma,
@@ -158,7 +158,7 @@ def test_sampling_keeps_the_tolerance(tolerances: tuple[float, ...]) -> None:
     for tolerance in tolerances:
         found = PlaneResponse(plan, 0, BASE, tolerance=tolerance)
         assert difference(found.rows([4], [5]), fine) <= tolerance
-    steps = steps_for(outlook, "wave")
+    steps = efficient_steps(outlook, "wave")
     assert step_for(outlook, "wave", 10.0) == steps[0]
     assert step_for(outlook, "wave", 1e-9) == steps[-1]
     for coarse, fine_one in itertools.pairwise(steps):

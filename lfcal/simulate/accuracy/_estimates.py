@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import LfcalError
 from lfcal.camera import ScanPlan
-from lfcal.simulate.accuracy.cost import few_seconds
-from lfcal.simulate.accuracy.sampling import LevelSampling, finer, step_for
+from lfcal.simulate.accuracy.cost import few_seconds, step_for
+from lfcal.simulate.accuracy.sampling import LevelSampling, finer
 from lfcal.simulate.effects import (
     Effect,
     Estimate,

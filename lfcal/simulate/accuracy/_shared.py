@@ -12,12 +12,12 @@ from lfcal.simulate.accuracy._ladder import (
     quick_steps,
     rung_label,
 )
-from lfcal.simulate.accuracy.cost import correct_rate, few_seconds
+from lfcal.simulate.accuracy.cost import correct_rate, few_seconds, step_for
 from lfcal.simulate.accuracy.forecast import cost_scaling, engine_clock, plane_seconds, predict_seconds
 from lfcal.simulate.accuracy.memory import predict_bytes, task_bytes
 from lfcal.simulate.accuracy.planner import EFFECTS_SHARE, EffectSelection, PlannedEffect, plan_effects
 from lfcal.simulate.accuracy.probe import RETRIES, balanced, settle
-from lfcal.simulate.accuracy.sampling import finer, grid_margin, step_for, steps_for
+from lfcal.simulate.accuracy.sampling import finer, grid_margin, steps_for
 
 __all__ = [
     "EFFECTS_SHARE",

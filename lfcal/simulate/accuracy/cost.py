@@ -12,34 +12,49 @@ from __future__ import annotations
 import math
 import threading
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
 from lfcal.base import one_blas_thread
-from lfcal.simulate.accuracy.sampling import grid_extent, step_for
+from lfcal.camera import LensletLattice
+from lfcal.simulate._pupil_scene import AnyScene, PupilScene
+from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, steps_for
 from lfcal.simulate.effects import EngineSeconds, Outlook, PupilOutlook
 from lfcal.simulate.engines import Sampling, pupil_cost
+from lfcal.simulate.scene import Scene
 
-__all__ = ["correct_rate", "engine_seconds", "engine_times", "few_seconds", "machine_rate", "table_seconds"]
+__all__ = [
+    "correct_rate",
+    "efficient_steps",
+    "engine_seconds",
+    "engine_times",
+    "few_seconds",
+    "machine_rate",
+    "step_for",
+    "table_seconds",
+]
 
 FITTED_RATE = 2e10
 """Complex multiply-adds per second of the machine on which the constants were measured."""
 
-PER_LENSLET = 1.1e-5
-PER_NODE = 6e-9
-PER_COHERENT_NODE = 7.5e-9
-SET_UP, PROBED = 0.4, 12
-"""Time for the tables, counted twice because of the probe, and total number of positions that it computes."""
+SET_UP, PROBED = 0.1, 12
+"""CPU-seconds for a plane's tables, twice because of the probe, and total number of positions that it computes."""
 
-DEBYE_SIDE = 200.0
-"""Side of a microscope's cutout (px) up to which each pixel costs the same."""
+PER_LENSLET, PER_NODE, PER_COHERENT_NODE = 1.3e-5, 7e-9, 7.5e-9
+"""CPU-seconds of windows: for each lenslet, for each sample and node, and for each node at which fields are added."""
+
+PER_SAMPLE, PER_GRID, PER_TABLE_SAMPLE = 1.9e-10, 1.8e-5, 3e-7
+"""CPU-seconds of a grid of n x n samples: for each n² log2 n, for each position, and for each sample of its table."""
+
+PER_DEBYE, PER_DEBYE_NODE, DEBYE_SIDE = 1.2e-4, 2.8e-8, 200.0
+"""CPU-seconds of the Debye path: for each position and node; side of a cutout (px) up to which pixels cost the same."""
 
 MIRRORED = 6
 """Positions of a microscope's period for each position that is computed."""
 
-REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 320.0, 65.0
-PER_SAMPLE, PER_TABLE_SAMPLE, GRID_SET_UP = 4.2e-10, 7e-7, 0.15
-
+REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 280.0, 140.0
+"""Ratio of the reference's time to that of windows, and of a grid."""
 
 TIMINGS, INTERVAL_S = 12, 0.5
 """Number of timings of the machine in a process, and seconds between them, because a single timing may be too slow."""
@@ -153,70 +168,126 @@ def _estimated_seconds(outlook: Outlook, level: str, tolerance: float, positions
         sampling = step_for(outlook.scene, level, tolerance).sampling
         return positions * pupil_cost(outlook.scene, level, sampling) / FITTED_RATE
     if level == "geometric":
-        widest = math.ceil(max(_spots_px(outlook)))
-        seen = _lit_lenslets(outlook, widest)
+        light = _Light.of(outlook)
+        seen = light.lenslets(math.ceil(max(light.spots_px)))
         return 0.005 + positions * (2.5e-6 * seen + 1e-9 * outlook.pixels + 1e-5)
     # the reference has no separate sampling here: its cost is a multiple of that of the wave engine
     step = step_for(outlook, "wave" if level == "reference" else level, tolerance)
-    if level == "debye":
-        # for large cutouts, the time of matrix products grows with the side rather than with the number of pixels
-        larger = max(1.0, math.sqrt(outlook.pixels) / DEBYE_SIDE)
-        return 0.05 + positions * outlook.pixels * step.sampling.nodes_per_px**2 * 2.8e-8 * larger
-    if step.level == "grid":
-        each, setup = _grid_seconds(outlook, step.sampling)
-    else:
-        each, setup = _wave_seconds(outlook, step.sampling), SET_UP
+    tables, each = _step_seconds(outlook, step)
     if level == "reference":
         return positions * each * (REFERENCE_OVER_GRID if step.level == "grid" else REFERENCE_OVER_WAVE)
-    return setup + each * (positions + PROBED)
+    return tables + each * (positions + PROBED)
 
 
-def _grid_seconds(outlook: Outlook, sampling: Sampling) -> tuple[float, float]:
-    """Return the seconds of one position on a grid, of its tables, and of those of the grid for comparison."""
-    per = int(sampling.samples_per_px or 4)
-    side = grid_extent(outlook).side(per, sampling.margin_px)
-    rows, columns = (side + per * n for n in outlook.period)
-    return PER_SAMPLE * side**2 * math.log2(side), GRID_SET_UP + PER_TABLE_SAMPLE * rows * columns
+def efficient_steps(described: AnyScene | Outlook, level: str) -> tuple[LevelSampling, ...]:
+    """Return the samplings of a level, fastest first, without those for which a finer one is not slower.
+
+    The first sampling that is expected to keep a tolerance is therefore the fastest that keeps it, and it is never
+    slower than that of a smaller tolerance. Times are those of the reference machine, so that an H does not depend on
+    the machine that computes it.
+    """
+    steps = steps_for(described, level)
+    if isinstance(described, PupilScene) or len({step.level for step in steps}) == 1:
+        return steps  # samplings of one engine become slower as they become finer
+    positions = math.prod(described.period) + PROBED
+    best, kept = math.inf, []
+    for step in reversed(steps):
+        tables, each = _step_seconds(described, step)
+        if tables + positions * each < best:
+            best = tables + positions * each
+            kept.append(step)
+    return tuple(reversed(kept))
 
 
-def _wave_seconds(outlook: Outlook, sampling: Sampling) -> float:
-    """Return the seconds of one position, from its lenslets, samples on them, and nodes of windows and cutout."""
-    nodes, widest = 0.0, 0
-    for spot in _spots_px(outlook):
-        half = math.ceil(spot + sampling.margin_px)
-        widest = max(widest, half)
-        # samples per pixel on a lenslet that the window on the sensor needs (Nyquist), in steps of a half
-        need = 2 * (half + 0.5) * outlook.pixel_um**2 / (outlook.wavelength_um * outlook.gap_um)
-        samples = 2 * outlook.lit_px * max(1.0, math.ceil(2 * need) / 2) + 3
-        window = (2 * half + 1) * sampling.nodes_per_px + 2
-        nodes += (samples**2 + window**2) / len(outlook.defocus)
-    coherent = PER_COHERENT_NODE * outlook.pixels * sampling.nodes_per_px**2 if sampling.coherent else 0.0
-    return _lit_lenslets(outlook, widest) * (PER_LENSLET + PER_NODE * nodes) + coherent
+def step_for(described: AnyScene | Outlook, level: str, tolerance: float) -> LevelSampling:
+    """Return the fastest sampling of a level whose expected error is within ``tolerance``, or else the finest one."""
+    steps = efficient_steps(described, level)
+    return next((step for step in steps if step.expected <= tolerance), steps[-1])
 
 
-def _spots_px(outlook: Outlook) -> tuple[float, ...]:
-    """Return the radius of each type's spot (pixels); near the native plane, that of the pupil's image."""
-    cone, gap = 1 / (2 * outlook.f_number), outlook.gap_um
-    spots = []
-    for kind, spot in zip(outlook.camera.lattice.types, outlook.geometric_px, strict=True):
-        at_infinity = abs(1 - gap / kind.focal_length_um)
-        pupil = at_infinity * outlook.clear_um / 2 + gap * cone
-        whole = abs((1 - gap / kind.focal_length_um) * outlook.shift_um - gap) * cone
-        spots.append(min(spot, pupil / outlook.pixel_um, whole / outlook.pixel_um))
-    return tuple(spots)
+def _step_seconds(described: Scene | Outlook, step: LevelSampling) -> tuple[float, float]:
+    """Return the CPU-seconds of a sampling's tables, and of one position, on the reference machine."""
+    sampling = step.sampling
+    if step.level == "debye":
+        # for large cutouts, the time of matrix products grows with the side rather than with the number of pixels
+        pixels = math.prod(described.cutout)
+        larger = max(1.0, math.sqrt(pixels) / DEBYE_SIDE)
+        return 0.01, PER_DEBYE + pixels * sampling.nodes_per_px**2 * PER_DEBYE_NODE * larger
+    if step.level == "grid":
+        per = int(sampling.samples_per_px or 4)
+        side = grid_extent(described).side(per, sampling.margin_px)
+        rows, columns = (side + per * n for n in described.period)
+        return SET_UP + PER_TABLE_SAMPLE * rows * columns, PER_GRID + PER_SAMPLE * side**2 * math.log2(side)
+    return SET_UP, _Light.of(described).wave_seconds(sampling)
 
 
-def _lit_lenslets(outlook: Outlook, half_px: int) -> float:
-    """Return the number of lenslets whose windows, ``half_px`` on either side, reach into the cutout."""
-    pitch, px = outlook.camera.pitch_px, outlook.pixel_um
-    rows, columns = (n + 2 * half_px + 0.5 * pitch for n in outlook.cutout)
-    # spots are 1 - B/a times as far apart as their lenslets
-    apart = abs(1 - 1 / outlook.virtual_depth) if abs(outlook.virtual_depth) > 1e-3 else math.inf
-    cell = pitch * outlook.camera.lattice.row_step_um / px
-    # lenslets at the shadow's edge are partly lit, and lit by its fringes
-    radius = outlook.shadow_px + 0.25 * pitch + 0.5 * math.sqrt(outlook.wavelength_um * abs(outlook.shift_um)) / px
-    lit = max(1.0, math.pi * radius * radius / cell)
-    return min(lit, max(1.0, rows * columns / max(cell * apart * apart, 1e-9)))
+@dataclass(frozen=True, slots=True)
+class _Light:
+    """Sizes that determine an engine's work for one position: the same for a scene and for the outlook on it."""
+
+    cutout: tuple[int, int]
+    pixel_um: float
+    wavelength_um: float
+    f_number: float
+    gap_um: float
+    image_um: float
+    lattice: LensletLattice
+    shadow_px: float
+
+    @classmethod
+    def of(cls, described: Scene | Outlook) -> _Light:
+        """Return the sizes of a scene in its reduced frame, or of an outlook."""
+        cutout, wavelength, f_number = described.cutout, described.wavelength_um, described.f_number
+        if isinstance(described, Outlook):
+            px, gap, image, lattice = described.pixel_um, described.gap_um, described.shift_um, described.camera.lattice
+            return cls(cutout, px, wavelength, f_number, gap, image, lattice, described.shadow_px)
+        px, gap, image = described.reduced_pixel_um, described.reduced_gap_um, described.reduced_image_um
+        image = image if abs(image) >= wavelength else math.copysign(wavelength, image)
+        shadow = math.hypot(described.shadow_radius_um, 1.22 * wavelength * f_number) / px
+        return cls(cutout, px, wavelength, f_number, gap, image, described.lattice, shadow)
+
+    def wave_seconds(self, sampling: Sampling) -> float:
+        """Return the seconds of a position, from its lenslets, samples on them, and nodes of windows and cutout."""
+        nodes, widest = 0.0, 0
+        for spot in self.spots_px:
+            half = math.ceil(spot + sampling.margin_px)
+            widest = max(widest, half)
+            # samples per pixel on a lenslet that the window on the sensor needs (Nyquist), in steps of a half
+            need = 2 * (half + 0.5) * self.pixel_um**2 / (self.wavelength_um * self.gap_um)
+            samples = 2 * self.lit_px * max(1.0, math.ceil(2 * need) / 2) + 3
+            window = (2 * half + 1) * sampling.nodes_per_px + 2
+            nodes += (samples**2 + window**2) / len(self.lattice.types)
+        coherent = PER_COHERENT_NODE * math.prod(self.cutout) * sampling.nodes_per_px**2 if sampling.coherent else 0.0
+        return self.lenslets(widest) * (PER_LENSLET + PER_NODE * nodes) + coherent
+
+    @property
+    def lit_px(self) -> float:
+        """Radius of the lit part of a lenslet (pixels)."""
+        return min(0.5 * self.lattice.clear_diameter_um / self.pixel_um, self.shadow_px)
+
+    @property
+    def spots_px(self) -> tuple[float, ...]:
+        """Radius of each type's spot (pixels); near the native plane, that of the pupil's image."""
+        cone, gap, spots = 1 / (2 * self.f_number), self.gap_um, []
+        for kind in self.lattice.types:
+            at_infinity = 1 - gap / kind.focal_length_um
+            pupil = abs(at_infinity) * self.lattice.clear_diameter_um / 2 + gap * cone
+            whole = abs(at_infinity * self.image_um - gap) * cone
+            blur = abs(at_infinity - gap / self.image_um) * self.lit_px
+            spots.append(min(blur, pupil / self.pixel_um, whole / self.pixel_um))
+        return tuple(spots)
+
+    def lenslets(self, half_px: int) -> float:
+        """Return the number of lit lenslets whose windows, ``half_px`` on either side, reach into the cutout."""
+        pitch, px = self.lattice.pitch_um / self.pixel_um, self.pixel_um
+        rows, columns = (n + 2 * half_px + 0.5 * pitch for n in self.cutout)
+        # spots are 1 - B/a times as far apart as their lenslets
+        apart = abs(1 - self.gap_um / self.image_um) if abs(self.image_um) > 1e-3 * self.gap_um else math.inf
+        cell = pitch * self.lattice.row_step_um / px
+        # lenslets at the shadow's edge are partly lit, and lit by its fringes
+        radius = self.shadow_px + 0.25 * pitch + 0.5 * math.sqrt(self.wavelength_um * abs(self.image_um)) / px
+        lit = max(1.0, math.pi * radius * radius / cell)
+        return min(lit, max(1.0, rows * columns / max(cell * apart * apart, 1e-9)))
 
 
 def table_seconds(outlook: Outlook) -> float:

@@ -12,7 +12,8 @@ from lfcal.base import worker_count
 from lfcal.camera import ScanPlan
 from lfcal.simulate._pupil_scene import PupilScene
 from lfcal.simulate.accuracy.probe import places
-from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, step_for, steps_for, tilt_orders
+from lfcal.simulate.accuracy.cost import efficient_steps, step_for
+from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, steps_for, tilt_orders
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import Sampling, pupil_bytes
 from lfcal.simulate.plane_task import EffectsLike, PlaneTask, budgeted
@@ -139,14 +140,14 @@ def _plane_bytes(
         return SMALL_PARTS + filtered + pupil_bytes(scene, resolved, chosen)
     if sampling is not None:
         return SMALL_PARTS + filtered + engine_bytes(scene, LevelSampling(resolved, sampling, 0.0), workers)
-    steps = steps_for(scene, resolved)
+    steps = efficient_steps(scene, resolved)
     first = next((k for k, step in enumerate(steps) if step.expected <= share), len(steps) - 1)
     if resolved == "reference":  # the reference is not compared with anything
         return SMALL_PARTS + filtered + engine_bytes(scene, steps[first], workers)
     # the chosen engine stays in memory while a finer one, for comparison, is made
     tried = steps[first:] if _captured_share(scene) < FAINT else steps[first : first + TRIED]
     fast = scene.f_number < FAST
-    grids = [step for step in steps if step.level == "grid"][: GRID_REFERENCE + fast]
+    grids = [step for step in steps_for(scene, resolved) if step.level == "grid"][: GRID_REFERENCE + fast]
     others = [*tried, *grids[-1:]]
     return (
         SMALL_PARTS

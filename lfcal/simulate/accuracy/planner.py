@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from lfcal.simulate.effects import (
     ActsOn,
     Bandwidth,
     Effect,
+    EngineSeconds,
     Estimate,
     FrameEffect,
     LensletDiffraction,
@@ -204,7 +206,9 @@ def plan_effects(
     """Select the effects to simulate in the planes of a scan.
 
     Effects are left out as long as their estimates add up to less than half the tolerance, the slowest ones first, then
-    the smallest. The other half is reserved for errors of the computation. Errors of assembly and use (a gap error, a
+    the smallest. The other half is reserved for errors of the computation. If fewer omitted effects allow a coarser
+    sampling that takes less time in total, fewer are left out. The time therefore never increases with the tolerance.
+    Errors of assembly and use (a gap error, a
     loose stage) are simulated only if they are given in ``effects`` or switched on, because their typical sizes may not
     apply to this camera.
 
@@ -254,25 +258,19 @@ def plan_effects(
         _Draft(e, settings[e.name], tuple(found), costs.of(e), known=e.name in known, frames=frames)
         for e, found in zip(candidates, estimates, strict=True)
     ]
-    allowed = EFFECTS_SHARE * tolerance
     # False before True: first effects that take a fifth of the computing time or more, then the smallest errors
     decided = [
-        _decided(sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.at(k).error)), k, allowed)
+        _fastest(sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.at(k).error)), k, costs)
         for k in range(len(planes))
     ]
-    rows = tuple(_row(draft, planes, [found for found, _ in decided]) for draft in drafts)
-    chosen = [[row.effect for row in rows if row.planes[k]] for k in range(len(planes))]
+    rows = tuple(_row(draft, planes, [one.found for one in decided]) for draft in drafts)
     level = costs.level_of(row.effect for row in rows if row.on)
     depths = tuple(outlook.z_um for outlook in planes)
-    return EffectSelection(
-        tuple(costs.compared(row, chosen, frames=frames) for row in rows),
-        depths,
-        tolerance,
-        level,
-        costs.total(chosen),
-        costs.rays,
-        tuple(out for _, out in decided),
-    )
+    chosen = tuple(one.effects for one in decided)
+    left_out = tuple(one.left_out for one in decided)
+    rows = tuple(costs.compared(row, chosen, left_out, frames=frames) for row in rows)
+    seconds = sum(one.seconds for one in decided)
+    return EffectSelection(rows, depths, tolerance, level, seconds, costs.rays, left_out)
 
 
 def _settings(overrides: Mapping[str, str], candidates: Sequence[Effect]) -> dict[str, str]:
@@ -289,40 +287,52 @@ class _Costs:
     """Predicted CPU-seconds of the whole plan."""
 
     def __init__(self, planes: Sequence[Outlook], waves: str, tolerance: float) -> None:
-        self.waves = waves
-        self.planes = [(outlook, engine_times(outlook, waves, tolerance)) for outlook in planes]
-        self.rays = sum(engine.rays for _, engine in self.planes)
-        self.full = sum(engine.waves for _, engine in self.planes)
+        self.outlooks, self.waves, self.tolerance = planes, waves, tolerance
+        self._times: dict[tuple[int, float], EngineSeconds] = {}
+        whole = [self.times(k, tolerance) for k in range(len(planes))]
+        self.rays = sum(engine.rays for engine in whole)
+        self.full = sum(engine.waves for engine in whole)
+
+    def times(self, plane: int, share: float) -> EngineSeconds:
+        """Return the engines' times for a plane if the computation may have the error ``share``."""
+        if (plane, share) not in self._times:
+            self._times[plane, share] = engine_times(self.outlooks[plane], self.waves, share)
+        return self._times[plane, share]
 
     def level_of(self, effects: Iterable[Effect]) -> str:
         """Return the level that the effects need; only waves are followed behind single lenslets."""
-        waves = not self.planes[0][0].camera.has_lattice
+        waves = not self.outlooks[0].camera.has_lattice
         return self.waves if waves or any(effect.needs_waves for effect in effects) else "geometric"
 
     def of(self, effect: Effect) -> float:
         """Return the computing time that one effect adds to a wave simulation of one source point."""
-        return sum(effect.seconds(outlook, engine) for outlook, engine in self.planes)
+        return sum(effect.seconds(one, self.times(k, self.tolerance)) for k, one in enumerate(self.outlooks))
 
-    def total(self, chosen: Sequence[Sequence[Effect]]) -> float:
-        """Return the seconds for the effects chosen in each plane; source points and wavelengths multiply."""
-        seconds = 0.0
-        for (outlook, engine), effects in zip(self.planes, chosen, strict=True):
-            by_rays = self.level_of(effects) == "geometric"
-            runs = len(light_samples(effects, outlook))
-            seconds += runs * (engine.rays if by_rays else engine.waves)
-            # the step from rays to waves, and further runs, are included in the seconds of the engines
-            seconds += sum(e.seconds(outlook, engine) for e in effects if not _in_engines(e))
-        return seconds
+    def of_plane(self, plane: int, effects: Sequence[Effect], share: float) -> float:
+        """Return the seconds of a plane with some effects; source points and wavelengths multiply."""
+        outlook, engine = self.outlooks[plane], self.times(plane, share)
+        by_rays = self.level_of(effects) == "geometric"
+        runs = len(light_samples(effects, outlook))
+        # the step from rays to waves, and further runs, are included in the seconds of the engines
+        others = sum(e.seconds(outlook, engine) for e in effects if not _in_engines(e))
+        return runs * (engine.rays if by_rays else engine.waves) + others
 
-    def compared(self, row: PlannedEffect, chosen: Sequence[Sequence[Effect]], *, frames: bool) -> PlannedEffect:
+    def compared(
+        self, row: PlannedEffect, chosen: Sequence[Sequence[Effect]], left_out: Sequence[float], *, frames: bool
+    ) -> PlannedEffect:
         """Return the row with the seconds for the effects chosen in each plane, with and without the row's effect.
 
-        An effect that is off is added to every plane, unless it acts only on ``frames`` that are not simulated.
+        An effect that is off is added to every plane, unless it acts only on ``frames`` that are not simulated. The
+        sampling remains as it is.
         """
         planes = row.planes if row.on else (frames or row.effect.acts_on.enters_h,) * len(chosen)
         others = [[e for e in effects if e.name != row.name] for effects in chosen]
         complete = [[*some, row.effect] if on else some for some, on in zip(others, planes, strict=True)]
-        return replace(row, seconds_with=self.total(complete), seconds_without=self.total(others))
+
+        def total(effects: Sequence[Sequence[Effect]]) -> float:
+            return sum(self.of_plane(k, effects[k], self.tolerance - out) for k, out in enumerate(left_out))
+
+        return replace(row, seconds_with=total(complete), seconds_without=total(others))
 
 
 def _in_engines(effect: Effect) -> bool:
@@ -351,8 +361,36 @@ def _counts(effect: Effect, known: bool, frames: bool) -> bool:
     return (known or not effect.deviation) and (frames or effect.acts_on.enters_h)
 
 
-def _decided(drafts: Sequence[_Draft], plane: int, allowed: float) -> tuple[dict[str, _Decision], float]:
-    """Return on or off with the reason for each effect at one plane, and the error left out there."""
+class _Decided(NamedTuple):
+    """Decisions at one plane by the name of the effect, the error that they leave out, and the plane's CPU-seconds.
+
+    ``used`` includes the error of a bandwidth that other effects need, which is not left out.
+    """
+
+    found: dict[str, _Decision]
+    effects: tuple[Effect, ...]
+    used: float
+    left_out: float
+    seconds: float
+
+
+def _fastest(drafts: Sequence[_Draft], plane: int, costs: _Costs) -> _Decided:
+    """Return the decisions at one plane with which it takes the least time.
+
+    What omitted effects leave of the tolerance may require a sampling that costs more time than the effects do.
+    """
+    least = costs.times(plane, costs.tolerance).waves
+    best = tried = _decided(drafts, plane, EFFECTS_SHARE * costs.tolerance, costs)
+    while tried.used > 0 and costs.times(plane, costs.tolerance - tried.left_out).waves > least:
+        # between this limit and the error in use, the decisions do not change
+        tried = _decided(drafts, plane, math.nextafter(tried.used, 0.0), costs)
+        if tried.seconds < best.seconds:
+            best = tried
+    return best
+
+
+def _decided(drafts: Sequence[_Draft], plane: int, allowed: float, costs: _Costs) -> _Decided:
+    """Return on or off with the reason for each effect at one plane."""
     found: dict[str, _Decision] = {}
     used = 0.0
     for draft in drafts:
@@ -360,7 +398,9 @@ def _decided(drafts: Sequence[_Draft], plane: int, allowed: float) -> tuple[dict
         if not decided.on and draft.setting == "auto" and _counts(draft.effect, draft.known, draft.frames):
             used += draft.at(plane).error
         found[draft.effect.name] = decided
-    return found, used - _with_bandwidth(drafts, plane, found)
+    left_out = used - _with_bandwidth(drafts, plane, found)
+    chosen = tuple(draft.effect for draft in drafts if found[draft.effect.name].on)
+    return _Decided(found, chosen, used, left_out, costs.of_plane(plane, chosen, costs.tolerance - left_out))
 
 
 def _with_bandwidth(drafts: Sequence[_Draft], plane: int, found: dict[str, _Decision]) -> float:

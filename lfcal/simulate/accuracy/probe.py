@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError
 from lfcal.simulate._pupil_scene import AnyScene, PupilScene
-from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, LevelSampling, finer, step_for, steps_for
+from lfcal.simulate.accuracy.cost import efficient_steps, step_for
+from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, LevelSampling, finer, steps_for
 from lfcal.simulate.engines import SWITCH, EnergyError, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.scene import Scene
 
@@ -73,7 +74,8 @@ class Settled:
 def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False) -> Settled:
     """Return the cheapest sampling of a level with an error of at most ``share``, or the finest one.
 
-    Samplings are tried from the fastest that is expected to suffice. Each is compared with one that is finer in all
+    Samplings are tried from the fastest that is expected to suffice; those that are slower than a finer one are not.
+    Each is compared with one that is finer in all
     respects: windows are compared with the whole array on one grid, and a grid with a finer grid. If no grid is large
     enough for the scene, windows are compared with wider ones whose fields are added. Exact angles, which windows
     follow only to first order, are then compared with the reference. A smaller ``share`` never leads to a coarser
@@ -101,7 +103,7 @@ def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False)
     if level == "geometric":
         return Settled(engine_for(scene, level), level, Sampling(), 0.0)
     probe = _ErrorProbe(scene, level)
-    steps = list(probe.steps)
+    steps = list(efficient_steps(scene, level))
     if escalate and probe.by_reference:
         steps += steps_for(scene, "reference")
     first = next((k for k, step in enumerate(steps) if step.expected <= share), len(steps) - 1)

@@ -26,7 +26,6 @@ __all__ = [
     "finer",
     "grid_extent",
     "grid_margin",
-    "step_for",
     "steps_for",
     "tilt_orders",
 ]
@@ -298,12 +297,6 @@ def _near(described: Scene | Outlook) -> bool:
 
 def _margin_px(margin: float, fringes: Fringes) -> int:
     return min(WIDEST, math.ceil(margin * fringes.spot))
-
-
-def step_for(described: AnyScene | Outlook, level: str, tolerance: float) -> LevelSampling:
-    """Return the fastest sampling of a level whose expected error is within ``tolerance``, or else the finest one."""
-    steps = steps_for(described, level)
-    return next((step for step in steps if step.expected <= tolerance), steps[-1])
 
 
 def finer(sampling: Sampling) -> Sampling:
