@@ -19,6 +19,9 @@ from tests.shuffling import header, shuffle
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
+# Forecasts of tests, and of the programs that they start, neither read nor write the user's cache.
+os.environ["LFCAL_CACHE"] = ""
+
 # Beside other workers more threads of BLAS only wait for each other, and busily: a fit takes an eighth longer.
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -98,6 +98,7 @@ def examine() -> dict[str, Any]:
         "disk free for temporary files": format_bytes(shutil.disk_usage(tempfile.gettempdir()).free),
         "HDF5": importlib.import_module("h5py").version.hdf5_version,
         "numba cache": _numba_cache(),
+        "speed for forecasts": _speed(),
     }
     libraries = {name: _version(name) for name in LIBRARIES}
     devices = [asdict(found) for found in find_backends()]
@@ -144,3 +145,16 @@ def _numba_cache() -> str:
     if os.access(place, os.W_OK):
         return str(folder)
     return f"{folder}: not writable; set NUMBA_CACHE_DIR, or kernels are compiled at every start"
+
+
+def _speed() -> str:
+    """Return the stored speed of this machine as text, and how simulations have corrected it."""
+    from lfcal.simulate.accuracy import machine_speed
+
+    speed = machine_speed()
+    place = f"; stored in {speed.file}" if speed.file else "; not stored, because LFCAL_CACHE is empty"
+    if not speed.measured:
+        return f"not measured yet; the first forecast measures it{place}"
+    words = [f"{speed.rate():.2g} complex multiply-adds per second and thread"]
+    words += [f"{name}: {speed.ratio(name):.2f} times the forecast ({speed.planes(name)})" for name in speed.engines]
+    return ", ".join(words) + place

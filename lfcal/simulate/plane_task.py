@@ -154,7 +154,8 @@ class PlaneTask:
         if not self.plan.camera.has_lattice:
             # matrix products in threads of the BLAS: of the process's time, at most as much as they can have used
             spent = max(spent, min(time.process_time() - cpu, count * elapsed))
-        correct_rate(outlook, response.level, self.tolerance, response.runs, spent)
+        if self.sampling is None:  # of a given sampling, nothing was forecast
+            correct_rate(outlook, response.level, self.tolerance, response.runs, spent)
         error = response.reached + self.left_out + lost
         known = {"error": error} if math.isfinite(error) else {}
         record = {**response.record(), "seconds": round(elapsed, 3), "processor_seconds": round(spent, 3), **known}

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from lfcal.simulate.accuracy import calibration
 from tests.cli.conftest import Run
 from tests.distribution import in_a_new_process, install
 
@@ -53,3 +54,20 @@ def test_parts_that_load_are_not_listed(lfcal: Callable[..., Run]) -> None:
     assert done.code == 0 and done.json["plugins"] == []  # type: ignore[index, call-overload]
     assert "plug-in" not in lfcal("doctor").out
     assert lfcal("--version").out.startswith("lfcal ")
+
+
+def test_the_speed_for_forecasts_is_shown(
+    lfcal: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def shown() -> str:
+        return str(lfcal("doctor", "--json").json["machine"]["speed for forecasts"])  # type: ignore[index, call-overload]
+
+    monkeypatch.setattr(calibration, "_timed_rate", lambda: 1e10)
+    assert "LFCAL_CACHE is empty" in shown()
+    monkeypatch.setenv("LFCAL_CACHE", str(tmp_path))
+    assert "not measured yet" in shown() and str(tmp_path) in shown()
+    assert not list(tmp_path.iterdir()), "to show it measures nothing"
+    speed = calibration.machine_speed()
+    speed.rate()
+    speed.correct("wave", 1.0, 1.25)
+    assert "1e+10 complex multiply-adds" in shown() and "wave: 1.25 times the forecast (1)" in shown()

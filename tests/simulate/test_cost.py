@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -12,11 +11,12 @@ from benchmarks._effect_scenes import random_plan
 from lfcal.camera import ScanPlan, preset
 from lfcal.simulate import plan_effects, simulate_psf
 from lfcal.simulate._pupil_scene import AnyScene
-from lfcal.simulate.accuracy import cost
-from lfcal.simulate.accuracy.cost import efficient_steps, engine_seconds, machine_rate, step_for
+from lfcal.simulate.accuracy import calibration, cost
+from lfcal.simulate.accuracy.cost import efficient_steps, engine_seconds, step_for
 from lfcal.simulate.accuracy.probe import settle
 from lfcal.simulate.accuracy.sampling import steps_for
 from lfcal.simulate.effects import Outlook
+from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.staging import outlook_of, resolve_level, scene_for, wave_level
 from tests.simulate.common import BASE, small_plan
 
@@ -36,47 +36,33 @@ def test_lenslets_that_miss_the_cutout_cost_nothing(level: str) -> None:
 
 @pytest.fixture
 def same_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compute with the speed of the machine on which the constants were measured."""
-    monkeypatch.setattr(cost, "_timed_rate", lambda: cost.FITTED_RATE)
+    """Compute with the speed of the machine on which the constants were measured, and without corrections."""
+    monkeypatch.setattr(calibration, "_timed_rate", lambda: cost.FITTED_RATE)
+    monkeypatch.setattr(calibration, "_SPEED", None)
 
 
-@pytest.fixture
-def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Forget what this process knows about the machine."""
-    monkeypatch.setattr(cost, "_RATE", cost._Rate())
-    monkeypatch.setattr(cost, "INTERVAL_S", 0.0)
-    yield
+@pytest.mark.usefixtures("same_machine")
+@pytest.mark.parametrize("off", [3.0, 1 / 3])
+def test_simulations_correct_the_forecast(off: float) -> None:
+    """Of the engine that ran, and of no other; the sampling is chosen as before."""
+    outlook = outlook_of(small_plan(3.0, cutout=121), 0)
+    before = {level: engine_seconds(outlook, level) for level in ("geometric", "wave", "reference")}
+    chosen = step_for(outlook, "wave", 0.03)
+    for _ in range(3):
+        cost.correct_rate(outlook, "grid", 0.03, 2, off * 2 * before["wave"])
+    after = {level: engine_seconds(outlook, level) for level in before}
+    assert after == pytest.approx(before | {"wave": off * before["wave"]})
+    assert step_for(outlook, "wave", 0.03) == chosen
 
 
-@pytest.mark.usefixtures("fresh")
-def test_a_slow_moment_does_not_stand(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One slow timing made forecasts 725 times too long for the life of a window."""
-    moments = iter([2e7, 2e7, 2e7, 2e10, 1e8, 1e8])
-    monkeypatch.setattr(cost, "_timed_rate", lambda: next(moments))
-    outlook = outlook_of(small_plan(3.0, cutout=21), 0)
-    first = engine_seconds(outlook, "geometric")
-    assert engine_seconds(outlook, "geometric") == pytest.approx(first / 1000)
-    assert engine_seconds(outlook, "geometric") == pytest.approx(first / 1000)
-
-
-@pytest.mark.usefixtures("fresh")
-def test_other_programs_do_not_slow_the_timing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A clock on the wall that runs a thousand times too fast, as it does for a process that rarely gets its turn."""
-    monkeypatch.setattr(time, "perf_counter", lambda: 1000 * time.monotonic())
-    assert 1e8 < machine_rate() < 1e13
-
-
-@pytest.mark.usefixtures("fresh")
-@pytest.mark.parametrize("off", [100.0, 0.01])
-def test_simulations_correct_the_forecast(off: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    plan = small_plan(3.0, cutout=21)
+@pytest.mark.usefixtures("same_machine")
+def test_a_plane_corrects_the_forecast_unless_its_sampling_was_given(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cost, "LEAST_RUN_S", 0.0)
-    monkeypatch.setattr(cost, "_timed_rate", lambda: cost.FITTED_RATE / off)
-    before = machine_rate()
-    for _ in range(4):
-        simulate_psf(plan, (), "wave", workers=1)
-    # as far as simulations may correct it, in the right direction
-    assert machine_rate() == pytest.approx(before * (5 if off > 1 else 0.2), rel=1e-6)
+    plan = replace(small_plan(3.0, cutout=21), period=(2, 2))
+    simulate_psf(plan, (), "wave", sampling=Sampling(nodes_per_px=2), workers=1)
+    assert calibration.machine_speed().planes("wave") == 0
+    simulate_psf(plan, (), "wave", workers=1)
+    assert calibration.machine_speed().planes("wave") == 1
 
 
 def bench_plan() -> ScanPlan:

@@ -1,6 +1,7 @@
 """The cost of accuracy, and the choice of effects to simulate.
 
-- ``planner``: the effects that a scene needs; ``cost``, ``forecast``: computing time
+- ``planner``: the effects that a scene needs; ``cost``, ``forecast``: computing time;
+  ``calibration``: speed of this machine
 - ``sampling``: sampling of an engine; ``_ladder``: measured error against time
 """
 

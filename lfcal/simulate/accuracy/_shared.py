@@ -12,6 +12,7 @@ from lfcal.simulate.accuracy._ladder import (
     quick_steps,
     rung_label,
 )
+from lfcal.simulate.accuracy.calibration import machine_speed
 from lfcal.simulate.accuracy.cost import correct_rate, few_seconds, step_for
 from lfcal.simulate.accuracy.forecast import cost_scaling, engine_clock, plane_seconds, predict_seconds
 from lfcal.simulate.accuracy.memory import predict_bytes, task_bytes
@@ -37,6 +38,7 @@ __all__ = [
     "grid_margin",
     "iter_ladder",
     "ladder",
+    "machine_speed",
     "plan_effects",
     "plane_seconds",
     "predict_bytes",

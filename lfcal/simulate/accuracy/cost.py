@@ -1,24 +1,19 @@
 """Cost of a simulation, predicted from the description, short timings on this machine and earlier simulations.
 
-The constants were fitted to the engines of this package on a machine with 2e10 complex multiply-adds per second and
-thread in small matrix products; they are scaled by that rate. They are accurate within a factor of about 2 for planes
-that take seconds. For planes that take tenths of a second they are up to ten times too high, because their tables cost
-less than assumed. `lfcal.simulate.predict_seconds` runs the engine briefly instead, and is accurate within a factor of
-2.
+The constants were fitted to the planes of 60 random cameras, on a machine with 2e10 complex multiply-adds per second and
+thread in small matrix products. Forecasts for this machine are corrected by `lfcal.simulate.accuracy.calibration`; the
+choice of a sampling uses the constants alone, so that it is the same on every machine. `lfcal.simulate.predict_seconds`
+runs the engine briefly instead, and is more accurate.
 """
 
 from __future__ import annotations
 
 import math
-import threading
-import time
 from dataclasses import dataclass
 
-import numpy as np
-
-from lfcal.base import one_blas_thread
-from lfcal.camera import LensletLattice
+from lfcal.camera import LensletLattice, Microscope
 from lfcal.simulate._pupil_scene import AnyScene, PupilScene
+from lfcal.simulate.accuracy.calibration import machine_speed
 from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, steps_for
 from lfcal.simulate.effects import EngineSeconds, Outlook, PupilOutlook
 from lfcal.simulate.engines import Sampling, pupil_cost
@@ -30,7 +25,6 @@ __all__ = [
     "engine_seconds",
     "engine_times",
     "few_seconds",
-    "machine_rate",
     "step_for",
     "table_seconds",
 ]
@@ -56,69 +50,8 @@ MIRRORED = 6
 REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 280.0, 140.0
 """Ratio of the reference's time to that of windows, and of a grid."""
 
-TIMINGS, INTERVAL_S = 12, 0.5
-"""Number of timings of the machine in a process, and seconds between them, because a single timing may be too slow."""
-
-TICKS = 20
-"""Smallest duration of a timing in ticks of the clock."""
-
-LEAST_RUN_S = 1.0
-"""Smallest CPU-time of a plane, forecast or measured, that corrects the rate; tables dominate shorter ones."""
-
-MAX_CORRECTION = 5.0
-"""Largest factor by which simulations correct the rate."""
-
-
-class _Rate:
-    """The speed of this machine, as estimated in this process."""
-
-    def __init__(self) -> None:
-        self.lock = threading.Lock()
-        self.best, self.timings, self.last = 0.0, 0, -math.inf
-        self.slowness = 1.0
-
-    def measure(self) -> None:
-        """Measure the speed at the first calls, and then at intervals; the best result is kept."""
-        with self.lock:
-            if self.timings >= TIMINGS or (self.timings and time.monotonic() - self.last < INTERVAL_S):
-                return
-            for _ in range(1 if self.timings else 3):
-                self.best = max(self.best, _timed_rate())
-            self.timings, self.last = self.timings + 1, time.monotonic()
-
-    def correct_rate(self, forecast_s: float, took_s: float) -> None:
-        """Correct the rate by half of the difference between actual and forecast time, on a logarithmic scale."""
-        if max(forecast_s, took_s) >= LEAST_RUN_S and min(forecast_s, took_s) > 0:
-            with self.lock:
-                found = self.slowness * math.sqrt(took_s / forecast_s)
-                self.slowness = min(max(found, 1 / MAX_CORRECTION), MAX_CORRECTION)
-
-
-_RATE = _Rate()
-
-
-def _timed_rate() -> float:
-    """Return complex multiply-adds per CPU-second of this thread; the time of other programs is not counted."""
-    n, count = 96, 0
-    a = np.ones((n, n), np.complex64)
-    least = max(2e-3, TICKS * time.get_clock_info("thread_time").resolution)
-    with one_blas_thread():
-        a @ a  # the first product fills caches
-        start = time.thread_time()
-        while (took := time.thread_time() - start) < least:
-            a @ a
-            count += 1
-    return n**3 * count / took
-
-
-def machine_rate() -> float:
-    """Return the number of complex multiply-adds per CPU-second that one thread of this machine performs.
-
-    The rate is the best of several measurements, corrected with the times of the planes that this process has
-    simulated.
-    """
-    _RATE.measure()
-    return _RATE.best / _RATE.slowness
+LEAST_RUN_S = 0.3
+"""Smallest CPU-time of a plane, forecast or measured, that corrects forecasts; tables dominate shorter ones."""
 
 
 def correct_rate(outlook: Outlook, level: str, tolerance: float, runs: int, took_s: float) -> None:
@@ -133,23 +66,38 @@ def correct_rate(outlook: Outlook, level: str, tolerance: float, runs: int, took
     took_s
         Measured computing time (CPU-seconds).
     """
-    _RATE.correct_rate(runs * engine_seconds(outlook, "wave" if level == "grid" else level, tolerance), took_s)
+    if level in ("wave", "grid"):  # as it was forecast: the probe may have found another engine
+        level = "debye" if isinstance(outlook.camera.optics, Microscope) and outlook.camera.has_lattice else "wave"
+    forecast = runs * engine_seconds(outlook, level, tolerance) / _ratio(outlook, level)
+    if max(forecast, took_s) >= LEAST_RUN_S:
+        machine_speed().correct(_engine(outlook, level), forecast, took_s)
 
 
 def _slowness() -> float:
-    return FITTED_RATE / machine_rate()
+    return FITTED_RATE / machine_speed().rate()
+
+
+def _engine(outlook: Outlook, level: str) -> str:
+    """Return the name under which forecasts are corrected.
+
+    Windows and grids have the same, so that the choice between them is the same on every machine.
+    """
+    return "single lenslets" if isinstance(outlook, PupilOutlook) else level
+
+
+def _ratio(outlook: Outlook, level: str) -> float:
+    return machine_speed().ratio(_engine(outlook, level))
 
 
 def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03) -> float:
-    """Return the estimated CPU-seconds of one plane, including tables, at a level.
+    """Return the estimated CPU-seconds of one plane on this machine, including tables, at a level.
 
     The levels are those of `lfcal.simulate.engines.base.LEVELS`.
     """
     positions = outlook.period[0] * outlook.period[1]
     # most positions of a whole period of a microscope are mirror images of others
-    return _slowness() * _estimated_seconds(
-        outlook, level, tolerance, positions / (MIRRORED if level == "debye" else 1)
-    )
+    seconds = _estimated_seconds(outlook, level, tolerance, positions / (MIRRORED if level == "debye" else 1))
+    return _slowness() * _ratio(outlook, level) * seconds
 
 
 def few_seconds(outlook: Outlook, level: str, tolerance: float, positions: int) -> float:
