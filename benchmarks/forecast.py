@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
     from lfcal.simulate import EffectSelection
 
-__all__ = ["register"]
+__all__ = ["Kept", "register", "summary_rows"]
 
 VIRTUAL_DEPTHS, DEPTHS_UM = (-3.0, 0.0, 1.2, 4.0, 12.0), (-25.0, 0.0, 2.0, 10.0, 50.0)
 CUTOUTS = (31, 61, 121)
@@ -42,7 +42,7 @@ def command(
     *,
     tolerance: float = typer.Option(0.03, help="Relative L1 error asked for."),
     rows: int = typer.Option(0, min=0, help="Rows of positions that are simulated; 0: all."),
-    scenes: int = typer.Option(0, "--random", min=0, help="Number of random cameras to measure instead, at 30 to 0.5 %."),
+    scenes: int = typer.Option(0, "--random", min=0, help="Number of random cameras instead, each at 30 to 0.5 %."),
     first: int = typer.Option(0, min=0, help="Number of the first random camera."),
     json: JsonOption = False,
 ) -> None:
@@ -57,7 +57,8 @@ def command(
         if json:
             print_json(measured)
         else:
-            _show_scenes(measured, scenes)
+            title = f"{scenes} random planes at {len(TOLERANCES)} tolerances"
+            print_table(["condition", "share"], summary_rows(measured), title=title)
         return
 
     described = load_camera(camera)
@@ -157,8 +158,8 @@ def _scene(number: int) -> Iterator[Kept]:
     off = {"bandwidth": "off"}
     try:
         truth = _finest(plan, plan_effects(plan, 1e-9, off).effects, ys, xs)
-    except LfcalError as error:
-        typer.echo(f"left out: camera {number}: {error}", err=True)
+    except LfcalError as reason:
+        typer.echo(f"left out: camera {number}: {reason}", err=True)
         return
     least = float("inf")
     for tolerance in reversed(TOLERANCES):
@@ -182,8 +183,8 @@ def _simulated(plan: ScanPlan, chosen: EffectSelection, tolerance: float) -> tup
     return engine_clock() - start, H, H.provenance["simulated"]["planes"][0]["engine"]
 
 
-def _show_scenes(found: Sequence[Kept], scenes: int) -> None:
-    """Print which share of the random planes keeps each limit."""
+def summary_rows(found: Sequence[Kept]) -> list[list[str]]:
+    """Return each condition with the share of the random planes and tolerances that meet it."""
     pairs = [(a, b) for a in found for b in found if a.scene == b.scene and a.tolerance > b.tolerance]
     slow = {(a.scene, a.tolerance) for a, b in pairs if a.taken > RISE * b.taken}
     coarse = {(a.scene, a.tolerance) for a, _ in pairs}
@@ -192,7 +193,7 @@ def _show_scenes(found: Sequence[Kept], scenes: int) -> None:
         ratios = [getattr(one, forecast) / one.taken for one in found]
         return _share(sum(1 / factor <= ratio <= factor for ratio in ratios), len(ratios))
 
-    rows = [
+    return [
         ["slower than a finer tolerance by more than 15 %", _share(len(slow), len(coarse))],
         ["error within the tolerance", _share(sum(one.error <= one.tolerance for one in found), len(found))],
         ["forecast from the description within a factor of 1.5", within(1.5, "planned")],
@@ -200,7 +201,6 @@ def _show_scenes(found: Sequence[Kept], scenes: int) -> None:
         ["forecast by a short run within a factor of 1.5", within(1.5, "predicted")],
         ["forecast by a short run within a factor of 2.5", within(2.5, "predicted")],
     ]
-    print_table(["condition", "share"], rows, title=f"{scenes} random planes at {len(TOLERANCES)} tolerances")
 
 
 def _share(count: int, total: int) -> str:

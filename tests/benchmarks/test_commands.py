@@ -395,6 +395,30 @@ def test_forecast(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "description/taken" in bench("forecast", "lfm_20x05", "--rows", "1")
 
 
+def test_forecast_of_random_cameras(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.forecast.TOLERANCES", (0.3, 0.1))
+    monkeypatch.setattr("benchmarks.forecast.WIDEST", 15)
+    found = bench.json("forecast", "--random", 1, "--first", 8)
+    assert [(one["scene"], one["tolerance"]) for one in found] == [(8, 0.1), (8, 0.3)]
+    assert all(one["error"] <= one["tolerance"] for one in found)
+    assert all(one[key] > 0 for one in found for key in ("planned", "predicted", "taken", "error"))
+
+
+def test_the_table_of_random_cameras_counts_what_is_kept() -> None:
+    """A tolerance that is slower than a finer one counts once, and not if the finer one is of another camera."""
+    from benchmarks.forecast import Kept, summary_rows
+
+    one = Kept(1, 0.01, 0.005, planned=2.0, predicted=1.2, taken=1.0, engine="grid")
+    found = [one, replace(one, tolerance=0.1, error=0.2, taken=1.2), replace(one, tolerance=0.3, taken=1.1)]
+    found.append(replace(one, scene=2, tolerance=0.3, taken=9.0))
+    shares = dict(summary_rows(found))
+    assert shares["slower than a finer tolerance by more than 15 %"] == "50.0 % (1 of 2)"
+    assert shares["error within the tolerance"] == "75.0 % (3 of 4)"
+    assert shares["forecast by a short run within a factor of 1.5"] == "75.0 % (3 of 4)"
+    assert shares["forecast from the description within a factor of 1.5"] == "0.0 % (0 of 4)"
+    assert shares["forecast from the description within a factor of 2.5"] == "75.0 % (3 of 4)"
+
+
 @pytest.mark.long
 def test_work_by_threads(bench: Bench, tmp_path: Path) -> None:
     options = ("--planes", 2, "--rows", 2, "--cutout", 21, "--tolerance", 0.3, "--rounds", 1, "--folder", tmp_path)

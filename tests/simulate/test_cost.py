@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -17,7 +18,7 @@ from lfcal.simulate.accuracy.probe import settle
 from lfcal.simulate.accuracy.sampling import steps_for
 from lfcal.simulate.effects import Outlook
 from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.staging import outlook_of, resolve_level, scene_for, wave_level
+from lfcal.simulate.staging import lattice_scene_for, outlook_of, resolve_level, scene_for, wave_level
 from tests.simulate.common import BASE, small_plan
 
 TOLERANCES = (0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005, 0.003, 0.001)
@@ -102,9 +103,9 @@ def test_costs_do_not_rise_with_the_tolerance(number: int) -> None:
     """Random cameras, by the forecast: for the sampling alone, and together with the effects of each tolerance."""
     plan, _ = random_plan(number)
     level = wave_level(plan.camera)
-    for one in (scene_for(plan, 0, ()), outlook_of(plan, 0)):
+    for one in (lattice_scene_for(plan, 0, ()), outlook_of(plan, 0)):
         times = [cost._step_seconds(one, step) for step in efficient_steps(one, level)]
         costs = [tables + (math.prod(one.period) + cost.PROBED) * each for tables, each in times]
         assert costs == sorted(costs)
     seconds = [plan_effects(plan, tolerance).seconds for tolerance in TOLERANCES]
-    assert all(loose <= 1.01 * tight for loose, tight in zip(seconds, seconds[1:], strict=False)), seconds
+    assert all(loose <= 1.01 * tight for loose, tight in pairwise(seconds)), seconds

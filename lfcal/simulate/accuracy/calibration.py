@@ -1,8 +1,8 @@
 """Speed of this machine: measured once, stored in the user's cache, and corrected by simulations.
 
-A forecast is the number of operations of an engine, times the constants of `lfcal.simulate.accuracy.cost`, times two
-factors: the ratio of the speed of matrix products on the reference machine to that on this machine, and the median
-ratio of measured to forecast time of the last planes that an engine computed here. All times are processor times.
+`lfcal.simulate.accuracy.cost` forecasts the time on a reference machine. Two factors convert it to this machine. The
+first is the ratio of the speeds of matrix products. The second is the median ratio of measured to forecast time of the
+last planes that an engine computed here. All times are processor times.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Cost of a simulation, predicted from the description, short timings on this machine and earlier simulations.
 
-The constants were fitted to the planes of 60 random cameras, on a machine with 2e10 complex multiply-adds per second and
-thread in small matrix products. Forecasts for this machine are corrected by `lfcal.simulate.accuracy.calibration`; the
-choice of a sampling uses the constants alone, so that it is the same on every machine. `lfcal.simulate.predict_seconds`
-runs the engine briefly instead, and is more accurate.
+The constants were fitted to the planes of 60 random cameras, for a machine with 2e10 complex multiply-adds per second
+and thread in small matrix products. Forecasts for this machine are corrected by
+`lfcal.simulate.accuracy.calibration`. The choice of a sampling uses the constants alone, so that it is the same on
+every machine. `lfcal.simulate.predict_seconds` runs the engine briefly instead, and is more accurate.
 """
 
 from __future__ import annotations
@@ -188,6 +188,7 @@ class _Light:
         cutout, wavelength, f_number = described.cutout, described.wavelength_um, described.f_number
         if isinstance(described, Outlook):
             px, gap, image, lattice = described.pixel_um, described.gap_um, described.shift_um, described.camera.lattice
+            assert isinstance(lattice, LensletLattice)  # of single lenslets, the engine itself states its cost
             return cls(cutout, px, wavelength, f_number, gap, image, lattice, described.shadow_px)
         px, gap, image = described.reduced_pixel_um, described.reduced_gap_um, described.reduced_image_um
         image = image if abs(image) >= wavelength else math.copysign(wavelength, image)

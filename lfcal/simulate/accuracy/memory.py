@@ -11,8 +11,8 @@ import numpy as np
 from lfcal.base import worker_count
 from lfcal.camera import ScanPlan
 from lfcal.simulate._pupil_scene import PupilScene
-from lfcal.simulate.accuracy.probe import places
 from lfcal.simulate.accuracy.cost import efficient_steps, step_for
+from lfcal.simulate.accuracy.probe import places
 from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, steps_for, tilt_orders
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import Sampling, pupil_bytes

@@ -362,9 +362,9 @@ def _counts(effect: Effect, known: bool, frames: bool) -> bool:
 
 
 class _Decided(NamedTuple):
-    """Decisions at one plane by the name of the effect, the error that they leave out, and the plane's CPU-seconds.
+    """Decisions at one plane by the name of the effect, with the omitted error and the plane's CPU-seconds.
 
-    ``used`` includes the error of a bandwidth that other effects need, which is not left out.
+    The error ``used`` includes the error of a bandwidth that other effects need, which is not left out.
     """
 
     found: dict[str, _Decision]
