@@ -13,7 +13,7 @@ from pytest import MonkeyPatch
 
 from lfcal.camera import LensletLattice, LensType, ScanPlan
 from lfcal.simulate import simulate_psf
-from lfcal.simulate.accuracy import probe, sampling
+from lfcal.simulate.accuracy import cost, probe, sampling
 from lfcal.simulate.accuracy.probe import settle
 from lfcal.simulate.accuracy.sampling import Fringes, LevelSampling, steps_for
 from lfcal.simulate.engines.base import Sampling
@@ -23,6 +23,12 @@ from tests.simulate.common import BASE, small_camera
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, relative_error
 
 PLACES = ((3, 5), (14, 31))
+
+
+@pytest.fixture
+def slow_grids(monkeypatch: MonkeyPatch) -> None:
+    """Let windows be the faster samplings of every scene."""
+    monkeypatch.setattr(cost, "PER_SAMPLE", 100 * cost.PER_SAMPLE)
 
 
 def truth(scene: Scene, samples: float) -> np.ndarray:
@@ -39,6 +45,7 @@ def fast_scene(**changes: object) -> Scene:
 
 @pytest.mark.parametrize("v", [4.0, *(pytest.param(v, marks=pytest.mark.long) for v in (2.0, -3.0)), 0.4])
 @pytest.mark.few(1)
+@pytest.mark.usefixtures("slow_grids")
 def test_what_is_asked_is_kept_and_more_is_never_worse(v: float) -> None:
     scene = camera_scene(v, cutout=(45, 45))
     wanted = truth(scene, 6.0)
@@ -185,6 +192,7 @@ def test_what_nothing_judges_is_as_much_better_as_steps_are() -> None:
     assert judge._improved(last, None) == last.expected
 
 
+@pytest.mark.usefixtures("slow_grids")
 def test_windows_that_fail_by_adding_intensities_give_way_to_the_grid(monkeypatch: MonkeyPatch) -> None:
     scene = camera_scene(3.0, cutout=(41, 41))
     steps = steps_for(scene, "wave")
