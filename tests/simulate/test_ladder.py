@@ -12,7 +12,7 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.simulate.accuracy import forecast
+from lfcal.simulate.accuracy import cost, forecast
 from lfcal.simulate.accuracy._ladder import (
     Ladder,
     LadderRung,
@@ -24,7 +24,7 @@ from lfcal.simulate.accuracy._ladder import (
     rung_label,
 )
 from lfcal.simulate.accuracy.forecast import predict_seconds
-from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.base import EnergyError, Sampling
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.simulate import simulate_psf
 from tests.simulate.common import BASE, small_camera, small_plan
@@ -130,6 +130,25 @@ def test_what_a_session_makes_once_is_not_foretold(
     monkeypatch.setattr(forecast, "engine_clock", lambda: now[0])
     monkeypatch.setattr(forecast, "plane_seconds", lambda engine: 2.0)
     assert predict_seconds(plan, (), tolerance=0.2) == pytest.approx(counted + 2.0 + forecast.PER_PLANE, abs=1e-3)
+
+
+def test_a_forecast_refines_the_sampling_as_the_plane_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The probe has seen four positions; at others the energy may not balance: the forecast ended with an error."""
+    plan = replace(ScanPlan.for_camera(small_camera(), virtual_depths=[4.0], cutout=21), period=(2, 2))
+    tried: list[int] = []
+
+    def unbalanced(engine: Any) -> float:
+        tried.append(engine.sampling.nodes_per_px)
+        if len(tried) % 3:
+            raise EnergyError("energy on the sensor")
+        return 2.0
+
+    monkeypatch.setattr(cost, "PER_SAMPLE", 100 * cost.PER_SAMPLE)  # windows, whose nodes are counted
+    monkeypatch.setattr(forecast, "plane_seconds", unbalanced)
+    assert 2.0 < predict_seconds(plan, BASE, tolerance=0.2) < 60.0
+    assert tried == [tried[0], tried[0] + 1, tried[0] + 2] * 2
+    with pytest.raises(EnergyError):
+        predict_seconds(plan, BASE, tolerance=0.2, sampling=Sampling(nodes_per_px=2))
 
 
 def test_a_measurement_that_is_stopped_has_told_its_rungs() -> None:

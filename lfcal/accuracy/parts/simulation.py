@@ -13,8 +13,7 @@ from lfcal.accuracy.subject import Subject, reference_seconds
 from lfcal.base import format_length
 from lfcal.camera import ScanPlan
 from lfcal.simulate import Budget, PlaneResponse, budgeted, plan_effects
-from lfcal.simulate.accuracy import cost_scaling, engine_clock, plane_seconds
-from lfcal.simulate.engines import engine_for
+from lfcal.simulate.accuracy import cost_scaling, engine_clock, timed_plane
 
 __all__ = ["PART", "TOLERANCES"]
 
@@ -81,11 +80,8 @@ def _whole_seconds(plan: ScanPlan, z: int, budget: Budget, response: PlaneRespon
     start = engine_clock()
     response.engine()
     probe = engine_clock() - start
-    start = engine_clock()
-    engine = engine_for(response.scene, response.level, response.settled)
-    setup = engine_clock() - start
     shares = cost_scaling(plan, z, budget, response.level, response.runs)
-    return plan.shape[0] * probe + shares.seconds(setup, plane_seconds(engine))
+    return plan.shape[0] * probe + shares.seconds(*timed_plane(response))
 
 
 def _responses(response: PlaneResponse, positions: Sequence[tuple[int, int]]) -> NDArray[np.float64]:

@@ -13,13 +13,23 @@ from lfcal.base import preparing_seconds
 from lfcal.camera import ScanPlan
 from lfcal.simulate._symmetry import mirrored_rows
 from lfcal.simulate.accuracy.cost import engine_seconds
+from lfcal.simulate.accuracy.probe import RETRIES
+from lfcal.simulate.accuracy.sampling import finer
 from lfcal.simulate.effects import Effect
-from lfcal.simulate.engines import PlaneEngine, Sampling, engine_for
+from lfcal.simulate.engines import EnergyError, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.staging import light_samples, outlook_of, wave_level
 
-__all__ = ["CostScaling", "computed_share", "cost_scaling", "engine_clock", "plane_seconds", "predict_seconds"]
+__all__ = [
+    "CostScaling",
+    "computed_share",
+    "cost_scaling",
+    "engine_clock",
+    "plane_seconds",
+    "predict_seconds",
+    "timed_plane",
+]
 
 PER_PLANE, PER_BYTE = 0.01, 1e-9
 """CPU-seconds besides the engine: to start a plane, and for its memory."""
@@ -69,10 +79,7 @@ def predict_seconds(
         probe = min(probe, took)
     setup = plane = math.inf
     for _ in range(2):  # the first probe of a session may fill caches, and other programs may interfere
-        start = engine_clock()
-        engine = engine_for(response.scene, response.level, response.settled)
-        setup = min(setup, engine_clock() - start)
-        plane = min(plane, plane_seconds(engine))
+        setup, plane = (min(times) for times in zip((setup, plane), timed_plane(response), strict=True))
     shares = cost_scaling(plan, z, budget, response.level, response.runs)
     nz, ny, nx, nt, ns = plan.shape
     # each plane is probed once, for any number of light samples
@@ -131,6 +138,25 @@ def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
     ):
         level = "geometric"
     return _samples(plan, z, budget) * engine_seconds(outlook_of(plan, z), level)
+
+
+def timed_plane(response: PlaneResponse) -> tuple[float, float]:
+    """Return the CPU-seconds of the tables and of all positions of a plane, whose probe has run.
+
+    As in the plane itself, the sampling is refined if the energy does not balance at a position.
+    """
+    sampling = response.settled
+    for attempt in range(RETRIES + 1):
+        start = engine_clock()
+        engine = engine_for(response.scene, response.level, sampling)
+        setup = engine_clock() - start
+        try:
+            return setup, plane_seconds(engine)
+        except EnergyError:
+            if sampling is None or response.sampling is not None or attempt == RETRIES:
+                raise
+            sampling = finer(sampling)
+    raise AssertionError  # the last attempt returns or raises
 
 
 def plane_seconds(engine: PlaneEngine) -> float:
