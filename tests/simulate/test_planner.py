@@ -16,7 +16,7 @@ from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.simulate import SimulatedCamera, response
 from lfcal.simulate.accuracy import _estimates as estimates
-from lfcal.simulate.accuracy import cost
+from lfcal.simulate.accuracy import calibration, cost
 from lfcal.simulate.accuracy._estimates import Influence, estimates_of
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.effects import (
@@ -437,7 +437,8 @@ def test_an_effect_that_is_off_costs_no_work_in_the_engines(name: str, monkeypat
 
 
 def test_the_forecasts_with_and_without_an_effect_are_those_of_such_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cost, "machine_rate", lambda: cost.FITTED_RATE)
+    monkeypatch.setattr(calibration, "_SPEED", None)
+    monkeypatch.setattr(calibration, "_timed_rate", lambda: cost.FITTED_RATE)
     plan = ScanPlan.for_camera(small_camera(), virtual_depths=[3.0, 4.0], cutout=41)
     found = plan_effects(plan, 0.03, effects=(FiniteSource(1.0),))
     for row in found.rows:
