@@ -100,6 +100,8 @@ class _Run:
             words = f", before: {found.label}" + f" (about {format_seconds(ahead)})" * (ahead > 0)
             if not started and found.seconds is None:
                 return ""
+        else:
+            words = f", during: {found.stage}"
         if self.elapsed + ahead <= latest:
             return ""
         if isinstance(found, AccuracyStep) and not started:
