@@ -53,10 +53,17 @@ def test_simulate_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) ->
     level = panel.forms[1].editor("level")
     level.setCurrentIndex(level.findData("geometric"))
     idle(window.jobs, qtbot)
+    said: list[str] = []
+    page.context.message.connect(said.append)
     with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
         page.simulate(str(tmp_path / "sim.h5"))
     assert end.args[0].state is JobState.DONE, end.args[0].error
     assert window.project.state.psf == str(tmp_path / "sim.h5")
+    (told,) = (words for words in said if "sim.h5" in words and words.startswith("simulated"))
+    assert (
+        "planes 0 to 1: geometric, rays integrated over the pixels; " in told
+        and "of processor time; error at most" in told
+    )
     with open_psf(tmp_path / "sim.h5") as H:
         assert H.shape == small.shape
 
