@@ -161,12 +161,12 @@ INJECTIONS: dict[str, Injection] = {
         lambda: added(clean(), sensor(0.02 * PEAK)),
     ),
     "order": Injection(
-        "the columns of both planes are stored in reverse",
-        "all patterns fit the camera at other positions, which follow one rule",
+        "the columns of both planes are stored in reverse order",
+        "all patterns fit the camera at positions that differ from the stated ones by a common rule",
         lambda: mirrored(1)(recording(), 2),
     ),
     "pupil": Injection(
-        "a blade of the iris covers everything beyond 0.7 of its radius on one side",
+        "on one side, a blade covers the iris beyond 0.7 of the iris radius",
         "light is missing on the same side of every pattern",
         lambda: shadow(straight=True)(recording(), 0.3),
     ),
@@ -212,7 +212,7 @@ INJECTIONS: dict[str, Injection] = {
     ),
     "strangers": Injection(
         "two neighbouring columns of the scan are swapped",
-        "a source is far from its position, or a pattern fits a neighbouring position better than its own",
+        "a source is far from its planned position, or a pattern fits a neighbouring position better",
         _swapped,
     ),
     "frame_shift": Injection(
@@ -227,7 +227,7 @@ INJECTIONS: dict[str, Injection] = {
     ),
     "backlash": Injection(
         "rows are scanned in alternating directions with a backlash of 0.3 pixels",
-        "sources in rows of one scan direction are displaced relative to the others",
+        "sources in rows that are scanned backwards are displaced relative to the sources in the other rows",
         _play,
     ),
     "jitter": Injection(
@@ -241,7 +241,7 @@ INJECTIONS: dict[str, Injection] = {
         lambda: noisy((light() * equalised(recording(), 0.6)).astype(np.float32)),
     ),
     "exposure": Injection(
-        "one frame has three times the light",
+        "one frame has three times as much light as planned",
         "the light of one pattern differs from that of all others",
         _exposure,
     ),
@@ -266,7 +266,7 @@ INJECTIONS: dict[str, Injection] = {
         _focus,
     ),
     "ghost": Injection(
-        "2 % of the light forms a second pattern, mirrored top to bottom, 7 pixels below and 5 to the left",
+        "2 % of the light forms a second pattern, mirrored top to bottom, 7 pixels lower and 5 pixels to the left",
         "the residual resembles the pattern, displaced, rotated or mirrored",
         _ghost,
     ),
