@@ -82,9 +82,9 @@ HEAD = """# Fault atlas
 
 These are the faults that `lfcal inspect` finds by comparison with the camera, in the order of its search. Each fault
 was added to a simulated recording with the preset `bench` (two planes, 3,000 counts at the peak, photon and read noise,
-lamp fluctuations of 0.5 % rms), and searched for in 60 patterns. Each figure shows a pattern without the fault, the same
-pattern with the fault (both as the square root of the light), and the measurement that reveals the fault. The report
-is the line that `lfcal inspect` prints. [Quality of H](quality.md) explains the numbers.
+lamp fluctuations of 0.5 % rms), and searched for in 60 patterns. Each figure shows a pattern without the fault, the
+same pattern with the fault (both as the square root of the light), and the measurement that reveals the fault. The
+report is the line that `lfcal inspect` prints. [Quality of H](quality.md) explains the numbers.
 `python -m tests.judge.atlas` makes this page.
 """
 
