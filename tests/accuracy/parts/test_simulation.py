@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from lfcal.accuracy.positions import simulation
-from lfcal.accuracy.positions.sampling import QUICK
 
 from lfcal.accuracy import PARTS, Subject, iter_measure_curve, measure_curve
+from lfcal.accuracy.parts import simulation
+from lfcal.accuracy.parts.sampling import QUICK
 from lfcal.simulate import ladder, plan_effects, simulate_psf
 from lfcal.simulate.accuracy.sampling import steps_for
 from lfcal.simulate.staging import scene_for
@@ -46,8 +46,8 @@ def test_closed_after_the_first_point_it_is_kept(single: Subject) -> None:
 @pytest.mark.long
 def test_samplings_are_those_of_the_ladder(single: Subject) -> None:
     plan = single.planned
-    work = iter_measure_curve(PARTS.get("sampling"), single, 10.0)
-    curve = next(record.curve for record in work if len(record.curve.points) == 2)  # type: ignore[attr-defined]
+    work = iter_measure_curve(PARTS.get("sampling"), single, 50.0)
+    curve = next(record.curve for record in work if len(record.curve.points) == 3)  # type: ignore[attr-defined]
     work.close()
     effects = plan_effects(plan, 0.03).effects
     two = [s.sampling for s in steps_for(scene_for(plan, 0, effects), "wave")][:2]
