@@ -77,7 +77,7 @@ def _fitted(plan: ScanPlan, count: int, error: float, hours: float) -> CostPoint
 PART = AccuracyPart(
     "recording",
     "Recording: whole scan, or a fit",
-    "predicted relative rms error of H due to noise",
+    "predicted relative rms error of H, due to noise",
     "frames to record",
     "frames",
     measure,
