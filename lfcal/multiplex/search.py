@@ -191,8 +191,8 @@ def best_filter_set(
 def _filters_cost(a: Array, chi2: float) -> tuple[float, Array]:
     """Return the log of the samples' variance and its gradient for the transmissions ``a`` ``(K, N)``.
 
-    The shot noise of each pixel is that of its own light. With the mean of equation 12, a dark pixel would seem to be
-    an advantage, because it lowers the transmission.
+    The shot noise of each pixel follows from the light on it. With the mean of equation 12, a dark pixel would seem to
+    be an advantage, because it lowers the transmission.
     """
     additive, photon = noise_shares(chi2)
     size = a.shape[1]

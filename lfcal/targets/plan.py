@@ -164,8 +164,8 @@ class TargetPlan:
     tolerance_px
         Largest deviation between the phases of an image and of a position that it shows (pixels).
     crosstalk
-        For each plane, the largest amount of light from neighbouring holes in a cutout, relative to that of its own
-        hole, for equally bright holes.
+        For each plane, the largest amount of light from neighbouring holes in a cutout, relative to that
+        of the cutout's hole, for equally bright holes.
     tails
         How ``crosstalk`` was computed: ``"geometric"`` (rays, without diffraction) or by waves.
     lit

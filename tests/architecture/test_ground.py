@@ -202,7 +202,7 @@ def added(values: NDArray[np.float64]) -> float:
 
 
 def test_a_kernel_is_compiled_once_for_arrays_of_every_kind() -> None:
-    """Frozen, transposed, a part of another array: each is a type of its own for numba."""
+    """Frozen, transposed, a part of another array: each is a separate type for numba."""
     frozen = np.arange(6.0)
     frozen.setflags(write=False)
     for array in (np.arange(6.0), frozen, np.arange(12.0)[::2] / 2):

@@ -165,10 +165,10 @@ def test_the_result_names_engine_sampling_time_and_error_of_every_plane(
     plan.write_text(two.to_json())
     task = SimulateH(camera=str(plan), tolerance=0.01, out=tmp_path / "H.h5")
     (made,) = task.run(RunSettings(executor=executor, workers=2))
-    told = made.to_dict()
+    output = made.to_dict()
     made.close()
-    assert told["level"] == "grid" and len(told["planes"]) == 2
-    for plane, error in zip(told["planes"], told["error"], strict=True):
+    assert output["level"] == "grid" and len(output["planes"]) == 2
+    for plane, error in zip(output["planes"], output["error"], strict=True):
         assert plane["engine"] == "grid" and plane["sampling"]["samples_per_px"] >= 4
         assert plane["grid_side"] > two.cutout[0], "the grid contains the cutout"
         assert 0 < plane["processor_seconds"] and plane["seconds"] > 0
@@ -176,9 +176,9 @@ def test_the_result_names_engine_sampling_time_and_error_of_every_plane(
     with open_psf(tmp_path / "H.h5") as matrix:
         simulated = matrix.provenance["simulated"]
         assert (simulated["level"], simulated["requested_level"]) == ("grid", "auto")
-        assert simulated["planes"] == list(told["planes"])
+        assert simulated["planes"] == list(output["planes"])
     (line,) = [words for words in made.reached if "grid" in words]
-    per = f"{told['planes'][0]['sampling']['samples_per_px']:g} samples per pixel"
+    per = f"{output['planes'][0]['sampling']['samples_per_px']:g} samples per pixel"
     assert line.startswith(f"planes 0 to 1: grid, {per}, ") and "of processor time; error at most" in line
 
 

@@ -1,4 +1,4 @@
-"""Simulation: the error of a tolerance is that of the H it gives, held against the reference."""
+"""Simulation: the error of a tolerance is that of the H it gives, compared with the reference."""
 
 from __future__ import annotations
 

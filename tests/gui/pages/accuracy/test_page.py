@@ -44,7 +44,7 @@ MEASURED: list[Any] = []
 
 @pytest.fixture(autouse=True)
 def _measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the part `bases` be measured by the first test that asks for it; to the others its course is told again."""
+    """Let the first test that needs the part `bases` measure it; the others see the same course again."""
     real = PARTS.get("bases")
 
     def measure(subject: Subject, tolerance: float) -> Iterator[Any]:
