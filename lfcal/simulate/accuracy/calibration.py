@@ -102,6 +102,10 @@ class MachineSpeed:
             part.write_text(text, encoding="utf-8")
 
 
+_LOADING = threading.Lock()
+_SPEED: MachineSpeed | None = None
+
+
 def machine_speed() -> MachineSpeed:
     """Return the speed of this machine, the same object for as long as the file is the same."""
     global _SPEED
@@ -120,10 +124,6 @@ def speed_file() -> Path | None:
     from platformdirs import user_cache_path
 
     return user_cache_path("lfcal", appauthor=False) / "speed.json"
-
-
-_LOADING = threading.Lock()
-_SPEED: MachineSpeed | None = None
 
 
 def _machine() -> str:

@@ -38,6 +38,10 @@ SET_UP, PROBED = 0.1, 12
 PER_LENSLET, PER_NODE, PER_COHERENT_NODE = 1.3e-5, 7e-9, 7.5e-9
 """CPU-seconds of windows: for each lenslet, for each sample and node, and for each node at which fields are added."""
 
+OWN, SHARED, FEWEST = 0.45, 6.6, 12
+"""Fraction of a window's time that each position takes, number of positions that take the rest once for a row, and
+columns up to which the row shares nothing; fitted to rows of 12 and 95 positions."""
+
 PER_SAMPLE, PER_GRID, PER_TABLE_SAMPLE = 1.9e-10, 1.8e-5, 3e-7
 """CPU-seconds of a grid of n x n samples: for each n² log2 n, for each position, and for each sample of its table."""
 
@@ -174,6 +178,7 @@ class _Light:
     """Sizes that determine an engine's work for one position: the same for a scene and for the outlook on it."""
 
     cutout: tuple[int, int]
+    columns: int
     pixel_um: float
     wavelength_um: float
     f_number: float
@@ -185,15 +190,16 @@ class _Light:
     @classmethod
     def of(cls, described: Scene | Outlook) -> _Light:
         """Return the sizes of a scene in its reduced frame, or of an outlook."""
+        columns = described.period[1]
         cutout, wavelength, f_number = described.cutout, described.wavelength_um, described.f_number
         if isinstance(described, Outlook):
             px, gap, image, lattice = described.pixel_um, described.gap_um, described.shift_um, described.camera.lattice
             assert isinstance(lattice, LensletLattice)  # of single lenslets, the engine itself states its cost
-            return cls(cutout, px, wavelength, f_number, gap, image, lattice, described.shadow_px)
+            return cls(cutout, columns, px, wavelength, f_number, gap, image, lattice, described.shadow_px)
         px, gap, image = described.reduced_pixel_um, described.reduced_gap_um, described.reduced_image_um
         image = image if abs(image) >= wavelength else math.copysign(wavelength, image)
         shadow = math.hypot(described.shadow_radius_um, 1.22 * wavelength * f_number) / px
-        return cls(cutout, px, wavelength, f_number, gap, image, described.lattice, shadow)
+        return cls(cutout, columns, px, wavelength, f_number, gap, image, described.lattice, shadow)
 
     def wave_seconds(self, sampling: Sampling) -> float:
         """Return the seconds of a position, from its lenslets, samples on them, and nodes of windows and cutout."""
@@ -207,7 +213,8 @@ class _Light:
             window = (2 * half + 1) * sampling.nodes_per_px + 2
             nodes += (samples**2 + window**2) / len(self.lattice.types)
         coherent = PER_COHERENT_NODE * math.prod(self.cutout) * sampling.nodes_per_px**2 if sampling.coherent else 0.0
-        return self.lenslets(widest) * (PER_LENSLET + PER_NODE * nodes) + coherent
+        share = OWN + SHARED / max(self.columns, FEWEST)
+        return share * self.lenslets(widest) * (PER_LENSLET + PER_NODE * nodes) + coherent
 
     @property
     def lit_px(self) -> float:
