@@ -57,6 +57,17 @@ def test_simulations_correct_the_forecast(off: float) -> None:
 
 
 @pytest.mark.usefixtures("same_machine")
+def test_a_grid_does_not_correct_the_forecast_of_the_debye_path() -> None:
+    """With exact angles, a microscope runs on a grid, up to 40 times slower: forecasts became 5 times too long."""
+    outlook = outlook_of(ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[5.0], cutout=121), 0)
+    before = engine_seconds(outlook, "debye")
+    cost.correct_rate(outlook, "grid", 0.03, 1, 40 * before)
+    assert engine_seconds(outlook, "debye") == before
+    cost.correct_rate(outlook, "debye", 0.03, 10, 20 * before)
+    assert engine_seconds(outlook, "debye") == pytest.approx(2 * before)
+
+
+@pytest.mark.usefixtures("same_machine")
 def test_a_plane_corrects_the_forecast_unless_its_sampling_was_given(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cost, "LEAST_RUN_S", 0.0)
     plan = replace(small_plan(3.0, cutout=21), period=(2, 2))

@@ -39,8 +39,8 @@ PER_LENSLET, PER_NODE, PER_COHERENT_NODE = 1.3e-5, 7e-9, 7.5e-9
 """CPU-seconds of windows: for each lenslet, for each sample and node, and for each node at which fields are added."""
 
 OWN, SHARED, FEWEST = 0.45, 6.6, 12
-"""Fraction of a window's time that each position takes, number of positions that take the rest once for a row, and
-columns up to which the row shares nothing; fitted to rows of 12 and 95 positions."""
+"""Time of windows relative to that in a row of `FEWEST` positions: `OWN` plus `SHARED` divided by the positions of the
+row, which share masks. Fitted to rows of 12 and 95 positions."""
 
 PER_SAMPLE, PER_GRID, PER_TABLE_SAMPLE = 1.9e-10, 1.8e-5, 3e-7
 """CPU-seconds of a grid of n x n samples: for each n² log2 n, for each position, and for each sample of its table."""
@@ -70,8 +70,10 @@ def correct_rate(outlook: Outlook, level: str, tolerance: float, runs: int, took
     took_s
         Measured computing time (CPU-seconds).
     """
-    if level in ("wave", "grid"):  # as it was forecast: the probe may have found another engine
-        level = "debye" if isinstance(outlook.camera.optics, Microscope) and outlook.camera.has_lattice else "wave"
+    if level in ("wave", "grid"):
+        if isinstance(outlook.camera.optics, Microscope) and outlook.camera.has_lattice:
+            return  # the Debye path was forecast: it did not run
+        level = "wave"  # as it was forecast: the probe may have found another engine
     forecast = runs * engine_seconds(outlook, level, tolerance) / _ratio(outlook, level)
     if max(forecast, took_s) >= LEAST_RUN_S:
         machine_speed().correct(_engine(outlook, level), forecast, took_s)

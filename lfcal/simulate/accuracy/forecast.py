@@ -31,7 +31,7 @@ __all__ = [
     "timed_plane",
 ]
 
-PER_PLANE, PER_BYTE = 0.01, 1e-9
+PER_PLANE, PER_BYTE = 0.002, 1e-9
 """CPU-seconds besides the engine: to start a plane, and for its memory."""
 
 LONGEST_RUN = 0.5
