@@ -7,7 +7,6 @@ import io
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -46,7 +45,7 @@ def random_matrix(shape: tuple[int, ...]) -> NDArray[np.float32]:
 
 
 def interleaved(works: Mapping[str, Callable[[], Any]], rounds: int) -> dict[str, float]:
-    """Return the median seconds of each work, run in turns after one round to warm up."""
+    """Return the least seconds of each work, run in turns after one round to warm up."""
     for work in works.values():
         work()  # compiles, and touches the memory once
     times: dict[str, list[float]] = {name: [] for name in works}
@@ -55,7 +54,7 @@ def interleaved(works: Mapping[str, Callable[[], Any]], rounds: int) -> dict[str
             start = time.perf_counter()
             work()
             times[name].append(time.perf_counter() - start)
-    return {name: median(values) for name, values in times.items()}
+    return {name: min(values) for name, values in times.items()}
 
 
 def copy_parallel(source: NDArray[Any], out: NDArray[Any], workers: int | None) -> None:

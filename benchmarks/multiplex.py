@@ -98,7 +98,7 @@ def command(
     *,
     quick: bool = typer.Option(False, "--quick", help="One round on a quarter of the frame."),
     filters: str = typer.Option("linear,cubic,lmmse,directional", help="Filters of the demosaicing."),
-    rounds: int = typer.Option(5, min=1, help="Times each way is run; the median counts."),
+    rounds: int = typer.Option(5, min=1, help="Times each way is run; the least time counts."),
     workers: int | None = typer.Option(None, min=1, help="Threads, OpenCV's too; every processor by default."),
     json: JsonOption = False,
 ) -> None:
@@ -127,7 +127,7 @@ def command(
             ]
         )
         return
-    _show(rows, f"{shape[1]} x {shape[0]} px, {worker_count(workers)} threads, medians")
+    _show(rows, f"{shape[1]} x {shape[0]} px, {worker_count(workers)} threads, least times")
 
 
 def _show(rows: list[Timing], title: str) -> None:

@@ -303,7 +303,7 @@ def show(rows: list[Row], plane: PlaneTimes | None, pyolaf: Pyolaf, settings: Se
 
     table = [cells(row) for row in rows]
     threads = worker_count(settings.workers)
-    title = f"Transpose of float32 H, {settings.planes} depth planes: median seconds, {threads} threads"
+    title = f"Transpose of float32 H, {settings.planes} depth planes: least seconds, {threads} threads"
     if markdown:
         for line in (HEADERS, ["--:"] * len(HEADERS), *table):
             typer.echo(f"| {' | '.join(line)} |")

@@ -82,40 +82,76 @@ def _shear(height: int) -> Any:
     return intrinsic(typed)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def _prefetch(_: Any, array: Any, at: Any) -> Any:
-    """Ask for the cache line of ``array[at]`` ahead of its use; any position is allowed."""
+def _fetcher(*, write: bool) -> Any:
+    """Make ``fetch(array, at)``: ask for the cache line of ``array[at]`` before its use; any position is allowed."""
 
     def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = builder.gep(_data(context, builder, signature.args[0], arguments[0]), [arguments[1]])
         kind = ir.FunctionType(ir.VoidType(), [_I8.as_pointer(), _I32, _I32, _I32])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch")
-        read, second_level, data = (ir.Constant(_I32, k) for k in (0, 2, 1))
-        builder.call(function, [builder.bitcast(place, _I8.as_pointer()), read, second_level, data])
+        use, level, data = (ir.Constant(_I32, k) for k in (int(write), 3 if write else 2, 1))
+        builder.call(function, [builder.bitcast(place, _I8.as_pointer()), use, level, data])
         return context.get_dummy_value()
 
-    return types.void(array, types.int64), implement
+    def typed(_: Any, array: Any, at: Any) -> Any:
+        return types.void(array, types.int64), implement
+
+    return intrinsic(typed)
+
+
+_fetch, _fetch_to_write = _fetcher(write=False), _fetcher(write=True)
+
+
+def _place(context: Any, builder: Any, signature: Any, arguments: Any, k: int) -> Any:
+    """Return a pointer to the value of array argument ``k`` at the index that follows it."""
+    return builder.gep(_data(context, builder, signature.args[k], arguments[k]), [arguments[k + 1]])
+
+
+def _copy_vector(builder: Any, here: Any, there: Any, lanes: int, size: int) -> Any:
+    """Copy ``lanes`` values and return the store."""
+    vector = ir.VectorType(here.type.pointee, lanes).as_pointer()
+    value = builder.load(builder.bitcast(here, vector))
+    value.align = size
+    stored = builder.store(value, builder.bitcast(there, vector))
+    stored.align = size
+    return stored
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _stream(_: Any, source: Any, start: Any, out: Any, at: Any, count: Any) -> Any:
-    """Copy ``count`` cache lines past the caches; ``out[at]`` must begin one."""
+    """Copy ``count`` values, whole cache lines of them, past the caches; ``out[at]`` must begin one."""
 
     def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind = context.get_data_type(signature.args[0].dtype)
-        size = context.get_abi_sizeof(kind)
-        vector = ir.VectorType(kind, LINE_BYTES // size).as_pointer()
-        starts = (_data(context, builder, signature.args[k], arguments[k]) for k in (0, 2))
-        here, there = (
-            builder.bitcast(builder.gep(start, [arguments[k]]), vector) for start, k in zip(starts, (1, 3), strict=True)
-        )
+        here, there = (_place(context, builder, signature, arguments, k) for k in (0, 2))
+        size = context.get_abi_sizeof(here.type.pointee)
+        lanes = LINE_BYTES // size
+        line = ir.Constant(_I64, lanes)
         hint = builder.module.add_metadata([ir.Constant(_I32, 1)])
-        with cgutils.for_range(builder, arguments[4]) as loop:
-            value = builder.load(builder.gep(here, [loop.index]))
-            value.align = size
-            stored = builder.store(value, builder.gep(there, [loop.index]))
+        with cgutils.for_range(builder, builder.udiv(arguments[4], line)) as loop:
+            step = builder.mul(loop.index, line)
+            stored = _copy_vector(builder, builder.gep(here, [step]), builder.gep(there, [step]), lanes, size)
             stored.align = LINE_BYTES
             stored.set_metadata("nontemporal", hint)
+        return context.get_dummy_value()
+
+    return types.void(source, types.int64, out, types.int64, types.int64), implement
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _copy_part(_: Any, source: Any, start: Any, out: Any, at: Any, count: Any) -> Any:
+    """Copy ``count`` values, at most one cache line, in powers of two: a loop is slow for so few values."""
+
+    def implement(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        here, there = (_place(context, builder, signature, arguments, k) for k in (0, 2))
+        count, done = arguments[4], ir.Constant(_I64, 0)
+        size = context.get_abi_sizeof(here.type.pointee)
+        lanes = LINE_BYTES // size
+        while lanes:
+            part = builder.and_(count, ir.Constant(_I64, lanes))
+            with builder.if_then(builder.icmp_unsigned("!=", part, ir.Constant(_I64, 0))):
+                _copy_vector(builder, builder.gep(here, [done]), builder.gep(there, [done]), lanes, size)
+            done = builder.add(done, part)
+            lanes //= 2
         return context.get_dummy_value()
 
     return types.void(source, types.int64, out, types.int64, types.int64), implement
@@ -155,29 +191,33 @@ class Batches(NamedTuple):
     batch: int  # rows t to a batch
 
 
-class _Tiles(NamedTuple):
-    """The tile of all (x, s) for one y and t, and the scratch memory it is turned into."""
+class _Part(NamedTuple):
+    """Columns of the tile of all (x, s) of one y and t, and where they begin, in values."""
 
-    rows: NDArray[np.int64]  # see `Batches`
+    x: int  # first column
+    columns: int
+    here: int  # tile in the source
+    ahead: int  # tile in the source that is fetched meanwhile
+    to: int  # first column in the result
+    at: int  # first column in scratch memory
+    before: int  # first column in ``ends``: lines begun by the rows t - 1; -1: none
+    after: int  # first column in ``ends``: lines that the rows t + 1 complete; -1: none
+
+
+class _Sizes(NamedTuple):
+    """What is the same for all tiles."""
+
     nx: int
     ns: int
+    pattern: int  # nt * ns
     step: int  # values from one x to the next in scratch memory
+    line: int  # values to a cache line
 
 
-class _Runs(NamedTuple):
-    """Where the runs of a batch lie: one per x, in scratch memory and in the result (flat, in values)."""
-
-    at: int  # first run in scratch memory
-    step: int  # from run to run there
-    to: int  # first run in the result
-    pattern: int  # from run to run there: nt * ns
-    columns: int  # nx
-    length: int  # values to a run
-
-
-_SCRATCH_BYTES = 1 << 19  # stays in the second-level cache
-_RUN_BYTES = 3072  # a run this long consists of whole cache lines for the most part
+_BATCH_BYTES = 1 << 19  # the batch being fetched stays in the second-level cache
+_RUN_BYTES = 3072  # runs this long are read nearly as fast as all of memory in order
 _LEAST_ROWS = 4
+_COLUMNS = 32  # positions x turned together; their scratch memory stays in the first-level cache
 
 
 @njit()
@@ -203,7 +243,7 @@ def transpose_rows(plane: Words, out: Words, start: int, stop: int) -> None:
 def batch_rows(shape: Shape, itemsize: int) -> int:
     """Return the number of cutout rows t that `transpose_batches` processes together."""
     nx, nt, ns = shape[2:]
-    most = _SCRATCH_BYTES // ((nx + 3) * ns * itemsize)
+    most = _BATCH_BYTES // (nx * ns * itemsize)
     return max(1, min(max(_LEAST_ROWS, -(-_RUN_BYTES // (ns * itemsize))), nt, most))
 
 
@@ -218,76 +258,103 @@ def transpose_batches(source: Words, out: Words, batches: Batches, start: int, s
     """Write batches ``start`` to ``stop`` of ``nz * ceil(nt / batch)`` of the transposed matrix.
 
     ``source`` and ``out`` are flat. For one y and t, the tile of all (x, s) maps to a tile: each column s is shifted
-    cyclically along x by s - cs. A tile goes through registers into scratch memory, 16 x 16 values at a time, while
-    the next one is fetched. A batch of cutout rows is then written as one run per x, in whole cache lines that bypass
-    the caches. Needs ns >= 16.
+    cyclically along x by s - cs. The rows t of a batch are one run of memory for each (y, x) of the source. All runs
+    of one y are turned before those of the next, which are fetched meanwhile. A tile goes through registers into
+    scratch memory, 16 x 16 values at a time, and from there in whole cache lines past the caches. Rows t and t + 1 of
+    the result share a cache line. It is kept in ``ends`` until the next y completes it. Needs ns >= 16.
     """
     ny, nx, nt, ns = batches.shape[1:]
-    batch = batches.batch
+    # taken out once: numba counts a reference at each use, and its atomic instruction waits for all stores
+    batch, rows = batches.batch, batches.rows
     ct = (nt - 1) // 2
     pattern = nt * ns
     row = nx * pattern
     line = LINE_BYTES // source.itemsize
-    step = batch * ns + line + (pattern - batch * ns) % line  # aligned with the rows of out
-    # three rows more than nx: the last block of a tile is written in whole steps of four
-    scratch = np.empty(step * (nx + 3) + 2 * line, source.dtype)
-    tiles = _Tiles(batches.rows, nx, ns, step)
+    # aligned with the rows of out, with a free line before and after each run
+    step = ns + 2 * line + (pattern - ns) % line
+    sizes = _Sizes(nx, ns, pattern, step, line)
+    # three rows more: the last block of a tile is written in whole steps of four
+    scratch = np.empty(step * (_COLUMNS + 3) + 3 * line, source.dtype)
+    ends = np.empty(batch * nx * line, source.dtype)
     per_plane = -(-nt // batch)
     for k in range(start, stop):
         z = k // per_plane
         t0 = (k - z * per_plane) * batch
         t1 = min(nt, t0 + batch)
         for y in range(ny):
-            to = (z * ny + y) * row + t0 * ns
-            # scratch is as far into a cache line as its target is: lines are then copied whole
-            at = (_address(out) + to - _address(scratch)) % line
-            for t in range(t0, t1):
-                here = (z * ny + (y + t - ct) % ny) * row + (nt - 1 - t) * ns
-                if t + 1 < t1:
-                    ahead = (z * ny + (y + t + 1 - ct) % ny) * row + (nt - 2 - t) * ns
-                else:
-                    ahead = (z * ny + (y + 1 + t0 - ct) % ny) * row + (nt - 1 - t0) * ns
-                _turn_tile(source, here, ahead, tiles, scratch, at + (t - t0) * ns)
-            _write_runs(scratch, out, _Runs(at, step, to, pattern, nx, (t1 - t0) * ns))
+            # backwards, so that the source is read forwards
+            for t in range(t1 - 1, t0 - 1, -1):
+                here = (z * ny + y) * row + (nt - 1 - t) * ns
+                ahead = here + row if y + 1 < ny else here - y * row - batch * ns
+                to = (z * ny + (y - t + ct) % ny) * row + t * ns
+                # the rows t - 1 of the same patterns came with y - 1, and the rows t + 1 come with y + 1
+                joined = ns >= line and y > 0 and t > t0
+                kept = ns >= line and y + 1 < ny and t + 1 < t1
+                for x in range(0, nx, _COLUMNS):
+                    # scratch is as far into a cache line as its target is: lines are then copied whole
+                    at = line + (_address(out) + to + x * pattern - _address(scratch)) % line
+                    before = ((t - 1 - t0) * nx + x) * line if joined else -1
+                    after = ((t - t0) * nx + x) * line if kept else -1
+                    part = _Part(x, min(_COLUMNS, nx - x), here, ahead, to + x * pattern, at, before, after)
+                    _begin_runs(ends, out, part, sizes, scratch)
+                    _turn_columns(source, rows, part, sizes, scratch)
+                    _write_runs(scratch, part, sizes, ends, out)
     # stores past the caches are ordered with nothing else until a fence
     _fence()
 
 
-@njit(inline="always")
-def _turn_tile(source: Words, here: int, ahead: int, tiles: _Tiles, out: Words, at: int) -> None:
-    """Turn the tile at ``here`` into ``out``; fetch the one at ``ahead``. Rows beyond nx are scratch."""
-    rows, nx, ns, step = tiles.rows, tiles.nx, tiles.ns, tiles.step
+@njit()
+def _begin_runs(ends: Words, out: Words, part: _Part, sizes: _Sizes, scratch: Words) -> None:
+    """Copy the beginning of each run's first line to scratch; fetch lines that are written only in part."""
+    for i in range(part.columns):
+        b = part.to + i * sizes.pattern
+        if part.before >= 0:
+            past = (_address(out) + b) & (sizes.line - 1)
+            _copy_part(ends, part.before + i * sizes.line, scratch, part.at + i * sizes.step - past, sizes.line)
+        else:
+            _fetch_to_write(out, b)
+        if part.after < 0:
+            _fetch_to_write(out, b + sizes.ns - 1)
+
+
+@njit()
+def _turn_columns(source: Words, rows: Words, part: _Part, sizes: _Sizes, scratch: Words) -> None:
+    """Turn the columns of a tile into scratch; fetch those of the tile ahead."""
+    nx, ns, step = sizes.nx, sizes.ns, sizes.step
     cs = (ns - 1) // 2
-    for x in range(0, nx, LANES):
-        height = min(LANES, nx - x)
-        for block in range(0, ns, LANES):
-            c = min(block, ns - LANES)  # the last block overlaps the one before it
-            for i in range(x, x + height):
-                _prefetch(source, ahead + rows[i] + c)
-            first = (x + cs - c - LANES + 1) % nx
-            to = at + x * step + ns - LANES - c
+    for block in range(0, ns, LANES):
+        c = min(block, ns - LANES)  # the last block overlaps the one before it
+        for i in range(0, part.columns, LANES):
+            height = min(LANES, part.columns - i)
+            for k in range(part.x + i, part.x + i + height):
+                _fetch(source, part.ahead + rows[k] + c)
+            first = (part.x + i + cs - c - LANES + 1) % nx
+            to = part.at + i * step + ns - LANES - c
             # a block's height is part of its code: four sizes waste three rows at most
             if height > 12:
-                _shear_16(source, here + c, rows, first, out, to, step)
+                _shear_16(source, part.here + c, rows, first, scratch, to, step)
             elif height > 8:
-                _shear_12(source, here + c, rows, first, out, to, step)
+                _shear_12(source, part.here + c, rows, first, scratch, to, step)
             elif height > 4:
-                _shear_8(source, here + c, rows, first, out, to, step)
+                _shear_8(source, part.here + c, rows, first, scratch, to, step)
             else:
-                _shear_4(source, here + c, rows, first, out, to, step)
+                _shear_4(source, part.here + c, rows, first, scratch, to, step)
 
 
-@njit(inline="always")
-def _write_runs(scratch: Words, out: Words, runs: _Runs) -> None:
-    """Copy the runs from scratch to ``out``: whole cache lines past the caches, then the ends."""
-    line = LINE_BYTES // out.itemsize
-    for x in range(runs.columns):
-        a = runs.at + x * runs.step
-        b = runs.to + x * runs.pattern
-        head = min(runs.length, -(_address(out) + b) % line)
-        count = (runs.length - head) // line
-        _stream(scratch, a + head, out, b + head, count)
-        for i in range(head):
-            out[b + i] = scratch[a + i]
-        for i in range(head + count * line, runs.length):
-            out[b + i] = scratch[a + i]
+@njit()
+def _write_runs(scratch: Words, part: _Part, sizes: _Sizes, ends: Words, out: Words) -> None:
+    """Copy the runs from scratch to ``out``: whole cache lines past the caches; keep or write the others."""
+    ns, line = sizes.ns, sizes.line
+    for i in range(part.columns):
+        a = part.at + i * sizes.step
+        b = part.to + i * sizes.pattern
+        past = (_address(out) + b) & (line - 1)
+        head = -past if part.before >= 0 else min(ns, -past & (line - 1))
+        rest = head + ((ns - head) & -line)
+        _stream(scratch, a + head, out, b + head, rest - head)
+        if head > 0:
+            _copy_part(scratch, a, out, b, head)
+        if part.after >= 0:
+            _copy_part(scratch, a + rest, ends, part.after + i * line, line)
+        else:
+            _copy_part(scratch, a + rest, out, b + rest, ns - rest)
