@@ -57,7 +57,11 @@ TABLE_1 = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One size measured: seconds for all planes, scaled from ``planes_run`` of them."""
+    """One size measured: seconds for all planes, scaled from ``planes_run`` of them.
+
+    ``processor_ratio`` is the processor time of lfcal over that of the copy on one thread. Load on the machine hardly
+    changes it.
+    """
 
     size: Size
     planes: int
@@ -66,6 +70,7 @@ class Row:
     lfcal: float | None = None
     copy_parallel: float | None = None
     copy: float | None = None
+    processor_ratio: float | None = None
     paper_loop: Scaled | None = None
 
     @property
@@ -142,20 +147,20 @@ def measure(size: Size, settings: Settings) -> Row:
     out.fill(1)
     transpose(H, out=out, workers=settings.workers)
     ways.check_transposed(H, out)
-    times = ways.interleaved(
-        {
-            "lfcal": lambda: transpose(H, out=out, workers=settings.workers),
-            "copy_parallel": lambda: ways.copy_parallel(H, out, settings.workers),
-            "copy": lambda: np.copyto(out, H),
-        },
-        settings.rounds,
-    )
+    works = {
+        "lfcal": lambda: transpose(H, out=out, workers=settings.workers),
+        "copy_parallel": lambda: ways.copy_parallel(H, out, settings.workers),
+        "copy": lambda: np.copyto(out, H),
+    }
+    times = ways.interleaved(works, settings.rounds)
+    busy = ways.interleaved(works, settings.rounds, time.process_time)
     loop = None
     if size.ny % 2 and size.nx % 2:
         found = ways.paper_loop(H, out, settings.loop_seconds)
         loop = ways.Scaled(found.seconds * settings.planes / run, found.share * run / settings.planes)
     seconds = {name: value * settings.planes / run for name, value in times.items()}
-    return Row(size, settings.planes, run, row.nbytes, **seconds, paper_loop=loop)
+    ratio = busy["lfcal"] / busy["copy"] if busy["copy"] else None  # the clock of some systems is coarse
+    return Row(size, settings.planes, run, row.nbytes, **seconds, processor_ratio=ratio, paper_loop=loop)
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,6 +274,7 @@ HEADERS = (
     "copy, all threads",
     "copy, 1 thread",
     "lfcal ÷ faster copy",
+    "processor time ÷ copy",
     "paper's loop in numpy",
     "[17]",
     "[13]",
@@ -286,7 +292,7 @@ def cells(row: Row) -> list[str]:
         f"{row.size.ny} x {row.size.nx}",
         format_bytes(row.nbytes),
         *(_seconds(value, part) for value in (row.lfcal, row.copy_parallel, row.copy)),
-        "—" if row.ratio is None else f"{row.ratio:.2f}",
+        *("—" if value is None else f"{value:.2f}" for value in (row.ratio, row.processor_ratio)),
         "—" if loop is None else _seconds(loop.seconds, "*" if loop.share < 1 else ""),
         *("—" if value is None else f"{value:.1f}" for value in row.size.printed),
     ]
