@@ -59,7 +59,9 @@ def reduce_noise(
     for y in range(rows[0], rows[1]):
         for x in range(nx):
             if np.isnan(noise[y, x, 0]):
-                out[y, x] = plane[y, x]
+                for t in range(nt):  # assigning a slice would take seconds to compile
+                    for s in range(ns):
+                        out[y, x, t, s] = plane[y, x, t, s]
                 continue
             for sums in (number, total, square, floor, slope):
                 sums[:] = 0.0
