@@ -215,8 +215,7 @@ class FittedBrowser(QTextBrowser):
         bar = self.verticalScrollBar()
         page = self.document().clone(self)
         page.setTextWidth(self.viewport().width() + (bar.width() if bar.isVisible() else 0))
-        across = self.horizontalScrollBar()
-        around = self.height() - self.viewport().height() - (across.height() if across.isVisible() else 0)
+        around = self.height() - self.contentsRect().height()  # the viewport may still have its size of before
         lowest, highest = self._bounds
         needs = round(page.size().height() + 0.5) + around
         policy = Qt.ScrollBarPolicy
