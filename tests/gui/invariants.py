@@ -184,7 +184,7 @@ def _checks(window: MainWindow, page: Any) -> None:
         number = view.table.chosen()
         if number >= 0:
             title = checks[number].title
-            assert title.lower() in view.words.toPlainText().lower(), f"{title} is chosen"
+            assert title.lower() in view.words.text().lower(), f"{title} is chosen"
 
 
 def _fit(page: Any) -> None:

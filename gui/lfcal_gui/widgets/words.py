@@ -9,7 +9,7 @@ import re
 
 from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QContextMenuEvent, QFontMetrics, QFontMetricsF, QKeyEvent, QKeySequence, QResizeEvent
-from PySide6.QtWidgets import QApplication, QLabel, QMenu, QPlainTextEdit, QTextBrowser, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QMenu, QPlainTextEdit, QWidget
 
 from lfcal_gui.models import SPACE, unbroken
 
@@ -184,45 +184,6 @@ BESIDE = 42
 
 WIDEST = 1180
 """Width of text in a window that is no wider than the smallest one of the program (px)."""
-
-
-class FittedBrowser(QTextBrowser):
-    """Rich text as high as it needs to be.
-
-    Parameters
-    ----------
-    lowest, highest
-        Bounds of its height (px); more text than that scrolls.
-    """
-
-    def __init__(self, lowest: int, highest: int, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._bounds = (lowest, highest)
-        self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)  # else lines leave room for it
-        self.setFixedHeight(lowest)
-
-    def setHtml(self, text: str) -> None:
-        """Show rich text."""
-        super().setHtml(text)
-        self._fit()
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Be higher where lines are shorter."""
-        super().resizeEvent(event)
-        self._fit()
-
-    def _fit(self) -> None:
-        bar = self.verticalScrollBar()
-        page = self.document().clone(self)
-        page.setTextWidth(self.viewport().width() + (bar.width() if bar.isVisible() else 0))
-        around = self.height() - self.contentsRect().height()  # the viewport may still have its size of before
-        lowest, highest = self._bounds
-        needs = round(page.size().height() + 0.5) + around
-        policy = Qt.ScrollBarPolicy
-        # a bar that is there makes the lines shorter, which would be its only reason to stay
-        self.setVerticalScrollBarPolicy(policy.ScrollBarAsNeeded if needs > highest else policy.ScrollBarAlwaysOff)
-        self.setFixedHeight(min(highest, max(lowest, needs)))
-        page.deleteLater()
 
 
 def lines_px(view: QPlainTextEdit) -> int:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import pytest
 from PySide6.QtGui import QFontMetricsF
-from PySide6.QtWidgets import QApplication, QLabel, QPlainTextEdit, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QPlainTextEdit
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.widgets.words import (
     BREAK,
     WIDEST,
     ElidedLabel,
-    FittedBrowser,
     WrappedLabel,
     breakable,
     lines_px,
@@ -105,50 +104,6 @@ def test_a_line_does_not_end_between_a_number_and_its_unit(qtbot: QtBot) -> None
 
 
 LINE = "words of a fault, of which there are as many as it takes. "
-
-
-@pytest.mark.parametrize("points", [9.0, 10.0])
-def test_a_browser_is_as_high_as_its_words(qtbot: QtBot, points: float) -> None:
-    """At 10 points a scroll bar shortened the lines, and stayed as they were too many."""
-    root, words = QWidget(), FittedBrowser(60, 160)
-    font = root.font()
-    font.setPointSizeF(points)
-    root.setFont(font)
-    column = QVBoxLayout(root)
-    column.addWidget(words)
-    column.addStretch()
-    qtbot.addWidget(root)
-    root.show()
-    root.resize(400, 300)
-    heights = []
-    for count in (1, 5, 7, 60, 1):
-        words.setHtml(f"<b>Fault</b>: {LINE * count}")
-        QApplication.processEvents()
-        heights.append(words.height())
-        bar = words.verticalScrollBar()
-        assert bar.isVisible() == (count == 60) and not flaws(root)
-    assert heights[0] == heights[4] == 60 < heights[1] < heights[2] < heights[3] == 160
-    words.setHtml(LINE * 5)
-    root.resize(320, 300)
-    QApplication.processEvents()
-    assert words.height() > heights[1] and not words.verticalScrollBar().isVisible()
-
-
-def test_the_first_words_of_a_browser_are_seen_whole(qtbot: QtBot) -> None:
-    """Its first lines left room for a bar that never came, so they were too many for its height."""
-    root = QWidget()
-    column = QVBoxLayout(root)
-    qtbot.addWidget(root)
-    root.resize(400, 300)
-    root.show()
-    words = FittedBrowser(0, 10_000)
-    column.addWidget(words)
-    column.addStretch()
-    QApplication.processEvents()
-    words.setHtml(f"<b>Fault</b>: {LINE * 3}")
-    QApplication.processEvents()
-    assert words.document().textWidth() == words.viewport().width()
-    assert words.verticalScrollBar().maximum() == 0
 
 
 def test_the_width_of_lines_is_that_of_the_longest(qtbot: QtBot) -> None:

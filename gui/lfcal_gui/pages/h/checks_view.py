@@ -24,7 +24,6 @@ from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
     LINES,
     ElidedLabel,
-    FittedBrowser,
     FoldedForm,
     LinePlot,
     Picture,
@@ -50,9 +49,6 @@ ROW, LEAST_ROWS, PICTURE, PLOT = 24, 3, 132, 80
 
 LEAST_DETAILS = 72
 """Least height of what belongs to the chosen check (px)."""
-
-UNLIMITED = 10_000
-"""Height that no description of a check has (px)."""
 
 
 class ChecksView(QWidget):
@@ -118,9 +114,9 @@ class ChecksView(QWidget):
 
     def _details(self) -> QScrollArea:
         """Return what belongs to the chosen check, and the settings: it scrolls below the list."""
-        self.words = FittedBrowser(0, UNLIMITED)
-        self.words.setOpenLinks(False)
-        self.words.anchorClicked.connect(lambda link: self.fault_asked.emit(link.path()))
+        self.words = WrappedLabel(rich=True)
+        self.words.setTextInteractionFlags(Qt.TextInteractionFlag.TextBrowserInteraction)
+        self.words.linkActivated.connect(lambda link: self.fault_asked.emit(link.removeprefix("fault:")))
         self.words.setAccessibleName("meaning and remedy of the check")
         self._pictures()
         inner = QWidget()
@@ -201,7 +197,7 @@ class ChecksView(QWidget):
 
     def show_check(self, words: str, picture: CheckPicture) -> None:
         """Show meaning and remedy of a check as rich text, and its picture."""
-        self.words.setHtml(words)
+        self.words.setText(words)
         if picture.values is None:
             self.none.setText(picture.title)
             self.pictures.setCurrentWidget(self.none)

@@ -54,7 +54,7 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
     assert ranks == sorted(ranks) and ranks[0] == 0, "what failed comes first"
     missing = next(k for k, one in enumerate(listed) if "issing" in one.title)
     view.table.choose(missing)
-    assert "What to do" in listed[missing].words and view.words.toPlainText()
+    assert "What to do" in listed[missing].words and view.words.text()
     assert page.intent.z == 1, "the plane that it concerns is shown"
     mapped = [one for one in every if map_of(found, one, 1) is not None]
     assert mapped and map_of(found, mapped[0], 99) is None
