@@ -15,10 +15,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Generic, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = ["Kernel", "kernel_input", "njit", "preparing_seconds"]
 
@@ -230,6 +230,8 @@ def kernel_input(values: NDArray[Any]) -> NDArray[Any]:
     numba compiles a kernel again for each kind of array. An input is therefore always passed in this form, no matter
     whether the caller owns it.
     """
+    import numpy as np
+
     found = np.ascontiguousarray(values).view()
     found.flags.writeable = False
     return found

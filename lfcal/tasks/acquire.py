@@ -141,7 +141,7 @@ class _Acquire(Task):
     )
     stage: str = opt(
         "",
-        "Backend of the stage, if it differs from that of the camera (--backend).",
+        "Backend of the stage, if it differs from that of the camera.",
         label="Stage",
         empty="same as the camera",
         more=True,
@@ -680,7 +680,7 @@ class Acquire(_AcquireScan):
     redo: Path | None = _again()
     positions: Path | None = opt(
         None,
-        "Record only the positions in this list (from lfcal plan fit, or from lfcal plan --list).",
+        "Record only the positions in this list (from lfcal plan fit or lfcal plan).",
         label="Positions",
         file="in",
         empty="all positions of the plan",
