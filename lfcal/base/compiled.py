@@ -216,9 +216,9 @@ def _clock(dispatcher: Any) -> None:
 def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:
     """Return a decorator that compiles a function at its first call and caches it on disk; it runs without the GIL.
 
-    Three options of `numba.njit` make large kernels compile faster. ``inline="always"`` is for a function that kernels
+    Two options of `numba.njit` make large kernels compile faster. ``inline="always"`` is for a function that kernels
     call in one place: otherwise it is also compiled for calls from Python, and again within each caller. ``_nrt=False``
-    is for kernels without allocations. ``no_cpython_wrapper=True`` is for functions that only kernels call.
+    is for kernels without allocations.
     """
     settings = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, **options}
     return lambda function: Kernel(function, settings)

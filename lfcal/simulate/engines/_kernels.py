@@ -115,7 +115,7 @@ class _Scratch(NamedTuple):
     turns: F8  # (axis, cosine and sine, c)
 
 
-@njit(_nrt=True, no_cpython_wrapper=True)
+@njit(_nrt=True)
 def _product(a: F4, b: F4, out: F4) -> None:
     """Write out = a @ b in pieces too small for threaded BLAS."""
     rows = max(1, _SMALL // (a.shape[1] * b.shape[1]))
@@ -164,7 +164,7 @@ def mask_from_table(aperture: LensAperture, dx: float, x0: float, y0: float, mas
             im[i, j] = value * math.sin(phase)
 
 
-@njit(fastmath={"contract", "nnan", "ninf", "nsz"}, no_cpython_wrapper=True)
+@njit(fastmath={"contract", "nnan", "ninf", "nsz"})
 def straighten(mask: Split, dx: float, spot: Any, optics: Optics, bent: Split, line: F4) -> None:
     """Write the mask times a phase with which rays of the Fresnel integral arrive where exact rays do, at B tan.
 
