@@ -122,6 +122,14 @@ def test_what_is_left_out_adds_up_to_less_than_the_tolerance() -> None:
         assert found.left_out[0] <= tolerance / 2
 
 
+@pytest.mark.parametrize("tolerance", (0.1, 0.03, 0.01, 0.003))
+def test_rounded_sums_of_errors_end_the_search_for_the_fastest_decisions(tolerance: float) -> None:
+    """The sum of the omitted errors was above the limit by rounding, and the search repeated it for ever."""
+    plan = ScanPlan.for_camera(preset("flfm_20x05"), depths_um=(-20.0, 20.0), cutout=101)
+    found = plan_effects(plan, tolerance=tolerance)
+    assert all(error <= 0.5 * tolerance for error in found.left_out)
+
+
 def test_costly_effects_are_left_out_first() -> None:
     plan = small_plan()
     source, gap = FiniteSource(20.0), LensletGap(0.8)

@@ -458,7 +458,7 @@ def _decide(draft: _Draft, e: Estimate, allowed: float, used: float) -> _Decisio
     within = f"the {100 * allowed:.3g} % that may be left out"
     if e.error > allowed:
         return _Decision(True, "needed", f"{size}: {share}, above {within}{cost}")
-    if e.error > allowed - used:
+    if used + e.error > allowed:  # the sum as `_decided` adds it: a difference may be rounded otherwise
         return _Decision(
             True, "needed", f"{size}: {share}, too much, because {format_share(used)} is already left out{cost}"
         )
