@@ -161,7 +161,7 @@ class Camera:
     # -- derived lengths -------------------------------------------------------------------------------
     @property
     def has_lattice(self) -> bool:
-        """Whether the lenslets form a periodic lattice; a Fourier light-field microscope has single lenslets."""
+        """Whether the lenslets form a periodic lattice; those of a Fourier light-field microscope do not."""
         return isinstance(self.lattice, LensletLattice)
 
     @property

@@ -93,7 +93,7 @@ class PointOptics:
     hole_um
         Diameter of the holes if it is not an unknown (µm).
     parts_um
-        Distance beyond the depth plane of the middle of each part of the field (µm).
+        Distance of the centre of each part of the field beyond the depth plane (µm).
     """
 
     middles: NDArray[np.intp]

@@ -77,7 +77,7 @@ def _show_window(json: bool) -> None:
 
 
 def examine() -> dict[str, Any]:
-    """Return the findings as plain values, by ``machine``, ``libraries``, ``devices`` and ``plugins``.
+    """Return a report on this installation: plain values under ``machine``, ``libraries``, ``devices`` and ``plugins``.
 
     The version of a library is None if it is absent.
     """

@@ -199,7 +199,7 @@ class Group(ABC):
 
 
 def check_group(group: Group) -> None:
-    """Raise `TypeError` unless ``group`` is derived from `Group` and has a title."""
+    """Raise `TypeError` unless ``group`` is an instance of `Group` and has a title."""
     if not isinstance(group, Group):
         raise TypeError(f"expected an object derived from Group, got {type(group).__name__}")
     if not isinstance(getattr(group, "title", None), str):

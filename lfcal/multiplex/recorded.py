@@ -34,9 +34,10 @@ class RecordedFrame(NamedTuple):
     def weights(
         self, level: Any, sensor: Sensor | None, dead: str | os.PathLike[str] | None, **how: Any
     ) -> NDArray[Any] | None:
-        """Return the weight of every pixel from a sensor and an image of dead pixels; None if all weights are equal.
+        """Return the weight ``(rows, columns)`` of each pixel; None if neither ``sensor`` nor ``dead`` is given.
 
-        ``how`` contains further options of `lfcal.multiplex.pixel_weights`.
+        ``level`` is the black level (counts), and ``dead`` an image that is not 0 at dead pixels. ``how`` contains
+        further options of `lfcal.multiplex.pixel_weights`.
         """
         bad = None if dead is None else read_image(dead)
         if bad is not None and bad.shape != self.raw.shape:

@@ -236,7 +236,7 @@ class AssembledPlanes(PlaneSource):
     fill
         Function that fills missing positions, which stay marked as never recorded; None: their patterns are 0.
     reopening
-        How other processes open the same frames; None: H cannot be assembled in units of a run.
+        How other processes open the same frames; None: the assembly cannot be divided among processes.
     close
         Function that closes the frames if they were opened only for these planes.
     """

@@ -56,7 +56,7 @@ MOST_DRIFT = 0.5
 class SimulationForecast(TaskResult):
     """Effects selected for the simulation of a plan, with the reason and the cost of each.
 
-    ``camera`` is the preset or file of the camera, as commands name it.
+    ``camera`` is the name of the preset or the path of the camera file, as given on the command line.
     """
 
     plan: ScanPlan

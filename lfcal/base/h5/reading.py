@@ -267,7 +267,9 @@ KNOWN_FILTERS = {1, 2, 3, 32000, 32001, 32004, 32008, 32015}
 
 
 class H5Data:
-    """A dataset of numbers in an HDF5 file: its type and shape, and methods for reading it, with one-line errors.
+    """A dataset of numbers in an HDF5 file: its type and shape, and methods that read it.
+
+    Damage is reported as an error of one line.
 
     Attributes
     ----------
@@ -278,7 +280,7 @@ class H5Data:
     shape, dtype, chunks
         Declared shape, type and shape of chunks; ``chunks`` is None for contiguous data.
     filters
-        HDF5 numbers of its filters, in the order of writing.
+        HDF5 filter IDs, in the order in which they are applied when writing.
 
     Parameters
     ----------
@@ -434,7 +436,7 @@ class H5Data:
         return np.asarray(values[key], self.dtype)  # numpy converts single values to the native byte order
 
     def read_middle(self) -> NDArray[Any]:
-        """Return the middle chunk of the data; of contiguous data, the middle image along the last two axes."""
+        """Return the middle chunk; if the data are contiguous, return the middle image (last two axes)."""
         sides = self.chunks or (*(1 for _ in self.shape[:-2]), *self.shape[-2:])
         grid = tuple(-(-n // side) for n, side in zip(self.shape, sides, strict=True))
         at = np.unravel_index(int(np.prod(grid)) // 2, grid)
