@@ -17,7 +17,7 @@ from lfcal.reconstruct import FieldProjector, Projector
 from tests.cli.conftest import Run
 
 Lfcal = Callable[..., Run]
-ARRAY = "array:4x4@1.18mm,hole=20um,absent=0:0+0:1+1:0"
+ARRAY = "array:4x4@1.3mm,hole=20um,absent=0:0+0:1+1:0"
 EFFECTS = [{"name": "vignetting", "distance_um": 30000.0, "radius": 1.05}]
 
 
