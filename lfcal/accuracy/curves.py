@@ -27,24 +27,24 @@ class CostPoint:
     label
         Display name.
     settings
-        Settings by name, as plain values.
+        Values of the settings by name, as plain JSON types.
     error
-        Relative error, at least 0; the curve defines its meaning and reference.
+        Relative error, at least 0 (0.01 is 1 %); the curve states its meaning and reference.
     cost, unit
-        Cost, in one of `UNITS`.
+        Cost, and its unit, one of `UNITS`.
     others
-        Further values by name, with the unit in the name: ``{"read (s)": 0.2}``.
+        Further measured values by name, with the unit in the name: ``{"read (s)": 0.2}``.
     note
         Remark; may be empty.
     efficient
-        Whether no other point of the curve is both cheaper and more accurate.
+        Whether the point is on the Pareto front: all cheaper points of the curve have larger errors.
     in_use
         Whether the measured scan plan has these settings.
 
     Raises
     ------
     InputError
-        If the error or the cost is not finite, or below 0.
+        If the error or the cost is negative or not finite.
 
     Examples
     --------
@@ -73,20 +73,20 @@ class CostPoint:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Error against cost for one part of the processing.
+    """Curve of error against cost for one part of the processing.
 
     Attributes
     ----------
     part, title
         Name of the part of the processing, and its display name.
     error, cost
-        Meaning of error and cost, with units.
+        Meanings of the error and the cost, with units.
     unit
         Unit of the cost, one of `UNITS`.
     truth
         Description of the reference with which results are compared.
     points
-        Measured points, cheapest first; those on the Pareto front are marked.
+        Measured points, cheapest first; `CostPoint.efficient` marks those on the Pareto front.
     notes
         Conditions of the measurement, one line each.
     stopped
@@ -115,22 +115,22 @@ class Curve:
     stopped: str = ""
 
     def with_point(self, point: CostPoint) -> Curve:
-        """Return the curve with one more point."""
+        """Return a copy of the curve with ``point`` added and the Pareto front updated."""
         return replace(self, points=marked((*self.points, point)))
 
     @property
     def front(self) -> tuple[CostPoint, ...]:
-        """The efficient points, cheapest first; each costs more than the previous one and has a smaller error."""
+        """The points on the Pareto front, cheapest first: each costs more than the previous one for a smaller error."""
         return tuple(point for point in self.points if point.efficient)
 
     @property
     def in_use(self) -> CostPoint | None:
-        """The point with the settings of the measured scan plan; None if there is none."""
+        """The point with the settings of the measured scan plan; None if it was not measured."""
         return next((point for point in self.points if point.in_use), None)
 
     @property
     def best(self) -> CostPoint | None:
-        """The most accurate point; of equally accurate points, the cheapest. None without points."""
+        """The most accurate point; of equally accurate points, the cheapest. None if there are no points."""
         return min(self.points, key=lambda point: (point.error, point.cost), default=None)
 
     def cheapest(self, error: float) -> CostPoint | None:
@@ -140,7 +140,7 @@ class Curve:
         return min(good, key=lambda point: (point.cost, point.error), default=None)
 
     def answer(self, error: float) -> str:
-        """Return a sentence on the cost of the relative error ``error``."""
+        """Return a sentence that states the lowest cost of a relative error of at most ``error``."""
         found, best, asked = self.cheapest(error), self.best, format_share(error)
         if found is not None:
             return (
@@ -156,7 +156,7 @@ class Curve:
 
 
 def marked(points: Iterable[CostPoint]) -> tuple[CostPoint, ...]:
-    """Return the points, cheapest first, marked as efficient if no other has both a lower cost and a smaller error.
+    """Return copies of the points, cheapest first; ``efficient`` is True where all cheaper points have larger errors.
 
     Examples
     --------

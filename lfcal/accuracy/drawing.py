@@ -30,20 +30,21 @@ FLOOR = 1e-9
 def draw_curves(
     curves: Sequence[Curve], path: str | os.PathLike[str], title: str = "", *, error: float | None = None
 ) -> None:
-    """Plot all curves that have points on one page, each in a logarithmic panel with the Pareto front as a line.
+    """Plot the curves that have points in one figure, each in a log-log panel with the Pareto front as a line.
 
-    Points are named where there is room. A square marks the point that is in use.
+    Points are labelled where the labels do not overlap. A square marks the point that is in use.
 
     Parameters
     ----------
     curves
         The curves.
     path
-        File to write; its suffix determines the format, such as PNG.
+        Image file to write; its suffix determines the format, such as ``.png``.
     title
-        Title of the page.
+        Title of the figure.
     error
-        Requested relative error, shown as a line in each panel and a star at the cheapest point.
+        Requested relative error (0.01 is 1 %). It is drawn as a line in each panel, with a star at the cheapest point
+        that reaches it. None: not drawn.
 
     Raises
     ------

@@ -114,7 +114,8 @@ def iter_measure_curve(
 ) -> Work[Curve]:
     """Measure one part of the processing, and return its curve of error against cost.
 
-    If there is no curve for this subject, or the measurement ends early, `Curve.stopped` states why.
+    If there is no curve for this subject, or the measurement fails or runs out of time before all points are measured,
+    `Curve.stopped` states why.
 
     Parameters
     ----------
@@ -126,7 +127,7 @@ def iter_measure_curve(
         Approximate time limit (s): no point is begun that would end later. A reference that would take more than twice
         the limit is not begun; after one that takes long, 0.4 times the limit remains for points.
     number, total
-        Number of this curve, and total number of curves, for progress records.
+        Index of this curve (from 0), and total number of curves, for progress records.
 
     Yields
     ------

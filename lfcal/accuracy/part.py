@@ -14,7 +14,15 @@ __all__ = ["PARTS", "AccuracyPart", "AccuracyStep", "Measuring", "Truth", "find_
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Reference with which results of a curve are compared, and conditions; yielded once, before the first point."""
+    """Reference with which the results of a curve are compared; yielded once, before the first point.
+
+    Attributes
+    ----------
+    label
+        Description of the reference.
+    notes
+        Conditions of the measurement, one line each.
+    """
 
     label: str
     notes: tuple[str, ...] = ()
@@ -22,7 +30,15 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class AccuracyStep:
-    """Description of the next step, and its approximate duration (s); None: as long as the previous step."""
+    """Announcement of the next step of a measurement.
+
+    Attributes
+    ----------
+    label
+        Description of the step.
+    seconds
+        Expected duration (s); None: as long as the previous step.
+    """
 
     label: str
     seconds: float | None = None
@@ -39,16 +55,16 @@ class AccuracyPart:
     Attributes
     ----------
     name, title
-        Name in commands, and display name.
+        Name used in commands, and display name.
     error, cost
-        Meaning of error and cost, with units.
+        Meanings of the error and the cost, with units.
     unit
         Unit of the cost, one of `lfcal.accuracy.curves.UNITS`.
     measure
-        Function of the subject and a time limit (s) that yields the reference, steps, points and progress. It raises
-        `LfcalError` with the reason if this subject has no such curve.
+        Function that takes the subject and a time limit (s), and yields `Truth`, `AccuracyStep`, `CostPoint` and
+        `Progress` records. It raises `LfcalError` with the reason if this subject has no such curve.
     rank
-        Order in lists.
+        Sort key in lists; smaller numbers come first.
 
     Examples
     --------

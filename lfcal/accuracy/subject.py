@@ -82,7 +82,7 @@ class Subject:
     plan
         The scan plan; None if unknown.
     matrix
-        H; None: samples are simulated from the plan.
+        H; None: samples of H are simulated from the plan.
     no_plan
         Reason why there is no plan; empty if there is one.
     workers
@@ -115,9 +115,9 @@ class Subject:
 
     @classmethod
     def of_matrix(cls, matrix: PSFMatrix, name: str, workers: int | None = None) -> Subject:
-        """Return the subject for H, or for the H of a transposed matrix.
+        """Return the subject for H; for a transposed matrix, its H is measured.
 
-        The plan is read from the provenance of H, or made from its camera.
+        The plan is read from the provenance of H, or else derived from its camera.
         """
         H = matrix.T if matrix.is_transposed else matrix
         plan, reason = _plan_of(H)
@@ -142,12 +142,12 @@ class Subject:
 
     @property
     def middle(self) -> int:
-        """Number of the middle plane."""
+        """Index of the middle plane, ``nz // 2``."""
         return self.shape[0] // 2
 
     # -- samples ---------------------------------------------------------------------------------------
     def iter_sample(self, planes: int) -> Work[Sample]:
-        """Return a sample of at most ``planes`` planes of H, which is computed once; yields progress."""
+        """Return a sample of at most ``planes`` planes from the middle of H; repeated calls return the same object."""
         count = min(planes, self.shape[0])
         if count not in self._samples:
             made = self._read(count) if self.matrix is not None else self._simulated(count)
@@ -157,7 +157,7 @@ class Subject:
         return self._samples[count]
 
     def iter_patterns(self) -> Work[Patterns]:
-        """Return patterns of the middle plane, spread over the period, which are computed once; yields progress."""
+        """Return patterns of the middle plane, spread over the period; repeated calls return the same object."""
         if not self._patterns:
             yield Clock("patterns", 1).at(0)
             _, ny, nx, nt, ns = self.shape

@@ -35,11 +35,11 @@ class SessionForecast:
     Attributes
     ----------
     positions, other_frames
-        Number of frames at the plan's positions (for a target, of the plan's frames), and total number of dark,
+        Number of frames at the plan's positions (for a target, number of the plan's frames), and total number of dark,
         reference and control frames.
     seconds
-        Time for exposures, settling, moves and, if known, readout (s). Retries and approaches from one side are not
-        included.
+        Duration of exposures, settling, moves and, if known, readout (s). Retries, and detours to approach positions
+        from one side, are not included.
     recording_bytes, free_bytes
         Size of the recording, and free disk space (bytes).
     camera, stage
@@ -69,8 +69,8 @@ def forecast(
 ) -> SessionForecast:
     """Predict the cost of a session after checking devices, limits, light and disk space; nothing moves.
 
-    With ``only``, the session records only these positions. ``frames_per_s`` is the highest frame rate of the camera
-    for the region that is read.
+    With ``only``, the session records only these positions (z, y, x). ``frames_per_s`` is the camera's highest frame
+    rate for the region that is read (frames/s); None: unknown.
 
     Raises
     ------

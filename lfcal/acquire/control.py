@@ -84,15 +84,15 @@ class Control:
             raise self.aborted()
 
     def aborted(self) -> Aborted:
-        """Return the `Aborted` error with which an aborted session ends."""
+        """Return the error that the recording thread raises after an abort; this method does not raise it."""
         return Aborted("aborted: the stage was stopped; acknowledged frames are safe")
 
     def wait(self, seconds: float) -> None:
-        """Wait for ``seconds`` of real time, or until a request arrives."""
+        """Wait until a request arrives, at most ``seconds`` of real time."""
         self._wake.wait(seconds)
 
     def sleep(self, seconds: float, time: TimeSource) -> None:
-        """Wait for ``seconds`` of the rig's time, checking for an abort at short intervals."""
+        """Wait for ``seconds`` on the clock ``time``; raise `Aborted` soon after an abort is requested."""
         if seconds <= SLICE_S:
             if seconds > 0:
                 time.sleep(seconds)

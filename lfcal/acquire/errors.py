@@ -26,7 +26,7 @@ class AcquisitionStopped(LfcalError):
 
 
 class SuspectFrame(LfcalError):
-    """The content of a frame was suspicious even when the frame was taken again.
+    """The content of a frame was still suspect after the frame was taken again.
 
     Attributes
     ----------

@@ -37,18 +37,18 @@ def iter_assemble_session(
     folder
         Folder of the session.
     out
-        H file; None keeps H in memory.
+        Path of the H file to write; None: keep H in memory.
     planes
-        Numbers of the depth planes to use; None: all, with missing positions marked.
+        Indices of the depth planes to use; None: all, with missing positions marked.
     recipe
         Corrections of the frames; None: only the session's dark frames.
     settings
         As in `lfcal.psf.iter_assemble_plan`.
     skip_damaged
-        Whether to exclude damaged frames and list them in report and file, instead of raising an error.
+        Whether to exclude damaged frames and list them in the report and the file, instead of raising an error.
     make
-        Function that makes H from upright frames; it has the arguments of `lfcal.psf.iter_assemble_plan`. Pass another
-        one to assemble plane by plane while the session is in progress.
+        Function that assembles H from upright frames, with the parameters of `lfcal.psf.iter_assemble_plan`. Pass
+        another function to assemble plane by plane while the session is in progress.
 
     Raises
     ------
@@ -83,7 +83,7 @@ class Packed(NamedTuple):
 
 
 def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
-    """Repack all finished recordings of a session, and return the result.
+    """Compress all finished recordings of a session; return the number of bytes saved and the files left unchanged.
 
     A recording with missing or damaged frames is not changed, so that it can be resumed.
 

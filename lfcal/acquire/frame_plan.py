@@ -14,19 +14,19 @@ __all__ = ["FramePlan", "frame_grid", "frame_positions", "read_frame_plan"]
 
 
 class FramePlan(Protocol):
-    """Plan of a session of whole frames, such as `lfcal.targets.TargetPlan`.
+    """Protocol for the plan of a session of whole frames, such as `lfcal.targets.TargetPlan`.
 
-    A session numbers whole frames like positions: frame ``k`` of plane ``z`` is position ``(z, 0, k)``.
+    A session numbers whole frames as positions: frame ``k`` of plane ``z`` is position ``(z, 0, k)``.
     """
 
     @property
     def scan(self) -> ScanPlan:
-        """The scan plan that the frames cover: camera, planes, exposures, stage."""
+        """The scan plan that the frames cover, with its camera, depth planes, exposures and stage axes."""
         ...
 
     @property
     def frames(self) -> tuple[tuple[int, int], ...]:
-        """All frames as (plane, number within the plane), in the order of recording."""
+        """All frames as (plane index, index within the plane), in the order of recording."""
         ...
 
     @property
@@ -35,7 +35,7 @@ class FramePlan(Protocol):
         ...
 
     def stage_um(self) -> NDArray[np.float64]:
-        """Return the stage coordinates (x, y, z) of all frames, ``(frames, 3)`` (µm)."""
+        """Return the stage coordinates (x, y, z) of all frames (µm), ``(frames, 3)`` in the order of recording."""
         ...
 
     def to_dict(self) -> dict[str, Any]:

@@ -36,14 +36,15 @@ class CoverageState:
     done, total
         Number of frames recorded so far, and of all frames in the plan.
     shown
-        Number of recorded frames ``(nz, ny, nx)`` that show each position within the plan's tolerance, provided that
-        the target is at its planned pose.
+        Number of recorded frames that show each position within the plan's tolerance, ``(nz, ny, nx)``. The target is
+        assumed to be at its planned pose.
     light
-        Sum of each frame ``(frames,)`` above its median (counts), in the plan's order; NaN if not recorded.
+        Sum over each frame of the samples minus the frame's median (counts), ``(frames,)`` in the plan's order; NaN for
+        frames that are not recorded.
     saturated
-        Number of saturated pixels in each frame ``(frames,)``.
+        Number of saturated pixels in each frame, ``(frames,)`` in the plan's order.
     lamp
-        Time of recording (s) and light (counts) of each reference frame, ``(n, 2)``.
+        Recording time without pauses (s) and light (counts) of each reference frame, ``(n, 2)``.
     alarms
         Findings on recorded frames that may require a stop, as in `lfcal.acquire.live_quality`.
     """
@@ -62,7 +63,11 @@ class CoverageState:
         return float((self.shown > 0).mean())
 
     def to_dict(self) -> dict[str, Any]:
-        """Return frames, coverage (total and by plane) and mean number of repeats as plain JSON types."""
+        """Return the snapshot's totals as plain JSON types.
+
+        The keys are ``"frames"`` (number recorded), ``"coverage"`` and ``"coverage_of_planes"`` (fractions in [0, 1]),
+        and ``"mean_repeats"`` (frames per position).
+        """
         return {
             "frames": self.done,
             "coverage": self.coverage,
@@ -79,7 +84,7 @@ class LiveCoverage:
     plan
         Plan of the session.
     folder
-        Folder of a session to continue, whose frames are included; None: a new session.
+        Folder of a session to resume, whose recorded frames are counted; None: a new session.
 
     Examples
     --------
@@ -131,7 +136,10 @@ class LiveCoverage:
         return max(map(len, self._plan.offsets_px))
 
     def know(self, z: int, k: int, light: float = math.nan, saturated: int = 0) -> None:
-        """Mark frame ``k`` of plane ``z`` as recorded; ``light`` is its sum above the median (counts), NaN if unknown.
+        """Mark frame ``k`` of plane ``z`` as recorded.
+
+        ``light`` is the sum of its samples minus their median (counts), NaN if unknown; ``saturated`` is its number of
+        saturated pixels.
 
         A frame is counted only once.
         """

@@ -65,20 +65,24 @@ class QualityState:
     done
         Number of positions recorded in this run.
     energy
-        Sum of each cutout above the background ``(nz, ny, nx)`` (counts); NaN if not recorded.
+        Sum of each cutout minus its background (counts), ``(nz, ny, nx)``; NaN for positions that are not recorded.
     residual_px
-        Lateral distance between read-back and target position ``(nz, ny, nx)`` (pixels); NaN if not recorded.
+        Lateral distance between the read-back and the target position of the stage (px in object space), ``(nz, ny,
+        nx)``; NaN for positions that are not recorded.
     saturated
-        Number of saturated pixels in each cutout ``(nz, ny, nx)``.
+        Number of saturated pixels in each cutout, ``(nz, ny, nx)``.
     depth_sums
-        Running sums of the cutouts above the background ``(nz, nt, ns)`` (counts); ``(1, nt, ns)`` for one plane.
+        Sums over the positions recorded so far in each plane of the cutouts minus their background (counts), ``(nz, nt,
+        ns)``; ``(1, nt, ns)`` for a single plane.
     lamp
-        Time of recording (s), added up over all recordings, and light (counts) of each reference frame, ``(n, 2)``.
+        Time since the start, summed over all recordings without pauses (s), and light (counts) of each reference frame,
+        ``(n, 2)``.
     places_px
-        Row and column of the light in the cutout of each reference frame, ``(n, 2)`` (pixels); NaN if it is too faint.
+        Centroid (row, column) of the light in the cutout of each reference frame (px), ``(n, 2)``; NaN if the light is
+        too faint.
     follow_px
-        Movement of the image within the cutout per step (pixels): ``((row per y, row per x), (column per y, column per
-        x))``; ideally 0. -2 on the diagonal means that an axis is reversed.
+        Movement of the image within the cutout per step of the scan (px): ``((row per y, row per x), (column per y,
+        column per x))``; ideally 0. -2 on the diagonal means that an axis is reversed.
     alarms
         Findings on recorded frames that may require a stop, by the kinds of `LIMITS`.
     """
@@ -102,9 +106,9 @@ class LiveQuality:
     plan
         Plan of the session.
     window
-        Rows and columns of the recorded frames.
+        Shape ``(rows, columns)`` of the recorded frames (px).
     stride
-        Number of frames between measurements of the image's position in the cutout, after the first 200 frames.
+        After the first 200 frames, the image's position in the cutout is measured in every ``stride``-th frame.
 
     Examples
     --------
@@ -182,14 +186,14 @@ class LiveQuality:
             self._done += 1
 
     def know(self, records: NDArray[Any], levels: NDArray[np.float64]) -> None:
-        """Add positions of earlier runs from their records; the depth sums, which need frames, do not change.
+        """Add positions of earlier runs from their records; depth sums do not change, because they need the frames.
 
         Parameters
         ----------
         records
-            ``(n,)`` of type `lfcal.acquire.recording.records.RECORD`, one for each position.
+            Structured array ``(n,)`` of type `lfcal.acquire.recording.records.RECORD`, one record for each position.
         levels
-            ``(n,)`` background of each frame (counts).
+            Background of each frame (counts per pixel), ``(n,)``.
         """
         place = np.unravel_index(records["index"], self._shape)
         error = records["stage_um"] - records["target_um"]
@@ -200,7 +204,7 @@ class LiveQuality:
             self._saturated[place] = records["saturated"]
 
     def state(self, plane: int | None = None) -> QualityState:
-        """Return a snapshot of the quality; ``plane`` limits the depth sums to one plane."""
+        """Return a snapshot of the quality; with the index ``plane``, it contains only the depth sum of that plane."""
         with self._lock:
             references = np.array(self._references.seen).reshape(-1, 5)
             follow = self._slopes()

@@ -21,40 +21,42 @@ _RESHAPING = ("bracket", "margin_px", "darks", "dark_every", "reference_every", 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Settings of a recording.
+    """Settings for the recording of a session.
 
     Attributes
     ----------
     order
         ``"plan"``: the order of the plan; ``"coarse"``: a coarse grid over all planes first, then finer ones.
     bracket
-        Exposures of each position as multiples of its plane's exposure; several are merged to extend the dynamic range.
+        Exposure times at each position, as multiples of the plane's exposure time. Frames of several exposures are
+        merged to extend the dynamic range.
     margin_px
-        Margin around the cutout (pixels), for interpolation at sub-pixel anchors and for drift. None: 12 if the plan's
-        anchor is between pixels or frames are resampled, else no margin.
+        Width of the margin recorded around the cutout (px), for interpolation at sub-pixel anchors and for drift. None:
+        12 if the plan's anchor is between pixels or frames are resampled, else no margin.
     darks, dark_every
         Number of frames averaged into each dark frame (0: none), taken at the start and after every ``dark_every``
-        positions (0: at the start only), one dark frame for each exposure of the plan. Assembly subtracts the dark
-        frames; without them, H contains the sensor's dark level. Dark frames need a light that can be switched off.
+        positions (0: at the start only). There is one dark frame for each exposure time of the plan. Assembly subtracts
+        the dark frames; without them, H contains the sensor's dark level. Dark frames require a light source that can
+        be switched off.
     reference_every
-        Number of positions after which a reference frame at a fixed position is taken, also at the start and at the end
-        (0: none). Reference frames show the drift of the lamp. The default adds 1 % to the number of frames.
+        Number of positions after which a reference frame at a fixed position is taken, and also at the start and the
+        end (0: none). Reference frames show the drift of the lamp. The default adds 1 % to the number of frames.
     controls
-        Number of control frames per plane and direction, from one period away to the edge of the field, for the check
-        of periodicity (0: none).
+        Number of control frames per plane and direction, for the check of periodicity (0: none). They are spread from
+        one period away to the edge of the field.
     retries
         Number of further attempts at a position after a transient fault.
     tolerance_um, overshoot_um
-        As in `Motion`. A tolerance of None is a tenth of the smallest lateral step for lateral errors, and the full
-        lateral step for errors in depth.
+        As in `Motion` (µm, in x, y, z). A tolerance of None is a tenth of the smaller lateral step laterally, and the
+        whole step in depth.
     move_timeout_s, grab_timeout_s, light_settle_s
-        Longest waits for arrival and for a frame (beyond its exposure), and the waiting time after switching the light
-        (s).
+        Longest waiting times for the stage to arrive and for a frame (beyond its exposure), and the settling time after
+        switching the light (s).
     keep_free_bytes
         The session does not start, or is paused, while the disk has less than this free in addition to the recording
         (bytes); None: a tenth of the recording, at least 16 MiB.
     origin_tolerance_px
-        Largest shift of the image (pixels) when the last position is taken again on resuming. A larger shift means that
+        Largest shift of the image when the last position is recorded again on resuming (px). A larger shift means that
         the stage's origin is lost. None: no check.
     on_suspect
         Treatment of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
@@ -63,8 +65,8 @@ class Options:
         Whether to record although the camera changes samples automatically, by automatic exposure, gain or black
         level, or a gamma.
     suspend, steady_s
-        Bounds of gauges in the form of `Bound.parse`, such as ``"temperature=20:22"``. The session is paused while a
-        gauge is outside its bounds, and continues when all have been within them for this time (s).
+        Bounds of gauges as texts for `Bound.parse`, such as ``"temperature=20:22"``. The session is paused while a
+        gauge is outside its bounds, and continues when all gauges have been within their bounds for ``steady_s`` (s).
     check_stage
         Whether to measure sign, scale, repeatability and depth of the stage before the first frame of each run, with
         about 16 frames that are not recorded; see `lfcal.acquire.setup.iter_stage_check`.
@@ -136,11 +138,11 @@ class Options:
 
     @property
     def plain(self) -> bool:
-        """Whether each position is recorded with a single exposure time; the plan may still average several frames."""
+        """Whether each position is recorded with a single exposure time; several frames may still be averaged."""
         return len(self.bracket) == 1
 
     def reserve(self, recording_bytes: int) -> int:
-        """Return the disk space to keep free in addition to a recording of this size (bytes)."""
+        """Return the disk space to keep free (bytes) in addition to a recording of ``recording_bytes``."""
         return max(recording_bytes // 10, LEAST_RESERVE) if self.keep_free_bytes is None else self.keep_free_bytes
 
     @property
@@ -160,7 +162,7 @@ class Options:
         return Motion(plan.settle_s, _triple(tolerance), _triple(self.overshoot_um), self.move_timeout_s)
 
     def differences(self, other: Options) -> list[str]:
-        """Return the names of differing options that affect the layout of the recording."""
+        """Return the names of the options that affect the layout of the recording and differ from ``other``."""
         return [name for name in _RESHAPING if getattr(self, name) != getattr(other, name)]
 
     def to_dict(self) -> dict[str, Any]:

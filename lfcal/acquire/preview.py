@@ -22,13 +22,13 @@ class LiveFrame:
     Attributes
     ----------
     data
-        The region of interest, ``(rows, columns)``; read-only.
+        Samples of the region of interest, ``(rows, columns)``; a read-only array.
     roi
-        Region on the sensor.
+        Region of the sensor that ``data`` shows (px).
     cutout
-        Part of `roi` that is stored, as a region on the sensor; None in the live view.
+        Region of the sensor that is stored, within `roi` (px); None in the live view.
     position
-        Position of the plan, or None.
+        Position (z, y, x) in the plan; None if the frame has none.
     saturated
         Number of saturated pixels in ``data``.
     what
@@ -44,7 +44,7 @@ class LiveFrame:
 
 
 class Preview:
-    """A queue of at most ``size`` frames from the recording thread to one reader; neither side ever waits.
+    """Queue of at most ``size`` frames from the recording thread to one reader; neither of them ever blocks.
 
     Examples
     --------

@@ -21,9 +21,9 @@ LARGEST = 1 << 28
 
 @dataclass(frozen=True, slots=True)
 class RedoList:
-    """Positions (z, y, x) to record, each with a reason.
+    """List of positions (z, y, x) to record, each with a reason.
 
-    ``kept_aside`` contains the positions to hold out from a fit, to measure its quality.
+    ``kept_aside`` contains the positions (z, y, x) whose patterns are held out from a fit to measure its quality.
 
     Examples
     --------
@@ -47,7 +47,7 @@ class RedoList:
         *,
         kept_aside: Sequence[tuple[int, int, int]] = (),
     ) -> RedoList:
-        """Return the list of ``positions``; missing reasons are empty."""
+        """Return the list of ``positions`` (z, y, x); missing reasons are empty."""
         given = tuple(reasons) + ("",) * (len(positions) - len(reasons))
         return cls(tuple(Position(*p) for p in positions), given, tuple(Position(*p) for p in kept_aside))
 
@@ -69,7 +69,7 @@ class RedoList:
 
     @classmethod
     def read(cls, path: Path) -> RedoList:
-        """Return the list in the file ``path``; raises `FileFormatError` if the file does not contain one."""
+        """Read the list from the file ``path``; raises `FileFormatError` if the file does not contain such a list."""
         data: Any = parse_json(read_text(path, limit=LARGEST), str(path))
         if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
             raise FileFormatError.expected(
@@ -106,7 +106,7 @@ def _are_positions(value: Any) -> bool:
 
 
 def read_suspects(folder: Path) -> RedoList:
-    """Return the positions of a session whose newest frames are suspicious, with the suspected faults as reasons.
+    """Return the positions of a session whose newest frames are suspect, with the suspected faults as reasons.
 
     Raises
     ------

@@ -327,11 +327,12 @@ Observer = Callable[[ScheduledFrame, Note, NDArray[Any]], None]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run ended (``"complete"``, ``"stopped"`` or ``"aborted"``), and the number of acknowledged positions.
+    """Result of a run of a recording.
 
-    ``total`` is the number of all positions, and ``seconds`` the recording time of this run without pauses. ``damaged``
-    is the number of damaged frames of earlier runs, found on resuming, that will be taken again. ``notes`` lists
-    omitted checks of the stage, and remarks about it.
+    ``how`` states how the run ended: ``"complete"``, ``"stopped"`` or ``"aborted"``. ``acknowledged`` is the number of
+    positions whose frames are on disk, ``total`` the number of all positions, and ``seconds`` the recording time of
+    this run without pauses. ``damaged`` is the number of damaged frames of earlier runs, found on resuming, that will
+    be taken again. ``notes`` lists omitted checks of the stage, and remarks about it.
     """
 
     how: str

@@ -131,9 +131,9 @@ def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | N
 
 
 def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
-    """Return all positions ``(N, 3)`` as (z, y, x), coarse grids first.
+    """Return all N positions of the plan as an array ``(N, 3)`` of indices (z, y, x), coarse grids first.
 
-    The first pass visits every plane on a grid with a pitch of up to 16 pixels. Each later pass visits the remaining
+    The first pass visits every plane on a grid with a pitch of up to 16 positions. Each later pass visits the remaining
     points of a grid twice as fine. All planes have been recorded coarsely after 1/256 of the session. Within a pass,
     the order is that of the plan.
 
@@ -157,7 +157,7 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
 
 
 def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
-    """Return the odd numbers of rows and columns that are stored of each frame: the cutout and its margin.
+    """Return the odd numbers of rows and columns that are stored for each frame (px): the cutout with its margin.
 
     Examples
     --------
@@ -251,9 +251,10 @@ def _redo_positions(shape: tuple[int, ...], redo: Sequence[Position]) -> NDArray
 class ScheduledFrame(NamedTuple):
     """One frame to record.
 
-    ``slot`` is its index in the file of its kind, ``flat`` the plan's position as ``(z * ny + y) * nx + x``, ``target``
-    the stage coordinates (µm), ``row, column`` the first stored sensor pixel, and ``period_y, period_x`` the number of
-    periods by which the source is displaced from the planned position.
+    ``slot`` is its index in the file for frames of its ``kind``. ``flat`` is the position in the plan as a flat index,
+    ``(z * ny + y) * nx + x``, and ``z`` the index of its plane. ``target`` contains the stage coordinates (x, y, z)
+    (µm). ``row, column`` is the first stored sensor pixel. ``period_y, period_x`` is the displacement of the source
+    from the planned position, in whole periods.
     """
 
     kind: Kind
@@ -269,15 +270,16 @@ class ScheduledFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
-    """All steps of a session as parallel arrays of length ``len(self)``.
+    """All steps of a session as arrays of equal length N = ``len(self)``.
 
     Attributes
     ----------
     kinds, slots, flat, planes, targets, origins, periods
-        As in `ScheduledFrame`; ``targets`` ``(N, 3)``, ``origins`` and ``periods`` ``(N, 2)``.
+        As in `ScheduledFrame`, one value for each step. ``targets`` ``(N, 3)`` is (x, y, z) in µm, ``origins`` ``(N,
+        2)`` is (row, column) in sensor pixels, and ``periods`` ``(N, 2)`` is (y, x) in whole periods.
     window
-        Number of rows and columns stored of each position, reference and control frame; dark frames contain the whole
-        ``roi``.
+        Number of rows and columns stored of each position, reference and control frame (px); dark frames contain the
+        whole ``roi``.
     roi
         Region read for all frames except control frames, which use ``control_roi``.
     grid
@@ -311,15 +313,15 @@ class Schedule:
         return len(self.kinds)
 
     def count(self, *kinds: Kind) -> int:
-        """Return the number of steps of these kinds."""
+        """Return the number of steps of the given ``kinds``."""
         return int(np.isin(self.kinds, kinds).sum())
 
     def roi_of(self, kind: Kind) -> Roi:
-        """Return the region of the sensor that frames of ``kind`` need."""
+        """Return the region of the sensor that is read for frames of ``kind`` (px)."""
         return self.control_roi if kind is Kind.CONTROL else self.roi
 
     def position(self, flat: int) -> Position:
-        """Return the position (z, y, x) with the flat index ``flat``."""
+        """Return the position (z, y, x) with the flat index ``flat`` = (z * ny + y) * nx + x."""
         return position_at(flat, self.grid[1:])
 
     def steps(self, todo: NDArray[np.bool_] | None = None) -> Iterator[ScheduledFrame]:
@@ -375,7 +377,7 @@ class Schedule:
 
     @classmethod
     def of_frames(cls, plan: FramePlan, options: Options, redo: Sequence[Position] | None = None) -> Schedule:
-        """Return the schedule of a plan's whole frames, or of its frames ``redo``; raises as `frame_blocks` does."""
+        """Return the schedule for a plan's whole frames, or for its frames ``redo``; raises as `frame_blocks` does."""
         found = _Joined.of(frame_blocks(plan, options, redo))
         number = {frame: k for k, frame in enumerate(plan.frames)}
         places = plan.stage_um()[[number.get((z, k), 0) for z, _, k in found.positions.tolist()]]

@@ -108,7 +108,7 @@ def iter_record(
     observers: tuple[Observer, ...] = (),
     task: Mapping[str, Any] | None = None,
 ) -> Work[Outcome]:
-    """Record ``plan`` into the session ``folder``; return how the run ended.
+    """Record ``plan`` to the session ``folder``, and return how the run ended.
 
     Parameters
     ----------
@@ -119,16 +119,16 @@ def iter_record(
         are those of the session that is continued, or `Options()`.
     resume
         Whether to continue an interrupted run, after checking that plan, options, devices and the stage's origin and
-        scale are unchanged. Every frame is checked first, and damaged ones are taken again: in place, or in a separate
-        file if the recording was packed.
+        scale are unchanged. Every frame is checked first, and damaged frames are taken again. The new frames replace
+        them in place, or are written to a separate file if the recording was packed.
     redo
-        Positions of a finished session to record again, into a separate file; of several frames of a position, the
-        latest is used. Positions that the session does not have are added. Whole frames are numbered as in
+        Positions (z, y, x) of a finished session to record again, to a separate file; of several frames of a position,
+        the latest is used. Positions that the session does not have are added. Whole frames are numbered as in
         `lfcal.acquire.frame_plan`.
     only
-        Positions of the scan to record; None: all of them.
+        Positions (z, y, x) of the scan to record; None: all.
     kept_aside
-        Recorded positions to hold out from a fit.
+        Recorded positions (z, y, x) whose patterns are held out from a fit.
     control, preview, observers
         See `Runner`.
     task
@@ -224,7 +224,7 @@ record = drained(
 
 
 def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
-    """Return the properties reported by the devices; raise `InputError` if the sensor's shape is not the plan's.
+    """Return the properties reported by the devices; raises `InputError` if the sensor's shape differs from the plan's.
 
     Examples
     --------

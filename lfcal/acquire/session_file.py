@@ -140,22 +140,23 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class SessionFile:
-    """The content of ``session.json``.
+    """Content of ``session.json``, which describes a recorded session.
 
     Attributes
     ----------
     identity
-        Random name of the session, which is stored in each of its recordings.
+        Random identifier of the session, which is also stored in each of its recordings.
     plan, options, devices
         The plan, the settings, and the devices.
     recordings
-        Files with positions, oldest first; if several contain a position, the latest is used.
+        Names of the files with frames of positions, oldest first; if several files contain a position, the newest is
+        used.
     redo
         Positions (z, y, x) of each recording; empty: all positions of the plan.
     runs
         All runs of the session.
     kept_aside
-        Positions (z, y, x) to hold out from a fit, to measure its quality.
+        Positions (z, y, x) whose patterns are held out from a fit to measure its quality.
     target
         The plan of a target whose whole frames are recorded; `plan` is then the scan that it replaces. None: single
         points.
@@ -186,19 +187,19 @@ class SessionFile:
 
     @property
     def positions(self) -> int:
-        """Total number of positions."""
+        """Total number of positions of the plan; for a target, of its frames."""
         return self.plan.n_positions if self.target is None else len(self.target.frames)
 
     @property
     def chosen(self) -> NDArray[np.bool_]:
-        """Mask ``(nz, ny, nx)`` of the positions to record: all of the grid unless some were selected."""
+        """Mask ``(nz, ny, nx)``, True at the positions to record: the whole grid unless positions were selected."""
         chosen = np.full(self.grid, not self.redo[0])
         if self.redo[0]:
             chosen[tuple(np.array([at for part in self.redo for at in part]).T)] = True
         return chosen
 
     def acknowledged(self, folder: Path) -> NDArray[np.bool_]:
-        """Return a mask ``(nz, ny, nx)`` of the positions with an acknowledged frame in the files in ``folder``."""
+        """Return a mask ``(nz, ny, nx)``, True at positions with an acknowledged frame in the files in ``folder``."""
         there = np.zeros(math.prod(self.grid), np.bool_)
         for name in self.recordings:
             with RecordingFile(folder / name) as file:
@@ -207,7 +208,7 @@ class SessionFile:
         return there.reshape(self.grid)
 
     def schedule(self, run: int) -> Schedule:
-        """Return the steps of recording ``run``."""
+        """Return the steps of the recording with index ``run``."""
         if self.target is not None:
             own = [Position(*p) for p in self.redo[run]]
             return Schedule.of_frames(self.target, self.options, own or None)
@@ -221,20 +222,20 @@ class SessionFile:
         return replace(part, roi=whole.roi)
 
     def attributes(self, run: int, schedule: Schedule) -> dict[str, Any]:
-        """Return the attributes of the files of recording ``run``: identity, region of the sensor, and number."""
+        """Return the attributes of the files of recording ``run`` (an index): identity, sensor region, and number."""
         roi = schedule.roi
         # the region is needed to place dark frames on the sensor
         return {"session": self.identity, "roi": [roi.row, roi.column, roi.rows, roi.columns], "run": run}
 
     def was_complete(self, run: int) -> bool:
-        """Return whether any run is known to have completed recording ``run``."""
+        """Return whether the recording with index ``run`` is known to have been completed."""
         count = len(set(self.redo[run])) or self.positions
         # another recording may have had as many positions
         own = [past for past in self.runs if past.recording in (run, -1)]
         return any(past.how == "complete" and past.acknowledged == count for past in own)
 
     def write(self, folder: Path) -> None:
-        """Write ``session.json`` into ``folder``, completely or not at all."""
+        """Write ``session.json`` to ``folder``; a failed write leaves the previous file unchanged."""
         data: dict[str, Any] = {
             "format": FORMAT,
             "version": VERSION,
@@ -261,7 +262,7 @@ class SessionFile:
 
     @classmethod
     def read(cls, folder: Path) -> SessionFile:
-        """Return the session in ``folder``; raises `FileFormatError` if there is none or it is damaged."""
+        """Read the session in ``folder``; raises `FileFormatError` if there is none or it is damaged."""
         path = folder / NAME
         if not path.exists():
             raise StorageError.expected(str(folder), "a session folder", f"no {NAME} in it", "check the path")

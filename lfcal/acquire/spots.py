@@ -20,23 +20,23 @@ KEEP = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """The light of the source in a frame.
+    """Light of the source in a frame.
 
     Attributes
     ----------
     row, column
-        Centroid of the light above the background (pixels of the frame).
+        Centroid of the light above the background (px), from the centre of the first pixel of the frame.
     energy
         Sum of the light above the background (counts).
     peak
-        Highest sample above the background (counts).
+        Highest sample minus the background (counts).
     sharpness
-        Sum of the squared differences between neighbouring pixels, divided by the sum of the squared values; from 0 to
-        4. It is independent of brightness, and larger for a sharper image.
+        Sum of the squared differences between neighbouring pixels, divided by the sum of the squared values above the
+        background; in [0, 4]. It is independent of brightness, and larger for a sharper image.
     snr
         Ratio of the peak to the noise of the background.
     radius
-        RMS distance of the light from its centroid (pixels).
+        RMS distance of the light from its centroid, weighted by the light (px).
     """
 
     row: float
@@ -49,10 +49,11 @@ class Spot:
 
 
 def find_spot(frame: NDArray[Any]) -> Spot:
-    """Return position, brightness and size of the light of the source in ``frame`` ``(rows, columns)``.
+    """Measure position, brightness and size of the light of the source in ``frame`` ``(rows, columns)``.
 
-    The background is the median, and its noise the scaled median absolute deviation. Light must exceed five times the
-    noise and a twentieth of the peak. Single bright pixels are excluded, because they may be hot pixels.
+    The background is the median of the frame, and its noise the scaled median absolute deviation. Only pixels that
+    exceed the background by five times the noise, and by a twentieth of the peak, count as light. Single bright pixels
+    are excluded, because they may be hot pixels.
 
     Raises
     ------
@@ -113,10 +114,10 @@ def _moments(share: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float, float]:
-    """Return the displacement of the light between two frames of one region (pixels), and their correlation.
+    """Return the displacement of the light between two frames of one region (px), and their correlation.
 
-    The result contains the displacement in rows, the displacement in columns, and the normalized correlation, which is
-    1 for frames that differ only in brightness.
+    The result is (rows, columns, correlation): the position in ``after`` minus that in ``before``, and the normalized
+    correlation, which is 1 for frames that differ only in brightness.
 
     Raises
     ------

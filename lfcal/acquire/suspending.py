@@ -29,9 +29,9 @@ class Bound:
     Attributes
     ----------
     gauge
-        Name of a gauge of the rig, or path of a text file that ends with the newest reading.
+        Name of a gauge of the rig, or path of a text file whose last entry is the newest reading.
     low, high
-        Smallest and largest allowed reading, in the gauge's unit; infinite: no bound.
+        Smallest and largest allowed reading, in the gauge's unit; an infinite value means no bound.
 
     Examples
     --------
@@ -47,7 +47,7 @@ class Bound:
 
     @classmethod
     def parse(cls, text: str) -> Bound:
-        """Return the bounds in a text ``GAUGE=LOW:HIGH``; LOW or HIGH may be omitted."""
+        """Return the bound that the text ``GAUGE=LOW:HIGH`` describes; LOW or HIGH may be omitted."""
         name, sign, span = text.rpartition("=")
         low, colon, high = span.partition(":")
         try:
@@ -63,11 +63,11 @@ class Bound:
         return bound
 
     def holds(self, value: float) -> bool:
-        """Return whether a reading is within the bounds; False for NaN."""
+        """Return whether the reading ``value`` is from `low` to `high`; False for NaN."""
         return self.low <= value <= self.high
 
     def words(self, value: float, unit: str) -> str:
-        """Return the reason why the reading ``value`` suspends a session, as one line."""
+        """Return a one-line reason why the reading ``value``, in ``unit``, suspends a session."""
         after = f" {unit}" if unit else ""
         return f"{self.gauge} {value:.4g}{after}, outside {self.low:g} to {self.high:g}{after}"
 
@@ -89,7 +89,7 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
 
 
 class Suspender:
-    r"""Function object that returns why a session should pause, from gauges that are read every second.
+    r"""Callable that returns the reason to suspend a session, or an empty text; it reads the gauges once a second.
 
     Parameters
     ----------
@@ -98,7 +98,8 @@ class Suspender:
     bounds
         Bounds of the gauges; empty: none are read.
     steady_s
-        Time for which all gauges must be within their bounds before a paused session continues (s of the rig's time).
+        Time for which all gauges must be within their bounds before a suspended session continues (s on the rig's
+        clock).
 
     Raises
     ------

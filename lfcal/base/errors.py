@@ -68,7 +68,7 @@ class InputError(LfcalError, ValueError):
 
 
 class FileFormatError(InputError):
-    """A file does not match its name or header, or is damaged."""
+    """The content of a file does not match its name or header, or the file is damaged."""
 
 
 class UnsafeFileError(FileFormatError):

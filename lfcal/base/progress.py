@@ -42,15 +42,15 @@ class Progress:
     Attributes
     ----------
     done, total
-        Finished and total units of work (``total`` 0: unknown).
+        Number of finished units of work, and total number (0: unknown).
     stage
-        Current step, for display.
+        Name of the current stage, for display.
     seconds
-        Wall time since the work began.
+        Wall time since the work began (s).
     note
         Remark to display; may be empty.
     per
-        Units of ``done`` per displayed unit. A run with a few long units counts thousandths of them.
+        Number of units of ``done`` per displayed unit. Work with a few long units is counted in thousandths of them.
     """
 
     done: int
@@ -62,12 +62,12 @@ class Progress:
 
     @property
     def fraction(self) -> float:
-        """Finished fraction, in [0, 1]."""
+        """Finished fraction of the work, in [0, 1]."""
         return min(1.0, self.done / self.total) if self.total > 0 else 0.0
 
     @property
     def count(self) -> str:
-        """Progress in displayed units; empty if the total is unknown."""
+        """Finished and total number of displayed units, as text; empty if the total is unknown."""
         return f"{self.done // self.per} of {self.total // self.per}" if self.total else ""
 
     @property
@@ -83,7 +83,7 @@ Work = Generator[Progress, None, R]
 
 
 class Clock:
-    """Clock that creates the `Progress` records of one stage, with a common start time."""
+    """Creator of the `Progress` records of one stage of ``total`` units, with a common start time."""
 
     def __init__(self, stage: str, total: int) -> None:
         self.stage = stage
@@ -92,12 +92,12 @@ class Clock:
         self._start = time.perf_counter()
 
     def at(self, done: int, note: str = "") -> Progress:
-        """Return the record for ``done`` finished units."""
+        """Return the `Progress` record for ``done`` finished units."""
         return Progress(done, self.total, self.stage, time.perf_counter() - self._start, note)
 
 
 def drain(work: Work[R], on_progress: Callable[[Progress], None] | None = None) -> R:
-    """Run ``work`` to its end, pass each progress record to ``on_progress``, and return the result.
+    """Run the generator ``work`` to its end, call ``on_progress`` with each `Progress` record, and return the result.
 
     Examples
     --------
@@ -128,7 +128,7 @@ _HEADING = re.compile(r"^([A-Z][A-Za-z ]+)\n-{3,}$", re.MULTILINE)
 
 
 def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> Callable[P, R]:
-    """Return the function that runs ``work`` to its end, such as ``assemble`` for ``iter_assemble``.
+    """Return a function that runs the generator of ``work`` to its end, as ``assemble`` does for ``iter_assemble``.
 
     The function has the parameters of ``work``, returns its result, and belongs to the same module or class.
 

@@ -90,12 +90,12 @@ ENDS = {
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """Stopping rule of an adaptive session, and the unknowns to fit.
+    """Stopping rule of an adaptive session, and unknowns to fit.
 
     Attributes
     ----------
     error
-        Target relative error (L2) of H; it cannot be below the error of the simulated patterns.
+        Target relative error (L2) of H, such as 0.01 for 1 %; it cannot be below the error of the simulated patterns.
     most
         Largest number of positions; None: all positions of the plan.
     first
@@ -103,7 +103,7 @@ class Goal:
     unknowns
         Groups of unknowns, or ``"auto"``, as in `lfcal.fit.fit_camera`.
     candidates
-        Number of candidate positions from which each choice is made; 0: all.
+        Number of candidate positions from which the next positions are chosen; 0: all.
 
     Examples
     --------

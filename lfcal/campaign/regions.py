@@ -53,7 +53,7 @@ def is_regions(folder: Path) -> bool:
 
 
 def read_regions(folder: Path) -> RegionPlan:
-    """Read the plan of the session in ``folder``.
+    """Read the plan of the regions recorded in ``folder``.
 
     Examples
     --------
@@ -101,7 +101,7 @@ def iter_record_regions(
     observers: Callable[[int], tuple[Observer, ...]] = lambda _: (),
     task: Mapping[str, Any] | None = None,
 ) -> Work[Outcome]:
-    """Record every region of ``plan`` into a separate session in ``folder`` and return the combined outcome.
+    """Record every region of ``plan`` as a separate session in ``folder``, and return the combined outcome.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def iter_record_regions(
     resume
         Whether to continue with the first incomplete region, after a check of all regions.
     observers
-        Function that returns the observers of a region's frames for the index of the region.
+        Function that takes the index of a region and returns the observers of its frames.
 
     Examples
     --------

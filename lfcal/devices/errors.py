@@ -49,7 +49,7 @@ class StaleFrame(CameraError):
 
 
 class WrongFrame(CameraError):
-    """The shape or sample type of a frame differs from what the camera reported."""
+    """The shape or sample type of a frame differs from that reported by the camera."""
 
 
 class StageError(DeviceError):
@@ -57,11 +57,11 @@ class StageError(DeviceError):
 
 
 class NotInPosition(StageError):
-    """The read-back disagrees with the target: the stage stopped short, or drifted during the exposure."""
+    """The read-back position differs from the target: the stage stopped early, or drifted during the exposure."""
 
 
 class LimitError(StageError, InputError):
-    """A target is beyond the stage's limits; nothing was moved."""
+    """A target position is outside the stage's limits; nothing was moved."""
 
 
 class driver_errors:

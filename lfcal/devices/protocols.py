@@ -41,7 +41,7 @@ Limits = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
 @dataclass(frozen=True, slots=True)
 class Roi:
-    """A rectangle of the sensor: first row and column, number of rows and columns (pixels).
+    """Rectangle of the sensor: its first row and column, and its number of rows and columns (px).
 
     Examples
     --------
@@ -58,16 +58,16 @@ class Roi:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of rows and of columns (pixels)."""
+        """Shape ``(rows, columns)`` (px)."""
         return self.rows, self.columns
 
     def within(self, other: Roi) -> tuple[slice, slice]:
-        """Return the slices of rows and columns that cut this rectangle out of a frame of ``other``."""
+        """Return the slices (rows, columns) that select this rectangle in a frame of the rectangle ``other``."""
         top, left = self.row - other.row, self.column - other.column
         return slice(top, top + self.rows), slice(left, left + self.columns)
 
     def holds(self, other: Roi) -> bool:
-        """Return whether ``other`` is inside this rectangle."""
+        """Return whether this rectangle contains ``other``."""
         return (
             self.row <= other.row
             and self.column <= other.column
@@ -97,20 +97,21 @@ class Setting(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One exposure of the region of interest.
+    """Frame of the region of interest.
 
     Attributes
     ----------
     data
-        Samples ``(rows, columns)`` of the region of interest, in a buffer that the device no longer writes to.
+        Samples ``(rows, columns)`` of the region of interest, in a buffer to which the device no longer writes.
     number
-        Number of the exposure, counted by the device or the backend, which increases with every exposure.
+        Sequence number of the exposure, from the device or the backend; it increases with every exposure.
     exposure_s
         Exposure time reported by the device (s).
     started_s
-        Earliest start of the exposure on the rig's clock (s), or None if only `number` shows that the frame is new.
+        Earliest possible start of the exposure on the rig's clock (s); None if only `number` shows that the frame is
+        new.
     status
-        ``"complete"``, or the fault of the buffer.
+        ``"complete"``, or a description of what is wrong with the frame.
 
     Examples
     --------
@@ -133,7 +134,7 @@ class Frame:
 
 @runtime_checkable
 class CameraDevice(Protocol):
-    """A camera that exposes on request.
+    """Protocol for a camera that exposes on request.
 
     A camera that can change samples automatically (exposure, gain, black level, gamma) has an additional method,
     ``fixed_settings()``. It returns a mapping from the name of each such setting to a `Setting` of two texts: the value
@@ -149,12 +150,12 @@ class CameraDevice(Protocol):
 
     @property
     def sensor_shape(self) -> tuple[int, int]:
-        """Rows and columns of the whole sensor."""
+        """Shape ``(rows, columns)`` of the whole sensor (px)."""
         ...
 
     @property
     def bit_depth(self) -> int:
-        """Number of bits per sample; samples are uint8 or uint16, at most `max_value`."""
+        """Number of bits per sample; samples are uint8 or uint16, and at most `max_value`."""
         ...
 
     @property
@@ -167,7 +168,7 @@ class CameraDevice(Protocol):
         ...
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Set the region of interest; return the requested and the actual region, which may be larger."""
+        """Set the region of interest; return the requested region and the actual one, which may be larger."""
         ...
 
     def grab(self, timeout_s: float) -> Frame:
@@ -189,7 +190,7 @@ class CameraDevice(Protocol):
 
 @runtime_checkable
 class StageDevice(Protocol):
-    """A stage that carries the point source along x, y and z."""
+    """Protocol for a stage that moves the point source along x, y and z."""
 
     @property
     def name(self) -> str:
@@ -198,11 +199,11 @@ class StageDevice(Protocol):
 
     @property
     def limits(self) -> Limits:
-        """Lowest and highest position of each axis (x, y, z) (µm); infinite if the controller does not know them."""
+        """Lowest and highest position of each axis (x, y, z) (µm), ``((low, high), ...)``; infinite if unknown."""
         ...
 
     def move(self, target: Point) -> None:
-        """Begin to move to ``target`` (x, y, z) (µm), and return."""
+        """Start a move to ``target`` (x, y, z) (µm), and return without waiting for its end."""
         ...
 
     def moving(self) -> bool:
@@ -218,7 +219,7 @@ class StageDevice(Protocol):
         ...
 
     def home(self) -> None:
-        """Begin to move to the reference switches, and return."""
+        """Start a move to the reference switches, and return without waiting for its end."""
         ...
 
     def close(self) -> None:
@@ -228,10 +229,10 @@ class StageDevice(Protocol):
 
 @runtime_checkable
 class Light(Protocol):
-    """The point source's lamp or a shutter in front of it."""
+    """Protocol for the lamp of the point source, or for a shutter in front of it."""
 
     def switch(self, on: bool) -> None:
-        """Switch the light on or off, and return when that is done."""
+        """Switch the light on or off, and return when it is switched."""
         ...
 
 
@@ -285,10 +286,10 @@ class Waiting(Protocol):
 
 
 class TimeSource(Protocol):
-    """Clock of a rig. The simulator's clock does not wait: it advances immediately by each requested pause."""
+    """Protocol for the clock of a rig; that of the simulator does not wait, but advances by each requested pause."""
 
     def monotonic(self) -> float:
-        """Return the seconds since an arbitrary start; the value never decreases."""
+        """Return the time since an arbitrary start (s); it never decreases."""
         ...
 
     def sleep(self, seconds: float) -> None:
@@ -296,12 +297,12 @@ class TimeSource(Protocol):
         ...
 
     def wall(self) -> float:
-        """Return the seconds since 1970 by the computer's clock, which may be adjusted."""
+        """Return the time since 1970-01-01 UTC (s) by the computer's clock, which may be adjusted."""
         ...
 
 
 class SystemTime:
-    """The computer's own clocks.
+    """Clock of real devices: that of the computer.
 
     Examples
     --------
@@ -314,7 +315,7 @@ class SystemTime:
     """
 
     def monotonic(self) -> float:
-        """Return the seconds of `time.monotonic`."""
+        """Return the time of `time.monotonic` (s)."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
@@ -322,5 +323,5 @@ class SystemTime:
         time.sleep(max(0.0, seconds))
 
     def wall(self) -> float:
-        """Return the seconds since 1970, from `time.time`."""
+        """Return the time since 1970-01-01 UTC (s), from `time.time`."""
         return time.time()

@@ -32,14 +32,14 @@ GROUP = "lfcal.devices"
 
 @runtime_checkable
 class Backend(Protocol):
-    """Protocol of a backend, which provides access to devices, such as through a driver library.
+    """Protocol for a backend, which provides access to devices, such as through a driver library.
 
     Attributes
     ----------
     name, title
-        Name in commands, and display name.
+        Name used in commands, and display name.
     options
-        Name and one-line meaning of each option of `open`.
+        Mapping from the name of each option of `open` to its one-line meaning.
     has_stage
         Whether the backend includes a stage; otherwise the stage of another backend is used.
     """
@@ -50,17 +50,17 @@ class Backend(Protocol):
     has_stage: bool
 
     def probe(self) -> str:
-        """Return the version of the driver library; raise `DeviceMissing` with reason and remedy if it is missing."""
+        """Return the version of the driver library; raises `DeviceMissing` with reason and remedy if it is missing."""
         ...
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return the devices, ready to record ``plan``."""
+        """Open the devices, and return them ready to record ``plan``."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class BackendStatus:
-    """Availability of a backend: its version, or the reason why it is unavailable."""
+    """Availability of a backend: the version of its driver library, or the reason why it is unavailable."""
 
     name: str
     title: str
@@ -141,9 +141,9 @@ def _probed(backend: Backend) -> BackendStatus:
 def open_rig(
     plan: ScanPlan, backend: str | Backend, options: Mapping[str, str] | None = None, *, stage: str = ""
 ) -> Rig:
-    """Return the devices of ``backend``, with the stage of the backend named ``stage`` if one is given.
+    """Open the devices of ``backend``; with ``stage``, the name of another backend, use the stage of that backend.
 
-    Names of options for the stage's backend begin with the backend's name, such as ``micromanager.config``.
+    The keys of ``options`` for the stage's backend begin with its name, such as ``micromanager.config``.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def number_option(
 
 
 def limits_option(options: Mapping[str, str], key: str = "limits") -> Limits | None:
-    """Return the limits (µm) in option ``key``, a text ``x0:x1,y0:y1,z0:z1``; None if it is missing.
+    """Return the stage's limits (µm) from option ``key``, a text ``x0:x1,y0:y1,z0:z1``; None if it is missing.
 
     Examples
     --------

@@ -17,12 +17,12 @@ __all__ = ["FileGauge", "Rig"]
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A camera, a stage and, if it can be switched, a light; as a context manager, the rig closes them at the end.
+    """Camera, stage and, if it can be switched, light source; as a context manager, the rig closes them at the end.
 
-    Every call of camera, stage and light has a time limit, and every answer is checked; see `lfcal.devices.checked`.
-    ``others`` are devices that were opened together with these and are closed with them. ``gauges`` measure the
-    conditions in the lab. ``switches`` states whether the stage's moves switch the points of a display, as in a
-    simulator.
+    Every call of the camera, the stage or the light source has a time limit, after which it raises a `DeviceError`.
+    Every answer of a device is checked; see `lfcal.devices.checked`. ``others`` are devices that were opened together
+    with these, and are closed with them. ``gauges`` measure the conditions in the lab. ``switches`` states whether the
+    stage's moves switch the points of a display, as in a simulator.
 
     Examples
     --------
@@ -53,7 +53,7 @@ class Rig:
             object.__setattr__(self, "light", CheckedLight.of(self.light))
 
     def close(self) -> None:
-        """Release all devices, even if one of them fails, except those whose driver hangs.
+        """Release all devices, even if one of them fails; a device whose driver does not respond is not released.
 
         Raises
         ------

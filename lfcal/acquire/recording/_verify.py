@@ -58,9 +58,9 @@ _STATE_WORDS = {
 class DamagedFrame:
     """A recorded frame that is damaged.
 
-    ``kind`` is ``"position"``, ``"dark"``, ``"reference"`` or ``"control"``; ``position`` (z, y, x) is the position in
-    the plan; ``what`` describes the damage; ``replaced`` states whether a later recording has an intact frame of the
-    position.
+    ``file`` is the name of its file, and ``slot`` its index there. ``kind`` is ``"position"``, ``"dark"``,
+    ``"reference"`` or ``"control"``; ``position`` (z, y, x) is the position in the plan; ``what`` describes the damage;
+    ``replaced`` states whether a later recording has an intact frame of the position.
     """
 
     file: str
@@ -96,9 +96,9 @@ class SessionReport:
     damaged
         Frames that were recorded and are damaged or lost, in the order of files and slots.
     never_taken
-        Positions without any frame, intact or damaged.
+        Positions (z, y, x) without any frame, intact or damaged.
     pending
-        Damaged positions that an unfinished later recording will take when the session is resumed.
+        Positions (z, y, x) of damaged frames that will be recorded again when the session is resumed.
     lacking
         Number of acknowledged positions whose record is lost.
     """
@@ -119,13 +119,13 @@ class SessionReport:
 
     @property
     def known(self) -> str:
-        """Number of intact frames, as a sentence."""
+        """Text that states how many of all frames are intact."""
         whole, total = (sum(getattr(file, name) for file in self.files) for name in ("whole", "frames"))
         return f"intact in {whole} of {format_count(total, 'frame', 'frames')}"
 
     @property
     def to_redo(self) -> tuple[Position, ...]:
-        """Positions whose newest frame is damaged, in order."""
+        """Positions (z, y, x) without an intact frame, although one was recorded, in ascending order."""
         found = {d.position for d in self.damaged if d.kind == "position" and not d.replaced}
         return tuple(sorted(found))
 
@@ -135,7 +135,7 @@ class SessionReport:
         return len(self.to_redo) + sum(d.kind != "position" for d in self.damaged)
 
     def lines(self, most: int = 20) -> Iterator[str]:
-        """Yield a sentence for each damaged frame, at most ``most`` of them."""
+        """Yield a line of text for each damaged frame, at most ``most`` of them, and a line that counts the others."""
         for found in self.damaged[:most]:
             said = f"{found.what}; recorded again since" if found.replaced else found.what
             yield f"{found.kind} (z, y, x) = {tuple(found.position)}, {found.file}[{found.slot}]: {said}"
@@ -143,12 +143,12 @@ class SessionReport:
             yield f"and {len(self.damaged) - most} more (listed by --json)"
 
     def slots(self, file: str) -> NDArray[np.int64]:
-        """Return the slots of the damaged frames of one file."""
+        """Return the indices of the damaged frames in the file named ``file``, ``(n,)``."""
         return np.array([d.slot for d in self.damaged if d.file == file], np.int64)
 
 
 def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionReport]:
-    """Check all records and frames of a session against their CRC-32, and return a report.
+    """Check all records and frames of a session against their CRC-32 checksums, and return a report.
 
     Nothing is changed. The session may be in progress; frames that are being written are then reported as not taken.
 

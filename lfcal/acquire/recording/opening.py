@@ -12,7 +12,7 @@ __all__ = ["SOURCE", "open_session"]
 
 
 def open_session(folder: Path, *, skip_damaged: bool = False) -> RecordingSource:
-    """Open a session and return its frames: cutouts of a single point, or whole frames of a target.
+    """Open a session, and return the source of its frames: cutouts of a single point, or whole frames of a target.
 
     Examples
     --------

@@ -17,7 +17,7 @@ __all__ = ["FILES", "RECORD", "Kind", "Note", "Suspicion", "file_name", "frame_c
 
 
 class Kind(IntEnum):
-    """Kind of a frame."""
+    """Kind of a frame; the numbers are stored in the record."""
 
     POSITION = 0
     DARK = 1
@@ -26,7 +26,7 @@ class Kind(IntEnum):
 
 
 class Suspicion(IntFlag):
-    """Possible faults in the content of a stored frame."""
+    """Flags for possible faults in the content of a stored frame."""
 
     NONE = 0
     BLANK = 1  # no light where some is expected
@@ -40,7 +40,7 @@ class Suspicion(IntFlag):
 
     @property
     def words(self) -> str:
-        """Names of the suspected faults, for display."""
+        """Names of the suspected faults, separated by commas."""
         return ", ".join(str(flag.name).lower().replace("_", " ") for flag in Suspicion if flag and flag in self)
 
 
@@ -57,8 +57,8 @@ def file_name(kind: Kind, run: int) -> str:
 class Note:
     """Record of a frame; the fields, their order and their stored types define the layout in the file.
 
-    Lengths are in µm, times in s, and light in counts. ``sequence`` and ``frame_crc`` are filled in when the frame is
-    written.
+    Stage coordinates (x, y, z) are in µm, times in s, light in counts, and ``row`` and ``column`` in sensor pixels.
+    ``sequence`` and ``frame_crc`` are filled in when the frame is written.
 
     Examples
     --------

@@ -116,28 +116,28 @@ def _whole(
 
 
 class RecordingSource(Frames):
-    """Acknowledged frames of a session; a later recording of a position replaces an earlier one.
+    """Source of the acknowledged frames of a session; a later recording of a position replaces an earlier one.
 
-    Frames are cutouts with their position on the sensor. ``metadata`` contains the session's ``plan``, the camera's bit
-    depth and saturation, and the recorded ``darks`` by exposure.
+    Frames are cutouts, and `info` states their position on the sensor. ``metadata`` contains the session's ``plan``,
+    the camera's bit depth and saturation, and the recorded ``darks``, by exposure time (s).
 
     Parameters
     ----------
     folder
         Folder of the session, which may still be in progress.
     planes
-        Depth planes to use, which are numbered from 0 in this order. None: all.
+        Indices of the depth planes to use; the source numbers them from 0 in this order. None: all.
     skip_damaged
-        Whether to open damaged files, and average only the intact dark frames. Damaged frames remain in the source, and
-        cannot be read: `lfcal.frames.iter_undamaged` leaves them out. A damaged frame is not replaced by an older frame
-        of the same position.
+        Whether to open damaged files, and to average only the intact dark frames. Damaged frames remain in the source,
+        but reading them raises an error; `lfcal.frames.iter_undamaged` removes them. A damaged frame is not replaced by
+        an older frame of the same position.
 
     Raises
     ------
     StorageError, FileFormatError
         If the folder contains no session, or one of its files is damaged.
     InputError
-        If no frame was recorded, or the session has whole frames of a target (open it with `TargetRecording`).
+        If no frame was recorded, or the session contains whole frames of a target (open it with `TargetRecording`).
     """
 
     of_whole_frames = False
@@ -198,7 +198,7 @@ class RecordingSource(Frames):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of every frame."""
+        """Shape ``(rows, columns)`` of every frame (px)."""
         return self._frame_shape
 
     @property
@@ -262,11 +262,11 @@ class RecordingSource(Frames):
         )
 
     def record(self, index: int) -> Any:
-        """Return the record of frame ``index``; see `lfcal.acquire.recording.records.RECORD`."""
+        """Return the record of frame ``index``, a scalar of the type `lfcal.acquire.recording.records.RECORD`."""
         return self._files[self._where[index]].records[self._slots[index]]
 
     def suspects(self) -> list[tuple[Position, Suspicion]]:
-        """Return the positions whose frames were suspicious when they were recorded, with the suspected faults."""
+        """Return the positions (z, y, x) of frames that appeared suspect when recorded, with the suspected faults."""
         bits = np.zeros(len(self), np.uint8)
         for k, file in enumerate(self._files):
             here = self._where == k
@@ -279,7 +279,7 @@ class RecordingSource(Frames):
         return place._replace(z=self._planes[place.z])
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a part of it; raises `FileFormatError` if it is damaged."""
+        """Return frame ``index``, or the part of it in ``region``; raises `FileFormatError` if the frame is damaged."""
         k = check_index(index, len(self))
         file, slot = self._files[int(self._where[k])], int(self._slots[k])
         with frame_errors(file.label(slot), self._place(k)):
@@ -289,7 +289,10 @@ class RecordingSource(Frames):
         return np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples of frame ``index``; for several merged exposures, the saturation is that of the record."""
+        """Return the samples of frame ``index`` or of its rows and columns ``region``, with their validity and noise.
+
+        For a frame merged from several exposures, the number of saturated pixels is taken from its record.
+        """
         # means of several exposures have no single level of saturation
         if self.dtype.kind != "f":
             return super().samples(index, region)
@@ -298,7 +301,7 @@ class RecordingSource(Frames):
         )
 
     def repeats(self) -> FrameSource | None:
-        """Return the reference frames of the newest recording that has at least two; None if no recording has."""
+        """Return the reference frames of the newest recording with at least two; None if there is no such recording."""
         for run in reversed(range(len(self.session.recordings))):
             found = [
                 (record, frame) for record, frame in _checks(self._folder, run) if record["kind"] == Kind.REFERENCE
@@ -330,12 +333,13 @@ def _part_of(plan: ScanPlan, planes: Sequence[int]) -> ScanPlan:
 
 
 class CheckFrame(NamedTuple):
-    """A reference or control frame.
+    """A reference or control frame of a session.
 
-    ``kind`` distinguishes reference from control frames. ``position`` is the planned position with which the frame is
-    compared, and ``periods`` (y, x) the number of periods between them. ``elapsed_s`` is the recording time so far,
-    without pauses (s). ``energy`` is the sum of the frame (counts), and ``origin`` the row and column of its first
-    pixel on the sensor.
+    ``kind`` distinguishes reference from control frames. ``position`` (z, y, x) is the planned position with whose
+    frame it is compared. ``periods`` (y, x) is the displacement of the source from that position, in whole periods.
+    ``elapsed_s`` is the recording time so far, without pauses (s). ``energy`` is the sum of all samples, including the
+    background (counts). ``origin`` is the (row, column) of the first pixel on the sensor (px), and ``frame`` contains
+    the samples, ``(rows, columns)``.
     """
 
     kind: Kind
@@ -348,7 +352,7 @@ class CheckFrame(NamedTuple):
 
 
 def read_checks(folder: Path) -> list[CheckFrame]:
-    """Return the reference frames (lamp drift) and control frames (periodicity) of a session, in time order.
+    """Return the reference frames (for lamp drift) and the control frames (for periodicity) in the order of recording.
 
     Examples
     --------
@@ -392,12 +396,13 @@ def _devices(devices: Devices) -> dict[str, Any]:
 
 
 class TargetRecording(RecordingSource):
-    """The acknowledged frames of a target's session, in the plan's order.
+    """Source of the acknowledged frames of a session with a target, in the plan's order.
 
-    In a complete session, frame ``k`` is frame ``k`` of the plan; otherwise, `frames` states plane and offset number of
-    each frame. The ``points`` of each frame are the positions nearest to its holes at the planned pose, in the order of
-    ``target.points(plane, offset)``. The actual pose of the target is found in the frames. ``metadata`` contains the
-    ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to the entries of every session.
+    In a complete session, frame ``k`` is frame ``k`` of the plan; otherwise, `frames` states the plane and the offset
+    number of each frame. The ``points`` of each frame are the positions nearest to its holes at the planned pose, in
+    the order of ``target.points(plane, offset)``. The actual pose of the target is found in the frames. ``metadata``
+    contains the ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to the entries of
+    every session.
 
     Parameters
     ----------
@@ -432,7 +437,7 @@ class TargetRecording(RecordingSource):
 
     @cached_property
     def frames(self) -> tuple[tuple[int, int], ...]:
-        """Plane and offset number of every recorded frame, as in `TargetPlan.frames`."""
+        """Pairs (plane index, offset number), one for each recorded frame, as in `TargetPlan.frames`."""
         _, _, most = self.session.grid
         return tuple((flat // most, flat % most) for flat in self._flat.tolist())
 
@@ -441,7 +446,7 @@ class TargetRecording(RecordingSource):
         return replace(super()._known(), target=self.target, target_frames=self.frames, plan_shape=None)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the metadata of frame ``index`` from its record, with the positions that it was planned to show."""
+        """Return the metadata of frame ``index`` from its record, with the positions (z, y, x) that it should show."""
         k = check_index(index, len(self))
         record = self.record(k)
         return FrameInfo(

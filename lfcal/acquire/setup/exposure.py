@@ -23,9 +23,10 @@ TRIES = 12
 def suggest_exposure(
     peak: float, exposure_s: float, *, black_level: float, max_value: float, target: float = 0.7
 ) -> float | None:
-    """Return the exposure (s) at which the peak reaches the fraction ``target`` of the range above black.
+    """Return the exposure time (s) at which the peak is at the fraction ``target`` of the range above black.
 
-    ``peak`` is the highest sample (counts) of a frame exposed for ``exposure_s``.
+    ``peak`` is the highest sample (counts) of a frame exposed for ``exposure_s`` (s). The range is that from
+    ``black_level`` to ``max_value`` (counts).
 
     The result is None if the frame shows no light or is saturated, because its brightness is then unknown.
 
@@ -51,16 +52,16 @@ def iter_exposures(
     options: Options | None = None,
     control: Control | None = None,
 ) -> Work[tuple[float, ...]]:
-    """Return an exposure (s) for every plane, from frames at four positions of the plane's cell.
+    """Measure a suitable exposure time (s) for every plane, from frames at four positions of the plane's cell.
 
-    Nothing is recorded, and the stage returns to its previous position. At the returned exposure, the brightest of the
-    positions (corner, middle, and half-way along either side) has a peak of the fraction ``target`` of the range above
-    black.
+    Nothing is recorded, and the stage returns to its previous position. At the returned exposure time, the peak of the
+    brightest of these positions (corner, middle, and half-way along either side) is at the fraction ``target`` of the
+    range from the black level to saturation.
 
     Raises
     ------
     InputError
-        If a plane stays dark at ``longest_s``, or saturated at any exposure.
+        If a plane is dark even at ``longest_s`` (s), or saturated at every exposure time.
 
     Examples
     --------

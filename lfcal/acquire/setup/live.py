@@ -36,34 +36,34 @@ class Levels:
     Attributes
     ----------
     histogram
-        Number of pixels with each sample value, ``(max_value + 1,)``; the last entry includes all higher values.
+        Number of pixels with each sample value from 0, ``(max_value + 1,)``; the last entry includes all higher values.
     """
 
     histogram: NDArray[np.int64]
 
     @property
     def pixels(self) -> int:
-        """Number of pixels."""
+        """Total number of pixels."""
         return int(self.histogram.sum())
 
     @property
     def saturated(self) -> int:
-        """Number of pixels at or above the saturated value."""
+        """Number of saturated pixels, that is, with at least the value ``max_value``."""
         return int(self.histogram[-1])
 
     @property
     def maximum(self) -> int:
-        """Highest sample value that occurs."""
+        """Highest sample value in the frame, at most ``max_value`` (counts)."""
         return int(np.flatnonzero(self.histogram)[-1])
 
     def quantile(self, share: float) -> int:
-        """Return the sample value that the fraction ``share`` of the pixels does not exceed."""
+        """Return the lowest sample value (counts) that at least the fraction ``share`` of pixels does not exceed."""
         total = np.cumsum(self.histogram)  # exact for whole numbers, without a sorted copy of the frame
         return int(np.searchsorted(total, share * total[-1]))
 
 
 def levels(frame: NDArray[Any], max_value: int) -> Levels:
-    """Return the histogram of ``frame`` ``(rows, columns)``, unsigned samples that saturate at ``max_value``.
+    """Return the histogram of ``frame`` ``(rows, columns)``, whose unsigned samples saturate at ``max_value``.
 
     Examples
     --------
@@ -91,11 +91,11 @@ class LiveState:
     levels
         Histogram of the frame; None without a frame.
     spot
-        Light of the source on the sensor; None if no light is significant.
+        Light of the source, with its centroid in sensor coordinates; None if no light is significant.
     stage_um
-        Position of the stage (µm).
+        Position (x, y, z) of the stage (µm).
     expected_px
-        Planned position of the image on the sensor (row, column; pixels); None without a plan.
+        Position (row, column) of the image on the sensor according to the plan (px); None without a plan.
     trouble
         Reason why the last attempt returned no frame; empty if it returned one.
     """
@@ -108,14 +108,16 @@ class LiveState:
 
     @property
     def offset_px(self) -> tuple[float, float] | None:
-        """Measured minus expected position of the image (rows, columns; pixels); None if either is unknown."""
+        """Measured minus expected position (row, column) of the image (px); None if either is unknown."""
         if self.spot is None or self.expected_px is None:
             return None
         return self.spot.row - self.expected_px[0], self.spot.column - self.expected_px[1]
 
 
 def predicted_image(plan: ScanPlan, stage_um: Point) -> tuple[float, float]:
-    """Return the image position (row, column) that the plan expects for the stage at ``stage_um`` (sensor pixels).
+    """Return the image position (row, column) on the sensor (px) that the plan predicts for the stage position.
+
+    ``stage_um`` contains the stage coordinates (x, y, z) (µm).
 
     Examples
     --------
@@ -142,10 +144,10 @@ def iter_live(
     plan: ScanPlan | None = None,
     timeout_s: float = 5.0,
 ) -> Generator[LiveState, float | None, None]:
-    """Take whole frames until stopped; put each into ``preview`` and yield its measurements.
+    """Take frames of the whole sensor until ``control`` stops; put each into ``preview`` and yield its measurements.
 
-    Send a number to change the exposure (s). A missing or incomplete frame is reported in `LiveState.trouble`, and the
-    view continues.
+    ``send`` a number to the generator to change the exposure time (s). A missing or incomplete frame is reported in
+    `LiveState.trouble`, and the view continues.
 
     Raises
     ------

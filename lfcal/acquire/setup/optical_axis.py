@@ -20,16 +20,17 @@ __all__ = ["OpticalAxis", "find_optical_axis", "iter_optical_axis"]
 
 @dataclass(frozen=True, slots=True)
 class OpticalAxis:
-    """Position of the optical axis in object space and on the sensor.
+    """Measured position of the optical axis in object space and on the sensor.
 
     Attributes
     ----------
     object_um
-        Lateral position (right, down) at which the image does not move while the depth changes (µm).
+        Lateral position (right, down) of a source whose image does not move when its depth changes, in object
+        coordinates of the plan (µm).
     image_px
-        Position of the image on the sensor (row, column; pixels).
+        Position (row, column) of that image on the sensor (px).
     residual_px
-        RMS distance of the centroids from the model (pixels).
+        RMS deviation of the image of the axis between planes (px).
     """
 
     object_um: tuple[float, float]
@@ -38,17 +39,17 @@ class OpticalAxis:
 
 
 def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
-    """Return the optical axis from images of the source at several depths and lateral positions.
+    """Return the optical axis, computed from images of the source at several depths and lateral positions.
 
-    In each plane k, the image is an affine function ``M_k p + t_k`` of the lateral position p; the axis is the p at
-    which all planes agree best (least squares).
+    In each plane k, the image position is an affine function ``M_k p + t_k`` of the lateral position p, with a matrix
+    ``M_k`` and a shift ``t_k``. The axis is the p at which all planes agree best (least squares).
 
     Parameters
     ----------
     object_um
-        ``(K, J, 2)`` lateral positions (right, down) of J >= 3 sources in K >= 2 planes (µm).
+        Lateral positions (right, down) of J >= 3 sources in each of K >= 2 planes (µm), ``(K, J, 2)``.
     image_px
-        ``(K, J, 2)`` centroids (row, column) (pixels).
+        Centroids (row, column) of their images (px), ``(K, J, 2)``.
 
     Raises
     ------
@@ -106,7 +107,7 @@ def iter_optical_axis(
     options: Options | None = None,
     control: Control | None = None,
 ) -> Work[OpticalAxis]:
-    """Return the optical axis from images at 45 lateral positions in each of ``planes`` (None: first and last).
+    """Measure the optical axis with images at 45 lateral positions in each of ``planes`` (None: first and last).
 
     Nothing is recorded, and the stage returns to its previous position.
 

@@ -68,9 +68,9 @@ class StageCheck:
     fits
         Fits of the image's motion in the first plane and, if there are several planes, in the last.
     repeat_px
-        RMS deviation of the image, per axis, from its mean position over several visits of one stage position (pixels).
+        RMS deviation of the image, per axis, from its mean position over several visits to one stage position (px).
     depth
-        Measured movement in depth compared with the plan; None if it was not measured.
+        Measured movement in depth compared with the plan; None: not measured.
     notes
         Omitted checks and remarks, one sentence each.
     frames
@@ -85,7 +85,7 @@ class StageCheck:
 
     @property
     def words(self) -> str:
-        """The result as one line, as it is stored in ``session.json``."""
+        """One-line result, as it is stored in ``session.json``."""
         if not self.fits:
             return "; ".join(self.notes) or "stage not checked: check_stage is off"
         right, down = self.fits[0].scale

@@ -54,11 +54,12 @@ class StageFit:
     Attributes
     ----------
     matrix
-        Image movement (right, down) per planned movement (right, down), ``((a, b), (c, d))``; ideally the unit matrix.
+        Matrix ``((a, b), (c, d))`` that converts a planned movement (right, down) of the image to the measured one;
+        ideally the unit matrix.
     axes
-        Stage axes and origin according to the measurement.
+        Axes and origin of the stage according to the measurement.
     residual_px
-        RMS distance of the centroids from the fit (pixels).
+        RMS distance of the centroids from the fit (px).
     """
 
     matrix: tuple[tuple[float, float], tuple[float, float]]
@@ -67,7 +68,7 @@ class StageFit:
 
     @property
     def scale(self) -> tuple[float, float]:
-        """Ratios of measured to planned movement of the image to the right and down."""
+        """Ratios (right, down) of measured to planned movement of the image; ideally 1."""
         (a, b), (c, d) = self.matrix
         return math.hypot(a, c), math.hypot(b, d)
 
@@ -79,31 +80,31 @@ class StageFit:
 
     @property
     def orientation(self) -> str:
-        """Orientation of the live image that makes it move as planned, one of `lfcal.frames.ORIENTATIONS`."""
+        """Name of the orientation after which the live image moves as planned, one of `lfcal.frames.ORIENTATIONS`."""
         (a, b), (c, d) = self.matrix
         return nearest_orientation(((d, c), (b, a)))[0].name
 
     @property
     def rotation_rad(self) -> float:
-        """Rotation of the image's movement relative to the plan (rad), positive from right to down."""
+        """Rotation of the image's movement relative to the plan (rad), positive from right towards down (clockwise)."""
         (a, b), (c, d) = self.matrix
         sign = -1.0 if self.mirrored else 1.0
         return math.atan2(c - sign * b, a + sign * d)
 
 
 def fit_stage(plan: ScanPlan, z: int, stage_um: ArrayLike, image_px: ArrayLike) -> StageFit:
-    """Return the motion of the image with the stage, fitted to positions in one depth plane.
+    """Fit the motion of the image with the stage to positions in one depth plane.
 
     Parameters
     ----------
     plan
-        The expected plan.
+        The plan with which the motion is compared.
     z
         Index of the depth plane.
     stage_um
-        Positions read back ``(N, 3)`` as (x, y, z) (µm): three or more, not on one line.
+        Positions (x, y, z) read back from the stage (µm), ``(N, 3)``: three or more, not on one line.
     image_px
-        Centroids on the sensor ``(N, 2)`` as (row, column) (pixels).
+        Centroids (row, column) of the image on the sensor (px), ``(N, 2)``.
 
     Raises
     ------
@@ -189,10 +190,10 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
     Parameters
     ----------
     fit, plan
-        The measurement, and the plan to compare it with.
+        The measurement, and the plan with which it is compared.
     cell_px, residual_px
-        Largest displacement of the image over one period that an error of the scale or the angle may cause, and largest
-        RMS residual of the fit (pixels).
+        Largest displacement of the image over one period that an error of scale or angle may cause, and largest RMS
+        residual of the fit (px).
 
     Examples
     --------
@@ -238,9 +239,10 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
 def iter_stage_fit(
     rig: Rig, plan: ScanPlan, *, z: int = 0, options: Options | None = None, control: Control | None = None
 ) -> Work[StageFit]:
-    """Return the motion of the image with the stage, measured in the middle and at the corners of a rectangle.
+    """Measure the motion of the image with the stage, in the middle and at the corners of a rectangle in plane ``z``.
 
-    The rectangle is that of `places_about`. Nothing is recorded, and the stage returns to its previous position.
+    The corners are whole periods away from the middle of the plane's cell, as in `places_about`. Nothing is recorded,
+    and the stage returns to its previous position.
 
     Examples
     --------

@@ -40,16 +40,16 @@ def simulated_rig(
     Parameters
     ----------
     plan
-        Plan of the scan, with camera, period and exposures.
+        Plan of the scan, with camera, period and exposure times.
     model, faults
-        Motion of the stage, and faults.
+        Motion of the stage (None: `StageModel`, with its defaults), and faults of the devices.
     axes
-        Actual motion of the source by the stage's axes; by default as planned.
+        Actual directions and origin of the stage's axes; None: as planned.
     optics
-        A `Renderer`, or a `FrameSource` of full sensor frames such as `lfcal.simulate.SimulatedCamera`; None: a quick
-        pattern without lenslets.
+        A `Renderer`, or a `FrameSource` of frames of the whole sensor, such as `lfcal.simulate.SimulatedCamera`; None:
+        a quick pattern without lenslets.
     time
-        Clock of the rig; None: a virtual clock, with which waits take no time.
+        Clock of the rig; None: a virtual clock that advances without waiting.
     automatic
         Settings that the camera keeps automatic, from ``"ExposureAuto"``, ``"GainAuto"`` and ``"Gamma"``.
     seed
