@@ -57,7 +57,7 @@ Region: TypeAlias = tuple[slice, slice]
 
 
 class Position(NamedTuple):
-    """Source position as indices (z, y, x) into the scan plan, as in ``H[z, y, x]``.
+    """Position of the point source as indices (z, y, x) into the scan plan, as in ``H[z, y, x]``.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def region_shape(region: Region) -> tuple[int, int]:
 
 
 def check_region(region: Region, shape: tuple[int, int]) -> Region:
-    """Return ``region`` with explicit bounds; raise `InputError` unless it is within a frame of ``shape``."""
+    """Return ``region`` with explicit start and stop; raises `InputError` unless it is in a frame of ``shape``."""
     checked = []
     for part, n, what in zip(region, shape, ("rows", "columns"), strict=True):
         start = 0 if part.start is None else int(part.start)

@@ -278,7 +278,7 @@ def iter_fit_field(
     stage: str | float = "auto",
     workers: int | None = None,
 ) -> Work[FieldFit]:
-    """Return the single camera that best explains the patterns of several regions of the field.
+    """Fit the single camera that best explains the patterns of several regions of the field.
 
     The parameters of the camera are the same in all regions. The groups ``field_wavefront`` and ``field_curvature``
     describe how the wavefront and the image distance vary between regions. Light, background and positions of the
@@ -287,21 +287,21 @@ def iter_fit_field(
     Parameters
     ----------
     patterns
-        Patterns of each region by name; the anchor of their plan is the position of the region on the sensor.
+        Patterns of each region, by name; the anchor of their plan states the position of the region on the sensor.
     camera
-        The described camera, from which the fit starts; None: that of the first region.
+        Camera from which the fit starts; None: that of the first region.
     unknowns, effects, stage, workers
-        As in `fit_camera`; pitch and positions of the sources are always fitted.
+        As in `fit_camera`; the pitch of the array and the positions of the sources are always fitted.
 
     Yields
     ------
     Progress
-        In derivatives; closing it stops the fit.
+        One record for each derivative. Closing the generator stops the fit.
 
     Raises
     ------
     InputError
-        If the regions belong to different cameras, or the patterns do not fit such a camera, or are too few.
+        If the regions belong to different cameras, no such camera explains the patterns, or there are too few patterns.
     """
     described = camera or next(iter(patterns.values())).plan.camera
     if not described.has_lattice:

@@ -62,17 +62,18 @@ DETECTION_SIGMAS = 2.0
 
 @dataclass(frozen=True, slots=True)
 class FitProgress(Progress):
-    """Start or end of a round of derivatives; the number of rounds is not known in advance.
+    """Progress at the start or the end of a round of derivatives; the number of rounds is not known in advance.
 
     Attributes
     ----------
     chi2
-        Mean square of the residuals of the fitted patterns, weighted by the light. The variance includes the error of a
-        coarse model. The value approaches 1 from round to round. It may rise when the fit continues with finer
-        sampling.
+        Mean square of the residuals of the fitted patterns, weighted by the light. Residuals are divided by their
+        standard deviation, which includes the error of a coarsely sampled model. The value approaches 1 from round to
+        round, but may rise when the fit continues with finer sampling.
     held_out, below_noise
-        Error of the held-out patterns beyond model and noise, as a fraction of their rms (relative L2; NaN without
-        held-out patterns), and whether noise hides it. If so, the value is an upper limit of two standard deviations.
+        Error of the prediction of the held-out patterns in addition to noise, as a fraction of their rms (relative L2;
+        NaN without held-out patterns), and whether it is below the noise. If it is, the value is an upper limit at two
+        standard deviations.
     """
 
     chi2: float = math.nan
@@ -133,14 +134,14 @@ def iter_fit_camera(
     workers: int | None = None,
     **reading: Any,
 ) -> Work[Fit]:
-    """Return the camera that explains measured patterns.
+    """Fit the camera that best explains measured patterns.
 
     Parameters
     ----------
     source
-        H, of which the recorded positions are used, or measured patterns.
+        H, whose recorded positions are used, or measured patterns.
     camera
-        The described camera, from which the fit starts; None: the camera of the source.
+        Camera from which the fit starts; None: the camera of the source.
     unknowns
         Groups of unknowns by name; or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
         all other groups that lower the error of held-out patterns.
@@ -148,21 +149,23 @@ def iter_fit_camera(
         Effects simulated at the start; None: those in the camera's description, and the vector field if its effect is
         noticeable (`starting_effects`).
     stage
-        Position error of the sources (rms, pixels); 0: none; ``"auto"``: estimated from the patterns.
+        Rms position error of the sources along each axis of the sensor (px); 0: none; ``"auto"``: estimated from the
+        patterns.
     workers
-        Number of threads over derivatives; None: all processors.
+        Number of threads that compute derivatives; None: all processors.
     reading
-        Settings for reading an H: see `measured_of`.
+        Further keyword arguments for `measured_of`, if the source is an H.
 
     Yields
     ------
     Progress
-        In derivatives; a `FitProgress` at the start and the end of each round. Closing it stops the fit.
+        One record for each derivative, and a `FitProgress` at the start and the end of each round. Closing the
+        generator stops the fit.
 
     Raises
     ------
     InputError
-        If the patterns do not fit such a camera, are too few, or their noise is unknown.
+        If no such camera explains the patterns, there are too few patterns, or their noise is unknown.
 
     Examples
     --------

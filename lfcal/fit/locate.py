@@ -27,24 +27,25 @@ ABOVE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class NewFrame:
-    """A frame to compare with an H.
+    """A frame of a point source to compare with H.
 
     Attributes
     ----------
     values
-        Samples ``(rows, columns)`` with their dark level subtracted.
+        Samples with the dark level subtracted (counts), ``(rows, columns)``.
     valid
-        Valid samples; None: all.
+        Mask ``(rows, columns)``, True at valid samples; None: all are valid.
     noise
-        Constant and slope of the variance of a sample; None: unknown.
+        ``(constant, slope)``: the variance of a sample of value v is ``constant + slope * max(v, 0)`` (counts²). None:
+        unknown.
     origin
-        Row and column of the first pixel of the frame on the sensor.
+        Position (row, column) of the first pixel of the frame on the sensor (px).
     place
-        Row and column of the image of the source on the sensor; None: unknown.
+        Position (row, column) of the image of the source on the sensor (px); None: unknown, so it is searched for.
     plane
-        Index of the depth plane of H; None: unknown.
+        Index of the depth plane of H in which the source is; None: unknown.
     label
-        Name for messages.
+        Name of the frame in messages.
 
     Examples
     --------

@@ -28,33 +28,35 @@ MOST_FEW = 3
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Patterns at known positions, with a model of their noise.
+    """Measured patterns at known positions, with a model of their noise.
 
     Attributes
     ----------
     plan
-        The scan of the patterns, with the described camera; its cutout is that of the patterns.
+        Plan of the scan, with the camera from which a fit starts; its cutout is that of the patterns.
     index
-        Positions ``(n, 3)`` as (z, y, x).
+        Positions (z, y, x) of the n patterns as indices, ``(n, 3)``.
     patterns
-        Values ``(n, nt, ns)``, with or without the background.
+        Values of the patterns (counts), ``(n, nt, ns)``; the background may be included.
     noise
-        ``(n, 2)``: the variance of a sample of true value v is ``noise[0] + noise[1] * max(v, 0)``.
+        ``(n, 2)``: the variance of a sample of pattern k with the true value v is
+        ``noise[k, 0] + noise[k, 1] * max(v, 0)`` (counts²).
     places_px
-        Known displacement (dy, dx) of the source from its position ``(n, 2)`` (pixels on the sensor).
+        Known displacement (rows, columns) of the image of each source from its planned position on the sensor (px),
+        ``(n, 2)``.
     valid
-        Valid pixels ``(n, nt, ns)``.
+        Mask ``(n, nt, ns)``, True at valid samples.
     held_out
-        Held-out patterns ``(n,)``, which measure the quality of the fit.
+        Mask ``(n,)``, True for patterns that are held out to measure the quality of the fit.
     extra_light
-        Light ``(n, nt, ns)`` at unit gain that each pattern contains in addition to the prediction of the planned
-        optics. This light stays constant while the unknowns change, because computing it for every derivative would
-        take too long. None: no additional light.
+        Light at unit gain that each pattern contains in addition to the prediction of the planned optics,
+        ``(n, nt, ns)``. This light stays constant while the unknowns change, because computing it for every derivative
+        would take too long. None: no additional light.
     blur
-        Additional light ``(n, nt, ns)`` of each pattern at unit gain, per µm² of the squared diameter of the holes of a
-        target (`lfcal.fit.setup.Setup.hole_um`). None: the diameter is not fitted.
+        Additional light of each pattern at unit gain per µm² of the squared diameter of the holes of a target
+        (`lfcal.fit.setup.Setup.hole_um`), ``(n, nt, ns)``. None: the diameter is not fitted.
     blurred_um
-        Diameter of the holes included in ``extra_light`` (µm).
+        Diameter of the holes whose light ``extra_light`` includes (µm).
 
     Examples
     --------
@@ -118,16 +120,16 @@ class Measured:
 
     @property
     def sampled(self) -> tuple[int, ...]:
-        """Shape ``(nt, ns)`` of the samples of a pattern, which is that of the cutout."""
+        """Shape of the samples of a pattern; here, that of the cutout, ``(nt, ns)``."""
         return self.plan.cutout
 
     def images(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the flattened samples ``(n, m)`` of patterns as images of the cutout ``(n, nt, ns)``."""
+        """Return the flattened samples of n patterns, ``(n, m)`` with m = nt ns, as cutouts ``(n, nt, ns)``."""
         return samples.reshape(-1, *self.plan.cutout)
 
     @property
     def level(self) -> NDArray[np.intp]:
-        """Index of the gain and background that apply to each pattern ``(n,)``, here the index of its plane."""
+        """Index of the gain and the background of each pattern, ``(n,)``; here, the index of its plane."""
         found: NDArray[np.intp] = self.index[:, 0]
         return found
 
@@ -142,11 +144,11 @@ class Measured:
         return (self.plan,)
 
     def parts(self) -> Iterator[tuple[ScanPlan, NDArray[np.intp], int]]:
-        """Yield the plan, the indices of the patterns, and the index of each region; here, of a single region."""
+        """Yield (plan, indices of the patterns, index of the region) for each region; here, for a single region."""
         yield self.plan, np.arange(len(self.index)), 0
 
     def of(self, keep: NDArray[np.bool_]) -> Measured:
-        """Return the patterns that the mask ``keep`` ``(n,)`` selects."""
+        """Return a new object with the patterns that the mask ``keep`` ``(n,)`` selects."""
         return replace(self, **self._some(keep))
 
     def _some(self, keep: NDArray[np.bool_]) -> dict[str, Any]:
@@ -156,7 +158,7 @@ class Measured:
         return {name: getattr(self, name)[keep] for name in names} | {"blurred_um": self.blurred_um}
 
     def more_light(self, hole_um: float | None) -> NDArray[np.float32] | None:
-        """Return the light ``(n, nt, ns)`` to add to predictions for holes of diameter ``hole_um``; None: no light."""
+        """Return the light ``(n, nt, ns)`` to add to predictions for holes of diameter ``hole_um`` (µm); None: none."""
         if self.extra_light is None or self.blur is None or hole_um is None:
             return self.extra_light
         return self.extra_light + np.float32(hole_um**2 - self.blurred_um**2) * self.blur
@@ -172,24 +174,26 @@ def measured_of(
     most: int | None = None,
     held_out: float | Sequence[Sequence[int]] = HELD_OUT,
 ) -> Measured:
-    """Return the recorded patterns of an H as measured patterns for a fit.
+    """Return the recorded patterns of H as measured patterns for a fit.
 
     Parameters
     ----------
     matrix
-        H; positions that were never recorded are left out, as are copied patterns of a half-cell scan.
+        H. Positions that were never recorded, and copied patterns of a half-cell scan, are left out.
     camera
-        The described camera; None: that of H.
+        Camera from which the fit starts; None: that of H.
     positions
         Positions (z, y, x) to use; None: all recorded ones.
     noise
-        Constant and slope of the variance of a sample; None: as stated in H.
+        ``(constant, slope)``: the variance of a sample of value v is ``constant + slope * max(v, 0)`` (counts²). None:
+        as stated in H.
     cutout
-        Size of the part of the cutout to use, around its middle (odd, pixels); None: all of it.
+        Rows and columns of the middle part of the cutout to use (odd; px), or one number for both; None: the whole
+        cutout.
     most
-        Largest number of patterns to use, spread evenly; None: all.
+        Largest number of patterns to use, evenly spread over the positions; None: all.
     held_out
-        Fraction of the patterns to hold out, spread over each plane, or the positions (z, y, x) to hold out.
+        Fraction of the patterns to hold out, evenly spread over each plane, or the positions (z, y, x) to hold out.
 
     Raises
     ------

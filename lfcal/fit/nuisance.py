@@ -36,11 +36,12 @@ class Spread:
     Attributes
     ----------
     stage_px
-        Rms displacement of the sources along an axis (pixels).
+        Rms displacement of the sources along each axis of the sensor (px).
     lamp
-        Relative rms fluctuation of the lamp.
+        Rms fluctuation of the brightness of the lamp, as a fraction of its mean.
     response
-        Relative rms of the response of the pixels, which patterns share but which is not part of the model.
+        Rms variation of the response between pixels, as a fraction of its mean. All patterns share it, but it is not
+        part of the model.
     """
 
     stage_px: float = 0.0

@@ -76,25 +76,25 @@ def field_of(plan: ScanPlan) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """One unknown parameter.
+    """Unknown parameter of a fit.
 
     Attributes
     ----------
     name, group, unit
-        Name, group and unit.
+        Name of the parameter, name of its group, and unit of its value.
     start
-        Start value, as described.
+        Start value, from the description of the camera.
     scale
-        A noticeable change, used as the unit of steps for derivatives and damping.
+        Change that noticeably affects the patterns; the unit in which the fit measures steps of the parameter.
     sigma
-        Prior standard deviation of the start; None: no prior.
+        Standard deviation of the prior, which is centred at ``start``; None: no prior.
     low, high
         Smallest and largest allowed value.
     squared
-        Whether the square of the value is fitted, because patterns depend on the square, as with widths that add in
-        quadrature.
+        Whether the square of the value is fitted. This is better for values on whose square the patterns depend, such
+        as widths that add in quadrature.
     gauge
-        Description of what must be fixed for the unknown to be defined; may be empty.
+        Description of what must be fixed to make the unknown unique; may be empty.
 
     Examples
     --------
@@ -131,14 +131,14 @@ class Unknown:
             )
 
     def value(self, u: float) -> float:
-        """Return the value ``u`` scales away from its start, limited to its bounds."""
+        """Return the value at a distance of ``u`` scales from the start, limited to `low` and `high`."""
         if self.squared:
             square = self.start**2 + u * self.scale**2
             return min(self.high, max(self.low, math.sqrt(max(0.0, square))))
         return min(self.high, max(self.low, self.start + u * self.scale))
 
     def sigma_of(self, u: float, sigma: float) -> float:
-        """Return the standard deviation of the value at ``u``, where ``sigma`` is the standard deviation of ``u``."""
+        """Return the standard deviation of the value at ``u``, given the standard deviation ``sigma`` of ``u``."""
         if not self.squared:
             return sigma * self.scale
         value = self.value(u)
@@ -150,7 +150,7 @@ class Unknown:
         )
 
     def clipped(self, u: float) -> float:
-        """Return ``u``, limited to the bounds of the value."""
+        """Return ``u``, limited so that the value is from `low` to `high`."""
         if self.squared:
             low, high = (self.low**2 if self.low > 0 else 0.0), self.high**2
             bounds = ((low - self.start**2) / self.scale**2, (high - self.start**2) / self.scale**2)
@@ -160,7 +160,7 @@ class Unknown:
 
 
 class Group(ABC):
-    """Base class for a group of unknowns that belong together, and for their effect on a setup.
+    """Base class for a group of related unknowns that defines how they change a setup.
 
     Examples
     --------
@@ -191,11 +191,11 @@ class Group(ABC):
 
     @abstractmethod
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns for a setup; none if the camera does not have them."""
+        """Return the unknowns of the group for ``setup``; empty if its camera does not have them."""
 
     @abstractmethod
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return ``setup``, from which the fit started, with the unknowns set to ``values`` by name."""
+        """Return a copy of ``setup``, from which the fit started, with the unknowns set to ``values`` (by name)."""
 
 
 def check_group(group: Group) -> None:

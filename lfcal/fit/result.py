@@ -34,12 +34,12 @@ class Parameter:
     name, group, unit
         As in `lfcal.fit.parameters.Unknown`.
     value, sigma
-        Fitted value and its standard deviation, which includes the uncertainty of degenerate parameters that were tried
-        but are fixed at their described values.
+        Fitted value and its standard deviation, in ``unit``. The latter includes the uncertainty of degenerate
+        parameters that were tried but are fixed at their described values.
     start
-        Described value.
+        Start value, from the description of the camera.
     sigma_held
-        Standard deviation with all other parameters fixed, for comparing fits of the same groups.
+        Standard deviation of the value with all other parameters fixed; use it to compare fits of the same groups.
 
     Examples
     --------
@@ -60,7 +60,9 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """A pattern that was excluded from the fit because it differs from the others; ``region`` is an index.
+    """A pattern that was excluded from the fit because it differs from the others.
+
+    ``z``, ``y`` and ``x`` are the indices of its position, and ``region`` is the index of its region of the field.
 
     Examples
     --------
@@ -92,34 +94,37 @@ class Fit:
     Attributes
     ----------
     setup
-        Fitted camera, effects, depths and stage.
+        Fitted camera, effects, depths and stage errors.
     planned
-        The scan as planned, with the described camera.
+        The scan as planned, with the camera from which the fit started.
     parameters
         Fitted parameters, by name.
     groups, unhelpful
-        Fitted groups, and groups that were tried but did not lower the error of held-out patterns.
+        Names of the fitted groups of unknowns, and of the groups that were tried but did not lower the error of
+        held-out patterns.
     chi_square
         Chi-square of the fitted patterns.
     held_out_error
-        Error of the patterns of the model, from held-out patterns or, if the model is incomplete, from all patterns.
+        Relative error (L2) of the predicted patterns, estimated from held-out patterns or, if the model is incomplete,
+        from all patterns.
     correlations
-        Correlations ``(k, k)`` of the parameters, in the order of ``parameters``.
+        Correlation matrix ``(k, k)`` of the parameters, in the order of ``parameters``.
     held
-        Quantities that were fixed to define the parameters.
+        Descriptions of the quantities that were fixed to make the parameters unique.
     unidentified
         Combinations of parameters that this scan does not determine, and degeneracies with parameters that were tried
-        but stay fixed, because fitting them as well would greatly increase the uncertainty.
+        but stay fixed, because fitting them as well would greatly increase the uncertainties.
     outliers
         Patterns that were excluded, with the reason.
     answers
         Answers to discrete questions, by question, where they differ from the description.
     spread
-        Scatter of the positions of the sources, and stability of the lamp.
+        Rms scatter of the positions of the sources (px), of the lamp and of the response of the pixels (fractions).
     residuals
-        Measured minus predicted values ``(nt, ns)`` in standard deviations, by position (z, y, x).
+        Measured minus predicted values ``(nt, ns)`` in standard deviations of the noise, by position (z, y, x).
     levels
-        Gain and background of each plane; for planes without a pattern, the gain is interpolated.
+        Gain (counts per unit of the model) and background (counts) of each plane; for planes without a pattern, the
+        gain is interpolated.
     here
         For a fit of several regions of the field, the quality in this region; otherwise None.
     """
@@ -153,7 +158,7 @@ class Fit:
 
     @property
     def chi2(self) -> float:
-        """Mean of the squared residuals divided by their variance, weighted by the light; 1 for a correct model."""
+        """Mean of the squared residuals over their variance, weighted by the light; 1 for a correct model."""
         return self.chi_square.lit
 
     @property
@@ -176,7 +181,7 @@ class Fit:
         return f"model incomplete: {more}; {error}; more patterns do not help"
 
     def residual(self, z: int, y: int, x: int) -> NDArray[np.float32]:
-        """Return the measured minus the predicted values of a pattern ``(nt, ns)``, in standard deviations of noise.
+        """Return the measured minus the predicted pattern ``(nt, ns)``, in standard deviations of the noise.
 
         Raises
         ------
@@ -190,21 +195,21 @@ class Fit:
 
     @property
     def header(self) -> Header:
-        """Description of H of the fitted camera, without its values."""
+        """Header of the H of the fitted camera: its shape and other facts, without its values."""
         plan = self.planned
         return Header(plan.shape, plan.depths_um, self.camera, plan.anchor, self.provenance)
 
     def planes(self, header: Header | None = None) -> ModelPlanes:
-        """Return the source of the planes of H of the fitted camera; ``header`` replaces its default header."""
+        """Return a source that computes the planes of H of the fitted camera; ``header`` replaces the default one."""
         return ModelPlanes(header or self.header, self.ideal_places, self.planned, self.levels.gains.tolist())
 
     def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
-        """Return H of the fitted camera over all positions and depths, without noise, in the units of the data.
+        """Return the H of the fitted camera for all positions and depths, without noise, in counts as the data.
 
         Yields
         ------
         Progress
-            In rows.
+            Finished and total number of rows of positions.
         """
         return (yield from iter_make(self.planes(), workers=workers))
 
@@ -233,7 +238,7 @@ class Fit:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Provenance of H of the fitted camera, as plain JSON types."""
+        """Provenance of the H of the fitted camera, as plain JSON types."""
         fit = {"chi2": self.chi2, "error": self.held_out_error.value, "groups": list(self.groups)}
         fit |= {"depth_errors_um": list(self.setup.depth_errors_um), "patterns": len(self.residuals)}
         fit |= {"aside_px": list(self.setup.aside_px)} if any(self.setup.aside_px) else {}
@@ -243,7 +248,7 @@ class Fit:
 
     @property
     def middle_um(self) -> tuple[float, float]:
-        """Middle (x, y) of the scanned region, relative to the centre of the sensor (µm); the reference of offsets."""
+        """Middle (x, y) of the scanned region on the sensor, relative to its centre (µm); the origin of offsets."""
         plan = self.planned
         middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
         y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
@@ -251,7 +256,7 @@ class Fit:
 
     @property
     def ideal_places(self) -> Setup:
-        """The setup with sources at the positions of H: fitted depths, but planned lateral steps of the stage."""
+        """The fitted setup with the sources at the positions of H: fitted depths, but the planned lateral steps."""
         return replace(self.setup, stage_scale=0.0, travel_rad=(0.0, 0.0))
 
     def iter_hybrid(
@@ -261,21 +266,22 @@ class Fit:
         noise: tuple[float, float] | None = None,
         workers: int | None = None,
     ) -> Work[PSFMatrix]:
-        """Return H of the fitted camera plus measured deviations from it, with uncertainties of all entries.
+        """Return the H of the fitted camera plus measured deviations from it, with the uncertainties of all entries.
 
         Parameters
         ----------
         source
             Recorded patterns of the same scan, all or only the fitted ones.
         noise
-            Constant and slope of the variance of a sample; None: as stated by the source.
+            ``(constant, slope)``: the variance of a sample of value v is ``constant + slope * max(v, 0)`` (counts²).
+            None: as stated by the source.
         workers
             Number of threads; None: all processors.
 
         Yields
         ------
         Progress
-            In rows and tiles; closing it stops the computation.
+            In rows of positions and tiles; closing the generator stops the computation.
 
         Raises
         ------

@@ -54,27 +54,28 @@ class RegionPlace:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """All parameters that determine the light of a pattern, except for the positions of the scan.
+    """All parameters that determine the light of a pattern, except for the planned positions of the scan.
 
     Attributes
     ----------
     camera
         The assumed camera.
     effects
-        Effects of the simulation.
+        Effects that the simulation includes.
     depth_errors_um
-        Displacement of each plane away from the camera, relative to the plan (µm).
+        Displacement of each depth plane from its planned depth (µm), ``nz`` values; positive away from the camera.
     stage_scale
-        Relative error of the step length of the stage.
+        Relative error of the lateral step of the stage: actual over planned step, minus 1.
     aside_px
-        Displacement (rows, columns) of all sources on the sensor from their planned positions (pixels).
+        Displacement (rows, columns) of the images of all sources from their planned positions on the sensor (px).
     regions
         Additional displacements, one for each region of the field; empty for a single region.
     hole_um
-        Diameter of the holes of a target whose patterns contain their light separately
-        (`lfcal.fit.measured.Measured.blur`) (µm); None: the effects describe the sources.
+        Diameter of the holes of a target (µm), if `lfcal.fit.measured.Measured.blur` describes their light; None: the
+        effects describe the sources.
     travel_rad
-        Tilt (down the rows, along the columns) of the travel of the source in depth relative to the optical axis (rad).
+        Tilt (down the rows, along the columns) of the direction in which the stage moves the source in depth, relative
+        to the optical axis (rad).
 
     Examples
     --------
@@ -109,14 +110,14 @@ class Setup:
         return replace(self, depth_errors_um=depths, aside_px=aside, regions=())
 
     def plan(self, planned: ScanPlan) -> ScanPlan:
-        """Return the plan with the camera of this setup; positions on the sensor stay as planned."""
+        """Return a copy of ``planned`` with the camera of this setup; positions on the sensor stay as planned."""
         return replace(planned, camera=self.camera)
 
     def drift_px(self, z_um: float) -> NDArray[np.float64]:
-        """Return the displacement (rows, columns) on the sensor of a source at a depth, due to the tilt of its travel.
+        """Return the displacement (rows, columns) of the image of a source due to the tilt `travel_rad` (px).
 
-        The depth is that of the plan, from the zero of the stage (µm). The displacement is that of a telecentric
-        camera, in pixels.
+        ``z_um`` is the planned depth from the zero of the stage (µm). The displacement is computed for a telecentric
+        camera.
         """
         found: NDArray[np.float64] = np.tan(self.travel_rad) * z_um / self.camera.step_um()
         return found
@@ -126,12 +127,12 @@ class Setup:
         return next((effect for effect in self.effects if type(effect) is kind), None)
 
     def with_effect(self, effect: Effect) -> Setup:
-        """Return the setup with ``effect`` added, or replacing the effect of the same class."""
+        """Return a copy of the setup with ``effect`` added, or replacing the effect of the same class."""
         others = tuple(one for one in self.effects if type(one) is not type(effect))
         return replace(self, effects=(*others, effect))
 
     def edited(self, change: Callable[[Camera], Camera]) -> Setup:
-        """Return the setup with its camera replaced by ``change(camera)``."""
+        """Return a copy of the setup with its camera replaced by ``change(camera)``."""
         return replace(self, camera=change(self.camera))
 
 

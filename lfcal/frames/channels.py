@@ -28,10 +28,10 @@ __all__ = [
 
 
 class ChannelSource(SourceView):
-    """Frames that contain only the pixels at one position of the colour filter pattern.
+    """Source of frames with only the pixels at one position of the colour filter pattern.
 
-    Pixel ``(r, c)`` is pixel ``(r0 + step r, c0 + step c)`` of the mosaic. The metadata contain ``channel_phase`` (r0,
-    c0) and ``pixel_step`` (step, 2 for Bayer). Drifts are in pixels of the channel.
+    Pixel ``(r, c)`` is pixel ``(r0 + step r, c0 + step c)`` of the mosaic. The metadata contain (r0, c0) as
+    ``channel_phase`` and the step as ``pixel_step`` (2 for a Bayer pattern). Drifts are in pixels of the channel.
     """
 
     def __init__(self, source: FrameSource, channel: str) -> None:
@@ -44,7 +44,7 @@ class ChannelSource(SourceView):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of rows and columns of the channel."""
+        """Shape ``(rows, columns)`` of the channel (px of the channel)."""
         (r0, c0), (rows, columns) = self._origin, self.source.shape
         # ceiling division: a mosaic that ends within a pattern still has pixels of some channels
         return -(-(rows - r0) // self._step), -(-(columns - c0) // self._step)
@@ -65,7 +65,7 @@ class ChannelSource(SourceView):
         )
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index``; its drift is in pixels of the channel."""
+        """Return what is known about frame ``index``; its drift is in pixels of the channel."""
         info = self.source.info(index)
         place = self.known.origin or (0, 0)
         whole = info.origin == place
@@ -84,7 +84,7 @@ class ChannelSource(SourceView):
         return replace(info, origin=place, drift=drift, label=f"{info.label} {self.channel}", mask=mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return the channel of frame ``index``, or only the part of it in ``region``."""
+        """Return the channel of frame ``index``, or its rows and columns ``region``."""
         rows, columns = (
             # read the mosaic only from the first to the last pixel of the channel
             slice(start + self._step * part.start, start + self._step * (part.stop - 1) + 1)
@@ -93,12 +93,16 @@ class ChannelSource(SourceView):
         return np.ascontiguousarray(self.source.read(index, (rows, columns))[:: self._step, :: self._step])
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples of the channel in frame ``index``, or in a part of it."""
+        """Return the samples of the channel in frame ``index``, or in its rows and columns ``region``."""
         return Frames.samples(self, index, region)
 
 
 class BalancedSource(SourceView):
-    """A float32 mosaic whose pattern positions are each multiplied by a gain; use it on dark-corrected frames."""
+    """Source of float32 mosaics with balanced colours; use it on dark-corrected frames.
+
+    Each position of the colour filter pattern is multiplied by its gain. ``gains`` lists the gains by rows of the
+    pattern; None: those of the camera's white balance.
+    """
 
     def __init__(self, source: FrameSource, gains: Sequence[float] | None = None) -> None:
         super().__init__(source)
@@ -123,11 +127,11 @@ class BalancedSource(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the mosaic with the gains used, without saturation, which now differs by colour."""
+        """Return the metadata of the mosaic with the gains, and without the saturation, which now differs by colour."""
         return replace(known, saturation=None, bit_depth=None, gains=None, balanced_by=self.gains)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
-        """Return frame ``index``, or a part of it, with its colours balanced."""
+        """Return frame ``index``, or its rows and columns ``region``, with balanced colours."""
         rows, columns = check_region(region or whole(self.shape), self.shape)
         part = self.source.read(index, (rows, columns)).astype(np.float32)
         # frames of a part of the sensor count the pattern from their first pixel, cutouts from that of the sensor
@@ -139,14 +143,14 @@ class BalancedSource(SourceView):
         return part
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the balanced samples; whether one is saturated is decided by its value in the mosaic."""
+        """Return the balanced samples; saturation is determined from the values before balancing."""
         return self.source.samples(index, region)._replace(values=self.read(index, region), noise=None)
 
 
 def channel_source(source: FrameSource, channel: str) -> ChannelSource:
     """Return one colour of a mosaic, such as ``"R"``, ``"G1"``, ``"G2"`` or ``"B"``, as a frame source.
 
-    Greens are numbered by rows of the pattern: in ``GRBG`` G1 is the first pixel.
+    The greens are numbered by rows of the pattern: in ``GRBG``, G1 is the first pixel.
 
     Raises
     ------
@@ -167,7 +171,7 @@ def channel_source(source: FrameSource, channel: str) -> ChannelSource:
 
 
 def balanced_source(source: FrameSource, gains: Sequence[float] | None = None) -> BalancedSource:
-    """Return the mosaic with its colours multiplied by ``gains``, one for each position of the pattern by rows.
+    """Return a source of the mosaics with their colours multiplied by ``gains``, listed by rows of the pattern.
 
     Without ``gains``, those of the camera's white balance are used.
 

@@ -39,20 +39,20 @@ COLUMNS = ("file", "page", "z", "y", "x", "exposure_s", "dy", "dx")
 
 @dataclass(frozen=True, slots=True)
 class FrameEntry:
-    """A frame of a session: its file, scan position and exposure.
+    """Entry of a manifest: the file, scan position and exposure time of a frame.
 
     Attributes
     ----------
     file
-        Path below the session folder, with ``/`` between folders.
+        Path relative to the session folder, with ``/`` between folders.
     position
         Scan position (z, y, x) of the point source.
     page
-        Page of a multi-page file, or index into a stack, counted from 0.
+        Index of the page of a multi-page file, or of the frame in a stack, from 0.
     exposure_s
-        Exposure (s), None if unknown.
+        Exposure time (s); None: unknown.
     dy, dx
-        Displacement of the paraxial image from its planned position (px).
+        Displacement of the paraxial image from its planned position (px on the sensor): rows, columns.
 
     Examples
     --------
@@ -95,7 +95,7 @@ class FrameEntry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """All frames of a session, with the properties that every frame must have.
+    """List of all frames of a session, with the properties that every frame must have.
 
     Frames may be in any order; positions may be missing or repeated, but each page of a file must occur only once.
 
@@ -104,9 +104,10 @@ class Manifest:
     entries
         The frames.
     plan_shape
-        Number of positions of the scan ``(nz, ny, nx)``, None if unknown.
+        Number of positions of the scan, ``(nz, ny, nx)``; None: unknown.
     shape, dtype
-        Rows and columns, and sample type, that every frame must have; None and empty: those of the first frame.
+        Rows and columns (px), and sample type, that every frame must have. None and an empty text: those of the first
+        frame.
     bit_depth
         Number of bits that a sample may use. None: not checked.
     cfa
@@ -172,7 +173,7 @@ class Manifest:
                     )
 
     def coverage(self) -> tuple[tuple[Position, ...], tuple[Position, ...]]:
-        """Return the positions without a frame, and those with several frames.
+        """Return the positions (z, y, x) without a frame, and those with several frames.
 
         If ``plan_shape`` is unknown, the scan is assumed to be the smallest box from (0, 0, 0) that contains all
         positions.
@@ -189,7 +190,7 @@ class Manifest:
     def from_names(
         cls, names: Iterable[str], pattern: str | NamePattern, *, plan_shape: tuple[int, int, int] | None = None
     ) -> Manifest:
-        """Return the manifest of the relative paths in ``names`` that match ``pattern``; others are ignored.
+        """Return the manifest of the relative paths ``names`` that match ``pattern``; other paths are ignored.
 
         Raises
         ------
@@ -212,14 +213,14 @@ class Manifest:
     def from_order(
         cls, pages: Iterable[tuple[str, int]], plan_shape: tuple[int, int, int], order: str, *, early: bool = False
     ) -> Manifest:
-        """Return the manifest of ``pages``, given as (file, page) in the scan order ``order``.
+        """Return the manifest of ``pages``, which are pairs (file, page index) in the scan order ``order``.
 
         If ``early`` is true, there may be fewer pages than positions, because the scan stopped early.
 
         Raises
         ------
         InputError
-            If the number of pages differs from the number of positions, because the order does not show which pages are
+            If the number of pages differs from the number of positions: the order does not show which pages are
             missing.
         """
         pages, positions = list(pages), scan_positions(plan_shape, order)
@@ -348,16 +349,17 @@ _EXPECTED = ("plan_shape", "shape", "dtype", "bit_depth", "cfa")
 def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     """Read a manifest from ``.csv`` (frames only) or ``.json`` (frames and their common properties).
 
-    CSV: a header with ``file, z, y, x`` and any of ``page, exposure_s, dy, dx``, then one row per frame. JSON: an
-    object with the entry ``frames``, a list of objects with the same names, or only this list. The object may also have
-    the entries ``plan_shape`` (nz, ny, nx), ``shape`` (rows, columns), ``dtype``, ``bit_depth`` and ``cfa``.
+    A CSV file has a header with ``file, z, y, x`` and any of ``page, exposure_s, dy, dx``, followed by one row per
+    frame (as in `FrameEntry`). A JSON file is an object with the entry ``frames``, a list of objects with the same
+    names, or only this list. The object may also have the entries ``plan_shape`` (nz, ny, nx), ``shape`` (rows,
+    columns), ``dtype``, ``bit_depth`` and ``cfa``.
 
     Raises
     ------
     FileFormatError, InputError
         If the manifest is invalid; the message states file, line and column.
     UnsafeFileError
-        If the file of a frame is not below the session folder.
+        If the file of a frame is not in the session folder.
     StorageError
         If the file cannot be read.
 
@@ -378,7 +380,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
 
 
 def write_manifest(path: str | os.PathLike[str], manifest: Manifest) -> None:
-    """Write ``manifest`` atomically to ``.csv`` or ``.json``; CSV contains only the frames.
+    """Write ``manifest`` to a ``.csv`` or ``.json`` file atomically; a CSV file contains only the frames.
 
     Raises
     ------

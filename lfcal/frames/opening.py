@@ -51,25 +51,26 @@ def open_frames(
     orientation: str = AS_IS,
     origin: tuple[int, int] | None = None,
 ) -> Frames:
-    """Open the frames of a folder, a file, a recorded session or a scan plan, with their metadata.
+    """Open a folder, a file, a recorded session or a scan plan as a source of frames with their metadata.
 
     The folder of a recorded session needs no further arguments. Neither does the file of a scan plan, whose frames are
     simulated. For other files, positions come from exactly one of: a manifest, the file names, the scan order, or the
     file itself. A file states positions by the axes of a 5-D stack, or by ``positions`` in the same group of an HDF5
-    file. Whatever had to be guessed is listed in the metadata as ``notes``, one line each.
+    file. The ``notes`` of the metadata list everything that had to be guessed, one line each.
 
     Parameters
     ----------
     path
-        A folder of images; a manifest or another program's list (``.csv``, ``.tsv``, ``.txt``, ``.json``) in the
-        folder of its files; a file of many frames (multi-page TIFF, ``.npy``, HDF5, also with the dataset:
-        ``scan.h5::/entry/data/data``); the folder of a recorded session; or a scan plan (``.json``).
+        A folder of images; a manifest or a list written by another program (``.csv``, ``.tsv``, ``.txt``, ``.json``),
+        in the folder of its files; a file of many frames (multi-page TIFF, ``.npy``, or HDF5, to which the dataset may
+        be appended: ``scan.h5::/entry/data/data``); the folder of a recorded session; or a scan plan (``.json``).
     manifest
         A manifest or its path; ``manifest.json`` or ``manifest.csv`` in a folder is found automatically.
     pattern
         Pattern of file names that contain the position, such as ``"z{z}_y{y}_x{x}.png"``.
     order
-        ``"serpentine"`` or ``"raster"``: frames in the natural order of names and pages; needs ``plan_shape``.
+        Scan order of the frames, which are sorted by names and pages: ``"serpentine"`` or ``"raster"``, as in
+        `scan_positions`. It requires ``plan_shape``.
     plan_shape
         Number of positions of the scan ``(nz, ny, nx)``; with a manifest or pattern, no position may be outside it.
     colour, dataset
@@ -83,16 +84,17 @@ def open_frames(
         Assignment of a list's columns, such as ``"file=Name,y_um=PosY,x_um=PosX"``. The roles of other columns are
         guessed from their names.
     first
-        Number of the first position in names or lists, 0 or 1; None: detected.
+        Number of the first position along each axis in names or lists, 0 or 1; None: detected.
     plan
-        Scan plan to compare the stage coordinates of a list with; it also defines ``plan_shape``.
+        Scan plan with which the stage coordinates of a list are compared; it also defines ``plan_shape``.
     orientation
         Orientation of the frames (`lfcal.frames.orientation.ORIENTATIONS`), used where the light in the frames
         determines the axes of stage coordinates. ``"check"`` or ``"auto"``: unknown, see `lfcal.frames.lists.motion`.
         This function does not turn frames; use `lfcal.frames.oriented`.
     origin
-        For frames that show a part of the sensor (a camera's region of interest), row and column of their first pixel
-        on the sensor as delivered. Dark and white frames must show the same part or the complete sensor.
+        For frames that show a part of the sensor (the camera's region of interest), position (row, column) of their
+        first pixel on the sensor as delivered (px). Dark and white frames must show the same part or the complete
+        sensor.
 
     Raises
     ------

@@ -27,12 +27,12 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Orientation:
-    """A flip or rotation that makes delivered frames upright: a transposition, followed by flips.
+    """Flip or rotation that makes delivered frames upright: a transposition, followed by flips.
 
     Attributes
     ----------
     name
-        Name of the operation on the array, one of `ORIENTATIONS`.
+        Name of the operation that is applied to the array, one of `ORIENTATIONS`.
     words
         Description of the frames that need the operation, such as "turned by 180°".
     transposed, flip_rows, flip_columns
@@ -59,7 +59,7 @@ class Orientation:
 
     @property
     def inverse(self) -> Orientation:
-        """The orientation that undoes this one."""
+        """Orientation that reverses this one."""
         # all except the quarter turns are their own inverse
         return ORIENTATIONS[{"rot90": "rot270", "rot270": "rot90"}.get(self.name, self.name)]
 
@@ -69,11 +69,11 @@ class Orientation:
         return turned[:: -1 if self.flip_rows else 1, :: -1 if self.flip_columns else 1]
 
     def shape(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Return the rows and columns of a frame of ``shape`` after `apply`."""
+        """Return the shape ``(rows, columns)`` of a frame of ``shape`` after `apply` (px)."""
         return (shape[1], shape[0]) if self.transposed else shape
 
     def places(self, places: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
-        """Return the positions ``(..., 2)`` (row, column) that `apply` assigns to those in a frame of ``shape``."""
+        """Return the positions (row, column) ``(..., 2)`` after `apply` of ``places`` in a frame of ``shape`` (px)."""
         at = np.array(places, np.float64)
         if self.transposed:
             at = at[..., ::-1].copy()
@@ -85,7 +85,7 @@ class Orientation:
         return at
 
     def moves(self) -> NDArray[np.float64]:
-        """Return the matrix ``(2, 2)`` that converts a displacement (down, right) in a frame to that after `apply`."""
+        """Return the matrix ``(2, 2)`` that converts displacements (down, right) in a frame to those after `apply`."""
         return self.places(np.eye(2), (1, 1)).T
 
     def region(self, region: Region, shape: tuple[int, int]) -> Region:
@@ -131,11 +131,11 @@ f[:, ::-1]; ``"mirror y"`` f[::-1]; ``"transpose"`` f.T; ``"anti-transpose"`` f[
 
 
 def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
-    """Return the orientation of frames in which the image moves by ``moves``, and the residual.
+    """Return the orientation whose image motion is closest to ``moves``, and the residual.
 
-    The columns of ``moves`` ``(2, 2)`` are the observed motion (down, right) for one planned pixel down and for one
-    planned pixel right: the unit matrix for upright frames. The residual is the Frobenius norm of the difference
-    between ``moves`` and the matrix of exactly oriented frames.
+    The columns of ``moves`` ``(2, 2)`` are the observed motions (down, right; px) of the image for a planned motion of
+    one pixel down and of one pixel right: the unit matrix for upright frames. The residual is the Frobenius norm of the
+    difference between ``moves`` and the matrix of exactly oriented frames.
 
     Examples
     --------
@@ -151,7 +151,7 @@ def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
 
 
 def named_orientation(name: str) -> Orientation:
-    """Return the orientation called ``name``, written with spaces or hyphens; raises `InputError` for unknown names.
+    """Return the orientation ``name``, written with spaces or hyphens; raises `InputError` if there is none.
 
     Examples
     --------
@@ -168,19 +168,20 @@ def named_orientation(name: str) -> Orientation:
 
 
 class OrientedSource(SourceView):
-    """The frames of ``source`` turned by ``turn``; reading a region reads only that region.
+    """Source of the frames of ``source`` turned upright; reading a region reads only that region.
 
-    Apply this view last. Frames, darks and whites of one camera have the same orientation and are combined as
-    delivered; only the corrected result is turned. The positions of cutouts are turned together with the sensor.
+    Apply this view last. The frames, dark frames and white images of a camera have the same orientation and are
+    combined as delivered; only the corrected result is turned. The positions of cutouts are turned together with the
+    sensor.
 
     Parameters
     ----------
     source
-        Corrected frames as delivered.
+        Corrected frames in the orientation delivered.
     turn
         The orientation that makes them upright.
     sensor
-        Rows and columns of the sensor as delivered; None: the frames show the whole sensor.
+        Shape ``(rows, columns)`` of the sensor as delivered (px); None: the frames show the whole sensor.
     """
 
     def __init__(self, source: FrameSource, turn: Orientation, sensor: tuple[int, int] | None = None) -> None:
@@ -190,16 +191,16 @@ class OrientedSource(SourceView):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of every frame after turning."""
+        """Shape ``(rows, columns)`` of every frame after turning (px)."""
         return self.turn.shape(self.source.shape)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the turned frames, without facts that refer to pixels as delivered."""
+        """Return the metadata of the turned frames, without entries that refer to pixels as delivered."""
         origin = self.info(0).origin if known.origin is not None and len(self.source) else known.origin
         return replace(known, cfa="", channel_phase=None, darks={}, origin=origin, orientation=self.turn.name)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index``, with its origin and mask turned.
+        """Return what is known about frame ``index``, with its origin and mask turned.
 
         The drift stays unchanged, because it refers to the plan's upright image.
         """
@@ -223,7 +224,7 @@ class OrientedSource(SourceView):
         return self._turned(self.source.read(index, self._behind(region)))
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples of frame ``index``, with validity and noise, turned upright."""
+        """Return the turned samples of frame ``index`` or of its turned ``region``, with validity and noise."""
         found = self.source.samples(index, self._behind(region))
         return found._replace(
             values=self._turned(found.values),
@@ -246,16 +247,16 @@ class OrientedSource(SourceView):
 
 
 def oriented(source: FrameSource, turn: Orientation, sensor: tuple[int, int]) -> FrameSource:
-    """Return the frames of ``source`` turned upright, or ``source`` itself if no turning is needed.
+    """Return a source of the frames of ``source`` turned upright, or ``source`` itself if they are upright.
 
     Parameters
     ----------
     source
-        Corrected frames as delivered.
+        Corrected frames in the orientation delivered.
     turn
         The orientation that makes them upright.
     sensor
-        Rows and columns of the upright sensor; the positions of cutouts are turned together with it.
+        Shape ``(rows, columns)`` of the upright sensor (px); the positions of cutouts are turned together with it.
 
     Examples
     --------

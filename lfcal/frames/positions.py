@@ -33,8 +33,9 @@ _FIELD = re.compile(r"\{([^{}]*)\}|\*")
 def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list[Position]:
     """Return all positions (z, y, x) of a scan of shape ``(nz, ny, nx)`` in the order in which they are recorded.
 
-    ``"raster"`` varies x fastest, then y, then z, always in the same direction. ``"serpentine"`` reverses the
-    direction after each row and each plane, so that every move is one step, as in `lfcal.camera.ScanPlan`.
+    In ``"raster"`` order, x varies fastest, then y, then z, always in the same direction. ``"serpentine"`` order
+    reverses the direction after each row and each plane, so that every move is a single step, as in
+    `lfcal.camera.ScanPlan`.
 
     Raises
     ------
@@ -121,11 +122,12 @@ class NamePattern:
     Attributes
     ----------
     template
-        Path below the session folder. ``{z}``, ``{y}`` and ``{x}`` are the position and ``{page}`` is the page. All are
-        whole numbers, possibly with leading zeros. A width such as ``{z:03d}`` is used only when names are created.
-        ``*`` matches any text without a slash. ``z`` may be omitted for a single plane.
+        Path relative to the session folder. ``{z}``, ``{y}`` and ``{x}`` match the indices of the position, and
+        ``{page}`` that of the page. All are whole numbers, possibly with leading zeros. A width such as ``{z:03d}`` is
+        used only when names are created. ``*`` matches any text without a slash. ``z`` may be omitted for a single
+        plane.
     first
-        Number of the first position in the names, 0 or 1.
+        Number of the first position along each axis in the names, 0 or 1.
     expression
         Regular expression that matches the names; computed from ``template``.
 
@@ -192,7 +194,7 @@ class NamePattern:
         return re.compile("".join(parts))
 
     def parse(self, name: str) -> tuple[Position, int] | None:
-        """Return the position and the page from the relative path ``name``; None if it does not match the pattern.
+        """Return the position (z, y, x) and the page from the relative path ``name``; None if it does not match.
 
         Raises
         ------
@@ -211,7 +213,7 @@ class NamePattern:
         return Position(z, y, x), found.get("page", 0)
 
     def name(self, position: Position, page: int = 0) -> str:
-        """Return the relative path of the frame at ``position``.
+        """Return the relative path of the frame at ``position`` (z, y, x).
 
         Raises
         ------

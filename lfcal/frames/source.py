@@ -37,24 +37,24 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class FrameInfo:
-    """Facts about one frame that are known without reading it. None means unknown.
+    """Metadata of one frame that are known without reading it. None means unknown.
 
     Attributes
     ----------
     points
-        Scan positions of the point sources that the frame shows.
+        Scan positions (z, y, x) of the point sources that the frame shows.
     origin
-        Row and column on the sensor of the frame's first pixel; (0, 0) for frames of the whole sensor.
+        Position (row, column) of the frame's first pixel on the sensor (px); (0, 0) for frames of the whole sensor.
     exposure_s
         Exposure (s).
     drift
-        Displacement of the paraxial image from its planned position (rows, columns; pixels).
+        Displacement (rows, columns) of the paraxial image from its planned position on the sensor (px).
     saturated
-        Number of saturated pixels in the frame, if they were counted during recording.
+        Number of saturated pixels in the frame, if counted during recording.
     label
-        Short name for messages, such as that of the file.
+        Short name for messages, such as the file name.
     mask
-        True at pixels with a measurement, ``(rows, columns)``; None: no pixel is known to lack one.
+        Mask ``(rows, columns)``, True at pixels with a measurement; None: no invalid pixels are known.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class FrameInfo:
 
     @property
     def position(self) -> Position:
-        """The scan position (z, y, x) of a frame of one point; raises `InputError` for frames of several points."""
+        """Scan position (z, y, x) of a frame of a single point; raises `InputError` for frames of several points."""
         if len(self.points) != 1:
             raise InputError.expected(
                 self.label or "frame",
@@ -87,7 +87,7 @@ class FrameInfo:
 
 
 class LeftOut(NamedTuple):
-    """A damaged frame that was left out: its name, scan position (None for a dark frame), and damage."""
+    """A damaged frame that was left out: its name, scan position (z, y, x; None for a dark frame), and damage."""
 
     label: str
     position: Position | None
@@ -98,11 +98,11 @@ Number: TypeAlias = float | NDArray[np.float64]
 
 
 class Noise(NamedTuple):
-    """The variance of a sample of value v, ``constant + slope * max(v - black, 0)``, in squared sample values.
+    """Model of the noise of a sample: at the value v, the variance is ``constant + slope * max(v - black, 0)`` counts².
 
     A sensor with g electrons per count and r electrons of read noise has ``constant = (r / g)^2 + 1/12`` (quantization)
-    and ``slope = 1 / g`` (photon noise). Each is a number, or an array ``(rows, columns)`` with a value for every
-    sample. ``black`` is the sample value without light; None: unknown, and treated as 0.
+    and ``slope = 1 / g`` (photon noise). Both are numbers, or arrays ``(rows, columns)`` with a value for every sample.
+    ``black`` is the sample value without light (counts); None: unknown, and treated as 0.
 
     Examples
     --------
@@ -123,25 +123,25 @@ class Noise(NamedTuple):
         return Noise(self.constant * factor * factor, self.slope * abs(factor), black)
 
     def of_mean(self, count: int) -> Noise:
-        """Return the noise of the mean of ``count`` samples."""
+        """Return the noise of the mean of ``count`` samples with this noise."""
         return Noise(self.constant / count, self.slope / count, self.black)
 
     def moved(self, move: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Noise:
-        """Return the noise of samples rearranged by ``move``; plain numbers apply to all samples and stay unchanged."""
+        """Return the noise of samples that the function ``move`` rearranges; only arrays of the noise are changed."""
         constant, slope = (move(n) if isinstance(n, np.ndarray) and n.ndim else n for n in (self.constant, self.slope))
         return Noise(constant, slope, self.black)
 
     def variance(self, values: NDArray[Any]) -> NDArray[np.float64]:
-        """Return the variance of each sample of ``values``, in squared sample values."""
+        """Return the variance of each sample of ``values`` (counts²), in the shape of ``values``."""
         light = np.maximum(np.asarray(values, np.float64) - (self.black or 0.0), 0.0)
         found: NDArray[np.float64] = self.constant + self.slope * light
         return found
 
     def typical(self, values: NDArray[Any]) -> Noise:
-        """Return noise with a single constant and slope, and a black level of 0, that best describes all ``values``.
+        """Return the noise with single numbers and a black level of 0 that best describes all ``values``.
 
-        If constant and slope differ between samples, as after division by a white image, single values are found by a
-        least-squares fit. It preserves the mean variance and approximates its growth with the signal.
+        If constant or slope differs between samples, as after division by a white image, single numbers are fitted by
+        least squares. The fit preserves the mean variance, and approximates its growth with the signal.
         """
         if not isinstance(self.constant, np.ndarray) and not isinstance(self.slope, np.ndarray):
             if not self.black:
@@ -170,39 +170,41 @@ class DarkNoise:
 
 @dataclass(frozen=True)
 class FrameMetadata:
-    """Facts about all frames of a source. None, an empty value, or the default means unknown.
+    """Metadata common to all frames of a source. None, an empty value, or the default means unknown.
 
-    A view returns the metadata of its source, changed by `dataclasses.replace`.
+    A source that processes the frames of another source returns a modified copy of its metadata.
 
     Attributes
     ----------
     bit_depth
         Number of bits that a sample may use.
     saturation
-        Sample value at which a pixel is saturated; None also if it differs between pixels.
+        Sample value at which a pixel is saturated (counts); None also if it differs between pixels.
     black_level
-        Sample value without light, or a tuple with one value for each position of the colour filter pattern, by rows.
+        Sample value without light (counts), or a tuple with one value for each position of the colour filter pattern,
+        by rows.
     cfa
         Colour filter pattern by rows, from the first pixel of the frames, such as ``"RGGB"``; empty also for monochrome
         frames.
     gains
-        White-balance factors of the camera for the positions of the pattern, by rows; for a single channel, one number.
+        White-balance factors of the camera for the positions of the colour filter pattern, by rows; for a single
+        channel, one number.
     noise
         Noise of the samples before any correction.
     darks
-        Dark frames recorded with the frames, by exposure (s).
+        Dark frames recorded with the frames, by exposure time (s).
     lost_darks
-        Exposures (s) for which all recorded dark frames are damaged.
+        Exposure times (s) for which all recorded dark frames are damaged.
     left_out
         Damaged frames that were left out.
     codec
         Compression of the samples in the files, such as ``{"name": "lzw", "lossless": True}``. Stored with H.
     colour
-        Component of colour images that the frames show, one of `lfcal.frames.opening.COMPONENTS`.
+        Component of colour images to which the frames correspond, one of `lfcal.frames.opening.COMPONENTS`.
     pixel_um
         Size of a pixel in object space, as stated by the files (µm).
     path
-        File or folder that the frames come from.
+        File or folder from which the frames are read.
     notes
         Guesses made when the frames were opened, one line each.
     plan
@@ -210,32 +212,34 @@ class FrameMetadata:
     plan_shape
         Number of positions ``(nz, ny, nx)`` of the scan.
     origin
-        Row and column of the frames' first pixel on the sensor as delivered, if all frames show the same part. Stored
-        with H.
+        Position (row, column) of the frames' first pixel on the sensor as delivered (px), if all frames show the same
+        part. Stored with H.
     stated_origin
-        The origin that the files state, which has not been confirmed.
+        Position (row, column) of the first pixel that the files state (px), but that has not been confirmed.
     channel
-        The only channel of the colour filter pattern that the frames show, such as ``"G1"``; empty: all, or monochrome.
+        Channel of the colour filter pattern, such as ``"G1"``, if the frames contain only one; empty: all channels, or
+        monochrome.
     channel_phase
-        Row and column of the channel's first pixel in the mosaic.
+        Position (row, column) of the channel's first pixel in the mosaic.
     pixel_step
-        Distance from one pixel of the channel to the next (pixels of the mosaic).
+        Distance between neighbouring pixels of the channel (pixels of the mosaic).
     balanced_by
-        Factors by which the positions of the pattern were multiplied, by rows.
+        Factors by which the positions of the colour filter pattern were multiplied, by rows.
     shift
         Number of bits by which left-aligned samples were shifted down.
     corrections
         The applied corrections (`CorrectionChain.describe`). Stored with H.
     keeps_level
-        Whether the corrections leave the black level in the frames; None: no corrections were applied.
+        Whether the corrected frames still contain the black level; None: no corrections were applied.
     dark_noise
-        Noise added by the subtracted dark frame, if the same one is subtracted from all frames.
+        Noise added by the subtracted dark frame, if it is the same for all frames.
     half_cell
-        Facts about frames copied from half a period away (`lfcal.frames.half_cell`), in the form stored with H: number
-        of ``frames`` copied, number of positions ``filled``, ``shift`` (positions), ``residual_px``, and ranges of
-        ``positions``.
+        Details of the frames copied from half a period away (`lfcal.frames.half_cell`), in the form stored with H. The
+        keys are ``frames`` (number copied), ``filled`` (number of positions), ``shift`` (in positions), ``residual_px``
+        and ``positions`` (ranges).
     orientation
-        Name of the orientation that made the frames upright (`lfcal.frames.ORIENTATIONS`); None: as delivered.
+        Name of the orientation that was applied to make the frames upright (`lfcal.frames.ORIENTATIONS`); None: as
+        delivered.
     session
         Identifier of the recorded session. Stored with H.
     devices
@@ -245,7 +249,7 @@ class FrameMetadata:
     simulated
         ``effects``, ``level`` and ``seed`` of simulated frames. Stored with H.
     suspect
-        Positions whose frames appeared suspect during recording, with the reason: ``[z, y, x, reason]``. Stored with H.
+        Positions whose frames appeared suspect during recording, as ``[z, y, x, reason]``. Stored with H.
     kept_aside
         Positions ``[z, y, x]`` held out from a fit. Stored with H.
     earlier_tasks
@@ -253,13 +257,13 @@ class FrameMetadata:
     target
         Plan of the target that the frames show (`lfcal.targets.TargetPlan`).
     target_frames
-        Plane number and offset number of each frame of a target.
+        Pair (plane index, offset number) of each frame of a target.
     decoded
-        Whether sums of several offsets of a target were decoded into single offsets.
+        Whether the frames were decoded from frames that each show several offsets of a target together.
     points_left_out
         Number of points in a target's frames that correspond to no position of the scan.
     other
-        Facts from a special kind of source, such as a plug-in; lfcal does not use them.
+        Further metadata, for example from a plug-in; lfcal does not use them.
 
     Examples
     --------
@@ -313,7 +317,7 @@ class FrameMetadata:
 
     @classmethod
     def of(cls, known: FrameMetadata | Mapping[str, Any]) -> FrameMetadata:
-        """Return the metadata of a source as a record; entries of a mapping without a field are stored in ``other``.
+        """Return the metadata of a source as a `FrameMetadata`; unknown entries of a mapping are put into ``other``.
 
         Older plug-ins return their metadata as a mapping, in which None means unknown, like a missing entry.
 
@@ -333,7 +337,7 @@ class FrameMetadata:
         return cls(**stated, other={key: value for key, value in known.items() if key not in names})
 
     def stated(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return those of the fields ``names`` that are not empty, in the given order and in the form stored with H."""
+        """Return the fields ``names`` that are not empty, by name, in the given order and in the form stored with H."""
         return {name: value for name in names if (value := getattr(self, name))}
 
 
@@ -343,9 +347,9 @@ class Samples(NamedTuple):
     Attributes
     ----------
     values
-        Samples ``(rows, columns)``.
+        Values of the samples (counts), ``(rows, columns)``.
     valid
-        False at samples without a measurement (saturated or masked), ``(rows, columns)``; None: all are valid.
+        Mask ``(rows, columns)``, False at samples without a measurement (saturated or masked); None: all are valid.
     noise
         Noise of the samples; None: unknown.
     saturated
@@ -369,7 +373,7 @@ class Samples(NamedTuple):
 
 @runtime_checkable
 class FrameSource(Protocol):
-    """Protocol of a source of equally shaped 2-D frames; subclass `Frames` to implement it.
+    """Protocol for a source of 2-D frames of equal shape; subclass `Frames` to implement it.
 
     Frames may be in any order; a position may be missing or occur several times. Reading is thread-safe. ``metadata``
     does not change while the source is open.
@@ -377,7 +381,7 @@ class FrameSource(Protocol):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of every frame."""
+        """Shape ``(rows, columns)`` of every frame (px)."""
         ...
 
     @property
@@ -387,7 +391,7 @@ class FrameSource(Protocol):
 
     @property
     def metadata(self) -> FrameMetadata:
-        """Facts about all frames."""
+        """Metadata common to all frames."""
         ...
 
     def __len__(self) -> int:
@@ -395,7 +399,7 @@ class FrameSource(Protocol):
         ...
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index``."""
+        """Return what is known about frame ``index`` without reading it."""
         ...
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
@@ -426,7 +430,7 @@ class Frames(ABC):
     @property
     @abstractmethod
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of every frame."""
+        """Shape ``(rows, columns)`` of every frame (px)."""
 
     @property
     @abstractmethod
@@ -435,7 +439,7 @@ class Frames(ABC):
 
     @property
     def metadata(self) -> FrameMetadata:
-        """Facts about all frames."""
+        """Metadata common to all frames."""
         return _UNKNOWN
 
     @abstractmethod
@@ -444,21 +448,21 @@ class Frames(ABC):
 
     @abstractmethod
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index``."""
+        """Return what is known about frame ``index`` without reading it."""
 
     @abstractmethod
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
         """Return frame ``index``, or the rows and columns ``region`` of it, as a new array of `dtype`."""
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the result of `read` with saturated and masked samples marked."""
+        """Return the result of `read` and its validity: saturated and masked samples are invalid."""
         known = FrameMetadata.of(self.metadata)  # sources of earlier plug-ins return a mapping
         found = observed(self.read(index, region), known.saturation, known.noise)
         mask = self.info(index).mask
         return found if mask is None else masked(found, mask if region is None else mask[region])
 
     def repeats(self) -> FrameSource | None:
-        """Return additional frames of one position, recorded repeatedly with the same settings; None if unavailable."""
+        """Return a source of repeated frames of one position with the same settings; None if there are none."""
         return None
 
     def close(self) -> None:  # noqa: B027  most sources keep nothing open

@@ -30,7 +30,7 @@ __all__ = ["CorrectedSource", "corrected", "corrected_noise"]
 
 
 class CorrectedSource(SourceView):
-    """Corrected float32 frames of ``source``; reading a region processes only the region and its margin.
+    """Source of the corrected frames of ``source`` as float32; reading a region processes only it and its margin.
 
     Calibration frames are in sensor coordinates, so a frame that is a cutout is corrected at its position on the
     sensor. If the background is measured on each frame, the complete frame is read.
@@ -71,7 +71,7 @@ class CorrectedSource(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the raw frames, extended by a description of the corrections."""
+        """Return the metadata of the raw frames with a description of the corrections added."""
         chain, dark = self.chain, self.chain.only_dark()
         noise = known.dark_noise
         if dark is not None and dark.count:
@@ -86,12 +86,12 @@ class CorrectedSource(SourceView):
         return None if found is None else CorrectedSource(found, self.chain)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
-        """Return the corrected frame ``index``, or the part of it in ``region``."""
+        """Return the corrected frame ``index``, or its rows and columns ``region``."""
         values: NDArray[np.float32] = self.samples(index, region).values
         return values
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the corrected samples; whether one is saturated is decided by its raw value.
+        """Return the corrected samples; saturation is determined from the raw values.
 
         Raises
         ------
@@ -183,12 +183,12 @@ class CorrectedSource(SourceView):
 
 
 def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:
-    """Return the frames of ``source`` corrected by ``chain``, as a `FrameSource`.
+    """Return a source of the frames of ``source``, corrected by ``chain`` when they are read.
 
     Raises
     ------
     InputError
-        If the calibration frames of the chain do not have the shape of the frames.
+        If the shapes of the calibration frames and of the frames differ.
 
     Examples
     --------

@@ -39,23 +39,25 @@ _EMPTY.setflags(write=False)  # read-only like the frames of the steps, so that 
 
 @dataclass(frozen=True, eq=False)
 class CorrectionChain:
-    """Corrections in their order: mask, dark, white, defects, then background and exposure in either order.
+    """Corrections applied in this order: mask, dark, white, defects, then background and exposure in either order.
 
-    Every step may be omitted, and none may occur twice. An empty chain only converts samples to float32. Nothing is
+    Any step may be omitted, and none may occur twice. An empty chain only converts samples to float32. Values are not
     clipped. Masked pixels become NaN. Dark, white, background and exposure are applied in one compiled pass. Defects
-    are interpolated afterwards, with the same result as if they had been repaired in their order.
+    are interpolated afterwards, with the same result as if they had been repaired at their place in the order.
 
     Attributes
     ----------
     steps
-        `PixelMask`, `Dark`, `White`, `Defects`, `Background`, `Exposure`.
+        Sequence of `PixelMask`, `Dark`, `White`, `Defects`, `Background` and `Exposure` objects, in the order of
+        application.
     saturation
-        Sample value at which a pixel counts as saturated; None: the value in the frames' metadata.
+        Raw sample value at which a pixel is saturated (counts); None: the value in the frames' metadata.
 
     Raises
     ------
     InputError
-        If the order is wrong (the message states what to swap), a step occurs twice, or steps fit different sensors.
+        If the order is wrong (the message states what to swap), a step occurs twice, or steps are for sensors of
+        different shapes.
 
     Examples
     --------
@@ -106,18 +108,18 @@ class CorrectionChain:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Rows and columns of the frames that the chain fits; None: any shape."""
+        """Shape ``(rows, columns)`` of the frames to which the chain applies (px); None: any shape."""
         return next((step.shape for step in self.steps if step.shape is not None), None)
 
     @property
     def margin(self) -> int:
-        """Number of pixels to read around a region to correct it exactly as in the whole frame."""
+        """Width of the margin needed around a region to correct the region exactly as in the whole frame (px)."""
         defects = self._find(Defects)
         return 0 if defects is None else defects.margin
 
     @property
     def measures_frames(self) -> bool:
-        """Whether the background is measured on each frame, so that a region cannot be corrected without its frame."""
+        """Whether the background is measured on each frame, so that correcting a region requires the whole frame."""
         background: Background | None = self._find(Background)
         return background is not None and background.measured
 
@@ -134,11 +136,11 @@ class CorrectionChain:
         Parameters
         ----------
         frame
-            Raw frame of any integer or float type; not changed.
+            Raw frame ``(rows, columns)`` of any integer or float type; it is not changed.
         exposure_s
-            Exposure of this frame (s); needed if the chain has an `Exposure`.
+            Exposure time of the frame (s); required if the chain has an `Exposure` step.
         out
-            Contiguous float32 array to write to; None: a new one.
+            Contiguous float32 array ``(rows, columns)`` for the result; None: a new array.
         workers
             Number of threads; None: all processors.
 
@@ -160,14 +162,14 @@ class CorrectionChain:
         exposure_s: float | None = None,
         background: Plane | None = None,
     ) -> NDArray[np.float32]:
-        """Return the corrected part ``inside`` of a frame, ``(rows, columns)`` float32.
+        """Return the corrected region ``inside`` of a frame, ``(rows, columns)`` float32.
 
         Parameters
         ----------
         part
-            Raw pixels of ``region``.
+            Raw pixels of ``region``, ``(rows, columns)``; not changed.
         region
-            Rows and columns of ``part`` in sensor coordinates, ``slice(start, stop)`` each.
+            Rows and columns of ``part`` in sensor coordinates (px), as ``slice(start, stop)`` each.
         inside
             Region to return, within ``region``; None: all of it. The result equals that of the whole frame if
             ``region`` exceeds ``inside`` by `margin` on every side (`grow_region`).
@@ -214,8 +216,8 @@ class CorrectionChain:
     ) -> Plane:
         """Return a frame's background for `apply_region`: its level at pixel (0, 0), and slopes per row and per column.
 
-        ``read`` is a function that returns raw regions of the frame of ``shape``. Only the border of the frame is read,
-        or nothing if the background is constant.
+        ``read`` is a function that returns raw regions of the frame, whose rows and columns are ``shape``. Only the
+        border of the frame is read, or nothing if the background is constant.
         """
         background: Background | None = self._find(Background)
         if background is None:
@@ -232,44 +234,44 @@ class CorrectionChain:
         return background.measure(part, shape)
 
     def keeps_level(self) -> bool:
-        """Whether no step of the chain subtracts the black level."""
+        """Return whether corrected frames still contain the black level, because no step subtracts it."""
         return not any(isinstance(step, Dark | DarkSet | Background) for step in self.steps)
 
     def factor(self, exposure_s: float | None) -> float:
-        """Return the factor of `Exposure` for a frame with this exposure; 1 without that step."""
+        """Return the factor of the `Exposure` step for a frame with this exposure time (s); 1 without that step."""
         step: Exposure | None = self._find(Exposure)
         return 1.0 if step is None else step.factor(exposure_s)
 
     def gain(self, region: Region) -> NDArray[np.float64] | None:
-        """Return the factors of `White` in a sensor region, ``(rows, columns)``; None without that step."""
+        """Return the factors of the `White` step in a sensor region, ``(rows, columns)``; None without that step."""
         white: White | None = self._find(White)
         return None if white is None else white.gain[region].astype(np.float64)
 
     def dark_at(self, exposure_s: float | None) -> Dark | None:
-        """Return the dark that is subtracted from frames with the exposure ``exposure_s``; None without a dark step."""
+        """Return the `Dark` step for frames with the exposure time ``exposure_s`` (s); None without a dark step."""
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         return None if found is None else found.at(exposure_s)
 
     def only_dark(self) -> Dark | None:
-        """Return the dark that is subtracted from every frame; None if there is no dark or one for each exposure."""
+        """Return the `Dark` step that applies to every frame; None if there is none, or one for each exposure time."""
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         if isinstance(found, DarkSet):
             return next(iter(found.darks.values())) if len(found.darks) == 1 else None
         return found
 
     def level(self, plane: Plane, exposure_s: float | None, place: tuple[float, float]) -> float:
-        """Return a frame's background at the sensor position ``place`` (row, column), in corrected sample values."""
+        """Return a frame's background at the sensor position ``place`` (row, column; px), in corrected counts."""
         _, offset = self._affine(plane, exposure_s)
         return float(offset[0] + offset[1] * place[0] + offset[2] * place[1])
 
     def masked(self, region: Region) -> NDArray[np.bool_] | None:
-        """Return a boolean map ``(rows, columns)`` of the masked pixels in a sensor region; None if none is masked."""
+        """Return a mask ``(rows, columns)``, True at the masked pixels of a sensor region; None if none is masked."""
         mask: PixelMask | None = self._find(PixelMask)
         lost = None if mask is None else mask.lost[region]
         return lost if lost is not None and lost.any() else None
 
     def repaired(self, region: Region) -> NDArray[np.intp]:
-        """Return the repaired defects in a sensor region, ``(n, 2)`` as (row, column) relative to its first pixel."""
+        """Return the repaired defects in a sensor region, ``(n, 2)``: (row, column) relative to its first pixel."""
         defects: Defects | None = self._find(Defects)
         if defects is None or not len(defects):
             return np.zeros((0, 2), np.intp)
@@ -278,7 +280,7 @@ class CorrectionChain:
         return inside
 
     def describe(self) -> dict[str, Any]:
-        """Return a JSON-compatible description for provenance: every step with its parameters and checksums."""
+        """Return a JSON-compatible description for provenance: each step with its parameters and checksums."""
         return {"steps": [step.describe() for step in self.steps], "saturation": self.saturation}
 
     def _find(self, kind: type[Any]) -> Any:

@@ -22,31 +22,31 @@ MAX_SHARE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Defects:
-    """Repair defective pixels: each becomes the mean of its nearest good neighbours of the same colour.
+    """Correction that replaces each defective pixel by the mean of its nearest good neighbours of the same colour.
 
-    Defects are listed in sensor coordinates. A repair is linear in the frame. Pixels that the reader has marked as NaN
-    in a frame of floats need not be listed. They are also repaired if a neighbour within one period of the pattern is
-    good.
+    Defects are listed in sensor coordinates. A repair is linear in the frame. Pixels of a floating-point frame that the
+    reader has set to NaN need not be listed. They are also repaired if a neighbour within one period of the colour
+    filter pattern is good.
 
     Attributes
     ----------
     pixels
-        Row and column of each defect, shape ``(n, 2)``.
+        Row and column of each defect on the sensor, ``(n, 2)``.
     shape
-        Rows and columns of the sensor.
+        Shape ``(rows, columns)`` of the sensor (px).
     cfa
-        Colour filter pattern by rows, empty for monochrome.
+        Colour filter pattern by rows, such as ``"RGGB"``; empty for monochrome frames.
     kinds
-        ``"hot"``, ``"dead"``, ``"stuck"`` or ``"listed"`` for each pixel; empty if unknown.
+        Kind of each defect: ``"hot"``, ``"dead"``, ``"stuck"`` or ``"listed"``; empty if unknown.
     neighbours, margin
-        Neighbours used for each pixel, shape ``(n, m, 2)``, padded with -1, and the largest distance of a neighbour
-        (pixels); both are computed.
+        Row and column of up to m neighbours used for each defect, ``(n, m, 2)``, padded with -1; and the largest
+        distance of a neighbour (px). Both are computed.
 
     Raises
     ------
     InputError
-        If a pixel is outside the sensor, has no good neighbour of its colour within two periods of the pattern, or
-        more than 5 % of the sensor is defective.
+        If a pixel is outside the sensor, or has no good neighbour of its colour within two periods of the pattern; or
+        if more than 5 % of the sensor is defective.
 
     Examples
     --------
@@ -118,7 +118,7 @@ class Defects:
         return int(self.neighbours.shape[0])
 
     def mask(self) -> NDArray[np.bool_]:
-        """Return a boolean map of the sensor, ``(rows, columns)``, that is true at the defects."""
+        """Return a mask of the sensor, ``(rows, columns)``, True at the defects."""
         mask = np.zeros(self.shape, bool)
         pixels = np.asarray(self.pixels)
         mask[pixels[:, 0], pixels[:, 1]] = True
@@ -226,22 +226,23 @@ def iter_find_defects(
 
     Each pixel is compared with its eight nearest neighbours of the same colour, of which two may be defective. A pixel
     is *hot* if its lowest value over the frames exceeds theirs by ``threshold`` robust standard deviations, and by half
-    of their difference from the field. It must also be brighter than them in half of the frames. A pixel is *dead* or
-    *stuck* if its range of values is less than a tenth of theirs, although a spot surrounded it in some frame. A dead
-    pixel stays at the lowest value. Dead and stuck pixels are found only in 8 or more frames, and only where spots
-    cover them. Use frames of different positions, or several dark frames: in frames of a single position, spots would
-    look like hot pixels. Frames are read a second time if any pixel is suspect.
+    of the amount by which they exceed the field. It must also be brighter than they are in half of the frames. A pixel
+    is *dead* or *stuck* if its values vary by less than a tenth of the range of its neighbours, although a spot
+    surrounded it in some frame. A dead pixel remains at the level without light. Dead and stuck pixels are found only
+    in 8 or more frames, and only where spots cover them. Use frames of different positions, or several dark frames: in
+    frames of a single position, spots would look like hot pixels. Frames are read a second time if any pixel is
+    suspect.
 
     Parameters
     ----------
     source
-        Raw or dark-corrected frames; the colour filter comes from their metadata.
+        Raw or dark-corrected frames; their metadata state the colour filter pattern.
     frames
-        Largest number of frames to read, evenly spread.
+        Largest number of frames to read, evenly spread over the source.
     threshold
         Threshold for hot pixels, in robust standard deviations of the differences from neighbours.
     ignore
-        Boolean map ``(rows, columns)``, true at pixels that are not examined; None: all pixels are examined.
+        Mask ``(rows, columns)``, True at pixels that are not examined; None: all pixels are examined.
     workers
         Number of threads; None: all processors.
 

@@ -39,7 +39,7 @@ __all__ = ["build_chain", "check_turned_colours", "corrected_view", "first_image
 
 
 def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan | None = None) -> CorrectedSource:
-    """Return the frames of ``source`` with the corrections of ``recipe``, which are applied when a frame is read.
+    """Return a source of the frames of ``source`` with the corrections of ``recipe``, applied when a frame is read.
 
     Parameters
     ----------
@@ -75,18 +75,18 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
 
 
 def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: CorrectionRecipe, applied: str) -> None:
-    """Raise `InputError` if frames are rotated but their colour pattern is known only for the upright sensor.
+    """Raise `InputError` if frames are rotated, but their colour filter pattern is known only for the upright sensor.
 
     Parameters
     ----------
     frames
-        Frames as delivered, before their corrections.
+        Frames as delivered, before corrections.
     plan
         Plan of the scan, whose sensor may have a colour filter.
     recipe
-        The corrections, some of which depend on single colours.
+        The corrections, some of which treat colours separately.
     applied
-        Name of the orientation that makes the frames upright.
+        Name of the orientation that is applied to make the frames upright.
 
     Examples
     --------

@@ -31,9 +31,9 @@ DIFFERENCED = 1 << 20
 
 
 def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
-    """Return the mean of equally shaped frames ``(rows, columns)``, summed in float64.
+    """Return the mean of frames of equal shape ``(rows, columns)`` as float32; the sum is computed in float64.
 
-    Use it for dark and white sequences, and for repeated frames of one position.
+    Use it for series of dark or white images, and for repeated frames of one position.
 
     Raises
     ------
@@ -89,12 +89,12 @@ def fingerprint(array: NDArray[Any]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PixelMask:
-    """Mask pixels without information: they are invalid, and no other pixel is computed from them.
+    """Correction that masks pixels without information: they are invalid, and no other pixel is computed from them.
 
     Attributes
     ----------
     lost
-        True at the masked pixels, ``(rows, columns)`` of the sensor.
+        Mask ``(rows, columns)`` of the sensor, True at the pixels without information.
 
     Raises
     ------
@@ -126,7 +126,7 @@ class PixelMask:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the frames that the step fits."""
+        """Shape ``(rows, columns)`` of the frames to which the step applies (px)."""
         return self.lost.shape[0], self.lost.shape[1]
 
     def describe(self) -> dict[str, Any]:
@@ -136,22 +136,21 @@ class PixelMask:
 
 @dataclass(frozen=True, eq=False)
 class Dark:
-    """Subtract the dark signal of the sensor; negative differences are kept.
+    """Correction that subtracts the dark signal of the sensor; negative differences are kept.
 
     Attributes
     ----------
     frame
-        Mean dark frame ``(rows, columns)`` in sample values; None if a level suffices.
+        Mean dark frame (counts), ``(rows, columns)``; None: only ``level`` is subtracted.
     level
-        Constant level to subtract in addition to ``frame`` (sample values), such as the black level of a camera RAW
-        file.
+        Constant level to subtract in addition to ``frame`` (counts), such as the black level of a camera RAW file.
     origin
-        Row and column on the sensor of the first pixel of ``frame``. A dark frame that shows only a part of the sensor
+        Position (row, column) on the sensor of the first pixel of ``frame`` (px). A dark frame of a part of the sensor
         can be subtracted only within that part.
     count
         Number of averaged frames, which determines the noise of ``frame``; 0: unknown.
     variance
-        Temporal variance of a sample in a single dark frame (squared sample values); None: not measured.
+        Temporal variance of a sample in a single dark frame (counts²); None: not measured.
 
     Raises
     ------
@@ -181,18 +180,18 @@ class Dark:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Rows and columns of the frames that the step fits; None: any shape."""
+        """Shape ``(rows, columns)`` of the frames to which the step applies (px); None: any shape."""
         # a dark of a part of the sensor does not know the shape of whole frames
         if self.frame is None or self.origin != (0, 0):
             return None
         return self.frame.shape[0], self.frame.shape[1]
 
     def at(self, exposure_s: float | None) -> Dark:
-        """Return this dark, which applies to every exposure."""
+        """Return this object, which applies to every exposure time."""
         return self
 
     def part(self, region: Region) -> NDArray[np.float32] | None:
-        """Return the contiguous dark values of a sensor region; raises `InputError` if it is not covered."""
+        """Return the values of ``frame`` in a sensor region; raises `InputError` if ``frame`` does not cover it."""
         if self.frame is None:
             return None
         inside = moved(region, (-self.origin[0], -self.origin[1]))
@@ -232,7 +231,7 @@ class DarkSet:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Rows and columns of the frames that the step fits; None: any shape."""
+        """Shape ``(rows, columns)`` of the frames to which the step applies (px); None: any shape."""
         return next(iter(self.darks.values())).shape
 
     def at(self, exposure_s: float | None) -> Dark:
@@ -289,31 +288,33 @@ def white_gain(
 
 @dataclass(frozen=True, eq=False)
 class White:
-    """Divide frames by the relative brightness of a white frame, which removes vignetting.
+    """Correction that divides frames by the relative brightness of a white image, which removes vignetting.
 
-    The white frame minus its dark is divided by its 99th percentile, separately for each colour of a mosaic. The
+    The white image minus its dark frame is divided by its 99th percentile, separately for each colour of a mosaic. The
     brightest part of the field then keeps its values, and colours keep their ratio. Where the relative brightness is
     below ``floor``, as in the gaps between lenslet images, pixels are divided by ``floor`` and marked in ``dim``.
 
     Attributes
     ----------
     frame
-        Mean white frame ``(rows, columns)`` in sample values; not stored.
+        Mean white image (counts), ``(rows, columns)``; not stored.
     dark
-        Dark frame or level to subtract from ``frame``; 0 if it has been subtracted. Not stored.
+        Dark frame ``(rows, columns)`` or level to subtract from ``frame`` (counts); 0 if it was already subtracted. Not
+        stored.
     floor
-        Lowest relative brightness to divide by, in ]0, 1].
+        Lowest relative brightness by which frames are divided, above 0 and at most 1.
     cfa
-        Colour filter pattern by rows, empty for monochrome.
+        Colour filter pattern by rows, such as ``"RGGB"``; empty for monochrome frames.
     saturation
-        Sample value at which a pixel is saturated; None: the highest value of an integer type.
+        Sample value at which a pixel is saturated (counts); None: the highest value of an integer type.
     gain, dim
-        The factors applied, and a map of the pixels where they are limited; both are computed.
+        Factors by which frames are multiplied, and a mask of the pixels at which ``floor`` limits them; both
+        ``(rows, columns)``, and computed.
 
     Raises
     ------
     InputError
-        If the frame is not finite, has no light, or more than 0.1 % of it is saturated.
+        If the white image is not finite or shows no light, or more than 0.1 % of its pixels are saturated.
 
     Examples
     --------
@@ -369,7 +370,7 @@ class White:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the frames that the step fits."""
+        """Shape ``(rows, columns)`` of the frames to which the step applies (px)."""
         return self.gain.shape[0], self.gain.shape[1]
 
     def describe(self) -> dict[str, Any]:
@@ -386,7 +387,7 @@ class White:
 
 @dataclass(frozen=True)
 class Exposure:
-    """Scale frames to the exposure ``reference_s`` (s) by the ratio of ``reference_s`` to their own exposure.
+    """Correction that scales frames to the exposure time ``reference_s`` (s).
 
     Examples
     --------
@@ -403,16 +404,16 @@ class Exposure:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Shape of the frames that the step fits: None, which means any."""
+        """None: the step applies to frames of any shape."""
         return None
 
     def factor(self, exposure_s: float | None) -> float:
-        """Return the factor for a frame with the exposure ``exposure_s`` (s).
+        """Return ``reference_s / exposure_s``, the factor for a frame with the exposure time ``exposure_s`` (s).
 
         Raises
         ------
         InputError
-            If the exposure of the frame is unknown or impossible.
+            If the exposure time of the frame is unknown, or not above 0.
         """
         if exposure_s is None:
             raise InputError.expected(
@@ -477,7 +478,7 @@ def _sigma(values: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True)
 class Background:
-    """Subtract the background; negative differences are kept.
+    """Correction that subtracts the background; negative differences are kept.
 
     Attributes
     ----------
@@ -485,7 +486,7 @@ class Background:
         ``"constant"``: ``value`` is subtracted. ``"border"``: the median of each frame's border is subtracted.
         ``"plane"``: a plane fitted to each frame's border is subtracted; spots are left out of the fit.
     value
-        Level of the constant background, in sample values at this stage of the chain.
+        Level of the constant background (counts after the preceding steps of the chain).
     width
         Width of the border (px).
 
@@ -512,7 +513,7 @@ class Background:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Shape of the frames that the step fits: None, which means any."""
+        """None: the step applies to frames of any shape."""
         return None
 
     @property
@@ -521,7 +522,11 @@ class Background:
         return self.kind != "constant"
 
     def measure(self, part: Callable[[Region], NDArray[np.float32]], shape: tuple[int, int]) -> Plane:
-        """Return the background of a frame of ``shape``; ``part`` is a function that returns its corrected regions."""
+        """Return the background of a frame: its level at pixel (0, 0), and its slopes per row and per column.
+
+        ``part`` is a function that returns a region of the frame after the preceding steps, and ``shape`` the frame's
+        rows and columns.
+        """
         if self.kind == "constant":
             return float(self.value), 0.0, 0.0
         rows, columns, values = [], [], []

@@ -47,19 +47,19 @@ MAX_SIDE = 200_000
 
 
 class ImageFile(ABC):
-    """An image file with pages of equal shape and dtype; reading is thread-safe.
+    """Open image file with pages of equal shape and dtype; reading is thread-safe.
 
     Attributes
     ----------
     path
         Path of the file.
     shape, dtype
-        Rows and columns, and sample type, of every page.
+        Shape ``(rows, columns)`` and sample type of every page.
     pages
         Number of pages.
     metadata
-        Facts that the file states about its pages, such as ``cfa``, ``black_level``, ``saturation``, ``gains`` and
-        ``positions``.
+        Metadata of the pages by name, such as ``cfa``, ``black_level``, ``saturation``, ``gains`` and ``positions``, as
+        in `lfcal.frames.FrameMetadata`.
     """
 
     path: Path
@@ -70,10 +70,10 @@ class ImageFile(ABC):
 
     @abstractmethod
     def read(self, page: int = 0) -> NDArray[Any]:
-        """Return ``page`` as a new array ``(rows, columns)`` of `dtype`."""
+        """Return the page with index ``page`` as a new array ``(rows, columns)`` of `dtype`."""
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return the part ``[rows, columns]`` of ``page`` as a contiguous array."""
+        """Return the part ``[rows, columns]`` of the page with index ``page`` as a contiguous array."""
         rows, columns = check_region((rows, columns), self.shape)
         return np.ascontiguousarray(self.read(page)[rows, columns])
 
@@ -81,7 +81,7 @@ class ImageFile(ABC):
         """Close the file."""
 
     def check_page(self, page: int) -> int:
-        """Return ``page`` or raise `FileFormatError` if the file has fewer pages."""
+        """Return the page index ``page``; raises `FileFormatError` if the file has fewer pages."""
         if not 0 <= page < self.pages:
             raise FileFormatError.expected(
                 str(self.path),
@@ -94,16 +94,16 @@ class ImageFile(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """An image format, defined as ``FORMAT`` in its module.
+    """Image format; its module defines it as ``FORMAT``.
 
     Attributes
     ----------
     name
         Display name.
     suffixes
-        Suffixes of files of this format, in lower case with the dot; folders are searched for them.
+        Suffixes of files of this format, in lower case with the dot; files with them are found in folders.
     recognises
-        Function that decides from the first 16 bytes and the path whether a file has this format.
+        Function that takes the first 16 bytes and the path of a file, and returns whether it has this format.
     open
         Function that opens a file. Its arguments are the path, the component of a colour image (or None), and the
         dataset in the file (or None).
@@ -145,7 +145,11 @@ def decoding(path: Path, kind: str) -> Iterator[None]:
 
 
 def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: int) -> None:
-    """Raise `UnsafeFileError` if a header declares an impossible shape, or far more data than a file can contain."""
+    """Raise `UnsafeFileError` if a header declares an impossible shape, or far more data than the file can contain.
+
+    ``shape`` and ``itemsize`` (bytes) are declared by the header, and ``stored`` is the size of the stored data
+    (bytes).
+    """
     rows, columns = shape[:2]
     if not (1 <= rows <= MAX_SIDE and 1 <= columns <= MAX_SIDE):
         raise UnsafeFileError.expected(
@@ -209,17 +213,17 @@ def image_suffixes() -> frozenset[str]:
 def open_image(path: str | os.PathLike[str], *, colour: str | None = None, dataset: str | None = None) -> ImageFile:
     """Open an image file in which each page is one frame.
 
-    Supported formats are grey TIFF (single and multi-page, 16-bit and others), PNG, PGM, ``.npy`` arrays, FITS, HDF5
-    stacks, camera RAW (the unprocessed mosaic), and formats from other packages. The format is detected from the first
-    bytes of the file, except for camera RAW, which is recognized by the suffix.
+    Supported formats are greyscale TIFF (with one or several pages, 16-bit and others), PNG, PGM, ``.npy`` arrays,
+    FITS, HDF5 stacks, camera RAW (the unprocessed mosaic), and formats added by plug-ins. The format is detected from
+    the first bytes of the file, except for camera RAW, which is recognized by the suffix.
 
     Parameters
     ----------
     path
-        Path of the file; for HDF5, the dataset may follow: ``scan.h5::/entry/data/data``.
+        Path of the file; for HDF5, the dataset may be appended: ``scan.h5::/entry/data/data``.
     colour
-        ``"R"``, ``"G"`` or ``"B"``: component to use from a lossless colour image. Without it, a colour image is
-        refused, because the camera has processed its samples.
+        ``"R"``, ``"G"`` or ``"B"``: component to use from a lossless colour image. If None, a colour image raises an
+        error, because the camera has processed its samples.
     dataset
         Path of the stack in an HDF5 file, as in `Hdf5Image`.
 
@@ -260,7 +264,7 @@ def split_dataset(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
 
 
 def read_image(path: str | os.PathLike[str], page: int = 0, *, colour: str | None = None) -> NDArray[Any]:
-    """Return one page of an image file, ``(rows, columns)``; raises the same errors as `open_image`.
+    """Read one page of an image file as an array ``(rows, columns)``; raises the same errors as `open_image`.
 
     Examples
     --------

@@ -22,25 +22,25 @@ class ArraySource(Frames):
     frames
         Array, memory map or HDF5 dataset of numbers.
     positions
-        `Position` or ``(z, y, x)`` of each frame; not needed for a 5-D array, whose axes define the positions.
+        `Position` (z, y, x) of each frame; not needed for a 5-D array, whose first three axes define the positions.
     exposures_s
-        Exposure of each frame (s), or None.
+        Exposure time of each frame (s); None: unknown.
     drifts
-        Drift ``(dy, dx)`` of each frame (px), or None.
+        Displacement (rows, columns) of the image from its planned position in each frame (px); None: unknown.
     origins
-        Row and column on the sensor of each frame's first pixel; None: every frame shows the whole sensor.
+        Position (row, column) on the sensor of each frame's first pixel (px); None: every frame shows the whole sensor.
     mask
-        True at pixels with a measurement in every frame, ``(rows, columns)``; None: all pixels.
+        Mask ``(rows, columns)``, True at pixels that are valid in every frame; None: all pixels.
     metadata
-        Facts about the frames: `FrameMetadata`, or a mapping of its fields. In a mapping, ``exposure_s`` may state the
-        common exposure of all frames if ``exposures_s`` is None.
+        Metadata common to all frames: `FrameMetadata`, or a mapping of its fields. In a mapping, ``exposure_s`` may
+        state the common exposure of all frames if ``exposures_s`` is None.
     name
         Name for messages.
 
     Raises
     ------
     InputError
-        If the axes or the dtype are not those of frames, or the arguments differ in length.
+        If the array has the wrong number of axes or dtype, or the arguments differ in length.
 
     Examples
     --------
@@ -106,7 +106,7 @@ class ArraySource(Frames):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of every frame."""
+        """Shape ``(rows, columns)`` of every frame (px)."""
         return int(self._frames.shape[-2]), int(self._frames.shape[-1])
 
     @property
@@ -117,7 +117,7 @@ class ArraySource(Frames):
 
     @property
     def metadata(self) -> FrameMetadata:
-        """Facts about the frames."""
+        """Metadata common to all frames."""
         return self._metadata
 
     def __len__(self) -> int:
@@ -125,7 +125,7 @@ class ArraySource(Frames):
         return len(self._positions)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index``."""
+        """Return what is known about frame ``index`` without reading it."""
         k = check_index(index, len(self))
         return FrameInfo(
             (self._positions[k],),
@@ -137,7 +137,7 @@ class ArraySource(Frames):
         )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a part of it, as a new array."""
+        """Return a copy of frame ``index``, or of its rows and columns ``region``."""
         at = np.unravel_index(check_index(index, len(self)), self._lead)
         rows, columns = check_region(region or whole(self.shape), self.shape)
         part = self._frames[(*(int(k) for k in at), rows, columns)]

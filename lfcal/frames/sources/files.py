@@ -57,7 +57,7 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
 
 
 def open_unplaced(path: Path) -> FolderSource:
-    """Open every page of an image file, or of the images in a folder, as frames without known positions.
+    """Open all pages of an image file, or of all images in a folder, as frames without known positions.
 
     Raises
     ------

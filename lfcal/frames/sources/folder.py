@@ -106,34 +106,34 @@ def without_nan(frame: NDArray[Any], cfa: str = "") -> NDArray[Any]:
 
 
 class FolderSource(Frames):
-    """The frames that a manifest lists in the files of a folder.
+    """Source of the frames in the files of a folder, as listed by a manifest.
 
     Files are opened on demand; multi-page files stay open until `close`. All frames must have the shape, dtype and
-    colour filter that the manifest states, or else those of the first frame.
+    colour filter that the manifest states; if it states none, those of the first frame.
 
     Parameters
     ----------
     root
-        Session folder; no file outside it is opened.
+        Folder of the files; no file outside it is opened.
     manifest
         List of the frames with their positions.
     colour, dataset
         As in `open_image`.
     nan
-        Treatment of NaN and infinity in frames of floats. ``"mask"``: the pixels are masked. ``"refuse"``: an error is
-        raised. ``"auto"``: pixels without a finite value in the first, the middle and the last frame are masked; NaN or
-        infinity in other pixels raises an error. Masked pixels are invalid, and `read` returns the mean of their
-        nearest neighbours for them.
+        Treatment of NaN and infinity in floating-point frames. ``"mask"``: the pixels are masked. ``"refuse"``: an
+        error is raised. ``"auto"``: pixels without a finite value in the first, the middle and the last frame are
+        masked; NaN or infinity in other pixels raises an error. Masked pixels are invalid; `read` replaces them by the
+        mean of their nearest neighbours.
     blank
         As in `check_frame`.
     skip_damaged
-        Whether to take shape and dtype from the first readable frame, instead of the first frame.
+        Whether to take shape and dtype from the first readable frame instead of the first frame, which may be damaged.
     notes, facts
-        Notes on guesses, one line each, and further facts about all frames; both are added to the metadata.
+        Notes on guesses, one line each, and further metadata of all frames by name; both are added to `metadata`.
     origin
-        As in `lfcal.frames.open_frames`; it is added to the metadata.
+        As in `lfcal.frames.open_frames`; it is added to `metadata`.
     frames_last
-        Whether the frames of a stack run along its last axis.
+        Whether the last axis of a stack numbers its frames, instead of the first.
 
     Raises
     ------
@@ -283,7 +283,7 @@ class FolderSource(Frames):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of every frame."""
+        """Shape ``(rows, columns)`` of every frame (px)."""
         return self._shape
 
     @property
@@ -293,7 +293,7 @@ class FolderSource(Frames):
 
     @property
     def metadata(self) -> FrameMetadata:
-        """Facts about all frames, from the first file and the manifest."""
+        """Metadata common to all frames, from the first file and the manifest."""
         return self._metadata
 
     def __len__(self) -> int:
@@ -301,7 +301,7 @@ class FolderSource(Frames):
         return len(self.manifest.entries)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index`` from the manifest."""
+        """Return what the manifest states about frame ``index``."""
         entry = self.manifest.entries[check_index(index, len(self))]
         label = f"{entry.file} page {entry.page}" if entry.file in self._many else entry.file
         return FrameInfo(
@@ -309,11 +309,11 @@ class FolderSource(Frames):
         )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a part of it, as a new array, checked by `check_frame`."""
+        """Return frame ``index``, or its rows and columns ``region``, as a new array, checked by `check_frame`."""
         return self._values(index, region)[0]
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the result of `read`, with samples marked as invalid that are saturated, masked or without a value."""
+        """Return the result of `read` and its validity: saturated, masked and non-finite samples are invalid."""
         values, lost = self._values(index, region)
         found = observed(values, self._metadata.saturation, self._metadata.noise)
         for mask in (self._mask if self._mask is None or region is None else self._mask[region], lost):
