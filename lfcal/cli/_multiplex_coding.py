@@ -108,7 +108,7 @@ def coding(
         save_coding,
         sensor_noise,
     )
-    from lfcal.tasks import load_camera
+    from lfcal.tasks import OF_NOISE, OF_RAW_NOISE, load_camera
 
     check_choice("code", code, CODES)
     check_output(out, source, sensor, force=force)
@@ -134,7 +134,7 @@ def coding(
         if plane:
             raise InputError.expected("--plane", "an H file", source, "name the plane with --depth or --virtual-depth")
         seen = _simulated(load_camera(source), virtual_depth, depth, first, points, step)
-    described = seen.camera if sensor is None else load_camera(sensor)
+    described = seen.camera if sensor is None else load_camera(sensor, only=OF_RAW_NOISE if uncorrected else OF_NOISE)
     if described is None:
         raise InputError.expected("sensor", "one", "none: this H file names no camera", "give --sensor")
     noise = sensor_noise(described.sensor, gain=gain, exposure_s=exposure, flat_corrected=not uncorrected)

@@ -124,7 +124,7 @@ def recover(
     import numpy as np
 
     from lfcal.multiplex import iter_demultiplex_generally, read_recorded, without_black_level
-    from lfcal.tasks import load_camera
+    from lfcal.tasks import OF_WEIGHTS, load_camera
 
     check_choice("route", route, ROUTES)
     outputs = (out, _fourier_file(out) if route == "both" else None, deviation)
@@ -137,7 +137,7 @@ def recover(
     by_iterations = spacing is not None or transmissions is not None
     if not by_iterations:
         refuse(context, "--spacing or --transmissions", "neither", "iterations", "smoothness")
-    sensor = None if camera is None else load_camera(camera).sensor
+    sensor = None if camera is None else load_camera(camera, only=OF_WEIGHTS).sensor
     recorded = read_recorded(frame, page)
     level = recorded.level(dark, sensor)
     weights = recorded.weights(level, sensor, dead, gain=gain, exposure_s=exposure)
@@ -256,7 +256,7 @@ def views(
     import numpy as np
 
     from lfcal.multiplex import channel_grid, demultiplex_lattice, read_recorded, without_black_level
-    from lfcal.tasks import load_camera
+    from lfcal.tasks import OF_WEIGHTS, load_camera
 
     check_choice("route", route, ROUTES)
     outputs = (out, _fourier_file(out) if route == "both" else None, deviation)
@@ -268,7 +268,7 @@ def views(
     fit = _lattice_of(white, lattice, camera, dark)
     if sensor is None:
         refuse(context, "a --sensor", "none", "gain", "exposure")
-    described = None if sensor is None else load_camera(sensor).sensor
+    described = None if sensor is None else load_camera(sensor, only=OF_WEIGHTS).sensor
     recorded = read_recorded(frame)
     if recorded.raw.shape != fit.shape:
         wanted = f"the {fit.shape} px of the lattice"

@@ -26,14 +26,14 @@ def chi2_of(
 ) -> tuple[float | None, dict[str, float]]:
     """Return chi^2 from the options, and the chi^2 to mark, by the name of the camera."""
     from lfcal.multiplex import camera_chi2
-    from lfcal.tasks import load_camera
+    from lfcal.tasks import OF_NOISE, load_camera
 
     if camera is None:
         refuse(context, "a --camera", "none", "gain")
         return chi2, {}
     if chi2 is not None:
         raise InputError.expected("chi^2", "one of --chi2 and --camera", "both", "leave one out")
-    description = load_camera(camera)
+    description = load_camera(camera, only=OF_NOISE)
     value = camera_chi2(description.sensor, gain=gain)
     return value, {description.name: value}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import Any
 
 import typer
@@ -16,10 +17,12 @@ LISTED = 20
 
 def show(made: tuple[Assembled, ...]) -> None:
     """Print what was assembled."""
-    for one in made:
-        _show_one(one) if len(made) == 1 or one.out != made[0].out or not one.name else _show_region(one)
-    if len(made) > 1 and made[0].out == made[-1].out:
-        typer.echo(f"{made[0].out}: H of {len(made)} regions")
+    for out, found in groupby(made, key=lambda one: one.out):
+        ones = tuple(found)
+        for one in ones:
+            _show_one(one) if len(ones) == 1 else _show_region(one)
+        if len(ones) > 1:
+            typer.echo(f"{out}: H of {len(ones)} regions")
 
 
 def _show_region(one: Assembled) -> None:

@@ -54,7 +54,7 @@ def command(
     if figure is not None and figure.suffix.lower() not in PICTURES:
         raise InputError.expected("figure", f"a name that ends in {', '.join(PICTURES)}", figure.name, "rename it")
     check_outputs([path for path in (out, figure) if path is not None], flats, darks, camera, force=force)
-    known = load_camera(camera) if camera else None
+    known = load_camera(camera, only=("sensor.cfa",)) if camera else None
     (lit, facts), (dark, _) = find_frames(flats), find_frames(darks)
     pattern = cfa or str(facts.get("cfa") or (known.sensor.cfa if known is not None else ""))
     found = run_work(iter_measure_sensor(lit, dark, cfa=pattern), quiet=json)

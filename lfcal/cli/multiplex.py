@@ -191,10 +191,11 @@ def merits(
     """
     from lfcal.multiplex import merits as merits_of
     from lfcal.multiplex import sensor_noise
-    from lfcal.tasks import load_camera
+    from lfcal.tasks import OF_NOISE, OF_RAW_NOISE, load_camera
 
     chosen, base = _modulators(modulators, reference)
-    noise = sensor_noise(load_camera(camera).sensor, gain=gain, exposure_s=exposure, flat_corrected=not uncorrected)
+    described = load_camera(camera, only=OF_RAW_NOISE if uncorrected else OF_NOISE)
+    noise = sensor_noise(described.sensor, gain=gain, exposure_s=exposure, flat_corrected=not uncorrected)
     found = [merits_of(m, noise, base, pattern=n, filter=filter) for m, n in zip(chosen, modulators, strict=True)]
     rows = [{"name": m.name, **dict(zip(MERITS, one, strict=True))} for m, one in zip(chosen, found, strict=True)]
     cells = [[m.name, *(_text(value, ".3g") for value in one)] for m, one in zip(chosen, found, strict=True)]

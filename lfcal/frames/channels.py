@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,6 +21,7 @@ __all__ = [
     "ChannelSource",
     "ColourScan",
     "ThinnedSource",
+    "are_cutouts",
     "balanced_source",
     "channel_source",
     "colour_scan",
@@ -27,20 +29,34 @@ __all__ = [
 ]
 
 
+def are_cutouts(source: FrameSource) -> bool:
+    """Return whether frames show different parts of the sensor, instead of all the same."""
+    part = source.metadata.origin or (0, 0)
+    return any(source.info(k).origin != part for k in range(len(source)))
+
+
 class ChannelSource(SourceView):
     """Source of frames with only the pixels at one position of the colour filter pattern.
 
     Pixel ``(r, c)`` is pixel ``(r0 + step r, c0 + step c)`` of the mosaic. The metadata contain (r0, c0) as
     ``channel_phase`` and the step as ``pixel_step`` (2 for a Bayer pattern). Drifts are in pixels of the channel.
+
+    Cutouts must all start at the same pixel of the pattern, as those of `ThinnedSource` do. ``cfa`` is the pattern of
+    their sensor if they do not state it.
     """
 
-    def __init__(self, source: FrameSource, channel: str) -> None:
+    def __init__(self, source: FrameSource, channel: str, cfa: str = "") -> None:
         super().__init__(source)
-        cfa = self.known.cfa
+        self._cut = are_cutouts(source)
+        cfa = self.known.cfa or (cfa if self._cut else "")
         self.channel = channel
-        self._origin = channel_phase(cfa, channel)
+        self._phase = self._origin = channel_phase(cfa, channel)
         self._step = pattern_side(cfa)
         self._position = channel_names(cfa).index(channel)
+        if self._cut and len(source):
+            r0, c0 = self._phase
+            row, column = source.info(0).origin
+            self._origin = ((r0 - row) % self._step, (c0 - column) % self._step)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -60,27 +76,39 @@ class ChannelSource(SourceView):
             gains=gains[self._position] if isinstance(gains, tuple) else gains,
             origin=None if place is None else (place[0] // self._step, place[1] // self._step),
             channel=self.channel,
-            channel_phase=self._origin,
+            channel_phase=self._phase,
             pixel_step=self._step,
+            darks={seconds: self._dark(dark) for seconds, dark in known.darks.items()},
         )
+
+    def _dark(self, dark: Any) -> Any:
+        """Return the channel of a recorded dark frame of a part of the sensor."""
+        if dark.frame is None:
+            return dark
+        (r0, c0), (row, column), step = self._phase, dark.origin, self._step
+        first = ((r0 - row) % step, (c0 - column) % step)
+        place = ((row + first[0] - r0) // step, (column + first[1] - c0) // step)
+        return replace(dark, frame=dark.frame[first[0] :: step, first[1] :: step], origin=place)
 
     def info(self, index: int) -> FrameInfo:
         """Return what is known about frame ``index``; its drift is in pixels of the channel."""
-        info = self.source.info(index)
-        place = self.known.origin or (0, 0)
-        whole = info.origin == place
-        if not whole or any(n % self._step for n in place):
-            # the size of a channel would differ from cutout to cutout
+        info, (r0, c0), step = self.source.info(index), self._phase, self._step
+        origin = info.origin if self._cut else self.known.origin or (0, 0)
+        # pixels of the mosaic from the channel's first pixel to the first one in this frame
+        ahead = origin[0] + self._origin[0] - r0, origin[1] + self._origin[1] - c0
+        if any(n % step for n in ahead):
+            # the size of a channel would differ from frame to frame
             raise InputError.expected(
                 f"channel {self.channel} of {info.label}",
-                "a part that starts at the first pixel of a colour pattern" if whole else "whole sensor frames",
-                f"one that starts at {place}" if whole else "cutouts",
-                "record whole sensor frames",
+                "cutouts that start at the same pixel of the colour pattern"
+                if self._cut
+                else "a part that starts at the first pixel of a colour pattern",
+                f"one that starts at {origin}",
+                "select the positions of one colour (lfcal assemble --channel)" if self._cut else "record whole frames",
             )
-        drift = None if info.drift is None else (info.drift[0] / self._step, info.drift[1] / self._step)
-        (r0, c0), step = self._origin, self._step
-        mask = None if info.mask is None else info.mask[r0::step, c0::step]
-        place = (place[0] // self._step, place[1] // self._step)
+        drift = None if info.drift is None else (info.drift[0] / step, info.drift[1] / step)
+        mask = None if info.mask is None else info.mask[self._origin[0] :: step, self._origin[1] :: step]
+        place = (ahead[0] // step, ahead[1] // step)
         return replace(info, origin=place, drift=drift, label=f"{info.label} {self.channel}", mask=mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
@@ -222,7 +250,8 @@ def colours_of(source: FrameSource, plan: ScanPlan) -> tuple[str, ...]:
 
 def _filter(source: FrameSource, plan: ScanPlan) -> str:
     sensor = plan.camera.sensor
-    return source.metadata.cfa or (sensor.cfa if source.shape == sensor.shape else "")
+    whole = source.shape == sensor.shape
+    return source.metadata.cfa or (sensor.cfa if whole or are_cutouts(source) else "")
 
 
 def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan | None:
@@ -240,7 +269,8 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
     """
     cfa = _filter(source, plan)
     phase, step = channel_phase(cfa, channel), pattern_side(cfa)
-    if source.shape != plan.camera.sensor.shape:
+    other = source.shape != plan.camera.sensor.shape
+    if other and not (plan.camera.sensor.cfa and are_cutouts(source)):
         return None
     if plan.resample:
         raise InputError.expected(
@@ -253,22 +283,23 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
             f"{plan.period[0]} x {plan.period[1]}",
             f"scan {step} cells along the odd axis, so that the period ends on the same colour",
         )
-    # the first positions whose image is nearest to a pixel of the colour
-    first = [round(r0 - a) % step for r0, a in zip(phase, plan.anchor, strict=True)]
+    # the first positions whose image is nearest to a pixel of the colour; halves are rounded down, as in cutouts
+    first = [(r0 - math.ceil(a - 0.5)) % step for r0, a in zip(phase, plan.anchor, strict=True)]
     anchor = tuple((a + o - r0) / step for a, o, r0 in zip(plan.anchor, first, phase, strict=True))
+    most = source.shape if other else plan.camera.sensor.shape
     small = replace(
         plan,
         camera=_camera(plan, phase, step),
         period=(plan.period[0] // step, plan.period[1] // step),
-        cutout=(_odd(plan.cutout[0], step), _odd(plan.cutout[1], step)),
+        cutout=(_odd(plan.cutout[0], most[0], step), _odd(plan.cutout[1], most[1], step)),
         anchor=(anchor[0], anchor[1]),
     )
     return ColourScan(channel, small, (first[0], first[1]), step)
 
 
-def _odd(n: int, step: int) -> int:
-    """Return the odd number of channel pixels that covers ``n`` pixels."""
-    return -(-n // step) | 1
+def _odd(n: int, most: int, step: int) -> int:
+    """Return the odd number of channel pixels that covers ``n`` pixels, or else is within ``most`` pixels."""
+    return min(-(-n // step) | 1, 2 * ((most - 1) // 2 // step) + 1)
 
 
 def _camera(plan: ScanPlan, phase: tuple[int, int], step: int) -> Any:

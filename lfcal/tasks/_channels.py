@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.frames import Frames
 
-__all__ = ["ChannelPart", "open_colour", "parts_of"]
+__all__ = ["ChannelPart", "coloured", "open_colour", "parts_of"]
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,11 @@ class ChannelPart:
     channel: str
     out: Path
     name: str = ""
+
+
+def coloured(out: Path, name: str) -> Path:
+    """Return the H file of the colour ``name``, such as ``H_R.h5`` for ``H.h5``; unchanged if the name is empty."""
+    return out.with_name(f"{out.stem}_{name}{out.suffix}") if name else out
 
 
 def open_colour(opened: Callable[..., tuple[Frames, ScanPlan]], channel: str) -> tuple[Frames, ScanPlan]:
@@ -70,7 +75,7 @@ def parts_of(
         raise InputError.expected("--channel each", "colour frames", "monochrome ones", "leave the option out")
     parts = []
     for name in wanted:
-        path = out.with_name(f"{out.stem}_{name}{out.suffix}") if channel == "each" else out
+        path = coloured(out, name if channel == "each" else "")
         if component or not name:
             parts.append(ChannelPart(source if name in ("", component) else reopen(name), plan, "", path, name))
             continue

@@ -6,7 +6,15 @@ from lfcal.tasks._channels import ChannelPart
 from lfcal.tasks._patterns import most_taken
 from lfcal.tasks.acquire import PlannedSession, RecordedSession
 from lfcal.tasks.assembly import Assembled, AssemblyRun
-from lfcal.tasks.cameras import assumed_in_words, load_camera, load_file, tell_assumed
+from lfcal.tasks.cameras import (
+    OF_NOISE,
+    OF_RAW_NOISE,
+    OF_WEIGHTS,
+    assumed_in_words,
+    load_camera,
+    load_file,
+    tell_assumed,
+)
 from lfcal.tasks.depth import DepthForecast, MeasuredDepth
 from lfcal.tasks.export import ExportedFiles
 from lfcal.tasks.fit import FitOutcome, FittedPatterns
@@ -29,6 +37,9 @@ from lfcal.tasks.text import load_job, words_of
 from lfcal.tasks.transpose import TransposedFile
 
 __all__ = [
+    "OF_NOISE",
+    "OF_RAW_NOISE",
+    "OF_WEIGHTS",
     "WITHOUT_READOUT",
     "Assembled",
     "AssemblyRun",

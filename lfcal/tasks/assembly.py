@@ -24,10 +24,10 @@ from lfcal.records import (
     required,
     rows,
 )
-from lfcal.tasks._channels import ChannelPart, open_colour, parts_of
+from lfcal.tasks._channels import ChannelPart, coloured, open_colour, parts_of
 from lfcal.tasks._scan_frames import ScanFrames, orientations, origin_field, tell_size
 from lfcal.tasks.cameras import tell_assumed
-from lfcal.tasks.outputs import check_output
+from lfcal.tasks.outputs import check_output, check_outputs
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
 
 if TYPE_CHECKING:
@@ -58,9 +58,10 @@ RATE = 100e6
 class Assembled(TaskResult):
     """One assembled H.
 
-    ``name`` is the name of the region or colour. ``out`` is the file of H; all regions share one file, and their
-    matrices are closed. For a target, ``target``, ``points`` and ``facts`` are its plan, the points found and facts
-    about the frames. ``unused`` is the number of points that match no position.
+    ``name`` is the name of the region, or else of the colour. ``out`` is the file of H; each colour has a separate
+    file. All regions of a colour share one file, and their matrices are closed. For a target, ``target``, ``points``
+    and ``facts`` are its plan, the points found and facts about the frames. ``unused`` is the number of points that
+    match no position.
     """
 
     name: str = ""
@@ -82,6 +83,7 @@ class Assembled(TaskResult):
 
         report, matrix = self.report, self.report.matrix
         return {
+            "name": self.name,
             "out": self.out,
             "shape": matrix.shape,
             "frames": report.frames,
@@ -201,21 +203,47 @@ class AssembleRegions(_Assemble):
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
     settings: AssemblySettings = panel(AssemblySettings(), "Cutout and storage", without=("store_tolerance",))
 
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return the files of the task. The H files of all colours are known only after the frames are opened."""
+        return () if way == "out" and self.channel == "each" else super().files(way)
+
     def work(self, run: RunSettings | None = None) -> Work[tuple[Assembled, ...]]:
-        """Assemble H of each region, and write all of them to one file."""
+        """Assemble H of each region, and write all of them to one file, or to one for each colour."""
         from lfcal.campaign import read_regions, save_parts, temporary_parts
 
-        known = {one.name: getattr(self, one.name) for one in fields(self)}
-        workers, settings, made = run.workers if run else None, self.settings, []
-        names = read_regions(self.frames).names
+        run, settings = run or RunSettings(), self.settings
+        names, found = read_regions(self.frames).names, {}
+        self._check_colours(names[0], run)
         with temporary_parts(self.out, names) as parts:
             for name in names:
-                one = Assemble(**known | {"frames": self.frames / name, "out": parts[name]})
-                (region,) = yield from one.work(RunSettings(workers=workers, force=True))
-                region.report.matrix.close()
-                made.append(replace(region, name=name, out=self.out))
-            save_parts(parts, self.out, dtype=settings.dtype, compression=settings.compression, workers=workers)
-        return tuple(made)
+                made = yield from self._region(name, parts[name]).work(RunSettings(workers=run.workers, force=True))
+                for one in made:
+                    one.close()
+                found[name] = made
+            # the result of each region, of one colour after the other
+            colours = list(zip(*found.values(), strict=True))
+            outs = [coloured(self.out, ones[0].name) for ones in colours]
+            for out, ones in zip(outs, colours, strict=True):
+                files = dict(zip(names, (one.out for one in ones), strict=True))
+                save_parts(files, out, dtype=settings.dtype, compression=settings.compression, workers=run.workers)
+        return tuple(
+            replace(one, name=name, out=out)
+            for out, ones in zip(outs, colours, strict=True)
+            for name, one in zip(names, ones, strict=True)
+        )
+
+    def _region(self, name: str, out: Path) -> Assemble:
+        """Return the task that assembles H of one region."""
+        known = {one.name: getattr(self, one.name) for one in fields(AssembleRegions)}
+        return Assemble(**known | {"frames": self.frames / name, "out": out})
+
+    def _check_colours(self, name: str, run: RunSettings) -> None:
+        """Check the H files of all colours before the work begins."""
+        if self.channel != "each":
+            return
+        with ExitStack() as stack:
+            parts = self._region(name, self.out).parts(stack, quiet=True)[1]
+            check_outputs([part.out for part in parts], *self.files("in"), force=run.force)
 
 
 @record
@@ -325,10 +353,9 @@ class Assemble(AssembleRegions):
         """Open, correct, crop and assemble one H, or one for each colour."""
         from lfcal.frames import chosen_shift, is_part_of_sensor
 
-        run, source = run or RunSettings(), self.source
+        run = run or RunSettings()
         with ExitStack() as stack:
-            frames, scan = open_colour(source.open, self.channel)
-            stack.enter_context(frames)
+            (frames, scan), parts = self.parts(stack)
             tell_assumed(scan.camera, "plan", light=False)
             # a session states which part of the sensor it recorded; for other frames the user must state it
             placed = frames.metadata.plan is not None or bool(self.origin)
@@ -337,11 +364,6 @@ class Assemble(AssembleRegions):
             bits, said = chosen_shift(self.shift, frames)
             for one in (*frames.metadata.notes, *((said,) if said else ())):
                 note(one)
-
-            def reopened(colour: str) -> Frames:
-                return stack.enter_context(source.open(colour)[0])
-
-            parts = parts_of(self.channel, frames, scan, self.out, reopened)
             for part in parts if self.channel == "each" else ():
                 check_output(part.out, *self.files("in"), force=may_replace(part.out, run))
             ahead = len(frames) * math.prod(frames.shape) * frames.dtype.itemsize / RATE
@@ -351,6 +373,17 @@ class Assemble(AssembleRegions):
                 recipe = replace(self.corrections, shift=bits, channel=part.channel)
                 made.append((yield from self._iter_colour(part, scan, recipe, choice, run.workers)))
         return tuple(made)
+
+    def parts(self, stack: ExitStack, *, quiet: bool = False) -> tuple[tuple[Frames, ScanPlan], list[ChannelPart]]:
+        """Return the open frames with their plan, and the H files to make; ``stack`` closes the frames."""
+        source = self.source
+
+        def reopened(colour: str) -> Frames:
+            return stack.enter_context(source.open(colour)[0])
+
+        frames, scan = open_colour(source.open, self.channel)
+        stack.enter_context(frames)
+        return (frames, scan), parts_of(self.channel, frames, scan, self.out, reopened, quiet=quiet)
 
     def _iter_colour(
         self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, choice: RunChoice | None, workers: int | None

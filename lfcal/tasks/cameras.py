@@ -11,7 +11,30 @@ from lfcal.base import StorageError, choose, note, warn
 if TYPE_CHECKING:
     from lfcal.camera import Camera, ImportOptions, Quantity
 
-__all__ = ["assumed_in_words", "is_camera_file", "load_camera", "load_file", "preset_names", "tell", "tell_assumed"]
+__all__ = [
+    "OF_NOISE",
+    "OF_RAW_NOISE",
+    "OF_WEIGHTS",
+    "assumed_in_words",
+    "is_camera_file",
+    "load_camera",
+    "load_file",
+    "preset_names",
+    "tell",
+    "tell_assumed",
+]
+
+
+OF_NOISE = tuple(
+    f"sensor.{name}" for name in ("bit_depth", "full_well_e", "read_noise_e", "dark_current_e_s", "black_level")
+)
+"""Paths of the values on which the noise of white-corrected frames depends."""
+
+OF_RAW_NOISE = (*OF_NOISE, "sensor.prnu", "sensor.dsnu_e")
+"""Paths of the values on which the noise of uncorrected frames depends."""
+
+OF_WEIGHTS = (*OF_NOISE, "sensor.saturation")
+"""Paths of the values on which the weights of pixels depend."""
 
 
 def preset_names() -> tuple[str, ...]:
@@ -28,18 +51,26 @@ def is_camera_file(name: str) -> bool:
     return name not in PRESETS
 
 
-def load_camera(name: str, *, light: bool = True, without_lattice: Collection[str] | None = None) -> Camera:
+def load_camera(
+    name: str,
+    *,
+    light: bool = True,
+    only: Collection[str] | None = None,
+    without_lattice: Collection[str] | None = None,
+) -> Camera:
     """Return the camera of a preset or of a file in any known format, and report assumed and implausible values.
 
     With ``light=False``, assumed values of light and noise are not reported, because the result does not depend on
-    them. For a camera without a lattice, ``without_lattice`` lists the paths of all values on which the result depends.
+    them. ``only`` lists the paths of all values on which the result depends; None: all. ``without_lattice`` replaces it
+    for a camera without a lattice.
     """
     from lfcal.camera import PRESETS, preset
 
     if name in PRESETS:
         return preset(name)
     camera, notes = load_file(name)
-    tell(camera, Path(name), notes, light=light, only=None if camera.has_lattice else without_lattice)
+    only = without_lattice if without_lattice is not None and not camera.has_lattice else only
+    tell(camera, Path(name), notes, light=light, only=only)
     return camera
 
 
@@ -92,6 +123,8 @@ def _assumed(camera: Camera, only: Collection[str] | None = None) -> list[Quanti
 def _remedy(camera: Camera, path: Path, only: Collection[str] | None = None) -> str:
     """Return the commands that state or measure the assumed values."""
     found = _assumed(camera, only)
+    if all(q.path in OF_RAW_NOISE for q in found):
+        return f"measure it with lfcal camera sensor FLATS DARKS --camera {path.name} -o camera.json"
     options = dict.fromkeys(q.option for q in found if q.option and not q.light)
     measured = {"lattice.rotation_rad", "lattice.offset_um"} if camera.has_lattice else {"lattice.lens_centres_um"}
     seen = measured & {q.path for q in found}

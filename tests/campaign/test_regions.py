@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import lfcal
 from lfcal.acquire.session_file import SessionFile
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
@@ -21,6 +23,7 @@ from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.frames import open_frames
 from lfcal.judge.region_loss import region_loss
 from lfcal.psf import open_psf, regions_of
+from lfcal.tasks import AssembleRegions, job_of, load_job
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 SCAN = small_plan((3, 3), 2)
@@ -152,3 +155,67 @@ def test_options_of_one_region_are_refused(
     begin = ("plan", "bench", "--virtual-depths", "4", "--regions", "3x3")
     assert run(*begin, "--half-cell", monkeypatch=monkeypatch) == 2
     assert "--half-cell: expected a scan of one region, got a scan of several regions" in capsys.readouterr().err
+
+
+PLACES = {"G1": (0, 0), "R": (0, 1), "B": (1, 0), "G2": (1, 1)}
+COLOURS = replace(SCAN, period=(2, 4), camera=replace(SCAN.camera, sensor=replace(SCAN.camera.sensor, cfa="GRBG")))
+COLOURED = RegionPlan(replace(COLOURS, anchor=(48.0, 48.0)), ("centre", "left"), ((48.0, 48.0), (47.0, 21.0)))
+
+
+@pytest.fixture(scope="module")
+def coloured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("coloured") / "s"
+    options = replace(CAREFUL, darks=2)
+    drain(iter_record_regions(folder, COLOURED, rig_for(COLOURED.scan), options))
+    return folder
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_each_colour_has_a_file_of_all_regions(coloured: Path, tmp_path: Path, dark: bool) -> None:
+    """Cutouts of a mosaic contain the pixels of a colour at the positions whose image is on one of them."""
+    how = {} if dark else {"dark": "none"}
+    out = tmp_path / "H.h5"
+    made = lfcal.assemble(coloured, out, channel="each", dtype="float32", keep_pedestal=True, **how)
+    found = [(one.name, one.out.name) for one in made]
+    assert found == [(name, f"H_{colour}.h5") for colour in PLACES for name in COLOURED.names]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(f"H_{colour}.h5" for colour in PLACES)
+    for (colour, place), name in itertools.product(PLACES.items(), COLOURED.names):
+        with open_frames(coloured / name) as source, open_psf(tmp_path / f"H_{colour}.h5", region=name) as H:
+            assert H.shape == (2, 1, 2, 11, 11) and H.recorded.all()
+            (level,) = source.metadata.darks.values()
+            for k in range(len(source)):
+                info = source.info(k)
+                point = np.array(info.origin) + 10
+                if tuple(point % 2) != place:
+                    continue
+                values, (row, column) = source.read(k)[::2, ::2].astype(np.float32), info.origin
+                if dark:
+                    row, column = row - level.origin[0], column - level.origin[1]
+                    values = values - level.frame[row : row + 21 : 2, column : column + 21 : 2]
+                z, y, x = info.position
+                np.testing.assert_array_equal(H[z, y // 2, x // 2], values)
+
+
+def test_no_work_starts_if_a_colour_cannot_be_written(coloured: Path, tmp_path: Path) -> None:
+    (tmp_path / "H_B.h5").write_bytes(b"mine")
+    task = AssembleRegions(frames=coloured, out=tmp_path / "H.h5", channel="each")
+    with pytest.raises(InputError, match=r"H_B.h5: exists; add --force"):
+        next(task.work())
+    assert [path.name for path in tmp_path.iterdir()] == ["H_B.h5"]
+    (tmp_path / "job.toml").write_text(job_of(task))
+    with pytest.raises(InputError, match=r"H_B.h5: exists"):
+        load_job(tmp_path / "job.toml")[0].run()
+
+
+def test_a_colour_of_regions(
+    coloured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    how = ("--channel", "R", "--keep-pedestal")
+    assert run("assemble", coloured, "-o", tmp_path / "R.h5", *how, monkeypatch=monkeypatch) == 0
+    assert "R.h5: H of 2 regions" in capsys.readouterr().out
+    how = ("--channel", "each", "--keep-pedestal", "--json")
+    assert run("assemble", coloured, "-o", tmp_path / "H.h5", *how, monkeypatch=monkeypatch) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [(one["name"], Path(one["out"]).name) for one in told][2:4] == [("centre", "H_R.h5"), ("left", "H_R.h5")]
+    with open_psf(tmp_path / "R.h5", region="left") as one, open_psf(tmp_path / "H_R.h5", region="left") as other:
+        np.testing.assert_array_equal(one.plane(1), other.plane(1))

@@ -76,3 +76,28 @@ def test_centres_of_lenslets_repeat_the_values_they_depend_on(lfcal: Callable[..
     refused = lfcal("camera", "check", path, image)
     assert refused.code == 2 and f"lfcal white {image.name} --camera {path.name}" in refused.err
     assert f"lfcal white WHITE --camera {path.name}" in lfcal("plan", path, "--depths", 0).err
+
+
+def test_values_of_the_sensor_are_named_alone_if_only_the_noise_counts(
+    lfcal: Callable[..., Run], tmp_path: Path
+) -> None:
+    camera = camera_file(tmp_path, "lattice.gap_um", "optics.f_number", "sensor.prnu", *LIGHT)
+    frame, matrix = tmp_path / "frame.tif", tmp_path / "H.npy"
+    tifffile.imwrite(frame, np.full((1000, 1000), 100, np.uint16))
+    np.save(matrix, np.random.default_rng(0).uniform(size=(1, 3, 3, 9, 9)))
+    out = ("-o", tmp_path / "out.tif", "--force")
+    commands: tuple[tuple[tuple[object, ...], int], ...] = (
+        (("merits", "Bayer", "--camera", camera), 2),
+        (("merits", "Bayer", "--camera", camera, "--uncorrected"), 3),
+        (("compare", "Bayer", "CYMG", "--camera", camera, "-o", tmp_path / "gain.png", "--force"), 2),
+        (("coding", matrix, "--points", 2, "--sensor", camera), 2),
+        (("recover", frame, "--modulator", "nd:1,0.25/0.25,0.0625", "--camera", camera, *out), 2),
+        (("views", frame, "--camera", "bench", "--sensor", camera, "--modulator", "Bayer", *out), 2),
+    )
+    for words, count in commands:
+        done = lfcal("multiplex", *words)
+        assert f"assumed: {count} values of light and noise" in done.err, (words, done.err)
+        assert "gap" not in done.err and "f-number" not in done.err
+    (tmp_path / "flats").mkdir()
+    said = lfcal("camera", "sensor", tmp_path / "flats", tmp_path / "flats", "--camera", camera).err
+    assert "assumed" not in said, "the command measures these values"

@@ -169,14 +169,47 @@ def test_darks_of_a_recording_are_taken_by_exposure_and_place() -> None:
 
 
 def test_what_does_not_fit_cutouts_is_refused() -> None:
-    frames = ArraySource(np.full((1, 6, 8), 500, np.uint16), [(0, 0, 0)], origins=[(4, 5)], metadata={"cfa": "GRBG"})
+    values, places = np.full((2, 6, 8), 500, np.uint16), [(0, 0, 0), (0, 0, 1)]
+    frames = ArraySource(values, places, origins=[(4, 5), (4, 6)], metadata={"cfa": "GRBG"})
     for recipe, word in (
         (CorrectionRecipe(background="border"), "background: expected a constant for cutouts"),
         (CorrectionRecipe(defects=True), "search for defect pixels: expected whole sensor frames, got cutouts"),
-        (CorrectionRecipe(channel="R"), "channel R of .*: expected whole sensor frames, got cutouts"),
+        (
+            CorrectionRecipe(channel="R"),
+            "channel R of .*: expected cutouts that start at the same pixel of the colour pattern",
+        ),
     ):
         with pytest.raises(InputError, match=word):
-            corrected_view(frames, recipe).read(0)
+            corrected_view(frames, recipe).read(1)
+
+
+def test_corrections_of_a_channel_of_cutouts(tmp_path: Path) -> None:
+    """Dark, white and masked pixels are those of the whole mosaic, at the place of each cutout."""
+    rng = np.random.default_rng(0)
+    sensor = rng.integers(200, 4000, (2, 20, 24)).astype(np.uint16)
+    dark, white = rng.uniform(50, 90, (20, 24)).astype(np.float32), rng.uniform(2000, 3000, (20, 24)).astype(np.float32)
+    origins = [(3, 4), (5, 8)]
+    cut = np.stack([one[r : r + 9, c : c + 11] for one, (r, c) in zip(sensor, origins, strict=True)])
+    frames = ArraySource(cut, [(0, 0, 0), (0, 0, 1)], origins=origins, metadata={"cfa": "GRBG"})
+    np.save(tmp_path / "dark.npy", dark)
+    np.save(tmp_path / "white.npy", white)
+    (tmp_path / "mask.csv").write_text("row,column\n# a dead pixel\n8,13\n")
+    how = {"dark": tmp_path / "dark.npy", "white": tmp_path / "white.npy", "white_mode": "pixels", "exposure": "none"}
+    view = corrected_view(frames, CorrectionRecipe(channel="R", mask=tmp_path / "mask.csv", **how))
+    part, ratios = (white - dark)[0::2, 1::2], []
+    for k, (r, c) in enumerate(origins):
+        r0, c0 = -r % 2, (1 - c) % 2
+        place = ((r + r0) // 2, (c + c0 - 1) // 2)
+        assert view.info(k).origin == place
+        values = (cut[k] - dark[r : r + 9, c : c + 11])[r0::2, c0::2]
+        rows, columns = values.shape
+        wanted = values / part[place[0] : place[0] + rows, place[1] : place[1] + columns]
+        found = view.samples(k)
+        lost = np.zeros((rows, columns), bool)
+        lost[8 // 2 - place[0], 13 // 2 - place[1]] = True
+        np.testing.assert_array_equal(found.valid, ~lost)
+        ratios.append(found.values[~lost] / wanted[~lost])
+    np.testing.assert_allclose(np.concatenate(ratios), ratios[0][0], rtol=1e-5)  # one factor for the whole sensor
 
 
 @pytest.mark.parametrize("shift", [0, 4])

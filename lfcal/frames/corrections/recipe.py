@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, StorageError, check_choice
 from lfcal.camera import ScanPlan
 from lfcal.frames.aligned import ShiftedSource, shifted
-from lfcal.frames.channels import channel_source
+from lfcal.frames.channels import ChannelSource, are_cutouts
 from lfcal.frames.corrections._corrected import CorrectedSource
 from lfcal.frames.corrections._pixel_map import sensor_map
 from lfcal.frames.corrections.chain import CorrectionChain, Step
@@ -70,7 +70,7 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
     if plan is not None:
         view = DescribedSource(view, plan)
     if recipe.channel:
-        view = channel_source(view, recipe.channel)
+        view = ChannelSource(view, recipe.channel, plan.camera.sensor.cfa if plan is not None else "")
     return CorrectedSource(view, build_chain(view, recipe))
 
 
@@ -236,8 +236,7 @@ def _defects(
     found = None
     if search:
         # the search compares one place of the sensor over all frames; cutouts are at different places
-        part = source.metadata.origin or (0, 0)
-        if any(source.info(k).origin != part for k in range(len(source))):
+        if are_cutouts(source):
             raise InputError.expected(
                 "search for defect pixels", "whole sensor frames", "cutouts", "record whole frames for the search"
             )
