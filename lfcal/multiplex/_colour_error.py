@@ -20,16 +20,17 @@ EDGES_NM = np.arange(400.0, 701.0, 5.0)
 
 @dataclass(frozen=True, eq=False)
 class ColourError:
-    """Colour differences (CIEDE2000) over reflectances.
+    """CIEDE2000 colour differences between true and reconstructed colours of test reflectances.
 
     Attributes
     ----------
     differences
-        Colour difference of each reflectance, ``(n,)``.
+        Colour difference of each of the n reflectances, ``(n,)``.
     matrix
-        Matrix ``(3, kinds)`` from the samples of the array's different filters to XYZ, scaled so that white has Y = 1.
+        Matrix ``(3, kinds)`` from the signals of the different kinds of filter to CIE XYZ, scaled such that white has Y
+        = 1.
     noise
-        Rms colour difference due to the camera's noise; None if no noise is given.
+        Rms colour difference due to the noise of the camera; None if no noise model is given.
 
     Examples
     --------
@@ -47,12 +48,12 @@ class ColourError:
 
     @property
     def mean(self) -> float:
-        """Mean colour difference; a difference of about 1 is just visible."""
+        """Mean CIEDE2000 difference over the reflectances; a difference of about 1 is just visible."""
         return float(self.differences.mean())
 
     @property
     def worst(self) -> float:
-        """Largest colour difference."""
+        """Largest CIEDE2000 difference over the reflectances."""
         return float(self.differences.max())
 
 
@@ -64,10 +65,10 @@ def lab(xyz: ArrayLike, white: ArrayLike) -> Array:
 
 
 def colour_difference(one: ArrayLike, two: ArrayLike) -> Array:
-    """Return the CIEDE2000 differences ``(...)`` between CIELAB colours ``(..., 3)``.
+    """Return the CIEDE2000 differences ``(...)`` between CIELAB colours (L*, a*, b*) of shape ``(..., 3)``.
 
-    The calculation follows Sharma, Wu and Dalal 2005, Color Research and Application 30:21, and reproduces their test
-    pairs.
+    The calculation follows Sharma, Wu and Dalal (2005), Color Research and Application 30:21, and reproduces their test
+    data.
 
     Examples
     --------
@@ -126,24 +127,24 @@ def colour_error(
     noise: SensorNoise | None = None,
     rng: np.random.Generator | None = None,
 ) -> ColourError:
-    """Return the colour error of a filter array, with the best matrix from its samples to XYZ.
+    """Return the colour error of a filter array, with the best linear conversion from its signals to CIE XYZ.
 
-    The matrix is fitted to 200 smooth reflectances, under the condition that white remains white. It is tested on other
-    reflectances.
+    The conversion matrix is fitted to 200 smooth reflectances, under the condition that white remains white. It is
+    tested with other reflectances.
 
     Parameters
     ----------
     pattern, filters, efficiency
         As in `lfcal.multiplex.spectral_array`.
     illuminant
-        Relative power of the illuminant, one curve; D65 by default.
+        Relative spectral power of the illuminant, one curve; None: D65.
     reflectances
-        Reflectances for the test; by default 100 random smooth ones.
+        Reflectances for the test; None: 100 random smooth ones.
     noise
-        Noise of the camera, to compute the colour error that it causes; unmodulated light reaches full scale. None: no
-        noise.
+        Noise model of the camera, from which the resulting colour error is computed for unmodulated light at full
+        scale. None: no noise.
     rng
-        Random generator for reflectances and noise; with a fixed seed by default.
+        Random number generator for reflectances and noise; None: one with a fixed seed.
 
     Examples
     --------

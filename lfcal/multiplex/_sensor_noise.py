@@ -54,7 +54,7 @@ def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.flo
 
 
 def without_black_level(frame: ArrayLike, levels: ArrayLike) -> NDArray[Any]:
-    """Return a frame minus its black level (`black_level_map`): float64 for float64 frames, float32 for others.
+    """Return a copy of a frame minus its black level: float64 for float64 frames, float32 for others.
 
     Examples
     --------
@@ -80,16 +80,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """Noise model of a sensor: the variance of a sample is additive + signal + (prnu signal)^2 (electrons squared).
+    """Noise model of a sensor: the variance of a pixel is additive_e2 + signal + (prnu signal)², in electrons².
 
     Attributes
     ----------
     full_e
-        Electrons of unmodulated light, which reaches full scale.
+        Signal at full scale (electrons), which unmodulated light reaches.
     additive_e2
-        Variance of read noise, dark current, offsets and quantization (electrons squared).
+        Signal-independent variance (electrons²) due to read noise, dark current, offsets and quantization.
     prnu
-        Relative rms of the response non-uniformity; 0 if frames are corrected for it.
+        Relative rms of the photo-response non-uniformity; 0 if frames are corrected for it.
 
     Examples
     --------
@@ -105,11 +105,11 @@ class SensorNoise:
 
     @property
     def chi2(self) -> float:
-        """Ratio of photon to additive noise variance at full scale (equation 12), without response non-uniformity."""
+        """Ratio of photon to additive noise variance at full scale (Ihrke et al., eq. 12), 0 to inf."""
         return self.full_e / self.additive_e2 if self.additive_e2 > 0 else float("inf")
 
     def variance(self, electrons: ArrayLike) -> Array:
-        """Return the noise variance (electrons squared) of samples with the given numbers of electrons."""
+        """Return the noise variance (electrons²) of pixels with the given signals (electrons)."""
         signal = np.maximum(np.asarray(electrons, float), 0.0)
         return np.asarray(self.additive_e2 + signal + (self.prnu * signal) ** 2)
 
@@ -117,18 +117,19 @@ class SensorNoise:
 def sensor_noise(
     sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0, flat_corrected: bool = True
 ) -> SensorNoise:
-    """Return the noise model of a sensor for a gain and an exposure time.
+    """Return the noise model of a sensor for an amplifier gain and an exposure time.
 
     Parameters
     ----------
     sensor
-        Sensor; its full well, read noise, dark current, bit depth, DSNU and PRNU are used.
+        Sensor, whose full well, read noise, dark current, bit depth, DSNU and PRNU are used.
     gain
-        Amplifier gain: full scale is reached at full well divided by gain.
+        Amplifier gain: full scale corresponds to the full well divided by the gain (electrons).
     exposure_s
-        Exposure time, for the dark current (s).
+        Exposure time (s), which determines the dark signal.
     flat_corrected
-        Whether frames are divided by a white image, which removes the response non-uniformity.
+        Whether fixed-pattern noise (DSNU and PRNU) is removed from frames by dark and flat-field correction, and is
+        therefore not included.
 
     Examples
     --------
@@ -157,22 +158,22 @@ def pixel_weights(
     flat_corrected: bool = True,
     black_level: ArrayLike | None = None,
 ) -> Array:
-    """Return the weight ``(rows, columns)`` of each recorded sample: its inverse variance, 0 if saturated or dead.
+    """Return the weight of each pixel of a frame, ``(rows, columns)``: its inverse variance, or 0 if saturated or dead.
 
     Parameters
     ----------
     frame
-        Raw sample values ``(rows, columns)``, including the black level; saturated ones (`Sensor.saturated_from`) get
-        weight 0.
+        Raw frame ``(rows, columns)`` in counts, including the black level; saturated pixels (`Sensor.saturated_from`)
+        get the weight 0. Weights are in counts^-2.
     sensor, gain, exposure_s, flat_corrected
         As in `sensor_noise`.
     dead
-        Mask of the same shape, not zero for dead pixels; None: no dead pixels.
+        Mask of the same shape, nonzero at dead pixels; None: no dead pixels.
     expected
-        Sample values from which to compute the shot noise, such as a prediction or a smoothed frame. None: the frame
-        itself; because of its noise, dark samples then get slightly too much weight.
+        Counts from which to compute the shot noise, such as a prediction or a smoothed frame, of the same shape. None:
+        the frame itself; because of its noise, dark pixels then get slightly too much weight.
     black_level
-        Black level as stated by the frame's file (`lfcal.multiplex.without_black_level`); None: that of the sensor.
+        Black level stated in the file of the frame (counts), as in `without_black_level`; None: that of ``sensor``.
 
     Raises
     ------

@@ -19,24 +19,26 @@ __all__ = ["Acquisition", "acquire_light_field", "iter_acquire_light_field"]
 
 @dataclass(frozen=True, eq=False)
 class Acquisition:
-    """Simulated recording of a scene with one modulator.
+    """Simulated recording of a scene with one modulator, and its reconstruction.
 
     Attributes
     ----------
     modulator
         Modulator used for the recording.
     frame
-        Recorded frame ``(rows, columns)`` with noise, in units of the unmodulated light.
+        Recorded frame ``(rows, columns)`` with noise, in units of the light that a pixel without a modulator would
+        record.
     views
-        Demultiplexed samples ``(N, rows, columns)``, one per super-pixel, from the noisy frame.
+        Plenoptic samples ``(N, rows, columns)`` reconstructed from the noisy frame, on the output grid of
+        `demultiplex`.
     clean
-        The same views without noise.
+        Samples of the same shape reconstructed from the frame without noise.
     truth
-        Samples ``(N, rows, columns)`` of the scene at the middle of each super-pixel.
+        Samples of the scene at the positions of ``views``, ``(N, rows, columns)``.
     noise
-        Rms of ``views - clean``.
+        Rms of ``views - clean``, the error due to noise.
     error
-        Rms of ``views - truth``, due to noise and lost resolution.
+        Rms of ``views - truth``, the error due to noise and lost resolution.
 
     Examples
     --------
@@ -59,7 +61,7 @@ class Acquisition:
 
     @property
     def snr_db(self) -> float:
-        """Signal-to-noise ratio (dB): 10 log10 of the mean sample divided by the rms noise (equation 13)."""
+        """Signal-to-noise ratio (dB): 10 log10 of the mean of `truth` divided by `noise` (Ihrke et al., eq. 13)."""
         return 10 * math.log10(float(self.truth.mean()) / self.noise) if self.noise > 0 else math.inf
 
 
@@ -73,20 +75,21 @@ def iter_acquire_light_field(
     route: str = "spatial",
     filter: str = "cubic",
 ) -> Work[list[Acquisition]]:
-    """Simulate recordings of one scene with several modulators, at the same exposure and with the same camera.
+    """Simulate recordings of a scene with several modulators, with the same camera and exposure; return them in order.
 
     Parameters
     ----------
     light
-        Plenoptic samples at every pixel ``(N, rows, columns)``. Their sum over N is the unmodulated light.
+        Plenoptic samples at every pixel, ``(N, rows, columns)``. Their sum over N is the unmodulated light, with 1 at
+        full scale.
     modulators
-        Modulators of N samples each.
+        Modulators with N samples each.
     chi2
-        Ratio s_p^2 / s_c^2 of the camera; inf without read noise.
+        Ratio chi^2 of photon to additive noise variance at full scale; inf without read noise.
     signal_e
-        Electrons that a pixel collects from unmodulated light of 1.
+        Electrons that a pixel collects from unmodulated light with the value 1.
     rng
-        Random generator for the shot and read noise.
+        Random number generator for shot noise and read noise.
     route, filter
         Route and filter of the reconstruction, as in `demultiplex`.
 
@@ -98,7 +101,7 @@ def iter_acquire_light_field(
     Raises
     ------
     InputError
-        If chi2 is not above 0, or a modulator does not have as many samples as the scene.
+        If ``chi2`` is not above 0, or a modulator does not have as many samples as the scene.
     """
     scene = np.asarray(light, float)
     check_number("electrons of unmodulated light", signal_e, above=0)

@@ -32,21 +32,22 @@ WHOLE = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class DisplayFit:
-    """Suitability of a display for a camera that views it in the object plane.
+    """Suitability of a display in the object plane for a camera.
 
     Attributes
     ----------
     pixel_um
-        Pitch of the display's pixels (µm).
+        Pixel pitch of the display, as it appears in the object plane (µm).
     step_um
-        Step in the object plane that moves the image by one sensor pixel (µm). If display pixels are larger, some
-        source positions share a display pixel.
+        Distance in the object plane whose image is one sensor pixel (µm). If display pixels are larger, some source
+        positions share a display pixel.
     image_px
-        Width of a display pixel's image (sensor pixels).
+        Width of the image of a display pixel (sensor pixels).
     placing_px
-        Largest error of a position that is rounded to whole display pixels (sensor pixels).
+        Largest error of a source position that is rounded to whole display pixels, in its image (sensor pixels).
     fits
-        Whether every position has a separate display pixel and is reached within `PLACING_PX`.
+        Whether every source position has a separate display pixel and is reached within 0.1 sensor pixels
+        (`PLACING_PX`).
 
     Examples
     --------
@@ -64,7 +65,7 @@ class DisplayFit:
 
     @property
     def words(self) -> str:
-        """One-line verdict, with the required display pixels if the present ones are too coarse."""
+        """One-line verdict; it states the required pixel pitch if that of the display is too large."""
         width = f"a display pixel of {self.pixel_um:.4g} µm is {self.image_px:.3g} px wide in the image"
         if self.fits:
             met = f"positions are {self.step_um:.4g} µm apart and reached within {self.placing_px:.2g} px"
@@ -84,15 +85,15 @@ class DisplayFit:
 
 
 def display_fit(step_um: float, pixel_um: float) -> DisplayFit:
-    """Return how well a display's pixel pitch suits a camera, and whether it is fine enough.
+    """Return whether the pixel pitch of a display is small enough for a camera, with the resulting errors.
 
     Parameters
     ----------
     step_um
-        Step in the object plane that moves the image by one sensor pixel (µm): pixel pitch divided by magnification
-        (`lfcal.camera.Camera.step_um` at the depth of the plane).
+        Distance in the object plane whose image is one sensor pixel (µm): the sensor's pixel pitch divided by the
+        magnification (`lfcal.camera.Camera.step_um` at the depth of the plane).
     pixel_um
-        Pitch of the display's pixels, as they appear in that plane (µm).
+        Pixel pitch of the display, as it appears in that plane (µm).
 
     Examples
     --------
@@ -124,22 +125,23 @@ def display_frames(
     *,
     repeat: tuple[int, int] | None = None,
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield the display image of each frame, uint8 ``(rows, columns)``; a fully lit point is 255.
+    """Yield the display image of each frame of a code, uint8 ``(rows, columns)``; a fully lit point has the value 255.
 
     Parameters
     ----------
     code
-        Brightness of each point in each frame, ``(frames, points)``, between 0 and 1.
+        Relative brightness of each point in each frame, ``(frames, points)``, from 0 to 1.
     places
-        Positions (y, x) of the points ``(points, 2)``, in steps of one sensor pixel in the image. The block of points
-        is centred on the display.
+        Positions (y, x) of the points, ``(points, 2)``, in units of ``fit.step_um``, that is, of one sensor pixel in
+        the image. Only differences matter: the block of points is centred on the display.
     fit
-        Fit of the display (`display_fit`); each point is one display pixel.
+        Suitability of the display (`display_fit`), which contains its scale; each point is shown as one display pixel.
     shape
-        Rows and columns of the display.
+        Number of rows and columns of the display.
     repeat
-        Distance (down, across), in the same steps, after which the block is repeated. It must be so large that patterns
-        of two blocks do not overlap. The display shows as many blocks as fit, all with the same code. None: one block.
+        Distance (down, across) at which the block of points is repeated, in the units of ``places``. It must be so
+        large that the patterns of different blocks do not overlap. The display shows as many blocks as fit, all with
+        the same code. None: a single block.
 
     Raises
     ------

@@ -48,16 +48,17 @@ def s_matrix_orders(most: int = MOST_POINTS) -> list[int]:
 
 
 def s_matrix(order: int) -> Array:
-    """Return an S-matrix ``(order, order)`` of 0 and 1: the best code under additive noise (Harwit and Sloane 1979).
+    """Return an S-matrix ``(order, order)`` of 0 and 1, the best code for additive noise (Harwit and Sloane 1979).
 
-    Every row and column has (n + 1)/2 ones, S S^T = (n + 1)/4 (I + J), and the inverse is 2/(n + 1) (2 S^T - J). For
-    primes 4k - 1, the rows are shifts of the quadratic residues and 0. For 2^n - 1, it is Sylvester's Hadamard matrix
-    without its first row and column.
+    For the order n, every row and column has (n + 1)/2 ones. With the identity I and the matrix J of ones, S S^T = (n +
+    1)/4 (I + J), and the inverse is 2/(n + 1) (2 S^T - J). For primes n = 4k - 1, the rows are shifts of the indicator
+    of the quadratic residues and 0. For n = 2^k - 1, S is derived from Sylvester's Hadamard matrix without its first
+    row and column.
 
     Raises
     ------
     InputError
-        If no S-matrix of this order is available.
+        If no S-matrix of this order is available; `s_matrix_orders` lists the orders.
 
     Examples
     --------
@@ -92,12 +93,12 @@ def _is_paley(n: int) -> bool:
 
 
 def random_code(frames: int, points: int, density: float, rng: np.random.Generator) -> Array:
-    """Return a random code ``(frames, points)`` of 0 and 1 that separates all points.
+    """Return a random code ``(frames, points)`` of 0 and 1 with full column rank, so that all points can be separated.
 
     Raises
     ------
     InputError
-        If there are fewer frames than points, or none of a hundred random codes separates the points.
+        If there are fewer frames than points, or none of a hundred random codes separates all points.
 
     Examples
     --------
@@ -122,18 +123,18 @@ def random_code(frames: int, points: int, density: float, rng: np.random.Generat
 def code_matrix(
     kind: str, points: int, *, frames: int | None = None, density: float = 0.5, rng: np.random.Generator | None = None
 ) -> Array:
-    """Return a code ``(frames, points)``: the brightness of each point in each frame, 0 or 1.
+    """Return a code ``(frames, points)``: 1 where the frame lights the point, otherwise 0.
 
     Parameters
     ----------
     kind
-        ``"S"``: columns of the smallest S-matrix with at least as many points. ``"random"``: a random code.
-        ``"single"``: one point at a time.
+        ``"S"``: the first columns of the smallest S-matrix whose order is at least ``points``. ``"random"``: a random
+        code. ``"single"``: one point at a time.
     points
         Number of points whose patterns overlap.
     frames, density, rng
-        Options of random codes: number of frames (default: number of points), fraction of lit points, and random
-        generator (with a fixed seed by default).
+        Options of random codes: number of frames (default: number of points), fraction of points that are lit in a
+        frame (0 to 1), and random number generator (None: one with a fixed seed).
 
     Examples
     --------
@@ -169,23 +170,24 @@ LEAST_SIGNAL_E = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class CodingNumbers:
-    """Gain of a code over one point at a time in the same number of frames (dB).
+    """Summary of the gain of a code over one point at a time, in the same number of frames.
 
-    Gains are 10 log10 of the ratio of standard deviations.
+    Gains in dB are 10 log10 of the ratio of standard deviations; positive values mean that the code is better.
 
     Attributes
     ----------
     rms_db
-        Gain in the rms error of all entries, which determines the quality of a reconstruction with H.
+        Gain in the rms error over all entries of the patterns (dB).
     core_db, dark_db
-        Gain of bright entries (at least half of their pattern's peak) and of dark ones (at most a hundredth of it).
+        Gain of bright entries, at least half of the peak of their pattern, and of dark entries, at most a hundredth of
+        it (dB).
     better
-        Fraction of the entries whose error is smaller with the code.
+        Fraction of the entries whose error is smaller with the code, 0 to 1.
     exposure
-        Ratio of the exposure of coded frames to that of single points; below 1 if the coded frames would otherwise
+        Ratio of the exposure time of coded frames to that of single points; below 1 if the coded frames would otherwise
         saturate.
     peak_e
-        Electrons of the brightest pixel of the coded frames.
+        Signal of the brightest pixel of the coded frames (electrons).
     """
 
     rms_db: float
@@ -198,19 +200,19 @@ class CodingNumbers:
 
 @dataclass(frozen=True, eq=False)
 class CodingGain:
-    """Gain in the precision of each entry of the patterns due to a code.
+    """Gain of a code in the precision of the recovered patterns, relative to one point at a time.
 
     Attributes
     ----------
     frames, points
-        Number of frames and of points of the code.
+        Number of frames and number of points of the code.
     signal_e
-        Electrons of the brightest entry in the frame of a single point, at equal exposure.
+        Signal of the brightest entry in the frame of a single point (electrons), at equal exposure.
     time_db, full_well_db
-        Gain of each entry ``(points, rows, columns)`` at equal exposure, and with the brightest pixel full in both
-        cases (dB).
+        Gain of each entry (dB), ``(points, rows, columns)``, at equal exposure time, and with exposures at which the
+        brightest pixel reaches the full well.
     time, full_well
-        Summaries of these two gains.
+        Summaries of these two arrays.
     """
 
     frames: int
@@ -224,19 +226,19 @@ class CodingGain:
 
 @dataclass(frozen=True, eq=False)
 class CodingVerdict:
-    """Verdict on whether a code reduces the error of H.
+    """Verdict on whether a code reduces the error of H compared with one point at a time.
 
     Attributes
     ----------
     pays
         Whether the rms error of H is smaller with the code.
     limit
-        Quantity that is equal in the comparison, one of `LIMITS`.
+        Quantity that is equal in the comparison: ``"time"`` or ``"full well"``.
     gain
-        Gains of the code.
+        Gains of the code for both quantities.
     break_even_e
-        Signal of a single point's brightest entry up to which coding is better at equal exposure (electrons). It is 0
-        if coding is never better, and infinite if coding is better up to a full pixel.
+        Signal of a single point's brightest entry (electrons) up to which coding is better at equal exposure time. It
+        is 0 if coding is never better, and infinite if coding is better up to the full well.
     """
 
     pays: bool
@@ -246,7 +248,7 @@ class CodingVerdict:
 
     @property
     def words(self) -> str:
-        """One-line verdict with the code's gain; at equal exposure, also the light level up to which the code pays."""
+        """One-line verdict with the gain of the code and, for equal exposure times, its break-even signal."""
         numbers = self.gain.time if self.limit == "time" else self.gain.full_well
         does = "pays" if self.pays else "does not pay"
         told = f"coding {does} at equal {self.limit}: {numbers.rms_db:+.2f} dB over all entries"
@@ -254,7 +256,7 @@ class CodingVerdict:
 
     @property
     def frames_words(self) -> str:
-        """Sentence on whether showing several frames together is better, up to which light level, and why."""
+        """Sentence that states whether, up to which signal and why showing several points together is better."""
         gain, does = self.gain, "pays" if self.pays else "does not pay"
         return (
             f"showing {gain.points} frames together, coded: {does} at {float(f'{gain.signal_e:.3g}'):g} electrons in a "
@@ -263,7 +265,7 @@ class CodingVerdict:
 
     @property
     def range_words(self) -> str:
-        """Sentence on the light level up to which coding is better at equal exposure, and why."""
+        """Clause that states up to which signal coding is better at equal exposure time, and why."""
         if self.break_even_e == 0:
             return "never pays for this pattern and sensor: photon noise of bright cores is spread over dark entries"
         if math.isinf(self.break_even_e):
@@ -275,7 +277,7 @@ class CodingVerdict:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the main values as plain JSON types; an infinite break-even signal becomes None."""
+        """Return the main values as plain JSON types; an infinite `break_even_e` becomes None."""
         return {
             "pays": self.pays,
             "together": self.gain.points,
@@ -289,28 +291,30 @@ class CodingVerdict:
 def overlapping_patterns(
     plane: ArrayLike, points: int, *, step: int = 1, first: tuple[int, int] = (0, 0)
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Return the patterns of neighbouring points on a common area of the sensor, and the points' positions.
+    """Return the patterns of adjacent points on a common area of the sensor, and the positions of the points.
 
     Parameters
     ----------
     plane
-        One plane of H ``(ny, nx, nt, ns)``, which is repeated beyond its period.
+        One depth plane of H, shape ``(ny, nx, nt, ns)``; source positions beyond the period use its periodic
+        continuation.
     points
-        Number of points, in a block that is as square as possible, by rows.
+        Number of points, in a block that is as square as possible and in row-major order.
     step
-        Distance between neighbouring points in source positions (pixels in the image).
+        Distance between adjacent points, in source positions (px in the image).
     first
-        Position (y, x) of the first point.
+        Source position (y, x) of the first point, in source positions.
 
     Returns
     -------
     tuple
-        Patterns ``(points, rows, columns)``, NaN beyond a point's own cutout, and positions (y, x), ``(points, 2)``.
+        Patterns ``(points, rows, columns)`` in the units of ``plane``, NaN outside the cutout of each point, and
+        positions (y, x) of the points, ``(points, 2)``.
 
     Raises
     ------
     InputError
-        If the array is not a plane, or contains no light.
+        If ``plane`` does not have four axes, or contains no light.
 
     Examples
     --------
@@ -340,22 +344,22 @@ def overlapping_patterns(
 
 
 def coding_gain(patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, *, signal_e: float) -> CodingGain:
-    """Return the gain of each entry due to a code, compared with single points in the same number of frames.
+    """Return the gain of a code for each entry of the patterns, relative to single points in as many frames.
 
-    Each single point is shown in frames/points frames, so that both methods take the same number of frames. The fixed
-    pattern of the response (PRNU) is the same in all frames and therefore does not affect the gain.
+    Each single point is shown in ``frames / points`` frames, so that both methods use the same number of frames.
+    Photo-response non-uniformity (PRNU) is the same in all frames and therefore does not affect the gain.
 
     Parameters
     ----------
     patterns
-        Patterns ``(points, rows, columns)`` on the sensor, in any unit; NaN where a point has no entry
-        (`overlapping_patterns`).
+        Patterns ``(points, rows, columns)`` on a common area of the sensor, in any unit; NaN outside the cutout of a
+        point (`overlapping_patterns`).
     code
-        Brightness ``(frames, points)`` of each point in each frame, 0 … 1 (`lfcal.multiplex.code_matrix`).
+        Relative brightness of each point in each frame, ``(frames, points)``, 0 to 1 (`code_matrix`).
     noise
-        Noise of the camera (`lfcal.multiplex.sensor_noise`).
+        Noise model of the camera (`sensor_noise`).
     signal_e
-        Electrons of the brightest entry of a single point in one frame, up to the full well.
+        Signal of the brightest entry of a single point in one frame (electrons), at most the full well.
 
     Raises
     ------
@@ -393,23 +397,23 @@ def coding_pays(
     signal_e: float | None = None,
     limit: str = "time",
 ) -> CodingVerdict:
-    """Return a verdict on whether lighting several points together reduces the error for these patterns and sensor.
+    """Return a verdict on whether lighting several points together reduces the error of the recovered patterns.
 
-    The rms error of all entries is compared with that of one point at a time in the same number of frames. A code
-    reduces it if additive noise dominates, that is, for weak sources. With many photons, coding spreads the noise of
-    bright cores over dark entries.
+    The rms error over all entries is compared with that of one point at a time in the same number of frames. A code
+    reduces this error if additive noise dominates, that is, for weak sources. For strong signals, coding spreads the
+    photon noise of bright cores over dark entries.
 
     Parameters
     ----------
     patterns, noise
         As in `coding_gain`.
     code
-        ``"S"``, ``"random"``, or a matrix ``(frames, points)``.
+        ``"S"``, ``"random"``, or a matrix ``(frames, points)`` as in `coding_gain`.
     signal_e
-        Electrons of the brightest entry of a single point in one frame; the full well by default.
+        Signal of the brightest entry of a single point in one frame (electrons); None: the full well.
     limit
-        ``"time"``: equal exposures; those of coded frames are shortened only if they would saturate. ``"full well"``:
-        both are exposed until the brightest pixel is full.
+        ``"time"``: equal exposure times; those of coded frames are shortened only if the frames would saturate. ``"full
+        well"``: in both cases, the brightest pixel reaches the full well.
 
     Examples
     --------
@@ -459,16 +463,16 @@ def measured_coding_gain(
     trials: int = 200,
     rng: np.random.Generator,
 ) -> float:
-    """Return the gain of a code in the rms error of all entries (dB), measured on simulated noisy frames.
+    """Return the gain of a code in the rms error over all entries (dB), measured on simulated noisy frames.
 
     Parameters
     ----------
     patterns, code, noise, signal_e, limit
         As in `coding_gain` and `coding_pays`; the number of frames must be a multiple of the number of points.
     trials
-        Number of simulated series of frames, each of them with and without the code.
+        Number of simulated series of frames, each of which is simulated with and without the code.
     rng
-        Random generator for the photon and read noise and the fixed pattern of the response.
+        Random number generator for photon noise, read noise and photo-response non-uniformity.
 
     Examples
     --------

@@ -92,20 +92,21 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
 def cfa(pattern: str, *, filters: Mapping[str, Sequence[float]] | None = None) -> Modulator:
     """Return the modulator of a colour filter array over red, green and blue (Ihrke et al., section 4.1).
 
-    Sigma has one column for each kind of filter, which is 1 at its pixels. Pi contains the filters' transmissions.
+    Sigma has one column for each kind of filter, which is 1 at the pixels with this filter. Pi contains the
+    transmissions of the filters.
 
     Parameters
     ----------
     pattern
         ``"Bayer"``, ``"CYMG"``, ``"CYYM"``, ``"Sony"``, ``"RGBW"``, ``"RGBW 4x4"``, ``"CMYW"``, ``"X-Trans"``, or
-        letters of `FILTERS` by rows: ``"GRBG"``, ``"RGB/GBR"``.
+        letters of `FILTERS` in row-major order, such as ``"GRBG"`` or ``"RGB/GBR"``.
     filters
-        Additional filters, or replacements, by letter: transmissions (red, green, blue) in 0 … 1.
+        Additional or replacement filters: mapping from letters to transmissions (red, green, blue), 0 to 1.
 
     Raises
     ------
     InputError
-        If the pattern cannot be read or a filter is not three transmissions.
+        If the pattern cannot be read, or a filter does not consist of three transmissions.
 
     Examples
     --------

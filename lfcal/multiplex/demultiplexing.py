@@ -32,52 +32,54 @@ def demultiplex(
     out: NDArray[Any] | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Return the plenoptic samples of a frame, ``(N, rows, columns)``: colours, views, or both.
+    """Reconstruct the plenoptic samples of a frame: colours, views, or both.
 
-    The spatial route interpolates each measurement channel and decorrelates the channels at every position (theorem 1).
-    The Fourier route crops and re-weighs tiles of the spectrum (theorem 2), which equals the spatial route with a sinc
-    filter. Combinations that are not measured become zero (see `Modulator.lost`).
+    The spatial route interpolates each measurement channel, that is, each pixel of the super-pixel, and decorrelates
+    the channels at every position (Ihrke et al., theorem 1). The Fourier route crops and weights tiles of the spectrum
+    (theorem 2), which is equivalent to the spatial route with a sinc filter. Combinations of samples that are not
+    measured become zero (see `Modulator.lost`).
 
     Parameters
     ----------
     frame
-        Frame ``(rows, columns)`` after background subtraction. If it ends within a super-pixel, it is continued with
-        the pixels of the previous super-pixel.
+        Frame ``(rows, columns)`` after background subtraction. If it ends within a super-pixel, this super-pixel is
+        completed with pixels of the previous one.
     modulator
-        Modulator of the frame, see `lfcal.multiplex.colour_filters` and `lfcal.multiplex.masks`.
+        Modulator through which the frame was recorded, for example from `cfa` or `mask`.
     route
         ``"spatial"`` or ``"fourier"``.
     filter
-        Filter of the spatial route: ``"nearest"``, ``"linear"``, ``"cubic"``, ``"lanczos"``, ``"sinc"`` (periodic) or
-        ``"bilateral"`` (edge-preserving, guided by the mean over a super-pixel). Colour filter arrays also have
-        ``"lmmse"`` and ``"directional"`` (`lfcal.multiplex._demosaicing`), which ignore ``rcond``. None:
+        Interpolation of the spatial route: ``"nearest"``, ``"linear"``, ``"cubic"``, ``"lanczos"``, ``"sinc"``
+        (periodic) or ``"bilateral"`` (edge-preserving, guided by the mean over a super-pixel). Colour filter arrays
+        also have the demosaicing methods ``"lmmse"`` and ``"directional"``, which ignore ``rcond``. None:
         `default_filter`.
     samples
-        Output samples per super-pixel, one number or (rows, columns). Default: one per pixel for colours, one per
-        lenslet or mask period for light fields.
+        Number of output samples in a super-pixel along each axis, one number or (rows, columns). None: one for each
+        pixel for colours, one for each lenslet or mask period for light fields.
     origin
-        Pixel ``(row, column)`` of the frame at which a super-pixel begins.
+        Pixel ``(row, column)`` of the frame that is the first pixel of a super-pixel.
     rcond
-        Singular values up to this fraction of the largest count as zero. None: rounding error.
+        Singular values of `Modulator.matrix` up to this fraction of the largest one count as zero. None:
+        `default_rcond`.
     weights
-        Weight ``(rows, columns)`` of each pixel: its inverse variance, or 0 for saturated and dead pixels
-        (`lfcal.multiplex.pixel_weights`). Channels are then interpolated linearly from pixels of non-zero weight and
-        decorrelated by weighted least squares. `lfcal.multiplex.demultiplex_weighted` also returns the noise.
+        Weight of each pixel, ``(rows, columns)``: its inverse variance, or 0 for saturated and dead pixels
+        (`pixel_weights`). Channels are then interpolated linearly from pixels of nonzero weight and decorrelated by
+        weighted least squares. `demultiplex_weighted` also returns the noise.
     out
-        Output array, float32 or float64. Default: float64 for float64 frames, float32 for others.
+        Array to fill, float32 or float64. None: a new array, float64 for float64 frames and float32 for others.
     workers
-        Number of threads; None: all processors.
+        Number of threads; None: one for each available CPU core.
 
     Returns
     -------
     NDArray
-        Samples in the order of `Modulator.sample_names`; `arrange` separates views and colours. With one sample per
-        pixel, the array is cropped to the frame.
+        Samples ``(N, rows, columns)`` in the order of `Modulator.sample_names` and in the unit of the frame; `arrange`
+        separates views and colours. With one sample for each pixel, the array has the size of the frame.
 
     Raises
     ------
     InputError
-        If the frame is smaller than a super-pixel or not finite, or an option is not known.
+        If the frame is smaller than a super-pixel or not finite, or an option is unknown.
 
     Examples
     --------
@@ -148,9 +150,10 @@ def demultiplex_weighted(
     origin: tuple[int, int] = (0, 0),
     rcond: float | None = None,
 ) -> WeightedSamples:
-    """Return the samples of a frame with their standard deviations, by weighted least squares (theorem 1 with noise).
+    """Return the plenoptic samples of a frame and their standard deviations, by weighted least squares.
 
-    Pixels that are not finite must have weight 0. The other arguments are those of `demultiplex`.
+    ``weights`` contains the inverse variance of each pixel, ``(rows, columns)``; pixels that are not finite must have
+    the weight 0. The other parameters are those of `demultiplex`.
 
     Raises
     ------
@@ -261,20 +264,20 @@ def _output(out: NDArray[Any] | None, shape: tuple[int, ...], dtype: np.dtype[An
 
 
 def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
-    """Return the noise-free frame ``(rows, columns)`` of a sensor behind ``modulator`` (equation 3).
+    """Return the noise-free frame ``(rows, columns)`` of a sensor behind ``modulator`` (Ihrke et al., eq. 3).
 
     Parameters
     ----------
     samples
-        Plenoptic samples at every pixel ``(N, rows, columns)``. Each pixel behind a lenslet receives the mean over the
-        lenslet's area.
+        Plenoptic samples at every pixel, ``(N, rows, columns)``. A pixel behind a lenslet measures their mean over the
+        area of the lenslet.
     modulator
-        Modulator; its first super-pixel begins at the first pixel.
+        Modulator, whose first super-pixel begins at the first pixel of the frame.
 
     Raises
     ------
     InputError
-        If the samples are not those of the modulator.
+        If the number of samples is not that of the modulator.
 
     Examples
     --------
@@ -315,7 +318,7 @@ def _gathered(light: NDArray[np.float64], cell: tuple[int, int]) -> NDArray[np.f
 
 
 def arrange(samples: NDArray[Any], modulator: Modulator) -> NDArray[Any]:
-    """Return the samples of `demultiplex` as ``(views down, views across, colours, rows, columns)``, without a copy.
+    """Return a view of samples of `demultiplex` with the shape ``(views down, views across, colours, rows, columns)``.
 
     Examples
     --------

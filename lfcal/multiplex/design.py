@@ -29,16 +29,16 @@ BATCH = 4096
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Result of a search for a modulator, with an upper bound on the gain of all candidates.
+    """Best modulator found by a search, and an upper bound on the gain of all candidates.
 
     Attributes
     ----------
     modulator
-        Best modulator found (without crosstalk).
+        Best modulator found, stored without crosstalk.
     gain_db
-        Gain over the reference with the crosstalk of the search, 10 log10 as in equation 14.
+        SNR gain over the reference, with the crosstalk of the search (dB; 10 log10, as in `snr_gain`).
     bound_db
-        Upper bound on the gain of all candidates (dB); the gain itself if all were tried.
+        Upper bound on the gain of all candidates (dB); equal to ``gain_db`` if all were tried.
     tried
         Number of candidates whose gain was computed.
     exhaustive
@@ -62,22 +62,23 @@ class Design:
 
     @property
     def certificate(self) -> str:
-        """Sentence that states how far this gain may be below the best possible one."""
+        """Clause that states by how much the gain may be below the best possible one."""
         if self.exhaustive:
             return f"the best of all {self.tried} candidates"
         return f"at most {max(0.0, self.bound_db - self.gain_db):.3f} dB below the best possible one"
 
 
 def with_crosstalk(modulator: Modulator, share: float) -> Modulator:
-    """Return a modulator with crosstalk: each pixel loses ``share`` of its light to its four neighbours.
+    """Return a copy of ``modulator`` with crosstalk, by which each pixel loses light to its four neighbours.
 
     Parameters
     ----------
     modulator
-        Periodic modulator; pixels at its border exchange light with the next super-pixel. With lenslets, only pixels of
-        one cell exchange light.
+        Modulator; pixels at the border of its super-pixel exchange light with the next super-pixel. With lenslets, only
+        pixels of the same cell exchange light.
     share
-        Fraction of a pixel's charge or light that leaves it, 0 … 0.5, a quarter of it to each side.
+        Fraction of a pixel's light or charge that it loses, 0 to 0.5; a quarter of it reaches each of the four
+        neighbours.
 
     Examples
     --------
@@ -105,30 +106,30 @@ def best_array(
     least_light: float = 0.0,
     reference: Modulator | None = None,
 ) -> Design:
-    """Return the manufacturable layout of filters with the largest gain over ``reference``.
+    """Search all layouts of given filters; return the one with the largest SNR gain over ``reference``.
 
     Parameters
     ----------
     side
-        Rows and columns of the super-pixel (pixels).
+        Rows and columns of the super-pixel (px).
     chi2
-        Ratio chi^2 of the camera (`camera_chi2`), 0 … inf.
+        Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
     letters
-        Letters of the filters to choose from (`lfcal.multiplex.colour_filters.FILTERS`).
+        Letters of the filters to choose from: red, green, blue, cyan, magenta, yellow and white by default (`FILTERS`).
     crosstalk
-        Fraction of the light that pixels lose to their neighbours (`with_crosstalk`); the arrangement of filters then
-        matters.
+        Fraction of its light that each pixel loses to its neighbours (`with_crosstalk`); if it is not 0, the
+        arrangement of the filters matters.
     most_kinds
-        Largest number of different filters, each of which needs a lithographic step. None: no limit.
+        Largest number of different filters, each of which requires a lithographic step. None: no limit.
     least_light
-        Smallest mean transmission of the layout.
+        Smallest mean transmission of the layout, 0 to 1.
     reference
-        Modulator to compare with; by default Bayer with the same crosstalk.
+        Modulator to compare with; None: the Bayer pattern with the same crosstalk.
 
     Raises
     ------
     InputError
-        If there are too many candidates to try, or none recovers the colours.
+        If there are too many candidates to try, or none of them recovers the colours.
 
     Examples
     --------
@@ -237,28 +238,28 @@ def best_printed_mask(
     starts: int = 12,
     rng: np.random.Generator | None = None,
 ) -> Design:
-    """Return the printable attenuation mask with the largest gain over a pinhole that has the same crosstalk.
+    """Search for the printable mask with the largest SNR gain over a pinhole with the same crosstalk.
 
     If there are at most 20 000 candidates, all of them are tried. Otherwise, the best grey mask (`best_mask`), known
-    masks and random masks are rounded to the levels and then changed pixel by pixel while this increases the gain. The
-    bound is then the one for arbitrary masks.
+    masks and random masks are rounded to the printable levels, and then changed pixel by pixel as long as this
+    increases the gain. The bound is then that for arbitrary masks (`mask_gain_bound`).
 
     Parameters
     ----------
     size
         Side of the mask (pixels).
     chi2
-        Ratio chi^2 of the camera (`camera_chi2`), 0 … inf.
+        Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
     levels
-        Number of printable transmissions, equally spaced from closed to open; 2 for chrome on glass.
+        Number of printable transmissions, equally spaced from 0 to 1; 2 for chrome on glass.
     crosstalk
-        Fraction of the light that pixels lose to their neighbours.
+        Fraction of its light that each pixel loses to its neighbours.
     least_light, most_light
-        Smallest and largest mean transmission of the mask.
+        Smallest and largest mean transmission of the mask, 0 to 1.
     starts
         Number of random starts.
     rng
-        Random generator for the starts; with a fixed seed by default.
+        Random number generator for the starting points; None: one with a fixed seed.
 
     Examples
     --------

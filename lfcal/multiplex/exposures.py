@@ -17,16 +17,16 @@ Array = NDArray[np.float64]
 
 
 def neutral_density(transmissions: ArrayLike, *, name: str = "") -> Modulator:
-    """Return a modulator whose pixels have different exposures: each measures a fraction of one sample, the radiance.
+    """Return a modulator whose pixels have different exposures; its single sample is the radiance.
 
-    Assorted pixels are used for high dynamic range (Nayar and Mitsunaga 2000, Narasimhan and Nayar 2005). The fractions
-    are the transmissions of neutral-density filters, or exposure times relative to the longest. To exclude saturated
-    pixels, pass the weights of `lfcal.multiplex.pixel_weights` to `demultiplex`.
+    Such assorted pixels extend the dynamic range (Nayar and Mitsunaga 2000, Narasimhan and Nayar 2005). The exposures
+    are determined by the transmissions of neutral-density filters, or by the exposure times relative to the longest. To
+    exclude saturated pixels, pass the weights of `pixel_weights` to `demultiplex`.
 
     Parameters
     ----------
     transmissions
-        Fraction of the light that each pixel of a super-pixel receives, ``(rows, columns)``, 0 … 1.
+        Fraction of the light that each pixel of a super-pixel receives, ``(rows, columns)``, 0 to 1.
     name
         Name in tables and plots.
 
@@ -45,12 +45,13 @@ def neutral_density(transmissions: ArrayLike, *, name: str = "") -> Modulator:
 
 
 def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Modulator:
-    """Return a modulator whose pixels are open at different moments of an exposure; each moment is a sample.
+    """Return a modulator whose pixels are open in different intervals of an exposure; each interval is a sample.
 
     Parameters
     ----------
     open_shares
-        Fraction of each moment in which a pixel of the super-pixel is open, ``(rows, columns, moments)``, 0 … 1.
+        Fraction of each time interval during which a pixel of the super-pixel is open, ``(rows, columns, intervals)``,
+        0 to 1.
     name
         Name in tables and plots.
 
@@ -77,11 +78,11 @@ def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Mod
 
 
 def camera_array(rows: int, columns: int) -> Modulator:
-    """Return an array of cameras with one view each as a modulator; combine their frames with `interleave`.
+    """Return an array of cameras, each of which records one view, as a modulator; `interleave` combines their frames.
 
-    Multiply it by a modulator with the same super-pixel if the cameras have different filters, shutters or polarisers:
-    ``camera_array(2, 2) * ...`` recovers every view in every colour. Use only the modulator of the colours if all
-    cameras see the same view, as for a distant scene.
+    If the cameras have different filters, shutters or polarisers, multiply the result by a modulator with the same
+    super-pixel: ``camera_array(2, 2) * ...`` recovers every view in every colour. If all cameras see the same view, as
+    for a distant scene, use only the modulator of the colours.
 
     Examples
     --------
@@ -107,15 +108,16 @@ def camera_array(rows: int, columns: int) -> Modulator:
 
 
 def interleave(frames: Sequence[ArrayLike], side: tuple[int, int]) -> NDArray[np.float32] | Array:
-    """Combine frames of several cameras (or moments) into one mosaic ``(rows * side[0], columns * side[1])``.
+    """Combine the frames of several cameras (or exposures) into one mosaic ``(rows * side[0], columns * side[1])``.
 
-    Frame k provides pixel k (counted by rows) of every super-pixel. An array of cameras can thus be demultiplexed like
-    a single sensor.
+    Frame k provides pixel k (in row-major order) of every super-pixel of ``side`` (rows, columns) pixels. An array of
+    cameras can thus be demultiplexed like a single sensor.
 
     Raises
     ------
     InputError
-        If the number of frames is not the number of pixels of the super-pixel, or their shapes differ.
+        If the number of frames differs from the number of pixels of the super-pixel, or the shapes of the frames
+        differ.
 
     Examples
     --------

@@ -110,27 +110,28 @@ def iter_demultiplex_generally(
     tolerance: float = 1e-6,
     most: int = 400,
 ) -> Work[GeneralSamples]:
-    """Return the samples of a frame behind any modulator, periodic or not, separable or not.
+    """Reconstruct the samples of a frame behind any modulator, periodic or not, by regularized least squares.
 
     Parameters
     ----------
     frame
         Frame ``(rows, columns)`` after background subtraction.
     transmissions
-        Fraction of each sample that each pixel measures, ``(N, rows, columns)``; or a modulator, repeated over the
-        frame.
+        Fraction of each of the N samples that each pixel measures, ``(N, rows, columns)``; or a modulator, which is
+        repeated over the frame.
     spacing
-        Distance between the nodes of the samples' grid in pixels, one number or (rows, columns). A spacing of about
-        sqrt(N) provides as many pixels as samples.
+        Distance between the nodes of the grid on which samples are computed (px), one number or (rows, columns). With a
+        spacing of about sqrt(N), there are as many pixels as unknowns.
     weights
-        Inverse variances of the pixels, 0 for saturated and dead ones.
+        Inverse variances of the pixels, ``(rows, columns)``, 0 for saturated and dead pixels; None: all pixels have the
+        same weight.
     smoothness
-        Weight of the squared differences between neighbouring nodes, relative to the mean measured fraction. It
-        determines samples that no pixel measures. It must be small compared with the signal-to-noise ratio.
+        Weight of the squared differences between adjacent nodes, relative to the mean weight of the measurements. This
+        regularization determines samples that no pixel measures.
     tolerance
-        Stop the iterations when the norm of the gradient falls below this fraction of its first value.
+        Fraction of its initial value below which the norm of the gradient must fall for the iterations to stop.
     most
-        Largest number of iterations.
+        Maximum number of iterations.
 
     Yields
     ------
@@ -140,7 +141,7 @@ def iter_demultiplex_generally(
     Raises
     ------
     InputError
-        If the transmissions do not fit the frame, or an option is out of range.
+        If the shape of ``transmissions`` does not match the frame, or an option is out of range.
     """
     pair = spacing if isinstance(spacing, tuple) else (spacing, spacing)
     seen, known = measured(frame, weights)
@@ -197,21 +198,23 @@ demultiplex_generally = drained(
 
 
 def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, int], shift_px: float) -> Array:
-    """Return the transmissions ``(views, rows, columns)`` of any mask, periodic or not: m(x - s v) of equation 9.
+    """Return the transmission of each view through a mask at each pixel of a frame, ``(views, rows, columns)``.
 
-    Each pixel averages the mask's cells (one pixel wide) over its area. Beyond the pattern, the mask is closed.
+    The mask need not be periodic. The transmission for the view v at the pixel x is m(x - s v), with the mask m and the
+    shift s (Ihrke et al., eq. 9). Each pixel averages over its area the cells of the mask, which are one pixel wide.
+    Outside the pattern, the mask is opaque.
 
     Parameters
     ----------
     pattern
-        Transmissions ``(rows, columns)`` of the mask, 0 … 1. For the middle view, the centre of the pattern is
-        projected onto the centre of the frame.
+        Transmission of the cells of the mask, ``(rows, columns)``, 0 to 1. For the middle view, the centre of the
+        pattern is projected onto the centre of the frame.
     shape
         Rows and columns of the frame.
     views
-        Number of views ``(down, across)``.
+        Number of views ``(down, across)``; the first axis of the result is in row-major order.
     shift_px
-        Shift of the shadow from one view to the next (pixels).
+        Shift s of the shadow from one view to the next (px).
 
     Examples
     --------

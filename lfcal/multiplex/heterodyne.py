@@ -50,25 +50,25 @@ VALUES_AT_ONCE = 2_000_000
 def lattice_transmissions(
     shape: tuple[int, int], lattice: MicroImageLattice, modulator: Modulator, *, profile: str = "cells"
 ) -> Array:
-    """Return the fraction of each sample that each pixel behind a modulator measures, ``(N, rows, columns)``.
+    """Return the transmission of each of N samples at each pixel of a frame, ``(N, rows, columns)``.
 
     Parameters
     ----------
     shape
-        Rows and columns of the frame.
+        Number of rows and columns of the frame.
     lattice
-        Lattice of the super-pixels; each of its points is the centre of a super-pixel.
+        Lattice of the super-pixels, whose points are their centres.
     modulator
-        Modulator of one super-pixel; its values are at equal steps along the lattice's vectors.
+        Modulator of one super-pixel; its pixels are at equal steps along the vectors of the lattice.
     profile
-        ``"cells"``: a mask of uniform cells, averaged over the area of each pixel (sampled at 64 points), so that
-        values stay within those of the mask. ``"sinusoids"``: the trigonometric polynomial through the values, as in
-        optical heterodyning.
+        ``"cells"``: a mask of uniform cells, averaged over the area of each pixel (sampled at 64 points).
+        ``"sinusoids"``: the trigonometric polynomial through the values, as in optical heterodyning; it may exceed
+        their range.
 
     Raises
     ------
     InputError
-        If the profile is unknown or the size of the frame is invalid.
+        If ``profile`` is unknown or ``shape`` is invalid.
 
     Examples
     --------

@@ -210,31 +210,31 @@ def lattice_channels(
     out: NDArray[Any] | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Return ``size`` x ``size`` measurement channels of each super-pixel, ``(down, across, rows, columns)``.
+    """Sample each super-pixel at ``size`` x ``size`` points, and return these measurement channels.
 
     Parameters
     ----------
     frame
         Frame ``(rows, columns)`` after background subtraction.
     lattice
-        Lattice of the super-pixels: a `SuperPixelLattice`, a `lfcal.lattice.LatticeFit`, or `lfcal.lattice.lattice_of`
-        a camera. The pitch may be any number of pixels, the lattice may be rotated, and its rows may be curved.
+        Lattice of the super-pixels: a `SuperPixelLattice`, a `lfcal.lattice.LatticeFit`, or the result of
+        `lfcal.lattice.lattice_of` for a camera. The pitch need not be a whole number of pixels, the lattice may be
+        rotated, and its rows may be curved.
     size
-        Number of channels (down, across) around each centre; one number means the same in both directions.
+        Number of channels (down, across) around the centre of each super-pixel; one number applies to both axes.
     spacing_px
-        Distance between channels (pixels), one number or (down, across). None: the pitch divided by ``size``.
+        Distance between channels (px), one number or (down, across). None: the pitch divided by ``size``.
     filter
-        Interpolation between pixels: ``"nearest"``, ``"linear"`` or ``"cubic"``. Interpolation between super-pixels is
-        linear.
+        Interpolation between pixels: ``"nearest"``, ``"linear"`` or ``"cubic"``. Interpolation between super-pixels, if
+        any, is linear.
     axes
-        ``"lattice"``: the super-pixels as they are, in the largest box along the lattice's axes. ``"frame"``: parallel
-        to the frame, interpolated between super-pixels (`lfcal.lattice.view_grid`).
+        Axes of the output grid. ``"lattice"``: the super-pixels themselves, in the largest box along the axes of the
+        lattice. ``"frame"``: parallel to the frame, interpolated between super-pixels (`lfcal.lattice.view_grid`).
     weights
-        Weight ``(rows, columns)`` of each pixel: its inverse variance, or 0 for saturated and dead pixels
-        (`lfcal.multiplex.pixel_weights`). The filter must then be linear. `lattice_channels_weighted` also returns the
-        noise.
+        Weight of each pixel, ``(rows, columns)``: its inverse variance, or 0 for saturated and dead pixels
+        (`pixel_weights`). ``filter`` must then be ``"linear"``. `lattice_channels_weighted` also returns the noise.
     out
-        Output array, float32 or float64. Default: a new array.
+        Array to fill, ``(down, across, rows, columns)``, float32 or float64, which is also returned. None: a new array.
     workers
         Number of threads; None: all processors.
 
@@ -291,23 +291,24 @@ def lattice_channels_weighted(
     spacing_px: float | tuple[float, float] | None = 1.0,
     axes: str = "lattice",
 ) -> WeightedSamples:
-    """Return measurement channels ``(down, across, rows, columns)`` from weighted pixels, and standard deviations.
+    """Return measurement channels, as in `lattice_channels`, from weighted pixels, and their standard deviations.
 
     Interpolation is linear between pixels and super-pixels, with the weight of each pixel. If all pixels of a channel
-    have weight 0, the channel's pixels in the super-pixels within two rows and columns are used.
+    have the weight 0, pixels of the same channel in super-pixels up to two rows and columns away are used.
 
     Parameters
     ----------
     weights
-        Inverse variances ``(rows, columns)`` of the pixels. Pixels of weight 0 are ignored; the frame may have any
-        value there.
+        Inverse variances of the pixels, ``(rows, columns)``. Pixels with the weight 0 are ignored and may have any
+        value, even NaN.
     frame, lattice, size, spacing_px, axes
         As in `lattice_channels`.
 
     Returns
     -------
     WeightedSamples
-        Samples with their standard deviations, which are infinite where nothing was measured.
+        Channels ``(down, across, rows, columns)`` with their standard deviations, which are infinite where nothing was
+        measured.
 
     Examples
     --------
@@ -336,7 +337,7 @@ def channel_grid(
     spacing_px: float | tuple[float, float] | None = 1.0,
     axes: str = "lattice",
 ) -> ViewGrid:
-    """Return the grid of the super-pixels that `lattice_channels` uses in a frame of ``shape``.
+    """Return the grid of super-pixels that `lattice_channels` uses in a frame of the shape ``(rows, columns)``.
 
     Raises
     ------
@@ -414,24 +415,26 @@ def demultiplex_lattice(
     weights: ArrayLike | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Return the views ``(N, rows, columns)`` of a light field; the lattice's pitch may be any number of pixels.
+    """Return the views of a light field, ``(N, rows, columns)``, on a lattice of any pitch and angle.
 
     Parameters
     ----------
     frame, lattice, axes, workers
         As in `lattice_channels`.
     modulator
-        Modulator of one super-pixel of a light field; its values are at equal steps along the lattice's vectors.
+        Modulator of one super-pixel of a light field; its pixels are at equal steps along the vectors of the lattice.
     route
-        ``"spatial"`` (theorem 1) or ``"fourier"`` (theorem 2): tiles of the spectrum around the lattice's frequencies,
-        for any pitch and angle. This equals the spatial route with a sinc filter if the frame has no content between
-        the tiles. The method takes one Fourier transform of the frame and one for each pixel of a super-pixel.
+        ``"spatial"`` (Ihrke et al., theorem 1), or ``"fourier"`` (theorem 2), which uses tiles of the spectrum around
+        the frequencies of the lattice. The latter is equivalent to the spatial route with a sinc filter if the spectrum
+        of the frame is zero between the tiles. It requires one Fourier transform of the frame and one for each pixel of
+        a super-pixel.
     filter
-        Filter of the spatial route: ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels, as if all channels of a
-        super-pixel were recorded at its centre. ``"sinc"``: between super-pixels, with each channel at its actual
-        position (`lfcal.multiplex.heterodyne`).
+        Interpolation of the spatial route: ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels, as if all
+        channels of a super-pixel were recorded at its centre; or ``"sinc"`` between super-pixels, with each channel at
+        its actual position.
     rcond
-        Singular values up to this fraction of the largest count as zero. None: rounding error.
+        Singular values of `Modulator.matrix` up to this fraction of the largest one count as zero. None:
+        `default_rcond`.
     weights
         As in `lattice_channels`; only for the spatial route with the linear filter. `demultiplex_lattice_weighted` also
         returns the noise.
@@ -439,7 +442,7 @@ def demultiplex_lattice(
     Raises
     ------
     InputError
-        If the modulator is not a single super-pixel of a light field, or none is inside the frame.
+        If the modulator is not a single super-pixel of a light field, or no super-pixel is inside the frame.
 
     Examples
     --------
@@ -489,24 +492,24 @@ def demultiplex_lattice_weighted(
     axes: str = "lattice",
     rcond: float | None = None,
 ) -> WeightedSamples:
-    """Return the views ``(N, rows, columns)`` on a lattice and their standard deviations, by weighted least squares.
+    """Return the views of a light field, and their standard deviations, on a lattice by weighted least squares.
 
-    Channels are computed as in `lattice_channels_weighted` and decorrelated with the resulting weights (theorem 1 with
-    noise). The standard deviations take into account that neighbouring channels share pixels if the pitch is not a
-    whole number.
+    Channels are computed as in `lattice_channels_weighted` and decorrelated with the resulting weights. The standard
+    deviations take into account that adjacent channels share pixels if the pitch is not a whole number of pixels. Both
+    arrays have the shape ``(N, rows, columns)``.
 
     Parameters
     ----------
     weights
-        Inverse variances ``(rows, columns)`` of the pixels. Pixels of weight 0 are ignored; the frame may have any
-        value there.
+        Inverse variances of the pixels, ``(rows, columns)``. Pixels with the weight 0 are ignored and may have any
+        value, even NaN.
     frame, lattice, modulator, axes, rcond
         As in `demultiplex_lattice`.
 
     Raises
     ------
     InputError
-        If a weight is negative or all weights are zero, and as in `demultiplex_lattice`.
+        As in `demultiplex_lattice`, and if a weight is negative or all weights are zero.
 
     Examples
     --------

@@ -38,9 +38,10 @@ MAX_SHIFT_PX = 1e4
 def mask(kind: str, size: int) -> Modulator:
     """Return a light-field modulator with ``size`` x ``size`` pixels and as many views (Ihrke et al., section 4.2).
 
-    Attenuation masks are at the distance from the sensor at which their shadow moves by one pixel from view to view. A
-    is then the circulant matrix of the mask's pattern, Sigma = F^-1 M-hat and Pi^T = F (equation 9). For the pinhole, A
-    is the identity. For the lenslet, A is N times the identity, because a lenslet collects the light of the entire
+    Attenuation masks are at such a distance from the sensor that their shadow moves by one pixel from view to view. The
+    matrix A (`Modulator.matrix`) is then the circulant matrix of the mask pattern, with Sigma = F^-1 M-hat and Pi^T =
+    F, where F is the discrete Fourier transform and M-hat that of the pattern (eq. 9). For the pinhole, A is the
+    identity. For the lenslet, A is N times the identity for N views, because a lenslet collects the light of the entire
     super-pixel for each view.
 
     Parameters
@@ -48,12 +49,12 @@ def mask(kind: str, size: int) -> Modulator:
     kind
         ``"MURA"``, ``"pinhole"``, ``"lenslet"`` or ``"sum_of_sinusoids"``.
     size
-        Side in pixels: an odd prime for MURA, an odd number for sinusoids, any number for the others.
+        Side of the mask (px): an odd prime for MURA, an odd number for the sum of sinusoids, any number for the others.
 
     Raises
     ------
     InputError
-        If no such mask exists.
+        If ``kind`` is unknown, or no mask of this kind has this size.
 
     Examples
     --------
@@ -78,7 +79,7 @@ def mask(kind: str, size: int) -> Modulator:
 
 
 def mask_pattern(kind: str, size: int) -> Array:
-    """Return the transmission ``(size, size)`` of one period of a mask, from 0 to 1; it is 1 everywhere for a lenslet.
+    """Return the transmission of one period of a mask, ``(size, size)``, from 0 to 1; all 1 for a lenslet.
 
     ``kind`` and ``size`` are the parameters of `mask`.
 
@@ -144,31 +145,32 @@ def dirichlet_minimum(p: int) -> float:
 
 
 def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float = 0.0, name: str = "mask") -> Modulator:
-    """Return the modulator of a periodic mask in front of the sensor, i(x) = sum_v l(x, v) m(x - s v) (equation 9).
+    """Return the modulator of a periodic mask at some distance in front of the sensor (Ihrke et al., eq. 9).
 
-    The mask consists of cells of one pixel. The transmission of a pixel for a view is the mean of the shadow over the
-    pixel and over the directions of the view. Transmissions therefore stay within the range of the mask's values. For
-    any shift, the light of each view summed over a super-pixel equals the light that passes one period of the mask.
-    Sigma = F^-1 M-hat, and Pi^T contains the Fourier transform of a shifted cell for a pixel and a view. For integer
-    shifts and views without extent, this is exp(-2 pi i s v w), which is the Fourier basis if s = 1. With s = 0 (mask
-    on the sensor), all views pass the same mask and only their sum can be recovered.
+    A pixel at x records i(x) = sum_v l(x, v) m(x - s v), with the light field l, the mask m, the view v and the shift
+    s. The mask consists of cells as large as a pixel. The transmission of a pixel for a view is the mean of the shadow
+    over the pixel and over the directions of the view. Transmissions therefore remain within the range of the mask's
+    values. For any shift, the light of each view summed over a super-pixel equals the light that passes one period of
+    the mask. Sigma = F^-1 M-hat, and Pi^T contains the Fourier transform of a shifted cell for a pixel and a view. For
+    integer shifts and views without angular extent, this is exp(-2 pi i s v w) at the frequency w, which is the Fourier
+    basis if s = 1. With s = 0 (mask on the sensor), all views pass the same mask, and only their sum can be recovered.
 
     Parameters
     ----------
     pattern
-        Transmission ``(rows, columns)`` of one period, one value per pixel.
+        Transmission of one period of the mask, ``(rows, columns)``, with one value from 0 to 1 for each pixel.
     shift_px
-        Shift s of the mask's shadow from one view to the next (pixels, `shadow_shift_px`).
+        Shift s of the mask's shadow from one view to the next (px), as returned by `shadow_shift_px`.
     view_width
-        Extent of a view, relative to the step between views, 0 … 1. 0: a single direction, as in the sum of equation 9.
-        1: adjacent views without gaps, as behind a full aperture; the shadows are then blurred by s pixels.
+        Angular extent of a view divided by the step between views, 0 to 1. 0: a single direction, as in eq. 9. 1:
+        contiguous views, as behind a full aperture; the shadows are then blurred by s pixels.
     name
         Name in tables and plots.
 
     Raises
     ------
     InputError
-        If the pattern is not an array of transmissions from 0 to 1, or the width is out of range.
+        If ``pattern`` is not an array of transmissions from 0 to 1, or ``view_width`` is out of range.
 
     Examples
     --------
@@ -245,14 +247,14 @@ def _range_words(values: Array) -> str:
 
 
 def shadow_shift_px(distance_um: float, view_step: float, pixel_um: float) -> float:
-    """Return the shift of a mask's shadow from one view to the next in pixels: z dv / pixel.
+    """Return the shift of a mask's shadow from one view to the next (px): z dv / pixel pitch.
 
     Parameters
     ----------
     distance_um
-        Distance z between mask and sensor (µm).
+        Distance z between the mask and the sensor (µm).
     view_step
-        Step dv between views (tangent of the angle).
+        Step dv between adjacent views, as the tangent of the angle between them.
     pixel_um
         Pixel pitch (µm).
 
@@ -281,19 +283,20 @@ def noise_shares(chi2: float) -> tuple[float, float]:
 
 
 def mask_gain_bound(size: int, chi2: float) -> float:
-    """Return an upper bound on the gain over the pinhole (dB) of any mask of ``size`` x ``size`` pixels at ``chi2``.
+    """Return an upper bound on the SNR gain over the pinhole (dB) of any mask of ``size`` x ``size`` pixels.
 
-    The bound follows from the N Fourier weights of a mask with transmission tau. The zeroth is N tau. The sum of
-    squares of the others is at most N^2 tau (1 - tau), because transmissions are between 0 and 1. The noise is the sum
-    of their inverse squares, which is smallest if all others are equal; tau is then optimized. Masks of cyclic
-    difference sets reach this bound.
+    The bound follows from the N Fourier coefficients of a mask with N pixels and the mean transmission tau. The zeroth
+    coefficient is N tau. The sum of squares of the others is at most N^2 tau (1 - tau), because transmissions are
+    between 0 and 1. The noise variance is proportional to the sum of the inverse squares of all coefficients, which is
+    smallest if all except the zeroth are equal; tau is then optimized. Masks based on cyclic difference sets reach this
+    bound.
 
     Parameters
     ----------
     size
-        Side of the mask, and number of views along a side (pixels).
+        Side of the mask (px), and number of views along each axis.
     chi2
-        Ratio chi^2 of the camera, 0 … inf.
+        Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
 
     Examples
     --------
@@ -327,12 +330,12 @@ def mask_gain_bound(size: int, chi2: float) -> float:
 
 
 def best_binary_mask(size: int, chi2: float) -> Array:
-    """Return the binary pattern ``(size, size)`` with the largest gain at ``chi2``, found by trying all patterns.
+    """Return the binary mask ``(size, size)`` of 0 and 1 with the largest SNR gain at ``chi2``; all masks are tried.
 
     Raises
     ------
     InputError
-        If the side is above `MAX_EXHAUSTIVE` pixels.
+        If ``size`` is above `MAX_EXHAUSTIVE` pixels.
 
     Examples
     --------

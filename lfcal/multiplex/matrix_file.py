@@ -32,16 +32,17 @@ KEYS = {"name", "side", "matrix", "views", "colours", "cell", "lenslets", "light
 
 
 def load_modulator(path: str | os.PathLike[str]) -> Modulator:
-    """Return the modulator that is stored in a ``.npy`` or ``.json`` file.
+    """Read a modulator from a ``.npy`` or ``.json`` file.
 
-    A ``.npy`` file contains the transmissions ``(rows, columns, N)`` of a super-pixel, or ``(K, N)`` of a square one. A
-    ``.json`` file contains the same as nested lists, or an object with the entry ``matrix`` and optionally ``side``,
-    ``name``, ``views``, ``colours``, ``cell``, ``lenslets``, ``light`` as in `lfcal.multiplex.Modulator`.
+    A ``.npy`` file contains the transmissions of the N samples in a super-pixel as an array ``(rows, columns, N)``, or
+    ``(K, N)`` for a square super-pixel with K pixels. A ``.json`` file contains such an array as nested lists, or an
+    object with the entry ``matrix`` and optionally ``side``, ``name``, ``views``, ``colours``, ``cell``, ``lenslets``
+    and ``light``, as in `Modulator`.
 
     Raises
     ------
     FileFormatError
-        If the file does not contain such a matrix.
+        If the file does not contain such an array.
     StorageError
         If the file does not exist.
 

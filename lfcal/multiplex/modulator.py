@@ -28,11 +28,12 @@ def default_rcond(shape: tuple[int, int]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Modulator:
-    """A plenoptic modulator m(x, p) = sum_j sigma_j(x) pi_j(p) (Ihrke et al., equation 2).
+    """A plenoptic modulator m(x, p) = sum_j sigma_j(x) pi_j(p) (Ihrke et al., eq. 2).
 
-    Samples are ordered by view, by rows, and within a view by colour. The unmodulated light at a pixel is one,
-    distributed over the N plenoptic samples as in `light`. If a pixel measures a sample completely, its entry in
-    `matrix` is 1. A lenslet concentrates the light of its entire cell on one pixel per view, whose entry is the number
+    It defines the fraction m of the plenoptic sample p (a view, a colour, or both) that a pixel at x measures. Samples
+    are ordered by view (in row-major order), and within a view by colour. The unmodulated light at a pixel is 1,
+    distributed over the N samples as in `light`. If a pixel measures a sample completely, its entry in `matrix` is 1. A
+    lenslet concentrates the light of its entire cell on one pixel for each view; the entry of this pixel is the number
     of pixels in the cell.
 
     Attributes
@@ -40,23 +41,24 @@ class Modulator:
     name
         Name in tables and plots.
     side
-        Pixels ``(rows, columns)`` of the super-pixel; K = rows * columns, counted by rows.
+        Size ``(rows, columns)`` of the super-pixel (px); its K = rows * columns pixels are in row-major order.
     spatial
-        Sigma ``(K, J)``: each column is a spatial basis function, periodic with the super-pixel.
+        Matrix Sigma, ``(K, J)``: each column is a spatial basis function sigma_j, periodic with the super-pixel.
     plenoptic
-        Pi ``(N, J)``: each column is a plenoptic basis function over the N samples.
+        Matrix Pi, ``(N, J)``: each column is a plenoptic basis function pi_j over the N samples.
     views
-        Number of directions ``(rows, columns)`` in the samples.
+        Number of views ``(rows, columns)``; the super-pixel separates as many directions.
     colours
-        Names of the samples of each direction: colours, spectral bands, Stokes parameters, moments, or products of
-        these; empty for a light field of one colour.
+        Names of the samples within each view: colours, spectral bands, Stokes parameters, moments in time, or products
+        of these; empty for a monochrome light field.
     cell
-        Pixels ``(rows, columns)`` of one super-pixel of the light field; (1, 1) for a colour filter array.
+        Size ``(rows, columns)`` of a cell, the super-pixel of the light field alone (px); (1, 1) for a colour filter
+        array.
     lenslets
-        Whether all pixels of a cell sample the light at the position of their lenslet, instead of at their own
+        Whether all pixels of a cell sample the light at the position of their lenslet instead of at their own
         positions.
     light
-        Samples ``(N,)`` of unmodulated light, which a pixel without modulator records as one; 1/N each by default.
+        Samples of unmodulated light, ``(N,)``, which a pixel without a modulator records as 1; None: 1/N each.
 
     Examples
     --------
@@ -118,7 +120,7 @@ class Modulator:
 
     @property
     def count(self) -> int:
-        """Number N of plenoptic samples."""
+        """Number N of plenoptic samples: views times colours."""
         return math.prod(self.views) * max(1, len(self.colours))
 
     @property
@@ -136,12 +138,12 @@ class Modulator:
 
     @property
     def natural_samples(self) -> tuple[int, int]:
-        """Default output samples (down, across) per super-pixel: one per pixel, or one per cell of a light field."""
+        """Default number (down, across) of output samples in a super-pixel: one for each pixel, or for each cell."""
         return self.side[0] // self.cell[0], self.side[1] // self.cell[1]
 
     @property
     def positions(self) -> tuple[Array, Array]:
-        """Positions at which rows and columns of a super-pixel sample the light (pixels from its first pixel)."""
+        """Positions (px from the first pixel) at which the rows and the columns of a super-pixel sample the light."""
         rows, columns = (
             np.asarray(np.arange(n) // c * c + (c - 1) / 2 if self.lenslets else np.arange(n), float)
             for n, c in zip(self.side, self.cell, strict=True)
@@ -150,7 +152,7 @@ class Modulator:
 
     @cached_property
     def matrix(self) -> Array:
-        """Matrix A = Sigma Pi^T ``(K, N)`` of equation 4, which maps plenoptic samples to measurement channels."""
+        """Matrix A = Sigma Pi^T, ``(K, N)``, which maps samples to pixels of a super-pixel (Ihrke et al., eq. 4)."""
         product = self.spatial @ self.plenoptic.T
         if np.iscomplexobj(product):
             worst = float(np.abs(product.imag).max(initial=0.0))
@@ -180,7 +182,7 @@ class Modulator:
 
     @property
     def singular_values(self) -> Array:
-        """Singular values of `matrix`, largest first."""
+        """Singular values of `matrix` in descending order."""
         return self._decomposition[1]
 
     def _kept(self, rcond: float | None) -> NDArray[np.bool_]:
@@ -191,22 +193,22 @@ class Modulator:
         return kept
 
     def rank(self, rcond: float | None = None) -> int:
-        """Return the number of independent combinations of the samples that the modulator measures."""
+        """Return the rank of `matrix`, the number of independent combinations of samples that are measured."""
         return int(self._kept(rcond).sum())
 
     @property
     def condition(self) -> float:
-        """Ratio of the largest to the smallest singular value; infinite if some samples cannot be recovered."""
+        """Condition number of `matrix`; infinite if some samples cannot be recovered."""
         values = self.singular_values
         return float(values[0] / values[-1]) if self.rank() == self.count else math.inf
 
     def inverse(self, rcond: float | None = None) -> Array:
-        """Return the pseudo-inverse A^+ ``(N, K)``, which maps channels to the least-squares samples of smallest norm.
+        """Return the pseudo-inverse of `matrix`, ``(N, K)``, which maps pixels to samples by least squares.
 
         Parameters
         ----------
         rcond
-            Singular values up to this fraction of the largest count as zero; None: `default_rcond`.
+            Singular values up to this fraction of the largest one count as zero; None: `default_rcond`.
         """
         left, values, right = self._decomposition
         kept = self._kept(rcond)
@@ -216,38 +218,38 @@ class Modulator:
         return result
 
     def lost(self, rcond: float | None = None) -> Array:
-        """Return the unrecoverable fraction ``(N,)`` of each sample, from 0 (fully recovered) to 1 (not measured)."""
+        """Return the unrecoverable fraction of each sample, ``(N,)``, from 0 (fully recovered) to 1 (not measured)."""
         right = self._decomposition[2][self._kept(rcond)]
         share: Array = np.clip(1.0 - (np.abs(right) ** 2).sum(0), 0.0, 1.0)
         share[share < 1e-12] = 0.0
         return share
 
     def spectrum(self) -> NDArray[np.complex128]:
-        """Return Sigma-hat = F Sigma ``(K, J)`` of equation 8, the Fourier weights of the spatial basis functions."""
+        """Return the discrete Fourier transform of the spatial basis functions, ``(K, J)`` (Ihrke et al., eq. 8)."""
         block = np.asarray(self.spatial).reshape(*self.side, -1)
         spectrum: NDArray[np.complex128] = np.fft.fft2(block, axes=(0, 1)).reshape(self.pixels, -1)
         return spectrum
 
     def pattern(self) -> Array:
-        """Return the transmission ``(rows, columns, colours or 1)`` of a super-pixel for the middle view."""
+        """Return the transmission of a super-pixel for the middle view, ``(rows, columns, colours)``, as a copy."""
         middle = (self.views[0] // 2) * self.views[1] + self.views[1] // 2
         colours = max(1, len(self.colours))
         block = self.matrix[:, middle * colours : (middle + 1) * colours]
         return block.reshape(*self.side, colours).copy()
 
     def pattern_spectrum(self) -> Array:
-        """Return the magnitude of the Fourier weights of `pattern` per pixel, with zero frequency in the middle."""
+        """Return the magnitude of the Fourier transform of `pattern` divided by K, zero frequency in the middle."""
         spectrum = np.fft.fftshift(np.fft.fft2(self.pattern(), axes=(0, 1)), axes=(0, 1))
         result: Array = np.abs(spectrum) / self.pixels
         return result
 
     def shifted(self, rows: int, columns: int) -> Modulator:
-        """Return the modulator with its pattern shifted down by ``rows`` and to the right by ``columns`` pixels.
+        """Return a copy whose pattern is shifted cyclically by ``rows`` px down and ``columns`` px to the right.
 
         Raises
         ------
         InputError
-            If there are lenslets and the shift is not a whole number of cells.
+            If the modulator has lenslets and the shift is not a whole number of cells.
         """
         if self.lenslets and (rows % self.cell[0] or columns % self.cell[1]):
             raise InputError.expected(
@@ -349,9 +351,10 @@ def modulator_from_matrix(
     lenslets: bool = False,
     light: ArrayLike | None = None,
 ) -> Modulator:
-    """Return a modulator with the transmissions ``matrix`` ``(K, N)``: Sigma = A, Pi = identity.
+    """Return the modulator with the given matrix A of transmissions, ``(K, N)``: Sigma = A, Pi = identity.
 
-    The other arguments are those of `Modulator`.
+    The K rows are the pixels of the super-pixel in row-major order, the N columns its samples. The other parameters are
+    those of `Modulator`.
 
     Examples
     --------

@@ -34,13 +34,13 @@ def is_whole(text: str) -> bool:
 
 
 def modulator_of(text: str) -> Modulator:
-    """Return the modulator for a name, a matrix file, or several of these joined by ``*`` (see `GRAMMAR`).
+    """Return the modulator for a name or a matrix file, or the product of several of these joined by ``*``.
 
-    ``nd:`` is followed by transmissions and ``polarisers:`` by angles in degrees, in rows separated by slashes.
-    ``bands:PATTERN:N`` uses the included model filters for N bands between 400 and 700 nm on silicon; other tables
-    (`spectral_array`, `read_spectra`) are given as in
-    ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``. ``shutter:`` is followed by the moments in
-    which each pixel is open, as 0 and 1. ``cameras:2x2`` is an array of cameras.
+    `GRAMMAR` lists the names. ``nd:`` is followed by transmissions, and ``polarisers:`` by angles in degrees, in rows
+    separated by slashes. ``bands:PATTERN:N`` uses the included model filters and silicon sensor for N bands between 400
+    and 700 nm. Other tables (`spectral_array`, `read_spectra`) are given as in
+    ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``. ``shutter:`` is followed by 0 or 1 for each
+    pixel and time interval: closed or open. ``cameras:2x2`` is an array of cameras.
 
     Examples
     --------

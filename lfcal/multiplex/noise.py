@@ -43,7 +43,7 @@ PAPER_CAMERAS: Mapping[str, float] = {"PG Dragonfly": 10**-0.93}
 
 
 def transmission(modulator: Modulator) -> float:
-    """Return tau, the mean fraction of the unmodulated light (`Modulator.light`) that reaches the sensor (equation 12).
+    """Return tau, the mean fraction of the unmodulated light (`Modulator.light`) that reaches the sensor, 0 to 1.
 
     Examples
     --------
@@ -58,11 +58,11 @@ def transmission(modulator: Modulator) -> float:
 
 
 def amplification(modulator: Modulator, *, rcond: float | None = None, recoverable: bool = False) -> float:
-    """Return alpha, the ratio of the rms noise of a sample to that of a pixel.
+    """Return alpha, the rms noise of the recovered samples divided by that of a pixel.
 
-    It is sqrt(trace((Pi Sigma^T Sigma Pi^T)^-1) / N). It is infinite if some combination of samples is not measured;
-    with ``recoverable``, the trace is over the measured combinations only. Singular values up to ``rcond`` times the
-    largest count as zero.
+    It is sqrt(trace((A^T A)^-1) / N) for the matrix A = Sigma Pi^T of a modulator with N samples. It is infinite if
+    some combination of samples is not measured; with ``recoverable``, only measured combinations are included. Singular
+    values of A up to ``rcond`` times the largest count as zero; None: `default_rcond`.
 
     Examples
     --------
@@ -87,18 +87,19 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float) -> float: 
 @overload
 def snr_gain(modulator: Modulator, reference: Modulator, chi2: Sequence[float] | Array) -> Array: ...
 def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[float] | Array) -> float | Array:
-    """Return the SNR gain over ``reference`` (dB), 10 log10(alpha_ref s_ref / (alpha s)) (equation 14).
+    """Return the SNR gain over ``reference``, 10 log10(alpha_ref s_ref / (alpha s)) in dB (Ihrke et al., eq. 14).
 
-    Here, s^2 = s_c^2 + tau s_p^2 and chi^2 = s_p^2 / s_c^2 (equation 12). Super-pixels of different size are compared
-    per pixel: alpha is multiplied by sqrt(K), so that repeating a pattern gains nothing. For equal super-pixels, this
-    is the printed equation. A modulator that does not recover every sample has a gain of minus infinity.
+    Here, alpha is `amplification`, tau is `transmission`, s^2 = s_c^2 + tau s_p^2 is the noise variance of a pixel, and
+    chi^2 = s_p^2 / s_c^2 (eq. 12). Super-pixels of different size are compared per pixel: alpha is multiplied by
+    sqrt(K) for K pixels, so that repeating a pattern does not change the gain. A modulator that does not recover every
+    sample has a gain of minus infinity.
 
     Parameters
     ----------
     modulator, reference
         Modulators with the same number of plenoptic samples.
     chi2
-        Ratio of signal-dependent to signal-independent noise variance, 0 … inf; a number or an array.
+        Ratio chi^2 of photon to additive noise variance at full scale, 0 to inf; a number or an array.
 
     Raises
     ------
@@ -134,23 +135,23 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
 
 
 def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
-    """Return the decorrelation ``(N, K)`` of least noise, (A^T C^-1 A)^+ A^T C^-1 (Gauss and Markov).
+    """Return the decorrelation matrix ``(N, K)`` with the least noise, (A^T C^-1 A)^+ A^T C^-1 (Gauss-Markov).
 
-    If the matrix is square and of full rank, this is its plain inverse. If there are more pixels than samples, less
-    noisy pixels have more weight.
+    A is `Modulator.matrix` and C the noise covariance. If A is square and of full rank, the result is its inverse. If
+    there are more pixels than samples, less noisy pixels have more weight.
 
     Parameters
     ----------
     modulator
         Modulator of the pixels.
     covariance
-        Noise covariance C of the pixels of a super-pixel: positive variances ``(K,)``, or a positive definite matrix
-        ``(K, K)``.
+        Noise covariance C of the K pixels of a super-pixel: positive variances ``(K,)``, or a positive definite matrix
+        ``(K, K)``, in any unit.
 
     Raises
     ------
     InputError
-        If ``covariance`` is not a covariance of the super-pixel's pixels.
+        If ``covariance`` has another shape, or is not positive definite.
 
     Examples
     --------
@@ -172,9 +173,10 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
 
 
 def pixel_variance(modulator: Modulator, chi2: float) -> Array:
-    """Return the noise variance ``(K,)`` of each pixel in unmodulated light, as a fraction of s_c^2 + s_p^2.
+    """Return the noise variance of each pixel in unmodulated light, ``(K,)``, relative to that of an open pixel.
 
-    This is equation 12 with the light on each pixel instead of the mean light.
+    It is (1 + chi^2 i)/(1 + chi^2) for a pixel that receives the fraction i of the unmodulated light: equation 12 of
+    Ihrke et al. with the light of each pixel instead of the mean light.
 
     Examples
     --------
@@ -192,7 +194,7 @@ def pixel_variance(modulator: Modulator, chi2: float) -> Array:
 
 
 def decorrelation_gain(modulator: Modulator, chi2: float) -> float:
-    """Return the gain of the noise-optimal decorrelation over the plain one (dB, 0 or more) in unmodulated light.
+    """Return the SNR gain (dB, at least 0) of the noise-optimal over the unweighted decorrelation in unmodulated light.
 
     Examples
     --------
@@ -220,17 +222,17 @@ def _variance(modulator: Modulator, chi2: Array) -> Array:
 
 
 def camera_chi2(sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0) -> float:
-    """Return chi^2 of a camera at full scale: electrons of unmodulated light divided by the additive noise variance.
+    """Return chi^2 of a camera: the ratio of photon to additive noise variance at full scale.
 
     Parameters
     ----------
     sensor
-        Sensor with full well, read noise, dark current and quantization (`sensor_noise`). If it has no additive noise,
-        chi^2 is inf.
+        Sensor, whose full well, read noise, dark current and bit depth are used (`sensor_noise`). Without additive
+        noise, chi^2 is inf.
     gain
-        Amplifier gain: full scale is reached at full well over gain (electrons).
+        Amplifier gain: full scale corresponds to the full well divided by the gain (electrons).
     exposure_s
-        Exposure time, for the dark current (s).
+        Exposure time (s), which determines the dark signal.
 
     Examples
     --------
@@ -247,7 +249,7 @@ def camera_chi2(sensor: Sensor, *, gain: float = 1.0, exposure_s: float = 0.0) -
 
 @dataclass(frozen=True, eq=False)
 class GainCurves:
-    """Gain of several modulators as a function of chi^2, as in figure 6 of the paper.
+    """SNR gain of several modulators as a function of chi^2, as in figure 6 of Ihrke et al.
 
     Attributes
     ----------
@@ -256,13 +258,13 @@ class GainCurves:
     reference
         Name of the modulator to which the gains refer.
     chi2
-        Values of chi^2 ``(n,)``.
+        Ratios chi^2 of photon to additive noise variance, ``(n,)``.
     gains
-        Gain of each modulator ``(len(names), n)`` (dB).
+        Gain of each modulator over the reference (dB), ``(len(names), n)``.
     alpha, tau
-        Amplification and transmission of each modulator.
+        Noise amplification (`amplification`) and transmission (`transmission`) of each modulator.
     cameras
-        chi^2 of the cameras to mark, by name.
+        Mapping from names of cameras to their chi^2, to be marked in plots.
 
     Examples
     --------
@@ -289,9 +291,10 @@ def gain_curves(
     *,
     cameras: Mapping[str, float] | None = None,
 ) -> GainCurves:
-    """Return the gains of ``modulators`` over ``reference`` for values of chi^2, by default from 1e-4 to 1e4.
+    """Return the SNR gains (dB) of ``modulators`` over ``reference`` for several values of chi^2.
 
-    ``cameras`` maps names of cameras to chi^2 (`camera_chi2`). They are marked in addition to the camera of the paper.
+    ``chi2`` contains ratios of photon to additive noise variance, by default from 1e-4 to 1e4. ``cameras`` maps names
+    of cameras to chi^2 (`camera_chi2`); they are marked in addition to the camera of Ihrke et al.
 
     Examples
     --------
@@ -324,19 +327,19 @@ def monte_carlo_gain(
     trials: int = 4000,
     noise: str = "mean",
 ) -> float:
-    """Return the gain (dB) measured on simulated acquisitions of unmodulated light, decorrelated by least squares.
+    """Return the SNR gain (dB) over ``reference``, measured on simulated acquisitions of unmodulated light.
 
     Parameters
     ----------
     modulator, reference, chi2
         As in `snr_gain`.
     rng
-        Random generator for the noise.
+        Random number generator for the noise.
     trials
-        Number of super-pixels acquired with each modulator.
+        Number of super-pixels that are simulated for each modulator.
     noise
-        Noise model. ``"mean"``: every pixel has the variance of equation 12. ``"pixel"``: each pixel has the shot
-        noise of the light it receives.
+        Noise model. ``"mean"``: every pixel has the variance for the mean light, as in `snr_gain`. ``"pixel"``: each
+        pixel has the shot noise of the light that it receives.
 
     Examples
     --------
@@ -373,18 +376,19 @@ DECORRELATIONS = ("plain", "optimal")
 
 @dataclass(frozen=True, eq=False)
 class GainMap:
-    """Gain of each sample (band, colour, view) as a function of chi^2.
+    """SNR gain of each plenoptic sample (band, colour or view) of a modulator as a function of chi^2.
 
     Attributes
     ----------
     modulator, reference
-        Names of the modulator and of the reference.
+        Name of the modulator, and name of the reference.
     samples
-        Names of the samples; wavelengths for spectral bands.
+        Names of the N samples; wavelengths for spectral bands.
     chi2
-        Values of chi^2 ``(n,)``.
+        Ratios chi^2 of photon to additive noise variance, ``(n,)``.
     gains
-        Gain of each sample ``(N, n)`` (dB); minus infinity if the modulator does not recover it.
+        Gain of each sample over the reference (dB), ``(N, n)``; minus infinity for samples that the modulator does not
+        recover.
 
     Examples
     --------
@@ -404,17 +408,18 @@ class GainMap:
 
 
 def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None = None) -> GainMap:
-    """Return the gain of each sample over ``reference`` (dB) as a function of chi^2.
+    """Return the SNR gain (dB) of each sample of ``modulator`` over ``reference`` as a function of chi^2.
 
-    The noise variance of sample n is s^2 sum_k (A^+)_nk^2, with s from equation 12. Super-pixels of different size are
-    compared per pixel. The mean of these variances over the samples is that of `snr_gain`.
+    The noise variance of sample n is s^2 sum_k (A^+)_nk^2, with the pseudo-inverse A^+ of `Modulator.matrix` and the
+    pixel noise s of `snr_gain`. Super-pixels of different size are compared per pixel. The mean of these variances over
+    the samples is the variance used by `snr_gain`.
 
     Parameters
     ----------
     modulator, reference
-        Modulators with the same samples; the reference must recover all.
+        Modulators with the same samples; the reference must recover all of them.
     chi2
-        Values of chi^2, 0 … inf; by default from 1e-4 to 1e4.
+        Ratios of photon to additive noise variance, 0 to inf; None: values from 1e-4 to 1e4.
 
     Examples
     --------
@@ -441,19 +446,19 @@ def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None 
 
 
 def sample_deviation(modulator: Modulator, noise: SensorNoise, *, decorrelation: str = "plain") -> Array:
-    """Return the standard deviation ``(N,)`` of each sample of unmodulated light at full scale, relative to that light.
+    """Return the standard deviation of each sample, ``(N,)``, in unmodulated light, relative to full scale.
 
-    Every pixel has the noise that corresponds to the light it receives (read, dark, quantization, shot, response).
-    Interpolation between super-pixels is not included.
+    Every pixel has the noise that corresponds to the light that it receives: read, dark, quantization and shot noise,
+    and response non-uniformity. Interpolation between super-pixels is not included.
 
     Parameters
     ----------
     modulator
-        The modulator; samples that it does not recover have an infinite deviation.
+        Modulator; samples that it does not recover have an infinite standard deviation.
     noise
-        Noise of the camera, `lfcal.multiplex.sensor_noise`.
+        Noise model of the camera (`sensor_noise`).
     decorrelation
-        ``"plain"``: least squares; ``"optimal"``: `lfcal.multiplex.noise_optimal_inverse` for this noise.
+        ``"plain"``: unweighted least squares; ``"optimal"``: `noise_optimal_inverse` for this noise.
 
     Examples
     --------
@@ -476,9 +481,10 @@ def sample_deviation(modulator: Modulator, noise: SensorNoise, *, decorrelation:
 def sensor_gain(
     modulator: Modulator, reference: Modulator, noise: SensorNoise, *, decorrelation: str = "plain"
 ) -> float:
-    """Return the gain over ``reference`` (dB) for the noise of a camera, at equal exposure, compared per pixel.
+    """Return the SNR gain over ``reference`` (dB) for the noise of a camera, at equal exposure and compared per pixel.
 
-    This is equation 14 with the noise of the light on each pixel; `snr_gain` uses the mean light of all pixels.
+    Each pixel has the noise of the light that it receives, whereas `snr_gain` uses the mean light of all pixels. The
+    parameters are those of `sample_deviation`.
 
     Examples
     --------

@@ -19,27 +19,26 @@ STOKES = ("S0", "S1", "S2", "S3")
 def polarisers(
     angles_deg: ArrayLike, *, retardance_deg: ArrayLike | None = None, extinction: float = math.inf
 ) -> Modulator:
-    """Return a super-pixel of linear polarisers for the Stokes parameters S0, S1, S2; with retarders, also S3.
+    """Return a super-pixel of linear polarisers, which measures the Stokes parameters S0 to S2 (S0 to S3 with plates).
 
-    A polariser at angle a transmits ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator). It
-    transmits half of unpolarised light, for which only S0 is not zero. For any polarisation, the transmitted fraction
-    is between 0 and 1.
+    A polariser at the angle a transmits ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator),
+    with e = 1 for an ideal one. It transmits half of unpolarised light, for which only S0 is nonzero.
 
     Parameters
     ----------
     angles_deg
-        Angle of the polariser of each pixel ``(rows, columns)`` (degrees); NaN: no polariser.
+        Angle of the transmission axis of the polariser at each pixel (degrees), ``(rows, columns)``; NaN: no polariser.
     retardance_deg
-        Retardance of a plate with its fast axis at 0° in front of each polariser, ``(rows, columns)`` (degrees); 90: a
-        quarter-wave plate. None: no plates.
+        Retardance (degrees) of a wave plate in front of each polariser, with its fast axis at 0°, ``(rows, columns)``;
+        90 for a quarter-wave plate. None: no wave plates.
     extinction
-        Extinction ratio x: light transmitted along the polariser divided by that across it; ideally infinite. The
-        transmitted fractions are (1 ± e)/2 with e = (x - 1)/(x + 1).
+        Extinction ratio x: light transmitted with parallel polarisation divided by that with perpendicular
+        polarisation; ideally infinite. The transmitted fractions are (1 ± e)/2 with e = (x - 1)/(x + 1).
 
     Raises
     ------
     InputError
-        If the arrays do not define a super-pixel.
+        If the arrays are not two-dimensional and of the same shape, or have invalid values.
 
     Examples
     --------
@@ -94,7 +93,7 @@ def _rows(angles: NDArray[np.float64], contrast: float, plates: NDArray[np.float
 
 
 def degree_of_polarisation(stokes: ArrayLike) -> NDArray[np.float64]:
-    """Return the degree of polarisation (0 … 1) for Stokes parameters ``(3 or 4, ...)``; 0 without light.
+    """Return the degree of polarisation (0 to 1) for Stokes parameters ``(3, ...)`` or ``(4, ...)``; 0 if S0 is 0.
 
     Examples
     --------

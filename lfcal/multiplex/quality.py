@@ -56,14 +56,14 @@ class Ringing:
 
 
 def ringing(result: ArrayLike, truth: ArrayLike, side: tuple[int, int]) -> Ringing:
-    """Return the `Ringing` of reconstructed samples ``(N, rows, columns)``, compared with the scene.
+    """Return oscillations and overshoot at edges of reconstructed samples, compared with the scene.
 
     Parameters
     ----------
     result, truth
-        Reconstructed samples and samples of the scene, one value per pixel.
+        Reconstructed samples and true samples of the scene, both ``(N, rows, columns)`` with one value for each pixel.
     side
-        Side of a super-pixel (pixels).
+        Rows and columns of a super-pixel (px).
 
     Raises
     ------
@@ -117,20 +117,20 @@ def _inside(shape: tuple[int, ...], side: tuple[int, int]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True)
 class FilterTrial:
-    """Error and time of one way of reconstructing a scene.
+    """Error and time of reconstructing a scene by one route and filter.
 
     Attributes
     ----------
     route, filter
-        Route and filter of the reconstruction.
+        Route and filter of the reconstruction, as in `demultiplex`.
     seconds
-        Shortest time of all rounds (s).
+        Shortest elapsed time of all timed runs (s).
     error
-        Rms error relative to the scene's range, without the border.
+        Rms error of the samples, excluding the border, divided by the range of values of the scene.
     ringing
-        Oscillation at edges; None if the scene has no uniform parts.
+        Oscillations and overshoot at edges; None if the scene has no uniform parts.
     efficient
-        Whether no other way is both faster and more accurate.
+        Whether no other combination of route and filter is both faster and more accurate.
 
     Examples
     --------
@@ -151,7 +151,7 @@ class FilterTrial:
 
     @property
     def name(self) -> str:
-        """Name of route and filter for tables."""
+        """Display name of route and filter."""
         return "Fourier" if self.route == "fourier" else f"spatial, {self.filter}"
 
 
@@ -164,20 +164,20 @@ def iter_measure_filters(
     rounds: int = 3,
     workers: int | None = None,
 ) -> Work[list[FilterTrial]]:
-    """Measure the error and the time of each way of reconstructing a scene at every pixel.
+    """Measure the error and the time of reconstructing a scene at every pixel, for several routes and filters.
 
     Parameters
     ----------
     scene
-        Plenoptic samples at every pixel ``(N, rows, columns)``.
+        Plenoptic samples of the scene at every pixel, ``(N, rows, columns)``.
     modulator
         Modulator that records the scene.
     ways
-        Pairs of route and filter. None: those of `ways_of`.
+        Pairs ``(route, filter)``. None: those that suit the modulator (`ways_of`).
     noise
-        Noise to add to the frame, ``(rows, columns)`` or one number.
+        Noise that is added to the frame, in its units: an array ``(rows, columns)`` or one number.
     rounds
-        Number of timed runs of each way, after one run for compilation; the shortest time is used.
+        Number of timed runs for each pair, after one run for compilation; the shortest time is returned.
     workers
         Number of threads; None: all processors.
 
@@ -240,17 +240,17 @@ CELLS = 24
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """Modulation transfer of one modulator.
+    """Modulation transfer of a modulator and its reconstruction.
 
     Attributes
     ----------
     frequencies
-        Measured frequencies ``(n,)`` (cycles per pixel).
+        Spatial frequencies of the test waves, ``(n,)`` (cycles/px).
     transfer
-        Ratio of the reconstructed to the original amplitude of each sample, ``(N, n)``.
+        Ratio of the reconstructed to the original amplitude of each of the N samples, ``(N, n)``.
     aliased
-        Rms of all spurious components that the wave produces (at other frequencies and in other samples), relative to
-        the rms of the wave, ``(N, n)``.
+        Rms of all spurious components that a wave produces, at other frequencies and in other samples, divided by the
+        rms of the wave, ``(N, n)``.
 
     Examples
     --------
@@ -275,14 +275,15 @@ def modulation_transfer(
     filter: str | None = None,
     axis: str = "x",
 ) -> Transfer:
-    """Return the modulation transfer of a reconstruction, measured with sine waves that are equal in all samples.
+    """Return the modulation transfer of a modulator, measured with sine waves that are equal in all samples.
 
     Parameters
     ----------
     modulator
-        Modulator that records the waves, without noise.
+        Modulator that records the waves; no noise is added.
     frequencies
-        Frequencies (cycles per pixel), 0 … 1/2; rounded so that a whole number of waves covers 24 super-pixels.
+        Spatial frequencies (cycles/px), 0 to 1/2; they are rounded such that 24 super-pixels contain a whole number of
+        periods.
     route, filter
         As in `lfcal.multiplex.demultiplex`.
     axis

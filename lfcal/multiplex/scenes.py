@@ -25,7 +25,7 @@ def filament_light_field(views: int, cells: tuple[int, int], rng: np.random.Gene
     cells
         Number of super-pixels ``(rows, columns)``.
     rng
-        Random generator for the filaments.
+        Random number generator for the filaments.
 
     Returns
     -------

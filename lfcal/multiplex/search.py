@@ -49,22 +49,22 @@ CHANGES = 6
 
 @dataclass(frozen=True, eq=False)
 class Frontier:
-    """Candidates with their gains for additive noise and for photon noise, and which of them are efficient.
+    """Candidate modulators with their SNR gains for additive noise and for photon noise.
 
     Attributes
     ----------
     modulators
-        Modulators that are compared.
+        Compared modulators, n in number.
     reference
-        Name of the reference.
+        Name of the modulator to which the gains refer.
     additive, photon, chosen
-        Gain ``(n,)`` at chi^2 = 0, at chi^2 = infinity and at `chi2` (dB).
+        SNR gain over the reference (dB), ``(n,)``, at chi^2 = 0, at chi^2 = infinity and at `chi2`.
     chi2
-        Ratio chi^2 of the camera for which `chosen` is computed.
+        Ratio chi^2 of photon to additive noise variance, for which `chosen` is computed.
     efficient
-        ``(n,)``: whether no other candidate has more gain in both limits.
+        Whether no other candidate has a larger gain in both limits (Pareto-efficient), ``(n,)``.
     bound
-        Upper bound on the gain at `chi2` for candidates of this kind (dB); None if unknown.
+        Upper bound on the gain at `chi2` of all modulators of this kind (dB); None if unknown.
 
     Examples
     --------
@@ -87,12 +87,12 @@ class Frontier:
 
     @property
     def best(self) -> Modulator:
-        """Candidate with the largest gain at `chi2`; the first one if several are equal."""
+        """Candidate with the largest gain at `chi2`; the first of several equal ones."""
         return self.modulators[self.best_index]
 
     @property
     def best_index(self) -> int:
-        """Index of `best` among the candidates."""
+        """Index of `best` in `modulators`."""
         return int(np.flatnonzero(self.chosen >= self.chosen.max() - ROUNDING_DB)[0])
 
 
@@ -108,18 +108,18 @@ def _frontier(modulators: Sequence[Modulator], reference: Modulator, chi2: float
 def filter_set_frontier(
     chi2: float, *, reference: Modulator | None = None, letters: str = FREE_LETTERS, filters: int = 4
 ) -> Frontier:
-    """Return all sets of ``filters`` filters from ``letters`` that recover red, green and blue, with their gains.
+    """Return all sets of ``filters`` filters that recover red, green and blue, with their SNR gains.
 
     Parameters
     ----------
     chi2
-        Ratio chi^2 of the camera (`camera_chi2`), 0 … inf.
+        Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
     reference
-        Modulator to compare with; Bayer by default.
+        Modulator to compare with; None: the Bayer pattern.
     letters
-        Letters of the filters to choose from, see `lfcal.multiplex.colour_filters.FILTERS`.
+        Letters of the filters to choose from (`FILTERS`).
     filters
-        Number of filters in the super-pixel; their arrangement does not affect the noise.
+        Number of filters in the super-pixel; without crosstalk, their arrangement does not affect the noise.
 
     Examples
     --------
@@ -156,21 +156,22 @@ def _layout(filters: int) -> tuple[int, int]:
 def best_filter_set(
     chi2: float, *, filters: int = 4, starts: int = 12, rng: np.random.Generator | None = None
 ) -> Modulator:
-    """Return the filters with the largest gain at ``chi2`` for red, green and blue, with any transmissions in 0 … 1.
+    """Search for the filter transmissions for red, green and blue with the largest SNR gain at ``chi2``.
 
-    The search minimizes the noise of the recovered colours, including the shot noise of each pixel, by a projected
-    quasi-Newton method. It starts from the best set of ideal filters and from random ones.
+    Transmissions may have any value from 0 to 1. The search minimizes the noise of the recovered colours, including the
+    shot noise of each pixel, by a projected quasi-Newton method. It starts from the best set of ideal filters and from
+    random sets.
 
     Parameters
     ----------
     chi2
-        Ratio chi^2 of the camera, 0 … inf.
+        Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
     filters
-        Number of pixels of the super-pixel.
+        Number of filters, that is, of pixels of the super-pixel.
     starts
         Number of random starts.
     rng
-        Random generator for the starts; by default one with a fixed seed.
+        Random number generator for the starting points; None: one with a fixed seed.
 
     Examples
     --------
@@ -242,25 +243,24 @@ def best_mask(
     begin: Sequence[Array] = (),
     rng: np.random.Generator | None = None,
 ) -> Modulator:
-    """Return the attenuation mask of ``size`` x ``size`` pixels with the largest gain at ``chi2`` found by a search.
+    """Search for the attenuation mask of ``size`` x ``size`` px with the largest SNR gain over a pinhole at ``chi2``.
 
-    The search starts from the known masks, from random ones with various fractions of open pixels, and from the best
-    mask so far with a few pixels inverted. Up to `MAX_EXHAUSTIVE` pixels per side, it also starts from the best of all
-    masks of open and closed pixels. The result is never worse than any start; `mask_gain_bound` returns an upper
-    bound.
+    The search starts from known masks, from random masks with various fractions of open pixels, and from the best mask
+    so far with a few pixels inverted. For small masks (up to `MAX_EXHAUSTIVE` pixels per side), it also starts from the
+    best binary mask. The result is at least as good as every starting point; `mask_gain_bound` returns an upper bound.
 
     Parameters
     ----------
     size
-        Side of the mask (pixels), as in `mask`.
+        Side of the mask (px), as in `mask`.
     chi2
-        Ratio chi^2 of the camera, 0 … inf.
+        Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
     starts
-        Number of random starts; the number of starts from changed masks is `CHANGES` times as large.
+        Number of random starting points; the number of starts from modified masks is `CHANGES` times as large.
     begin
-        Further patterns ``(size, size)`` to start from.
+        Additional patterns to start from, each with shape ``(size, size)`` and transmissions from 0 to 1.
     rng
-        Random generator for the starts; with a fixed seed by default.
+        Random number generator for the starting points; None: one with a fixed seed.
 
     Examples
     --------
@@ -318,16 +318,16 @@ class SearchProgress(Progress):
 def iter_mask_frontier(
     size: int, chi2: float, *, points: int = 7, starts: int = 6, rng: np.random.Generator | None = None
 ) -> Work[Frontier]:
-    """Return known masks, and masks found for chi^2 from 0 to infinity, with their gains over a pinhole.
+    """Return known masks, and masks found by a search for several values of chi^2, with their gains over a pinhole.
 
     Parameters
     ----------
     size
-        Side of the masks (pixels).
+        Side of the masks (px).
     chi2
-        Ratio chi^2 of the camera; a mask is also searched for this value.
+        Ratio chi^2 of photon to additive noise variance of the camera; one mask is searched for at this value.
     points
-        Number of values of chi^2 to search at, including 0 and infinity.
+        Number of values of chi^2 for which a mask is searched, including 0 and infinity.
     starts, rng
         As in `best_mask`.
 

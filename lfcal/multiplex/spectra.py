@@ -39,18 +39,18 @@ LARGEST_FILE = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class Spectra:
-    """Curves as a function of wavelength, such as the transmissions of filters.
+    """Curves tabulated as a function of wavelength, such as the transmissions of filters.
 
     Attributes
     ----------
     names
         Names of the curves.
     wavelengths_nm
-        Increasing wavelengths ``(n,)`` (nm).
+        Wavelengths in increasing order, ``(n,)`` (nm).
     values
-        Values of the curves ``(len(names), n)``.
+        Values of the curves, ``(len(names), n)``.
     source
-        Source of the values, as stated in the file.
+        Origin of the values, as stated in the file.
 
     Examples
     --------
@@ -84,12 +84,12 @@ class Spectra:
             object.__setattr__(self, name, array)
 
     def on(self, wavelengths_nm: ArrayLike) -> Array:
-        """Return the curves ``(len(names), n)`` interpolated linearly at wavelengths (nm).
+        """Return the curves at the given n wavelengths (nm) by linear interpolation, ``(len(names), n)``.
 
         Raises
         ------
         InputError
-            If a wavelength is outside the table.
+            If a wavelength is outside the range of the table.
         """
         wanted = np.atleast_1d(np.asarray(wavelengths_nm, float))
         low, high = self.wavelengths_nm[[0, -1]]
@@ -104,16 +104,17 @@ class Spectra:
         return np.stack([np.interp(wanted, self.wavelengths_nm, row) for row in self.values])
 
     def named(self, name: str) -> Spectra:
-        """Return the curve called ``name`` as a table of one curve."""
+        """Return a table that contains only the curve called ``name``."""
         if name not in self.names:
             raise InputError.expected("spectrum", any_of(self.names), repr(name), "choose one of these")
         return Spectra((name,), self.wavelengths_nm, self.values[[self.names.index(name)]], self.source)
 
 
 def read_spectra(path: str | os.PathLike[str]) -> Spectra:
-    r"""Return the curves in a CSV file.
+    r"""Read the curves in a CSV file.
 
-    The first row is ``wavelength_nm,NAME,…``, followed by rows of numbers. Lines that begin with # state the source.
+    The header is ``wavelength_nm,NAME,…``, with a name for each curve, and is followed by rows of numbers. Lines that
+    begin with ``#`` state the origin of the values.
 
     Raises
     ------
@@ -149,7 +150,7 @@ def read_spectra(path: str | os.PathLike[str]) -> Spectra:
 
 
 def shipped_spectra(name: str) -> Spectra:
-    """Return the included table ``name``, one of `TABLES`; its `Spectra.source` states the origin of the numbers.
+    """Return the included table ``name``, one of `TABLES`; its `Spectra.source` states the origin of the values.
 
     Examples
     --------
@@ -232,7 +233,7 @@ def band_edges(bands: int | Sequence[float]) -> Array:
 
 
 def bandpass_filters(middles_nm: ArrayLike, width_nm: float) -> Spectra:
-    """Return model filters F0, F1, …: Gaussians with peak 1 and a full width at half maximum of ``width_nm``.
+    """Return Gaussian band-pass filters F0, F1, … with a peak transmission of 1.
 
     Examples
     --------
@@ -249,10 +250,10 @@ def bandpass_filters(middles_nm: ArrayLike, width_nm: float) -> Spectra:
 
 
 def cosine_basis(bands: int, count: int) -> Array:
-    """Return the ``count`` smoothest cosines over ``bands`` bands as columns ``(bands, count)``.
+    """Return the ``count`` lowest-frequency cosines over ``bands`` bands as columns, ``(bands, count)``.
 
-    The reflectance spectra of most surfaces are nearly linear combinations of them. In this basis, a few filters
-    therefore recover many bands.
+    The reflectance spectra of most surfaces are approximately equal to linear combinations of these columns. In this
+    basis, a few filters therefore suffice to recover many bands.
 
     Examples
     --------
@@ -277,30 +278,31 @@ def spectral_array(
     efficiency: Spectra | None = None,
     basis: ArrayLike | None = None,
 ) -> Modulator:
-    """Return a filter array over spectral bands; its entries are band means of filter x efficiency x illuminant.
+    """Return a filter array over spectral bands; entries are means over a band of filter, efficiency and illuminant.
 
     Parameters
     ----------
     pattern
-        Rows separated by slashes: names of ``filters`` separated by commas, or single letters, such as ``"RG/GB"``.
+        Layout of the super-pixel: rows separated by slashes, each with names of ``filters`` separated by commas, or
+        with single letters, such as ``"RG/GB"``.
     bands
-        Number of equal bands between 400 and 700 nm, or the edges of the bands (nm).
+        Number of equally wide bands between 400 and 700 nm, or the edges of the bands (nm).
     filters
-        Transmissions 0 … 1; by default the included model filters R G B C M Y W.
+        Transmissions of the filters, 0 to 1; None: the included model filters R, G, B, C, M, Y and W.
     illuminant
-        Relative power of the light on the scene (one curve). Samples are then reflectances, each multiplied by the
-        relative number of photons of the illuminant in its band (`Modulator.light`, with a mean of one over the bands).
-        None: samples are the photons in each band.
+        Relative spectral power of the illuminant (one curve). Samples are then reflectances, each multiplied by the
+        relative number of photons of the illuminant in its band (`Modulator.light`, normalized to a mean of 1 over the
+        bands). None: samples are the numbers of photons in each band.
     efficiency
-        Electrons per photon (one curve); None: one.
+        Quantum efficiency of the sensor, in electrons per photon (one curve); None: 1.
     basis
-        Spectra as columns, ``(bands, N)``. The samples are then the coefficients of these spectra instead of the bands
-        (`cosine_basis`).
+        Basis spectra as columns, ``(bands, N)``, such as `cosine_basis`. The samples are then the coefficients of these
+        spectra instead of the bands. None: the bands themselves.
 
     Raises
     ------
     InputError
-        If a filter is unknown, a table does not cover the bands, or a transmission is outside 0 … 1.
+        If a filter is unknown, a table does not cover the bands, or a transmission is not between 0 and 1.
 
     Examples
     --------

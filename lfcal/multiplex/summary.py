@@ -67,7 +67,7 @@ def describe(
     modulator, reference
         As in `lfcal.multiplex.snr_gain`.
     chi2
-        Ratio chi^2 of the camera.
+        Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
     rcond
         Singular values up to this fraction of the largest count as zero.
     """

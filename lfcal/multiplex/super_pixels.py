@@ -24,12 +24,12 @@ class SuperPixelLattice:
     kind
         ``"square"`` or ``"hexagonal"``.
     origin_px
-        Centre ``(row, column)`` of one super-pixel (pixels).
+        Centre ``(row, column)`` of the super-pixel with the indices (0, 0) (px).
     along_px
-        Vector (x, y) to the next super-pixel in the row (pixels).
+        Vector (x, y) from a super-pixel to the next one in its row (px).
     across_px
-        Vector (x, y) to the next row (pixels). For a hexagonal lattice, it includes a shift by half a pitch along the
-        row.
+        Vector (x, y) from a super-pixel to one in the next row (px). In a hexagonal lattice, it includes a shift by
+        half a pitch along the row.
 
     Examples
     --------
@@ -63,27 +63,27 @@ class SuperPixelLattice:
 
     @property
     def pitch_px(self) -> float:
-        """Distance between neighbouring super-pixels in a row (pixels)."""
+        """Distance between adjacent super-pixels in a row (px)."""
         return math.hypot(*self.along_px)
 
     @property
     def row_pitch_px(self) -> float:
-        """Distance between neighbouring rows (pixels)."""
+        """Perpendicular distance between adjacent rows (px)."""
         (ax, ay), (bx, by) = self.along_px, self.across_px
         # row distance is the cell's area divided by the pitch, for any angle of the two vectors
         return abs(ax * by - ay * bx) / self.pitch_px
 
     @property
     def rotation_rad(self) -> float:
-        """Angle from the +x axis to a row (rad)."""
+        """Angle of the rows from the +x axis towards +y (rad)."""
         return math.atan2(self.along_px[1], self.along_px[0])
 
     def basis_px(self) -> Array:
-        """Return the lattice vectors as rows (x, y) (pixels)."""
+        """Return the lattice vectors `along_px` and `across_px` as rows (x, y) of a ``(2, 2)`` array (px)."""
         return np.array([self.along_px, self.across_px])
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return the centre (row, column) of the q-th super-pixel of row r, ``(..., 2)`` (pixels)."""
+        """Return the centres (row, column) of the super-pixels with index q in row r, ``(..., 2)`` (px)."""
         q, r = np.asarray(q, float), np.asarray(r, float)
         (ax, ay), (bx, by) = self.along_px, self.across_px
         centres = np.empty((*np.broadcast_shapes(q.shape, r.shape), 2))
@@ -92,7 +92,7 @@ class SuperPixelLattice:
         return centres
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return the fractional super-pixel indices (q, r), ``(..., 2)``, at points of the sensor (pixels)."""
+        """Return the fractional super-pixel indices (q, r) of points of the sensor (px), ``(..., 2)``."""
         points = np.stack(np.broadcast_arrays(np.asarray(row, float), np.asarray(column, float)), axis=-1)
         index: Array = (points - np.array(self.origin_px)) @ np.linalg.inv(self.basis_px()[:, ::-1])
         return index

@@ -69,11 +69,13 @@ def tiled_modulator(
     colours: tuple[str, ...] = (),
     light: ArrayLike | None = None,
 ) -> Modulator:
-    """Return a modulator whose super-pixel is a tile of any shape, with the transmissions ``matrix`` ``(pixels, N)``.
+    """Return a modulator whose super-pixel is a tile of any shape.
 
-    Gains are per pixel, so they do not change if a period contains the tile several times. The reconstruction with
-    `demultiplex` uses each pixel of the period as one channel. If that reduces the resolution, use
-    `lfcal.multiplex.demultiplex_generally`.
+    ``pixels`` contains the (row, column) of each pixel of the tile, ``vectors`` the two steps (rows, columns) by which
+    the tile is repeated, and ``matrix`` the transmission of the N samples at each pixel of the tile, ``(pixels, N)``.
+    Gains are per pixel and therefore do not change if a rectangular period contains the tile several times.
+    `demultiplex` uses each pixel of the period as a channel; if that reduces the resolution, use
+    `demultiplex_generally`.
 
     Examples
     --------

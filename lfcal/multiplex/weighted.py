@@ -23,15 +23,15 @@ SINGULAR = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class WeightedSamples:
-    """Samples with their standard deviations.
+    """Demultiplexed samples with their standard deviations.
 
     Attributes
     ----------
     samples
-        Samples ``(N, rows, columns)``.
+        Plenoptic samples, ``(N, rows, columns)``; measurement channels from `lattice_channels_weighted`.
     deviation
-        Standard deviation of each sample, same shape, if the weights are inverse variances. It is infinite for samples
-        that are not measured.
+        Standard deviation of each sample, in the same shape and unit, if the weights are inverse variances. It is
+        infinite for samples that are not measured.
 
     Examples
     --------

@@ -59,18 +59,18 @@ PHASES = 3
 
 @dataclass(frozen=True, slots=True)
 class AssumedEffect:
-    """Relative changes if one assumed value is wrong by its uncertainty; infinite if they are unknown.
+    """Relative changes of a scan if an assumed value of its camera is wrong by its uncertainty.
 
     Attributes
     ----------
     path, label
-        The value: its path in the camera's description, and its name.
+        Path of the value in the camera's description, such as ``"optics.f_number"``, and its display name.
     seconds
-        Relative change of the recording time.
+        Relative change of the recording time; infinite if the scan may become impossible.
     cutout
-        Relative change of the side of the cutout that contains the patterns.
+        Relative change of the side of the smallest cutout that contains the patterns.
     pattern
-        Change of H computed with rays (relative L1), at most 2; at 2, the old and new patterns do not overlap.
+        Relative L1 change of H, computed with rays, from 0 to 2; at 2, the old and new patterns do not overlap.
 
     Examples
     --------
@@ -94,12 +94,12 @@ class AssumedEffect:
 
     @property
     def largest(self) -> float:
-        """Largest of the three relative changes."""
+        """Largest of `seconds`, `cutout` and `pattern`."""
         return max(self.seconds, self.cutout, self.pattern)
 
     @property
     def words(self) -> str:
-        """Text of the largest change, such as ``H by up to 12 %``."""
+        """Text that states the largest change, such as ``"H by up to 12 %"``."""
         if not math.isfinite(self.largest):
             return "the scan may not be possible"
         name = max(("time", self.seconds), ("cutout", self.cutout), ("H", self.pattern), key=lambda one: one[1])[0]
@@ -108,9 +108,9 @@ class AssumedEffect:
 
 
 def iter_assumed_effects(plan: ScanPlan) -> Work[tuple[AssumedEffect, ...]]:
-    """Estimate the effect of each assumed value of a plan's camera with rays; the largest effects come first.
+    """Estimate by ray tracing how much each assumed value of the plan's camera matters; return the largest first.
 
-    The result is empty for single lenslets in a pupil plane, whose light is not computed with rays.
+    The result is empty for a Fourier light-field microscope, whose light is not computed with rays.
 
     Examples
     --------

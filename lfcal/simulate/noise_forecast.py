@@ -46,16 +46,17 @@ SAME = 0.01
 
 @dataclass(frozen=True, eq=False)
 class ExpectedLight:
-    """Light of the pixels in the patterns of a scan, in the units of H and grouped into levels of brightness.
+    """Distribution of pixel brightness in the patterns of a scan, in the units of H: a histogram for each plane.
 
     Attributes
     ----------
     levels
-        Mean light of the pixels of each level, ``(planes, levels)``, as a fraction of the light of a pattern.
+        Mean light per pixel at each brightness level, ``(planes, levels)``, in the units of H: fractions of the light
+        through the iris.
     pixels
-        Number of these pixels in a pattern, ``(planes, levels)``.
+        Mean number of pixels of a pattern at each level, ``(planes, levels)``.
     brightest
-        Light of the brightest pixel, ``(planes,)``.
+        Light of the brightest pixel of each plane, ``(planes,)``, in the units of H.
 
     Examples
     --------
@@ -73,16 +74,16 @@ class ExpectedLight:
     brightest: NDArray[np.float64]
 
     def noise(self, plan: ScanPlan, peak: float = PLANNED_PEAK) -> tuple[float, ...]:
-        """Return the expected relative RMS error ``(planes,)`` of each plane of H due to the sensor's noise.
+        """Return the expected relative rms error of H due to sensor noise, one value for each plane.
 
-        It includes photon noise, dark current, read noise and rounding, for frames whose mean dark frame is subtracted
-        and whose samples below zero are clipped. Errors that do not average out, such as pixel response or a wrong
-        position, are not included.
+        The error is relative to the root-mean-square of the values. It includes photon noise, dark current, read noise
+        and rounding, for frames that are clipped at zero counts and from which a mean dark frame is subtracted. Errors
+        that do not average out, such as pixel response or a wrong position, are not included.
 
         Parameters
         ----------
         plan
-            The scan with this light; exposures and averages may differ from those of the simulated plan.
+            The scan plan; its exposures and number of averaged frames may differ from those of the simulated plan.
         peak
             Fraction of the full well that the brightest pixel of the scan reaches.
         """
@@ -120,7 +121,7 @@ def _cut_off(
 
 
 def iter_expected_light(plan: ScanPlan, workers: int | None = None) -> Work[ExpectedLight]:
-    """Simulate some patterns of every plane, with lens types, iris and diffraction, and return their light.
+    """Simulate some patterns of every plane, with lens types, iris and diffraction, and return their brightness levels.
 
     Examples
     --------
@@ -160,18 +161,18 @@ def _levels(values: NDArray[np.float32], patterns: int) -> tuple[NDArray[np.floa
 # -- time against accuracy -----------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class ScanChoice:
-    """One way to record the positions of a plan.
+    """One choice of exposure and averaging for a scan, with the resulting time and noise.
 
     Attributes
     ----------
     plan
-        The plan with its exposures and averages.
+        The scan plan with the chosen exposures and number of averaged frames.
     peak
-        Fraction of the full well that the brightest pixel reaches.
+        Fraction of the full well that the brightest pixel of the scan reaches.
     seconds
         Recording time (s).
     noise
-        Expected relative RMS error of H due to the sensor's noise, over all planes.
+        Expected relative rms error of H due to sensor noise, averaged over all planes (root mean square).
 
     Examples
     --------
@@ -192,20 +193,20 @@ class ScanChoice:
 
 
 def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Forecast) -> tuple[ScanChoice, ...]:
-    """Return ways to record a plan, fastest first; the plan itself is one of them.
+    """Return combinations of exposure and averaging for a plan, fastest first, including those of the plan itself.
 
-    Shorter exposures are faster. The light is the same, so the brightest pixel reaches a smaller fraction of the full
-    well. The exposure is limited to that at which the brightest pixel reaches `PLANNED_PEAK`, or the given ``peak`` if
-    this is higher. For less noise, more frames are averaged.
+    Shorter exposures are faster, but the brightest pixel then reaches a smaller fraction of the full well, because the
+    source is equally bright. The longest exposure is that at which the brightest pixel reaches 0.8 of the full well
+    (`PLANNED_PEAK`), or ``peak`` if this is higher. For less noise, more frames are averaged.
 
     Parameters
     ----------
     plan, light
-        The scan and its light.
+        The scan plan, and the brightness levels of its patterns.
     peak
         Fraction of the full well that the brightest pixel reaches at the plan's exposures.
     forecast
-        Forecast of the plan, which contains the stage's speed and the frame rate.
+        Forecast of the recording time of ``plan``, from the speed of the stage and the frame rate.
 
     Examples
     --------

@@ -84,25 +84,27 @@ def iter_refine_psf(
     on_pass: Callable[[PSFMatrix], None] | None = None,
     run: RunChoice | None = None,
 ) -> Work[PSFMatrix]:
-    """Simulate H into a file in passes and yield the progress in rows.
+    """Simulate H with increasing accuracy in several passes, and write each result to a file.
 
-    After each pass, the file contains a complete H, which replaces the previous one atomically; each plane is labelled
-    with the error that it reached. Closing the generator stops the simulation; the result of the last complete pass
-    remains.
+    After each pass, a complete H replaces the previous one atomically. The file states the error that each plane
+    reached. Progress is counted in source rows. Closing the generator stops the simulation; the result of the last
+    complete pass remains.
 
     Parameters
     ----------
     plan, level, tolerance, dtype, compression, workers, provenance
         As in `simulate_psf`.
     effects
-        As in `simulate_psf`, or a function that chooses them for the tolerance of a pass.
+        As in `simulate_psf`, or a function that returns them for the tolerance of a pass.
     out
         H file to write.
     on_pass
-        Function called with the H of each pass, opened from the file; it is closed when the next pass is complete.
+        Function that is called with the H of each pass, opened from the file; this H is closed when the next pass is
+        complete.
     run
-        Settings of a run in units of one plane. If the run is stopped, finished units remain, and the next run
-        continues from them. Effects must then be from the catalogue. None: unfinished work of a pass is discarded.
+        Settings of a run that is divided into units of one plane. If the run is stopped, finished units remain, and the
+        next run continues from them; all effects must then be from the catalogue. None: if the simulation is stopped,
+        the unfinished pass is discarded.
 
     Returns
     -------
@@ -112,7 +114,7 @@ def iter_refine_psf(
     Raises
     ------
     InputError, EnergyError, StorageError
-        As in `simulate_psf`; results of earlier passes are kept.
+        As in `simulate_psf`; the result of the last complete pass is kept.
 
     Examples
     --------

@@ -166,58 +166,60 @@ def iter_simulate_psf(
     store_tolerance: float | None = None,
     run: RunChoice | None = None,
 ) -> Work[PSFMatrix]:
-    """Simulate H of a scan plan with the plan's camera and return it.
+    """Simulate the PSF matrix H of a scan plan with the plan's camera, and return it.
 
-    Values are fractions of the light through the iris towards the lenslets: the sum over an infinite cutout is the
-    light that the lenslets transmit. Effects on the motion and on the sensor frame are not part of H. They are part of
-    the frames (`SimulatedCamera`), from which assembly computes an H that equals this one except for noise.
+    Values of H are fractions of the light that passes the iris: the sum of a response over an infinite cutout is the
+    fraction that the lenslets transmit. Effects on the motion and on the sensor frame are not part of H. They are part
+    of the frames (`SimulatedCamera`), from which `assemble` computes an H that agrees with this one except for these
+    effects and noise.
 
     Parameters
     ----------
     plan
-        Camera, period, cutout, depths and anchor: H has shape ``plan.shape``, axes (z, y, x, t, s). If the plan
-        resamples its frames, pixels of H are those of the resampled frames: light is integrated over their area.
+        Camera, period, cutout, depths and anchor. H has the shape ``plan.shape`` and the axes (z, y, x, t, s): depth,
+        source position (row, column) and pixel of the cutout (row, column). If the plan resamples its frames, the
+        pixels of H are those of the resampled frames, over whose area light is integrated.
     effects
         A tuple of effects, ``()`` for the ideal camera; an `EffectSelection`; or ``"auto"``: the effects that
         `plan_effects` finds necessary for ``tolerance``.
     level
-        ``"geometric"``, ``"wave"``, ``"grid"``, ``"microscope"``, ``"reference"``, or ``"auto"``: rays unless an
-        effect needs waves.
+        Engine: ``"geometric"``, ``"wave"``, ``"grid"``, ``"microscope"`` or ``"reference"``; ``"auto"`` traces rays
+        unless an effect requires wave optics.
     tolerance
-        Allowed relative L1 error, from omitted effects and computation together; None: that of the selection of
-        effects, else `USUAL_TOLERANCE`. The error that each plane reached, measured by a probe of a few positions, is
+        Allowed relative L1 error, from omitted effects and computation together; None: that of the `EffectSelection` if
+        one is given, otherwise `USUAL_TOLERANCE`. The error that each plane reached is measured at a few positions and
         stored with the plane.
     sampling
-        Sampling of the computation; None: chosen for the tolerance.
+        Sampling of the engine; None: chosen for the tolerance.
     out
-        H file to write, plane by plane; None keeps H in memory.
+        H file to write, plane by plane; None: H is kept in memory.
     dtype, compression
         As in `PSFWriter`.
     workers
-        Number of threads over source rows; None: all processors.
+        Number of threads, among which the source rows are divided; None: one for each available CPU core.
     provenance
-        Further provenance to store in the file; plain JSON types.
+        Additional provenance to store in the file, as plain JSON types.
     store_tolerance
-        For a file, instead of ``dtype``: the fraction (L1) that each pattern may lose relative to the computed one;
-        see `PSFWriter`.
+        Only for a file, instead of ``dtype``: relative L1 error that lossy compression may cause in each pattern; see
+        `PSFWriter`.
     run
-        Executor, and treatment of an earlier run. The file is computed in units of one plane, with effects of the
-        catalogue. Finished planes remain for the next run.
+        Executor, and treatment of an earlier unfinished run. The file is then computed in units of one plane, and all
+        effects must be from the catalogue. Finished planes are kept for the next run.
 
     Yields
     ------
     Progress
-        In rows; closing the generator leaves no incomplete file.
+        Counted in source rows; closing the generator leaves no incomplete file.
 
     Returns
     -------
     PSFMatrix
-        In memory, or opened from ``out``.
+        H in memory, or opened from the file ``out``.
 
     Raises
     ------
     InputError
-        If plan and effects are incompatible, or H is too large for memory.
+        If the plan and the effects are incompatible, or H is too large for memory.
     EnergyError
         If a response contains more light than its input, because the sampling is too coarse.
     StorageError

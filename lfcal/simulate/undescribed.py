@@ -30,15 +30,15 @@ class EffectMeasurement:
     Attributes
     ----------
     title
-        What to record, such as ``"one white image"``.
+        Short description of the recording, such as ``"one white image"``.
     rows
-        The effects that it determines, largest first.
+        Effects whose sizes the measurement determines, largest error first.
     frames
         Number of frames to record.
     z_um
-        Depth of the point source (µm); None if there is none.
+        Object depth of the point source (µm, z > 0 away from the camera); None if no point source is used.
     commands
-        Commands to run, in order; the camera's file or preset is CAMERA.
+        Commands to run, in order; ``CAMERA`` stands for the camera's file or preset.
 
     Examples
     --------
@@ -58,7 +58,7 @@ class EffectMeasurement:
     commands: tuple[str, ...]
 
     def to_dict(self, camera: str) -> dict[str, Any]:
-        """Return all values as plain JSON types, with the commands for ``camera``."""
+        """Return the values as plain JSON types, with the commands for ``camera``, a file or preset."""
         return {
             "measurement": self.title,
             "frames": self.frames,
@@ -69,7 +69,7 @@ class EffectMeasurement:
         }
 
     def commands_for(self, camera: str) -> list[str]:
-        """Return the commands for ``camera``, a file or preset."""
+        """Return `commands` with ``CAMERA`` replaced by ``camera``, a file or preset."""
         return [command.replace("CAMERA", camera) for command in self.commands]
 
 
@@ -80,9 +80,10 @@ class UndescribedEffects:
     Attributes
     ----------
     rows
-        The effects, largest first.
+        The effects, largest error first.
     measurements
-        The measurements that determine them: those with the fewest frames first; values to state come last.
+        The measurements that determine the sizes of the effects: those with the fewest frames first, and last the
+        values that you have to enter.
 
     Examples
     --------
@@ -100,7 +101,7 @@ class UndescribedEffects:
 
     @property
     def sentence(self) -> str:
-        """The largest effects as one sentence; empty if there are none."""
+        """One sentence that names the largest effects and their errors; empty if there are none."""
         if not self.rows:
             return ""
         first, *others = (f"{row.effect.title}, up to {format_share(row.estimate.error)}" for row in self.rows[:NAMED])
@@ -109,7 +110,7 @@ class UndescribedEffects:
         return f"not described: {'; '.join([f'{first} of the image', *others, *smaller])}"
 
     def lines(self, camera: str) -> tuple[str, ...]:
-        """Return the measurements as lines of text: what to record, the effects that it determines, the commands."""
+        """Return the measurements as lines of text: what to record, the effects determined by it, and the commands."""
         found = []
         for one in self.measurements:
             effects = "; ".join(f"{row.effect.title}, {format_share(row.estimate.error)}" for row in one.rows)
@@ -117,7 +118,7 @@ class UndescribedEffects:
         return tuple(found)
 
     def to_dict(self, camera: str) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+        """Return the values as plain JSON types, with the commands for ``camera``, a file or preset."""
         return {
             "sentence": self.sentence,
             "effects": [row.name for row in self.rows],
@@ -128,7 +129,7 @@ class UndescribedEffects:
 def undescribed_effects(selection: EffectSelection, camera: Camera) -> UndescribedEffects:
     """Return the undescribed effects of a selection for ``camera``, and the measurements that determine them.
 
-    Effects within the error allowed for omitted effects need no measurement, and are not listed.
+    Effects whose estimated error is within that allowed for omitted effects need no measurement and are not listed.
 
     Examples
     --------

@@ -75,27 +75,30 @@ def iter_light_field(
     sampling: Sampling | None = None,
     workers: int | None = None,
 ) -> Work[NDArray[np.float32]]:
-    """Simulate and return the light field image of a luminous volume, ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
+    """Simulate and return the light-field image of a luminous volume, ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
 
     Parameters
     ----------
     volume
-        ``(nz, rows, columns)``: one plane per depth, one voxel per sensor pixel; voxel (0, 0) is source position (0,
-        0). Voxels outside the volume are dark.
+        Radiant volume g, shape ``(nz, rows, columns)``: one plane for each depth, and one voxel for each sensor pixel.
+        Voxel (0, 0) of a plane is at source position (0, 0). The period of H is n, and c is the anchor of its cutout.
+        Voxels outside the volume are dark.
     through
-        A PSF matrix, or a scan plan whose camera is simulated; only the responses of luminous voxels are computed.
+        A PSF matrix H, or a scan plan whose camera is simulated; in the latter case, only the responses of luminous
+        voxels are computed.
     effects, level, tolerance, sampling, workers
-        As in `simulate_psf`, for a scan plan.
+        As in `simulate_psf`; used only with a scan plan.
 
     Returns
     -------
     ndarray
-        Image ``(rows, columns)``, float32, before the sensor's effects; `lfcal.simulate.expose` converts it to a frame.
+        Image f, shape ``(rows, columns)``, float32, in the unit of ``volume`` times H, before effects of the sensor;
+        `lfcal.simulate.expose` converts photoelectrons to a frame.
 
     Yields
     ------
     Progress
-        In source rows of the period.
+        Counted in source rows of the period.
 
     Raises
     ------
@@ -161,9 +164,9 @@ light_field = drained(
 
 
 def points(shape: tuple[int, int, int], count: int, rng: np.random.Generator, margin: int = 0) -> NDArray[np.float32]:
-    """Return a dark volume ``(nz, rows, columns)`` with ``count`` voxels of value 1, away from the border.
+    """Return a volume ``(nz, rows, columns)`` of zeros with ``count`` random voxels set to 1, float32.
 
-    No bright voxel is within ``margin`` voxels of the border of a plane.
+    These voxels are at least ``margin`` voxels from the border of their plane.
 
     Examples
     --------
@@ -186,17 +189,17 @@ def points(shape: tuple[int, int, int], count: int, rng: np.random.Generator, ma
 def vesicle(
     shape: tuple[int, int, int], radius: float, wall: float = 1.5, plane_step: float | None = None
 ) -> NDArray[np.float32]:
-    """Return a hollow sphere in the middle of a volume, with a Gaussian wall of rms width ``wall`` and peak 1.
+    """Return a volume with a hollow sphere in the middle, whose wall is Gaussian with peak 1, float32.
 
     Parameters
     ----------
     shape
-        ``(nz, rows, columns)``.
+        Shape ``(nz, rows, columns)`` of the returned volume.
     radius, wall
-        Radius and rms width of the wall, in voxels of a plane.
+        Radius of the sphere, and rms width of its wall, in units of the lateral voxel pitch.
     plane_step
-        Distance between neighbouring planes, in voxels of a plane; None: chosen so that the sphere just fills the
-        planes.
+        Distance between adjacent planes, in units of the lateral voxel pitch; None: chosen so that the sphere just fits
+        the planes.
 
     Examples
     --------
@@ -217,16 +220,17 @@ def vesicle(
 def plume(
     shape: tuple[int, int, int], rng: np.random.Generator, width: float = 0.08, spread: float = 0.25
 ) -> NDArray[np.float32]:
-    """Return a plasma-like plume that rises from the bottom edge: a widening, flickering column with peak 1.
+    """Return a volume with a plasma-like plume that rises from the bottom edge; values are from 0 to 1, float32.
 
     Parameters
     ----------
     shape
-        ``(nz, rows, columns)``.
+        Shape ``(nz, rows, columns)`` of the returned float32 volume.
     rng
-        Random number generator for the filaments.
+        Random number generator, which determines the filaments.
     width, spread
-        Rms width at the bottom as a fraction of the number of rows, and the increase of this width per unit of height.
+        Rms width of the plume at the bottom as a fraction of the number of rows, and its increase per row of height
+        (voxels per voxel).
 
     Examples
     --------

@@ -41,22 +41,22 @@ DEBYE_SHOWN, WIDEST_SHOWN = 6, 40
 
 @dataclass(frozen=True, slots=True)
 class LadderRung:
-    """One level and sampling, with its error and cost.
+    """One level and sampling, with its error and CPU time.
 
     Attributes
     ----------
     level, sampling
-        Level and sampling computed; geometric levels have no sampling.
+        Level of the engine and its sampling; None for the geometric level, which has none.
     label
         Display name.
     error
-        Relative L1 error compared with the reference, averaged over the measured positions.
+        Relative L1 error with respect to the reference, averaged over the compared positions.
     setup_seconds
-        CPU-seconds for the tables of a plane.
+        CPU time for the tables of a plane (s).
     position_seconds
-        CPU-seconds for one position.
+        CPU time for one source position (s).
     whole_seconds
-        Predicted CPU-seconds of the whole H: all planes, positions, source points and wavelengths.
+        Predicted CPU time for all of H: all planes, positions, source points and wavelengths (s).
     efficient
         Whether no other sampling is both faster and more accurate.
     """
@@ -73,24 +73,24 @@ class LadderRung:
 
 @dataclass(frozen=True, slots=True)
 class Ladder:
-    """All measured samplings of a scene, their reference, and the one that a tolerance selects.
+    """Error and CPU time of several levels and samplings for one scene, and the one that a tolerance selects.
 
     Attributes
     ----------
     rungs
-        Samplings whose energy balanced, fastest first.
+        Measured levels and samplings whose energy balance is correct, fastest first.
     refused
-        Labels of samplings that are too coarse for this scene, so that their energy did not balance.
+        Labels of samplings that are too coarse for this scene: a response contains more light than its input.
     tolerance
-        Requested relative L1 error.
+        Requested relative L1 error of H.
     reference
-        Label of the reference.
+        Label of the reference sampling, with which the others are compared.
     reference_seconds
-        Predicted CPU-seconds of the whole H with the reference itself.
+        Predicted CPU time for all of H with the reference sampling (s).
     virtual_depth
-        Virtual depth of the measured plane.
+        Virtual depth of the measured plane: distance of the main image behind the lenslets divided by the gap.
     positions
-        Number of measured positions.
+        Number of source positions at which the samplings are compared.
     """
 
     rungs: tuple[LadderRung, ...]
@@ -103,7 +103,7 @@ class Ladder:
 
     @property
     def chosen(self) -> LadderRung | None:
-        """The fastest sampling within the tolerance, or the most accurate one if none is; None without samplings."""
+        """The fastest sampling within the tolerance, or the most accurate one if none is; None if there are none."""
         good = [rung for rung in self.rungs if rung.error <= self.tolerance]
         if good:
             return min(good, key=lambda rung: rung.whole_seconds)
@@ -112,7 +112,7 @@ class Ladder:
 
 @dataclass(frozen=True, slots=True)
 class LadderProgress(Progress):
-    """Progress of the measurement, with the samplings so far, which remain available if it is stopped."""
+    """Progress of the measurement, with the samplings measured so far in the attribute ``ladder``."""
 
     ladder: Ladder = field(kw_only=True)
 
@@ -127,24 +127,25 @@ def iter_ladder(
     samplings: Iterable[Sampling | LevelSampling] | None = None,
     reference: Sampling | None = None,
 ) -> Work[Ladder]:
-    """Measure and return the time and error of every level and sampling for one plane, compared with the reference.
+    """Measure the CPU time and the error of several levels and samplings in one plane, and return them.
 
     Parameters
     ----------
     plan
-        The simulated plan.
+        Scan plan for which H is simulated.
     tolerance
-        Relative L1 error for which a sampling is selected, as in `simulate_psf`.
+        Relative L1 error for which a sampling is selected; None: as in `simulate_psf`.
     effects
-        As in `simulate_psf`; every sampling is applied to the same scene.
+        As in `simulate_psf`; the same effects are simulated with every sampling.
     z
-        Index of the plane; by default the middle one.
+        Index of the plane in ``plan.depths_um``; None: the middle one.
     positions
-        Number of positions to compare, spread over the period.
+        Number of source positions to compare, spread over the period.
     samplings
-        Samplings of the scene's wave level to measure, or steps of any level; by default from coarse to fine.
+        What to measure: each `Sampling` is used with the wave level that the scene requires, each `LevelSampling` with
+        its own level; None: a default series from coarse to fine.
     reference
-        Sampling of the reference; by default the finest grid that does not take too long.
+        Sampling of the reference; None: the finest grid that fits into the size limit of grids.
 
     Yields
     ------
@@ -313,7 +314,7 @@ def _marked(rungs: Sequence[LadderRung]) -> tuple[LadderRung, ...]:
 
 
 def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") -> None:
-    """Write a plot of error against CPU-seconds for the whole H as a PNG file.
+    """Write a PNG plot of the error as a function of the predicted CPU time for all of H.
 
     Raises
     ------

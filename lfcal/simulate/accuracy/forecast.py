@@ -50,10 +50,10 @@ def predict_seconds(
     tolerance: float | None = None,
     sampling: Sampling | None = None,
 ) -> float:
-    """Predict the CPU-seconds that `simulate_psf` will take, from a short run of the engine.
+    """Predict the CPU time of `simulate_psf` (s) from a short run of the engine.
 
-    The plane that takes longest is measured. Its time is scaled to the other planes by costs estimated from their
-    descriptions.
+    Only the plane that is predicted to take longest is run. Its time is scaled to the other planes by their estimated
+    costs. The parameters are those of `simulate_psf`.
 
     Examples
     --------

@@ -67,9 +67,9 @@ def predict_bytes(
     store_tolerance: float | None = None,
     run: RunChoice | None = None,
 ) -> int:
-    """Predict the peak memory of `simulate_psf`, including H (bytes).
+    """Predict the peak memory use of `simulate_psf`, including H (bytes).
 
-    The prediction includes the probing of a plane, during which two engines are in memory.
+    The prediction includes the measurement of a plane's error, during which two engines are in memory.
 
     Parameters
     ----------

@@ -39,29 +39,28 @@ NEGLIGIBLE = 1e-5
 
 @dataclass(frozen=True, slots=True)
 class PlannedEffect:
-    """Decision on one effect, a row of an `EffectSelection`.
+    """Decision whether to simulate one effect, a row of an `EffectSelection`.
 
     Attributes
     ----------
     effect
         The effect with its magnitudes.
     planes
-        Whether the effect is simulated, for each depth plane.
+        Whether the effect is simulated, one value for each depth plane.
     setting
-        Setting of the user: ``"auto"``, ``"on"`` or ``"off"``.
+        Setting given by the user: ``"auto"``, ``"on"`` or ``"off"``.
     estimate
-        Estimate at the depth where the effect matters most.
+        Estimate at the depth ``z_um``.
     z_um
-        Depth where the effect matters most (µm).
+        Object depth of the plane where the effect matters most (µm).
     reason
         Reason why the effect is on or off at ``z_um``, as one sentence with numbers and units.
     brief
         The same reason in a few words, for a table column.
     seconds
-        Estimated computing time of the effect alone, for the whole plan (CPU-seconds on this machine).
+        Estimated CPU time of the effect alone for all planes on this machine (s).
     seconds_with, seconds_without
-        Forecast of the computing time for the whole plan with and without the effect, other effects as selected
-        (CPU-seconds).
+        Predicted CPU time for all planes with and without the effect, with the other effects as selected (s).
 
     Examples
     --------
@@ -87,7 +86,7 @@ class PlannedEffect:
 
     @property
     def name(self) -> str:
-        """Name of the effect."""
+        """Name of the effect in plans, files and commands."""
         return self.effect.name
 
     @property
@@ -103,24 +102,24 @@ class PlannedEffect:
 
 @dataclass(frozen=True, slots=True)
 class EffectSelection:
-    """All effects with setting, estimate, reason and cost, as `plan_effects` returns them.
+    """All effects with their setting, estimate, reason and cost, as returned by `plan_effects`.
 
     Attributes
     ----------
     rows
-        Effects in the order of the light path.
+        One row for each effect, in the order of the light path.
     depths_um
-        Depth of each planned plane (µm).
+        Object depth of each planned plane (µm, z > 0 away from the camera).
     tolerance
-        Relative L1 error allowed for omitted effects.
+        Allowed relative L1 error, from omitted effects and computation together.
     level
-        Level of the engine that the effects need.
+        Level of the engine that the selected effects require, as in `simulate_psf`.
     seconds
-        CPU-seconds for the whole plan with all effects that are on, accurate to within a factor of about 2.
+        Predicted CPU time for all planes with the selected effects (s), accurate to within a factor of about 2.
     ideal_seconds
-        CPU-seconds for the whole plan with the ideal camera.
+        Predicted CPU time for all planes with the ideal camera (s).
     left_out
-        Sum of the estimates of omitted effects for each plane (relative L1); at most half the tolerance.
+        Sum of the estimated relative L1 errors of omitted effects, one for each plane; at most half the tolerance.
 
     Examples
     --------
@@ -143,20 +142,20 @@ class EffectSelection:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The effects that are on in at least one plane."""
+        """The effects that are simulated in at least one plane."""
         return tuple(row.effect for row in self.rows if row.on)
 
     def plane(self, z_um: float) -> int:
-        """Return the index of the planned plane that is nearest to the depth ``z_um``."""
+        """Return the index of the planned plane that is nearest to the depth ``z_um`` (µm)."""
         return min(range(len(self.depths_um)), key=lambda k: abs(self.depths_um[k] - z_um))
 
     def at(self, z_um: float) -> tuple[Effect, ...]:
-        """Return the effects that are on at a depth, which are those of the nearest planned plane."""
+        """Return the effects that are simulated in the planned plane nearest to the depth ``z_um`` (µm)."""
         k = self.plane(z_um)
         return tuple(row.effect for row in self.rows if row.planes[k])
 
     def row(self, name: str) -> PlannedEffect:
-        """Return the row of the effect ``name``."""
+        """Return the row of the effect with the name ``name``."""
         for row in self.rows:
             if row.name == name:
                 return row
@@ -168,7 +167,7 @@ class EffectSelection:
         return iter(self.effects)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the selection as plain JSON types: every effect with its estimate, the level, and the times."""
+        """Return the selection as plain JSON types: every effect with its estimate, the level, and the CPU times."""
         return {
             "level": self.level,
             "tolerance": self.tolerance,
@@ -205,12 +204,11 @@ def plan_effects(
 ) -> EffectSelection:
     """Select the effects to simulate in the planes of a scan.
 
-    Effects are left out as long as their estimates add up to less than half the tolerance, the slowest ones first, then
-    the smallest. The other half is reserved for errors of the computation. If fewer omitted effects allow a coarser
-    sampling that takes less time in total, fewer are left out. The time therefore never increases with the tolerance.
-    Errors of assembly and use (a gap error, a
-    loose stage) are simulated only if they are given in ``effects`` or switched on, because their typical sizes may not
-    apply to this camera.
+    Effects are left out, the slowest ones first and then the smallest, as long as their estimates add up to less than
+    half of the tolerance. The other half is reserved for errors of the computation. If leaving out fewer effects allows
+    a coarser sampling that takes less time in total, fewer are left out. The time therefore never increases with the
+    tolerance. Errors of assembly and use (a gap error, a loose stage) are simulated only if they are given in
+    ``effects`` or switched on, because their typical sizes may not apply to this camera.
 
     Parameters
     ----------
@@ -219,18 +217,18 @@ def plan_effects(
     tolerance
         Allowed relative L1 error of the image, from omitted effects and computation together.
     overrides
-        Setting ``"auto"``, ``"on"`` or ``"off"`` by the name of the effect.
+        Mapping from names of effects to the settings ``"auto"``, ``"on"`` or ``"off"``; other effects are ``"auto"``.
     effects
-        Effects with known magnitudes; each replaces the catalogue's effect of the same name.
+        Effects with known magnitudes, each of which replaces the effect of the same name in `catalogue`.
     frames
-        Whether sensor frames are simulated; otherwise effects on frames and on the stage's motion are off.
+        Whether sensor frames are simulated; otherwise, effects on frames and on the motion of the stage are off.
     peak
-        Fraction of the full well that the brightest pixel reaches.
+        Fraction of the full well that the brightest pixel of the session reaches.
 
     Raises
     ------
     InputError
-        For an unknown name or setting, or a tolerance out of range.
+        If a name or setting is unknown, or the tolerance is out of range.
 
     Examples
     --------

@@ -40,25 +40,25 @@ class _Aberration(SceneEffect):
         """Return the Zernike terms of the wavefront."""
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the wavefront on its pupil, which rays do not show; nothing changes without terms."""
+        """Return ``scene`` with the wavefront added, which only waves show; unchanged without Zernike terms."""
         del outlook
         terms = self.terms_of()
         return replace(scene, wavefront=scene.wavefront + terms, lenslet_diffraction=True) if terms else scene
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the computing time for the table of the aberrated field (s)."""
+        """Return the CPU time of the table of the aberrated field (s)."""
         del outlook
         return engine.fringes
 
 
 @dataclass(frozen=True, slots=True)
 class Spherical(_Aberration):
-    """Third-order spherical aberration W040 rho^4.
+    """Third-order spherical aberration W040 rho^4, with the pupil radius rho (1 at the rim).
 
     Attributes
     ----------
     waves
-        W040 at the rim of the pupil (wavelengths).
+        Coefficient W040 (wavelengths).
 
     Examples
     --------
@@ -76,25 +76,25 @@ class Spherical(_Aberration):
     rank: ClassVar[int] = 70
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return W040 in waves, and the error due to the mean spot shift, which is 0.4 of that of the rim ray."""
+        """Return W040 (waves), and the relative error due to the mean spot shift, 0.4 of that of the marginal ray."""
         shift = 0.4 * _mean_shift(outlook, 4 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 0.4 * 8 Nw W lambda/v")
 
     def terms_of(self) -> Wavefront:
-        """Return W040 rho^4 as Zernike terms."""
+        """Return W040 rho^4 as a sum of Zernike terms (waves)."""
         return seidel(spherical=self.waves)
 
 
 @dataclass(frozen=True, slots=True)
 class Coma(_Aberration):
-    """Third-order coma W131 rho^3 cos(theta - angle), linear in the field.
+    """Third-order coma W131 rho^3 cos(theta - angle), with the pupil coordinates rho (1 at the rim) and theta.
 
     Attributes
     ----------
     waves
-        W131 at the rim of the pupil for the region that is simulated (wavelengths).
+        Coefficient W131 in the simulated region (wavelengths).
     angle_rad
-        Direction of the field point from +x towards +y (rad).
+        Azimuth of the field point, from +x towards +y (rad).
 
     Examples
     --------
@@ -113,24 +113,24 @@ class Coma(_Aberration):
     rank: ClassVar[int] = 71
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return W131 in waves, and the error due to the mean spot shift, estimated from the rms slope."""
+        """Return W131 (waves), and the relative error due to the mean spot shift, estimated from the rms slope."""
         shift = _mean_shift(outlook, 0.75 * 1.29 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 2 Nw * 0.97 W lambda/v")
 
     def terms_of(self) -> Wavefront:
-        """Return W131 rho^3 cos(theta - angle) as Zernike terms."""
+        """Return W131 rho^3 cos(theta - angle) as a sum of Zernike terms (waves)."""
         return seidel(coma=self.waves, angle_rad=self.angle_rad)
 
 
 @dataclass(frozen=True, slots=True)
 class Zernike(_Aberration):
-    """Any aberration, given as Zernike terms.
+    """Aberration of the main lens or objective, given as Zernike terms.
 
     Attributes
     ----------
     terms
-        Tuples ``(n, m, waves)``: ``waves`` times R_n^|m|(rho) cos(m theta), or sin(|m| theta) for m < 0; R is 1 at the
-        rim.
+        Tuples ``(n, m, waves)``, each adding ``waves`` times R_n^|m|(rho) cos(m theta), or sin(|m| theta) for m < 0.
+        The radial polynomial R is 1 at the rim rho = 1; ``waves`` is in wavelengths.
 
     Examples
     --------
@@ -156,37 +156,38 @@ class Zernike(_Aberration):
         check_wavefront(self.terms)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms wavefront in waves, and the error due to the spot shift that follows from its rms slope."""
+        """Return the rms wavefront error (waves), and the relative error due to the spot shift from its rms slope."""
         rms, slope = wavefront_rms(self.terms)
         return Estimate(
             rms, "waves rms", outlook.moved(_mean_shift(outlook, 0.75 * slope)), "shift 2 Nw * 0.75 |grad W| lambda/v"
         )
 
     def terms_of(self) -> Wavefront:
-        """Return the given terms."""
+        """Return `terms`, the given Zernike terms (waves)."""
         return self.terms
 
 
 @dataclass(frozen=True, slots=True)
 class FieldAberrations(SceneEffect):
-    """Third-order variation of the wavefront over the field of a lens whose elements may be displaced or tilted.
+    """Third-order field dependence of the wavefront, for a lens whose elements may be decentred or tilted.
 
     For the normalized field point h = (x + i y)/``radius_um``, coma is ``coma`` h. Astigmatism is ``astigmatism`` h²
-    plus the contribution of displaced elements, (``astigmatism_x`` + i ``astigmatism_y``) h. Spherical aberration is
-    ``spherical`` |h|². The real part is the coefficient of the cosine Zernike term, the imaginary part that of the sine
-    term (Thompson 2005, eqs. 13 and 27). The wavefront on the axis is given by `Zernike`, the variation of focus by
-    `FieldCurvature`.
+    plus the contribution of decentred elements, (``astigmatism_x`` + i ``astigmatism_y``) h. Spherical aberration is
+    ``spherical`` |h|². In each case, the real part is the coefficient of the cosine Zernike term, and the imaginary
+    part that of the sine term (Thompson 2005, eqs. 13 and 27). The effect `Zernike` adds the wavefront on the axis, and
+    `FieldCurvature` the variation of focus.
 
     Attributes
     ----------
     coma
-        Coefficient of R_3^1 at ``radius_um`` along the field (wavelengths); R is 1 at the pupil's rim.
+        Coefficient of the Zernike term with the radial polynomial R_3^1, at ``radius_um`` (wavelengths); R is 1 at the
+        rim of the pupil.
     astigmatism
-        Coefficient of R_2^2 at ``radius_um`` along the field (wavelengths).
+        Coefficient of the term with R_2^2 at ``radius_um``, quadratic in the field (wavelengths).
     astigmatism_y, astigmatism_x
-        Components of the coefficient of R_2^2 that grow linearly with the field (wavelengths).
+        Coefficients of the terms with R_2^2 at ``radius_um`` that are linear in the field (wavelengths).
     spherical
-        Coefficient of R_4^0 at ``radius_um``, in addition to that on the axis (wavelengths).
+        Coefficient of R_4^0 at ``radius_um``, in addition to its value on the axis (wavelengths).
     radius_um
         Distance from the axis on the sensor to which the coefficients refer (µm).
 
@@ -221,7 +222,7 @@ class FieldAberrations(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def terms_at(self, field_um: tuple[float, float]) -> Wavefront:
-        """Return the Zernike terms other than 0 at the sensor point ``field_um``, (y, x) from the axis (µm)."""
+        """Return the nonzero Zernike terms (waves) at the sensor point ``field_um``, (y, x) from the axis (µm)."""
         y, x = field_um
         at = complex(x, y) / self.radius_um
         coma = self.coma * at
@@ -236,14 +237,14 @@ class FieldAberrations(SceneEffect):
         return tuple(term for term in found if term[2])
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms wavefront in the middle of the region, and the error due to the shift from its slope."""
+        """Return the rms wavefront error in the middle of the region (waves), and the resulting relative error."""
         rms, slope = wavefront_rms(self.terms_at(outlook.field_um))
         return Estimate(
             rms, "waves rms", outlook.moved(_mean_shift(outlook, 0.75 * slope)), "shift 2 Nw * 0.75 |grad W| lambda/v"
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the wavefront of its field position added, or unchanged if that is zero."""
+        """Return ``scene`` with the wavefront of its field position added, or unchanged if that is zero."""
         terms = self.terms_at(outlook.field_um)
         if not terms:
             return scene
@@ -255,7 +256,7 @@ class FieldAberrations(SceneEffect):
         return replace(scene, wavefront=found, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the computing time for the table of the aberrated field (s)."""
+        """Return the CPU time of the table of the aberrated field (s)."""
         del outlook
         return engine.fringes
 

@@ -17,9 +17,10 @@ __all__ = ["ArrayRotation", "ArrayTilt", "LensletGap", "PitchError", "Telecentri
 
 @dataclass(frozen=True, slots=True)
 class Telecentricity(SceneEffect):
-    """The main lens is at a finite distance b: micro-images are farther apart than lenslets, by the factor 1 + B/b.
+    """A main lens at the finite distance b: the pitch of micro-images is larger than that of lenslets by 1 + B/b.
 
-    Without this effect, the pupil is at infinity, and micro-images have the same pitch as lenslets.
+    B is the gap between lenslets and sensor. Without this effect, the exit pupil is at infinity, and micro-images have
+    the pitch of the lenslets.
 
     Examples
     --------
@@ -37,7 +38,7 @@ class Telecentricity(SceneEffect):
     rank: ClassVar[int] = 50
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the increase of the period, and the error due to the rms spot shift over the lit lenslets."""
+        """Return the relative increase B/b of the pitch, and the relative error due to the rms spot shift."""
         optics = outlook.camera.optics
         if optics.telecentric:
             return Estimate(0.0, "px", 0.0, "telecentric")
@@ -49,13 +50,13 @@ class Telecentricity(SceneEffect):
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the pupil at its actual distance."""
+        """Return ``scene`` with the exit pupil at its actual distance."""
         return replace(scene, pupil_um=outlook.camera.optics.image_distance_um)
 
 
 @dataclass(frozen=True, slots=True)
 class LensletGap(SceneEffect):
-    """The gap between lenslets and sensor differs from the described one; the focal lengths do not.
+    """An error of the gap between lenslets and sensor; the focal lengths are as described.
 
     Attributes
     ----------
@@ -83,24 +84,24 @@ class LensletGap(SceneEffect):
     measured_by: ClassVar[str] = "geometry"
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the spot shift of the rim ray (px), and the error due to the mean shift, two thirds of it."""
+        """Return the shift of the marginal ray (px), and the relative error due to the mean shift, 2/3 of it."""
         rim = abs(self.error_um) / (2 * outlook.f_number) / outlook.pixel_um
         return Estimate(rim, "px", outlook.moved(2 / 3 * rim), "dB/(2 Nw) at the rim, 2/3 of it on average")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the true gap."""
+        """Return ``scene`` with the true gap."""
         del outlook
         return replace(scene, lattice=replace(scene.lattice, gap_um=scene.lattice.gap_um + self.error_um))
 
 
 @dataclass(frozen=True, slots=True)
 class ArrayRotation(SceneEffect):
-    """The lenslet array is rotated relative to its description, about the region's lenslet.
+    """A rotation of the lenslet array relative to its description, about the lenslet of the region.
 
     Attributes
     ----------
     angle_rad
-        Rotation from +x towards +y (rad).
+        Rotation from +x (columns) towards +y (rows) (rad).
 
     Examples
     --------
@@ -123,12 +124,12 @@ class ArrayRotation(SceneEffect):
     measured_by: ClassVar[str] = WHITE_IMAGE
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms displacement of the region's lenslets (px), and the resulting error."""
+        """Return the rms displacement of the lit lenslets by the rotation (px), and the resulting relative error."""
         shift = abs(self.angle_rad) * outlook.field_rms_px
         return Estimate(shift, "px", outlook.array_moved(shift), "alpha * r_rms")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the array rotated."""
+        """Return ``scene`` with the array rotated."""
         del outlook
         turned = replace(scene.lattice, rotation_rad=scene.lattice.rotation_rad + self.angle_rad)
         return replace(scene, lattice=turned)
@@ -136,7 +137,7 @@ class ArrayRotation(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class PitchError(SceneEffect):
-    """The lenslet pitch differs from the described one.
+    """An error of the lenslet pitch relative to the camera's description.
 
     Attributes
     ----------
@@ -166,12 +167,12 @@ class PitchError(SceneEffect):
     measured_by: ClassVar[str] = WHITE_IMAGE
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms displacement of the region's lenslets (px), and the resulting error."""
+        """Return the rms displacement of the lit lenslets by the pitch error (px), and the resulting relative error."""
         shift = abs(self.relative) * outlook.field_rms_px
         return Estimate(shift, "px", outlook.array_moved(shift), "dp/p * r_rms")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the true pitch."""
+        """Return ``scene`` with the true pitch."""
         del outlook
         lattice, grow = scene.lattice, 1.0 + self.relative
         # None: the row spacing of the kind of lattice, which grows with the pitch
@@ -181,16 +182,16 @@ class PitchError(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class ArrayTilt(SceneEffect):
-    """The lenslet array is not parallel to the sensor: it is tilted about the point where the optical axis meets it.
+    """A lenslet array that is not parallel to the sensor: it is tilted about its intersection with the optical axis.
 
-    The region's lenslets are farther from the sensor, and closer to the image by the same distance. The distance also
-    varies from lenslet to lenslet, which moves the rays through their centres. The lattice of micro-images remains as
-    described.
+    Where the tilt increases the gap, the lenslets are farther from the sensor, and closer to the image formed by the
+    main lens by the same distance. The gap also varies from lenslet to lenslet, which displaces the rays through their
+    centres. The lattice of micro-images remains as described.
 
     Attributes
     ----------
     rows_rad, columns_rad
-        Increase of the gap per length down the rows and along the columns (rad).
+        Slope of the gap between lenslets and sensor along y (down the rows) and along x (along the columns) (rad).
 
     Examples
     --------
@@ -213,11 +214,11 @@ class ArrayTilt(SceneEffect):
     measured_by: ClassVar[str] = "array_tilt"
 
     def farther_um(self, outlook: Outlook) -> float:
-        """Return the increase of the gap in the middle of the region (µm)."""
+        """Return the increase of the gap in the middle of the region due to the tilt (µm)."""
         return self.rows_rad * outlook.field_um[0] + self.columns_rad * outlook.field_um[1]
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the increase of the gap (µm), and the error due to the spot shifts that it and the tilt cause."""
+        """Return the increase of the gap (µm), and the relative error due to the resulting shift of the spots."""
         farther, tilt = self.farther_um(outlook), math.hypot(self.rows_rad, self.columns_rad)
         across = outlook.shadow_px * outlook.pixel_um * tilt
         v = outlook.virtual_depth
@@ -229,7 +230,7 @@ class ArrayTilt(SceneEffect):
         return Estimate(abs(farther), "µm", outlook.moved(shift), formula)
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the gap and image distance of the region, and the tilt about its middle."""
+        """Return ``scene`` with the gap and image distance of the region, and with the tilt about its middle."""
         farther = self.farther_um(outlook)
         gap = scene.gap_um + farther
         if not (0.2 * scene.gap_um <= gap <= 3 * scene.gap_um and scene.pupil_um > farther):

@@ -41,7 +41,7 @@ WHITE_IMAGE = "white image"
 
 
 class ActsOn(Enum):
-    """Part of the light path or of the recording that an effect changes; members are in the order of the light path."""
+    """Stage of the light path or recording on which an effect acts; members are in the order of the light path."""
 
     SCENE = "optics"
     """The `Scene` given to the engine; costs nothing, unless waves must be computed."""
@@ -56,22 +56,22 @@ class ActsOn(Enum):
 
     @property
     def enters_h(self) -> bool:
-        """Whether the effect is visible in H; otherwise, it is visible only in the frames of a session."""
+        """Whether effects of this kind change the matrix H; otherwise, they change only the frames of a session."""
         return self not in (ActsOn.MOTION, ActsOn.FRAME)
 
 
 @dataclass(frozen=True, slots=True)
 class EngineSeconds:
-    """CPU-seconds of one depth plane without the effect, from which its cost is derived.
+    """CPU times for simulating one depth plane without the effect (s), from which the cost of the effect is derived.
 
     Attributes
     ----------
     rays
-        Time of the geometric engine.
+        Time of the geometric engine, which traces rays (s).
     waves
-        Time of the wave engine, or of the Debye path of a microscope.
+        Time of the wave engine, or of the Debye integral for a microscope (s).
     fringes
-        Time for one table of the main iris's fringes, a large Fourier transform.
+        Time for one table of the diffraction fringes of the main iris, a large Fourier transform (s).
 
     Examples
     --------
@@ -89,22 +89,24 @@ class EngineSeconds:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Size of an effect, predicted only from the description of the camera.
+    """Size of an effect and the error that leaving it out would cause, predicted from the camera's description.
 
     Attributes
     ----------
     size
-        Physical size of the effect.
+        Magnitude of the effect, in ``unit``.
     unit
-        Unit of ``size``.
+        Unit of ``size``, for example ``"px"``.
     error
-        Relative L1 error of the image if the effect is left out, sum(|without - with|) / sum(|with|).
+        Relative L1 error of the simulated image if the effect is left out: sum(|without - with|) / sum(|with|) over the
+        pixels, 0 to 2.
     formula
-        Text that states how size and error were computed.
+        Text that states how ``size`` and ``error`` were computed.
     upper_bound
-        Whether ``error`` is an upper bound (within a factor of 4) instead of an estimate (within 2).
+        Whether ``error`` is an upper bound (within a factor of 4 of the true error) instead of an estimate (within a
+        factor of 2).
     measured
-        Whether ``error`` was found by running the effect instead of by the formula.
+        Whether ``error`` was measured by simulating with and without the effect, instead of computed by the formula.
 
     Examples
     --------
@@ -131,11 +133,11 @@ class LightSample:
     Attributes
     ----------
     rows, columns
-        Displacement of the point's paraxial image from the nominal one (pixels).
+        Displacement of the point's paraxial image at the lenslets from that of the nominal source point (px).
     wavelength_um
         Vacuum wavelength (µm).
     weight
-        Fraction of the light; the weights of an effect sum to 1.
+        Fraction of the source's light; the weights of all samples sum to 1.
 
     Examples
     --------
@@ -156,26 +158,26 @@ class LightSample:
 
 @dataclass(frozen=True, slots=True)
 class SensorStrip:
-    """The strip of a sensor frame on which frame effects act.
+    """Position and context of a strip of sensor rows on which frame effects act.
 
     Attributes
     ----------
     camera
-        Camera; its sensor provides default magnitudes.
+        Camera, whose sensor provides the default magnitudes.
     exposure_s
         Exposure time (s).
     row
-        Sensor row of the strip's first row.
+        Index of the strip's first row on the sensor, from 0.
     total_e
         Total light of the whole frame (electrons).
     rng
-        Random generator for this effect on this strip of this frame.
+        Random number generator for this effect, strip and frame.
     pattern
-        Function for random patterns of this strip of the sensor that are the same in every frame: called with the name
-        of a pattern, it returns standard normal deviates in the strip's shape.
+        Function that returns a random pattern of this strip that is the same in every frame: called with the name of a
+        pattern, it returns standard normal deviates in the shape of the strip.
     light_e
-        Light of the whole frame ``(rows, columns)`` before any effect (electrons), for effects that bring light from
-        elsewhere in the frame. Read-only.
+        Light of the whole frame ``(rows, columns)`` before any effect (electrons), for effects that move light within
+        the frame. Read-only.
 
     Examples
     --------
@@ -209,9 +211,9 @@ def _frozen(value: Any) -> Any:
 
 
 class Effect(ABC):
-    """Base class of effects, which are frozen dataclasses; their fields are magnitudes (None: the camera's value).
+    """Base class of effects, which are frozen dataclasses whose fields are magnitudes; None means the camera's value.
 
-    Every field has a default, so that the catalogue can create each effect without arguments.
+    Every field has a default, because the catalogue creates each effect without arguments.
 
     Examples
     --------
@@ -272,15 +274,15 @@ class Effect(ABC):
             check_number(f"{self.title}: {field.name}", value, at_least=low, at_most=high)
 
     def spectrum_um(self) -> float | None:
-        """Return the stated full width of the spectrum (µm); None: the camera's, or no dependence on wavelength."""
+        """Return the full width of the spectrum given to the effect (µm), or None if none is given or none matters."""
         return None
 
     def applies_to(self, camera: Camera) -> bool:
-        """Return whether ``camera`` has the part that the effect acts on."""
+        """Return whether ``camera`` has the component on which the effect acts."""
         return self.without_lattice or camera.has_lattice
 
     def magnitude(self, field: str, camera: Camera) -> Any:
-        """Return the magnitude ``field``; if it is None, the camera's value, or a typical one."""
+        """Return the value of the field ``field``; if it is None, return the camera's value, or else a typical one."""
         value = getattr(self, field)
         if value is None and self.is_described(field, camera):
             value = value_at(camera, self.described[field])
@@ -294,38 +296,38 @@ class Effect(ABC):
         return has_value(camera, cls.described.get(field, ""))
 
     def settled_by(self, camera: Camera) -> str:
-        """Return what determines the size of the effect in ``camera``, as in `measured_by`."""
+        """Return `measured_by`, the measurement that determines the effect's size; empty without a lattice."""
         return self.measured_by if camera.has_lattice else ""
 
     @abstractmethod
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the size of the effect and the error that leaving it out would cause in the plane of ``outlook``."""
+        """Return the size of the effect in the plane of ``outlook``, and the relative error if it is left out."""
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether the formula of `estimate` is valid.
+        """Return whether the formula that `estimate` uses is valid in the plane of ``outlook``.
 
         If it is not, the error is measured by simulating a few positions with and without the effect.
         """
         return outlook.regular
 
     def wavelengths(self, outlook: Outlook) -> int:
-        """Return how many wavelengths the effect requires at least; 1 if it does not depend on wavelength."""
+        """Return the minimum number of wavelengths that the effect requires; 1 if it does not depend on wavelength."""
         del outlook
         return 1
 
     def runs(self, outlook: Outlook) -> int:
-        """Return how many times the engine must run for each response because of this effect."""
+        """Return the number of engine runs per response that the effect requires; 1 unless overridden."""
         del outlook
         return 1
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU-seconds that the effect adds to the plane of ``outlook``; 0 unless overridden."""
+        """Return the CPU time (s) that the effect adds to simulating the plane of ``outlook``; 0 unless overridden."""
         del outlook, engine
         return 0.0
 
 
 class SceneEffect(Effect):
-    """An effect that adds detail to the description of the optics.
+    """An effect that changes the optics of the simulated scene.
 
     Examples
     --------
@@ -340,11 +342,11 @@ class SceneEffect(Effect):
 
     @abstractmethod
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the effect."""
+        """Return ``scene`` with the effect; the argument itself is not modified."""
 
 
 class LightEffect(Effect):
-    """An effect that spreads the light over source points or wavelengths.
+    """An effect that replaces monochromatic light from a point by several source points or wavelengths.
 
     Examples
     --------
@@ -358,19 +360,19 @@ class LightEffect(Effect):
 
     @abstractmethod
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
-        """Return ``samples`` spread over source points or wavelengths; the sum of the weights is unchanged."""
+        """Replace each sample by several source points or wavelengths; the sum of the weights is unchanged."""
 
     def runs(self, outlook: Outlook) -> int:
-        """Return the number of samples by which one sample of the light is replaced."""
+        """Return the number of samples that replace one sample of the light."""
         return len(self.spread((LightSample(0.0, 0.0, outlook.wavelength_um, 1.0),), outlook))
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the computing time of the additional engine runs (s)."""
+        """Return the CPU time of the additional engine runs (s)."""
         return engine.waves * (self.runs(outlook) - 1)
 
 
 class PsfEffect(Effect):
-    """An effect that filters the pixels of each response.
+    """An effect that convolves each response, the image of one source position, with a small kernel.
 
     Examples
     --------
@@ -386,10 +388,10 @@ class PsfEffect(Effect):
 
     @abstractmethod
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
-        """Return the filter ``(rows, columns)``, both numbers odd; its sum is the fraction of light that remains."""
+        """Return the kernel ``(rows, columns)``, both odd; its sum is the fraction of light that remains."""
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the time for nine multiply-adds per pixel (s): 2 % of that of a wave engine (measured)."""
+        """Return the CPU time of a 3 x 3 convolution (s), measured as 2 % of that of the wave engine."""
         del outlook
         return 0.02 * engine.waves
 
@@ -412,14 +414,14 @@ class MotionEffect(Effect):
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return the actual minus the commanded positions, ``(n, 3)`` as (z, y, x) in µm.
+        """Return the actual minus the commanded source positions, shape ``(n, 3)``, order (z, y, x), in µm.
 
-        ``commanded_um`` contains the commanded positions, in the same form and in the order in which they are visited.
+        ``commanded_um`` contains the commanded positions in the same layout, in the order of recording.
         """
 
 
 class FrameEffect(Effect):
-    """An effect on the sensor frame.
+    """An effect that changes the pixels of a simulated sensor frame.
 
     Examples
     --------
@@ -440,13 +442,13 @@ class FrameEffect(Effect):
 
     @abstractmethod
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip ``(rows, columns)`` after the effect; it may be changed in place.
+        """Apply the effect to ``strip``, shape ``(rows, columns)``, possibly in place, and return the result.
 
-        The strip is in electrons for effects with a `rank` below 80, and in counts for the others.
+        Pixel values are in electrons for effects with a `rank` below 80, and in counts for the others.
         """
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the computing time for all frames of the plane (s)."""
+        """Return the CPU time for applying the effect to all frames of the plane (s)."""
         del engine
         rows, columns = outlook.camera.sensor.shape
         return outlook.period[0] * outlook.period[1] * rows * columns * self.pixel_ns * 1e-9

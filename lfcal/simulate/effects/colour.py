@@ -60,12 +60,13 @@ def _fringes(rms_px: float, outlook: Outlook) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ChromaticFocus(_Chromatic):
-    """Longitudinal colour of the main lens: each wavelength is imaged at a different distance.
+    """Longitudinal chromatic aberration of the main lens: each wavelength is imaged at a different distance.
 
     Attributes
     ----------
     rate
-        Shift of the image away from the main lens per wavelength (µm per µm); zero for the design wavelength.
+        Shift of the image away from the main lens per change of the wavelength (µm/µm); the shift is zero at the design
+        wavelength.
     width_um
         Full width of the spectrum (µm); None: that of the camera.
 
@@ -89,11 +90,11 @@ class ChromaticFocus(_Chromatic):
     rank: ClassVar[int] = 75
 
     def wavelengths(self, outlook: Outlook) -> int:
-        """Return the number of wavelengths needed for the blur of the spots."""
+        """Return the number of wavelengths needed to sample the chromatic blur of the spots."""
         return _wavelengths(refocus_px(outlook, self.rate * self.width(outlook) / 2), outlook)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the shift of the image over the spectrum, and the error due to the blur that its rms causes."""
+        """Return the shift of the image over the full spectrum (µm), and the relative error due to the blur."""
         shift = abs(self.rate) * self.width(outlook)
         # along an axis, the rms of the pupil's coordinate is half a radius
         rms = refocus_px(outlook, shift / math.sqrt(12)) / 2
@@ -101,7 +102,7 @@ class ChromaticFocus(_Chromatic):
         return Estimate(shift, "µm", error, "da = rate dl; blur s = da/sqrt(12)/(4 Nw v), or 0.09 (1.2 s/w)^1.5")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with an image distance that depends on the wavelength."""
+        """Return ``scene`` with an image distance that depends on the wavelength."""
         shift = self.rate * self.width(outlook)
         if not shift:
             return scene
@@ -114,15 +115,15 @@ class ChromaticFocus(_Chromatic):
 
 @dataclass(frozen=True, slots=True)
 class LensletDispersion(_Chromatic):
-    """Dispersion of the lenslets' glass: their described focal lengths hold only at the design wavelength.
+    """Dispersion of the lenslets' glass: their focal lengths are as described only at the design wavelength.
 
-    1/f is proportional to n - 1, where n follows Cauchy's formula A + B/lambda² at the glass's F and C lines. The value
-    of n itself cancels.
+    The power 1/f of a lenslet is proportional to n - 1, where the refractive index n follows Cauchy's formula A +
+    B/lambda², fitted to the Abbe number. The value of n itself cancels.
 
     Attributes
     ----------
     abbe
-        Abbe number (n_d - 1)/(n_F - n_C).
+        Abbe number of the glass, (n_d - 1)/(n_F - n_C).
     width_um
         Full width of the spectrum (µm); None: that of the camera.
 
@@ -147,7 +148,7 @@ class LensletDispersion(_Chromatic):
     rank: ClassVar[int] = 76
 
     def strength(self, wavelength_um: float) -> float:
-        """Return b (µm²) in f(lambda) = f / (1 + b (1/lambda² - 1/lambda_0²)), where lambda_0 is ``wavelength_um``."""
+        """Return b (µm²) in f(lambda) = f_0 / (1 + b (1/lambda² - 1/lambda_0²)), with lambda_0 = ``wavelength_um``."""
         # for a glass whose power is 1 at the d line
         b = 1.0 / (self.abbe * (LINE_F**-2 - LINE_C**-2))
         return b / (1.0 + b * (wavelength_um**-2 - LINE_D**-2))
@@ -158,19 +159,19 @@ class LensletDispersion(_Chromatic):
         return 2 * self.strength(lam) / lam**3 * self.width(outlook)
 
     def wavelengths(self, outlook: Outlook) -> int:
-        """Return the number of wavelengths needed for the blur of the spots."""
+        """Return the number of wavelengths needed to sample the chromatic blur of the spots."""
         steep = max(outlook.gap_um / kind.focal_length_um for kind in outlook.camera.lattice.types)
         return _wavelengths(outlook.lit_px * steep * self._share(outlook) / 2, outlook)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return df/f over the spectrum, and the error due to the resulting rms motion of the spots' rims."""
+        """Return the relative change of the focal length over the spectrum, and the relative error due to the blur."""
         share, radius = self._share(outlook), 0.5 * outlook.clear_um / outlook.pixel_um
         steep = outlook.gap_um / outlook.camera.lattice.types[0].focal_length_um
         error = 1.5 * _fringes(radius * steep * share / math.sqrt(12), outlook)
         return Estimate(share, "of f", error, "df/f = 2 b dl/l³; 0.14 (s/w)^1.5, s = R B/f df/f/sqrt(12)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with lenslets whose power depends on the wavelength."""
+        """Return ``scene`` with lenslets whose power depends on the wavelength."""
         if not self.width(outlook):
             return scene
         return replace(scene, dispersion_um2=scene.dispersion_um2 + self.strength(scene.wavelength_um))

@@ -17,13 +17,13 @@ __all__ = ["Ghost", "SensorNonlinearity"]
 
 @dataclass(frozen=True, slots=True)
 class SensorNonlinearity(FrameEffect):
-    """A sensor with a nonlinear signal: e electrons are read as e (1 - q e/full well).
+    """Nonlinearity of the sensor: a charge of e electrons is read as e (1 - q e/full well).
 
     Attributes
     ----------
     share
-        Fraction q of the signal that is missing at full well; negative: the signal is too large. The fraction is
-        constant above the full well.
+        Fraction q of the signal that is missing at full well; negative if the signal is too large. Above the full well,
+        the missing fraction is constant.
 
     Examples
     --------
@@ -51,7 +51,7 @@ class SensorNonlinearity(FrameEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return q, and the error for Gaussian spots of equal light, whose mean signal is half of their peak."""
+        """Return |q|, and the relative error for Gaussian spots, whose signal-weighted mean is half of their peak."""
         full, sharp = outlook.camera.sensor.full_well_e, min(outlook.widths_px)
 
         def lost(width: float) -> float:
@@ -62,7 +62,7 @@ class SensorNonlinearity(FrameEffect):
         return Estimate(abs(self.share), "of full well", abs(error) / (1.0 - error), "q peak/(2 full well) (w_min/w)²")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip as it is read, in electrons before the gain."""
+        """Apply the nonlinearity to ``strip`` in place (electrons)."""
         if self.share:
             full = np.float32(view.camera.sensor.full_well_e)
             # clipped, so that more light never gives a lower value
@@ -72,16 +72,16 @@ class SensorNonlinearity(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class Ghost(FrameEffect):
-    """A faint second image from reflections in the lens: the frame, mirrored about the axis, scaled and shifted.
+    """A faint second image due to reflections in the lens: the frame mirrored about the axis, scaled and shifted.
 
     Attributes
     ----------
     share
-        Light of the ghost relative to that of the frame.
+        Fraction of the frame's light that appears in the ghost, 0 to 1.
     scale
-        Size of the ghost relative to that of the image.
+        Lateral size of the ghost relative to that of the image.
     rows_um, columns_um
-        Sensor position, relative to the axis, of the ghost of a point on the axis (µm).
+        Position (y and x, µm) on the sensor, relative to the optical axis, of the ghost of a point on the axis.
 
     Examples
     --------
@@ -111,7 +111,7 @@ class Ghost(FrameEffect):
     pixel_ns: ClassVar[float] = 30.0
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return ``share``, and the error: the light of the ghost inside the region's cutout, which is often zero."""
+        """Return ``share``, and the relative error: the light of the ghost within the cutout, which is often zero."""
         seen, px = 1.0, outlook.pixel_um
         moved = self.rows_um, self.columns_um
         for field, place, pixels in zip(outlook.field_um, moved, outlook.cutout, strict=True):
@@ -122,7 +122,7 @@ class Ghost(FrameEffect):
         return Estimate(self.share, "of the light", self.share * seen, formula)
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip with the ghost added."""
+        """Add the ghost to ``strip`` in place (electrons)."""
         if not self.share:
             return strip
         sensor = view.camera.sensor

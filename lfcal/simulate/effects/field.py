@@ -20,7 +20,7 @@ __all__ = ["CosFourth", "MechanicalVignetting"]
 
 @dataclass(frozen=True, slots=True)
 class CosFourth(FrameEffect):
-    """Natural fall-off of light with the fourth power of the field angle's cosine, 1 on the axis.
+    """Natural fall-off of illuminance with the fourth power of the cosine of the field angle; 1 on the axis.
 
     Examples
     --------
@@ -36,7 +36,7 @@ class CosFourth(FrameEffect):
     rank: ClassVar[int] = 10
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return 1 - cos^4 at the rms distance of the lit pixels from the axis."""
+        """Return the loss 1 - cos^4 at the rms distance of the lit pixels from the axis, as size and as error."""
         optics = outlook.camera.optics
         if optics.telecentric:
             return Estimate(0.0, "relative", 0.0, "telecentric")
@@ -46,7 +46,7 @@ class CosFourth(FrameEffect):
         return Estimate(loss, "relative", loss, "1 - cos^4(r_rms/b)")
 
     def gain(self, camera: Camera, row: int, rows: int) -> NDArray[np.float32]:
-        """Return the gain ``(rows, columns)`` of ``rows`` sensor rows, starting at ``row``: (1 + (r/b)²)^-2."""
+        """Return the gain ``(rows, columns)`` of ``rows`` sensor rows from row ``row`` on; 1 on the optical axis."""
         optics, sensor = camera.optics, camera.sensor
         if optics.telecentric:
             return np.ones((1, 1), np.float32)
@@ -56,21 +56,21 @@ class CosFourth(FrameEffect):
         return ((1.0 + (y * y)[:, None] + x * x) ** -2.0).astype(np.float32)
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip times the gain."""
+        """Multiply ``strip`` in place by the fall-off (electrons)."""
         strip *= self.gain(view.camera, view.row, len(strip))
         return strip
 
 
 @dataclass(frozen=True, slots=True)
 class MechanicalVignetting(SceneEffect):
-    """A rim of the lens barrel that cuts the pupil as seen from off the axis (cat's eye).
+    """A rim of the lens barrel that clips the pupil seen from off-axis points (cat's-eye vignetting).
 
     Attributes
     ----------
     distance_um
         Distance from the pupil to the rim along the axis (µm).
     radius
-        Ratio of the rim's radius to the pupil's, both as seen from the sensor.
+        Ratio of the radius of the rim to that of the pupil, both as seen from the sensor.
 
     Examples
     --------
@@ -95,7 +95,7 @@ class MechanicalVignetting(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def shift(self, outlook: Outlook) -> tuple[float, float]:
-        """Return the rim's shift ``(y, x)`` relative to the pupil, seen from the region (pupil radii)."""
+        """Return the shift ``(y, x)`` of the rim relative to the pupil, seen from the region, in pupil radii."""
         optics = outlook.camera.optics
         if not isinstance(optics, MainLens):
             return 0.0, 0.0
@@ -104,14 +104,14 @@ class MechanicalVignetting(SceneEffect):
         return outlook.field_um[0] * unit, outlook.field_um[1] * unit
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the lost light relative to the remaining light, from the overlap of two discs (pupil and rim)."""
+        """Return the shift of the rim (pupil radii), and the ratio of the lost light to the remaining light."""
         shift = math.hypot(*self.shift(outlook))
         kept = overlap(shift, self.radius)
         error = min(2.0, (1.0 - kept) / max(kept, 1e-9))
         return Estimate(shift, "pupil radii", error, "overlap of two discs; 1.27 s/D for equal ones")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the rim as a second stop, or unchanged if the rim cuts nothing."""
+        """Return ``scene`` with the rim as a second stop, or unchanged if the rim clips no light."""
         y, x = self.shift(outlook)
         # a stop that cuts nothing would still lose the symmetry and the tables of a circular pupil
         if overlap(math.hypot(y, x), self.radius) >= 1.0:
@@ -119,7 +119,7 @@ class MechanicalVignetting(SceneEffect):
         return replace(scene, iris=replace(scene.iris, stop=(x, y, self.radius)))
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the computing time for a table of the field of the cut pupil (s)."""
+        """Return the CPU time of a table of the field of the clipped pupil (s)."""
         del outlook
         return engine.fringes
 

@@ -17,18 +17,18 @@ __all__ = ["CoverGlass"]
 
 @dataclass(frozen=True, slots=True)
 class CoverGlass(SceneEffect):
-    """A plane-parallel plate between lenslets and sensor: the focus moves by t (1 - 1/n), and more for steep rays.
+    """A plane-parallel plate between lenslets and sensor: it shifts the focus by t (1 - 1/n), and more for steep rays.
 
-    Ray tracing includes only the paraxial shift. The additional shift of steep rays needs non-paraxial angles and
-    waves.
+    Ray tracing includes only the paraxial shift. The additional shift of steep rays requires wave optics with
+    non-paraxial angles.
 
     Attributes
     ----------
     thickness_um, index
-        Thickness (µm) and refractive index of the plate.
+        Thickness t (µm) and refractive index n of the plate.
     in_gap
-        Fraction of t (1 - 1/n) already included in the described gap: 0 if it is the distance between lenslets and
-        sensor, 1 if it is the equivalent distance in air, as found by focusing on the sensor.
+        Fraction of t (1 - 1/n) that is already included in the described gap: 0 if the described gap is the distance
+        between lenslets and sensor, 1 if it is the equivalent distance in air, as found by focusing on the sensor.
 
     Examples
     --------
@@ -58,7 +58,7 @@ class CoverGlass(SceneEffect):
         return self.thickness_um * (1.0 - 1.0 / self.index) * (1.0 - self.in_gap)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the focus shift, and the error due to the mean spot shift and the plate's aberration."""
+        """Return the focus shift (µm), and the relative error due to the mean spot shift and the plate's aberration."""
         cone = 1.0 / (2.0 * outlook.f_number)
         rim = self.shorter_um() * cone
         # of B tan, t (1/n - 1/n³)/2 s³ is missing; the mean is 0.4 of the rim's value
@@ -68,7 +68,7 @@ class CoverGlass(SceneEffect):
         return Estimate(self.shorter_um(), "µm", outlook.moved(shift), formula)
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the gap in air and the plate."""
+        """Return ``scene`` with the equivalent gap in air and the plate."""
         del outlook
         if not self.thickness_um or self.index == 1.0:
             return scene

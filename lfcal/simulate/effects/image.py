@@ -23,13 +23,13 @@ def refocus_px(outlook: Outlook, by_um: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class FieldCurvature(SceneEffect):
-    """A curved image surface: off the axis, the image is nearer to the main lens or farther from it.
+    """Curvature of the image surface: the distance between main lens and image depends on the field position.
 
     Attributes
     ----------
     radius_um
-        Radius R of the image surface at the axis (µm), the Petzval radius of a flat lens: at distance h from the axis,
-        the image is h²/(2 R) farther from the main lens, or nearer if R is negative.
+        Radius of curvature R of the image surface at the axis (µm), the Petzval radius if the lens has no astigmatism.
+        At the distance h from the axis, the image is h²/(2 R) farther from the main lens, or nearer if R is negative.
 
     Examples
     --------
@@ -57,18 +57,18 @@ class FieldCurvature(SceneEffect):
             )
 
     def sag_um(self, outlook: Outlook) -> float:
-        """Return the additional distance of the region's image from the main lens (µm)."""
+        """Return the additional distance of the image from the main lens in the middle of the region (µm)."""
         y, x = outlook.field_um
         return (y * y + x * x) / (2 * self.radius_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the shift of the image along the axis, and the error due to the mean spot shift."""
+        """Return the shift of the image along the axis (µm), and the relative error due to the mean spot shift."""
         sag = self.sag_um(outlook)
         error = outlook.moved(2 / 3 * refocus_px(outlook, sag))
         return Estimate(abs(sag), "µm", error, "da = h²/(2 R); shift (2/3) da/(2 Nw v)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the image on the curved surface."""
+        """Return ``scene`` with the image on the curved surface."""
         sag = self.sag_um(outlook)
         behind = 1.0 + (scene.image_um + sag) / scene.pupil_um
         if not (math.isfinite(sag) and behind > 0):
@@ -79,15 +79,15 @@ class FieldCurvature(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class Distortion(SceneEffect):
-    """Images are farther from the axis, or closer to it, than with a uniform magnification.
+    """Distortion of the main lens: the magnification depends on the distance from the axis.
 
     Attributes
     ----------
     relative
-        Displacement divided by the distance from the axis, at ``radius_um``; it grows with the square of the distance.
-        Positive values mean pincushion distortion, negative ones barrel distortion.
+        Displacement of an image point divided by its distance from the axis, at ``radius_um``; this ratio grows with
+        the square of the distance. Positive values mean pincushion distortion, and negative values barrel distortion.
     radius_um
-        Distance from the axis on the sensor at which ``relative`` is valid (µm).
+        Distance from the axis on the sensor to which ``relative`` refers (µm).
 
     Examples
     --------
@@ -110,20 +110,20 @@ class Distortion(SceneEffect):
     units: ClassVar[Mapping[str, str]] = {"relative": "share"}
 
     def at(self, outlook: Outlook) -> tuple[float, float]:
-        """Return the displacement ``(y, x)`` in the middle of the region (µm)."""
+        """Return the displacement ``(y, x)`` of the image in the middle of the region (µm)."""
         y, x = outlook.field_um
         share = self.relative * (y * y + x * x) / self.radius_um**2
         return share * y, share * x
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the displacement of the region's images, and the error due to the resulting spot shift."""
+        """Return the displacement of images in the region, and the relative error due to the resulting spot shift."""
         shift = math.hypot(*self.at(outlook)) / outlook.pixel_um
         return Estimate(
             shift, "px", outlook.source_moved(shift), "k h³; spots move by 1/v of it, the shadow by all of it"
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with images displaced by the distortion, linearized about the middle of the period."""
+        """Return ``scene`` with images displaced by the distortion, linearized about the middle of the period."""
         (dy, dx), (y, x) = self.at(outlook), outlook.field_um
         if not (dy or dx):
             return scene

@@ -31,15 +31,16 @@ NEIGHBOURS: Mapping[str, tuple[int, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class PixelKernel(PsfEffect):
-    """A fraction of each pixel's light that appears in each of its eight neighbours: smear, residual charge, blur.
+    """Transfer of a fraction of each pixel's light to each of its eight neighbours: smear, residual charge or blur.
 
-    This is a measured filter and not a model of a cause: crosstalk and the sizes of source and pixels are separate
-    effects. Light is conserved, because a pixel loses what its neighbours gain. Negative fractions sharpen the image.
+    This is an empirical kernel, not a model of a physical cause: crosstalk, source size and pixel size are separate
+    effects. The total light is conserved, because a pixel loses what its neighbours gain. Negative fractions sharpen
+    the image.
 
     Attributes
     ----------
     up_left, up, up_right, left, right, down_left, down, down_right
-        Fraction of the light that appears in this neighbour.
+        Fraction of a pixel's light that appears in this neighbour.
 
     Examples
     --------
@@ -70,7 +71,7 @@ class PixelKernel(PsfEffect):
     measured_by: ClassVar[str] = "pixel_kernel"
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the sum of the fractions, and the error due to blur or displacement, whichever is larger."""
+        """Return the sum of the fractions, and the relative error due to blur or displacement, whichever is larger."""
         shares = {place: getattr(self, name) for name, place in NEIGHBOURS.items()}
         aside = math.hypot(*(sum(w * place[k] for place, w in shares.items()) for k in (0, 1)))
         variance = sum(abs(w) * (y * y + x * x) for (y, x), w in shares.items()) / 2
@@ -79,7 +80,7 @@ class PixelKernel(PsfEffect):
         return Estimate(moved, "of the light", error, "the larger of 0.74 s²/(w² + 0.17) and the shift")
 
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
-        """Return the 3 x 3 kernel, whose sum is 1."""
+        """Return the kernel, shape ``(3, 3)``, whose sum is 1."""
         del camera
         found = np.zeros((3, 3))
         for one in fields(self):

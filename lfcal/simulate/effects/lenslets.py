@@ -31,9 +31,9 @@ class MissingLenslets(SceneEffect):
     ----------
     lenslets
         Tuples ``(row, column, transmission)``. Row and column are lattice indices relative to the type-0 lenslet
-        nearest to the region's first position. They are r and q of `LensletLattice.centres_um`: in a hexagonal array,
-        column 0 of the next row is the right one of the two lenslets below. Transmission is the fraction of light that
-        passes, 0 to 1.
+        nearest to the first source position of the region. They are r and q of `LensletLattice.centres_um`: in a
+        hexagonal array, column 0 of the next row is the right one of the two adjacent lenslets below. Transmission is
+        the fraction of light that passes, 0 to 1.
 
     Examples
     --------
@@ -68,7 +68,7 @@ class MissingLenslets(SceneEffect):
         object.__setattr__(self, "lenslets", tuple((r, q, t) for (r, q), t in known.items()))
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the sum of 1 - transmission (lenslets), and the lost light relative to the remaining light."""
+        """Return the sum of 1 - transmission over the lenslets, and the ratio of lost to remaining light."""
         lattice, px = outlook.camera.lattice, outlook.pixel_um
         first = [
             c + f / px - (n - 1) / 2
@@ -90,7 +90,7 @@ class MissingLenslets(SceneEffect):
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the defective lenslets added."""
+        """Return ``scene`` with the defective lenslets added."""
         del outlook
         found = tuple(one for one in self.lenslets if one[2] != 1.0)
         return replace(scene, defects=scene.defects + found) if found else scene
@@ -98,15 +98,16 @@ class MissingLenslets(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class LensletSpherical(SceneEffect):
-    """Spherical aberration of every lenslet: a phase 2 pi W (r/R)^4, which rays do not include.
+    """Spherical aberration of every lenslet: the phase 2 pi W (r/R)^4 at radius r; ray tracing does not include it.
 
     Attributes
     ----------
     waves
-        W040 at the rim of the clear diameter (waves of the design wavelength). Positive values mean that the rim
-        focuses farther away. In the corners of touching square lenslets, the aberration is four times as large.
+        Aberration W (W040) at the rim r = R of the clear aperture, in waves at the design wavelength. Positive values
+        mean that the rim focuses farther from the lenslet. In the corners of contiguous square lenslets, the aberration
+        is four times as large.
     type_0, type_1, type_2
-        Additional aberration of each lens type (waves).
+        Additional aberration of lens types 0, 1 and 2 (waves).
 
     Examples
     --------
@@ -135,7 +136,7 @@ class LensletSpherical(SceneEffect):
     titles: ClassVar[Mapping[str, str]] = {name: f"more in lens type {k}" for k, name in enumerate(OF_TYPES)}
 
     def of_types(self, types: int) -> tuple[float, ...]:
-        """Return the addition to `waves` for each of a camera's ``types`` lens types.
+        """Return the aberration added to `waves` for each of the ``types`` lens types of a camera (waves).
 
         Raises
         ------
@@ -151,7 +152,7 @@ class LensletSpherical(SceneEffect):
         return by_type[:types]
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the mean W of the lens types (waves), and the error due to the resulting mean spot shift."""
+        """Return the mean |W| of the lens types (waves), and the relative error due to the mean spot shift."""
         radius = 0.5 * outlook.clear_um
         # moved light is proportional to the size: all types count equally
         sizes = [abs(self.waves + more) for more in self.of_types(len(outlook.camera.lattice.types))]
@@ -161,7 +162,7 @@ class LensletSpherical(SceneEffect):
         return Estimate(size, "waves", error, "0.6 of a shift 0.4 * 4 W lambda B/R")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with aberrated lenslets."""
+        """Return ``scene`` with aberrated lenslets."""
         del outlook
         by_type = self.of_types(len(scene.lattice.types))
         more = tuple(a + b for a, b in zip(scene.type_waves or (0.0,) * len(by_type), by_type, strict=True))

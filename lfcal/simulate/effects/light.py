@@ -23,7 +23,7 @@ MAX_DEGREE = 150
 
 @dataclass(frozen=True, slots=True)
 class FiniteSource(LightEffect):
-    """A pinhole of finite size with uniform brightness.
+    """A source of finite size: a uniformly bright disc.
 
     Attributes
     ----------
@@ -53,14 +53,14 @@ class FiniteSource(LightEffect):
     measured_by: ClassVar[str] = "source"
 
     def image_px(self, outlook: Outlook) -> float:
-        """Return the diameter of the source's image on the lenslets (pixels)."""
+        """Return the diameter of the source's paraxial image at the lenslets (px)."""
         diameter: float = self.magnitude("diameter_um", outlook.camera)
         return diameter / outlook.camera.step_um(outlook.z_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the diameter of the source's image through a lenslet (px), and the error due to its blur.
+        """Return the diameter of the source's image behind a lenslet (px), and the relative error due to its blur.
 
-        The error includes the blurred edge of the iris's shadow.
+        The error includes the blur of the edge of the iris's shadow.
         """
         image = self.image_px(outlook)
         # the rms of a disc's coordinate is a quarter of its diameter; defocus scales the image by 1/v
@@ -69,11 +69,11 @@ class FiniteSource(LightEffect):
         return Estimate(spot, "px", min(2.0, outlook.blurred(spot / 4) + edge), "D |M|/v; 0.74 (s/w)² + edge, s = D/4")
 
     def degree(self, outlook: Outlook) -> int:
-        """Return the polynomial degree that must be integrated exactly over the source's disc.
+        """Return the polynomial degree up to which the quadrature rule over the source's disc must be exact.
 
-        The spatial frequencies k of a spot of width w reach about 2/w. If the spot moves by R over the disc, a rule of
-        degree D is accurate up to k R of about D/2. The same applies to the edge of the shadow, which moves over
-        lenslets.
+        The spatial frequencies k of a spot of rms width w reach about 2/w. If the spot moves by R over the disc, a rule
+        of degree D is accurate up to k R of about D/2. The same applies to the edge of the iris's shadow, which moves
+        across the lenslets.
         """
         radius = self.image_px(outlook) / 2
         moved = radius / outlook.depth / min(outlook.widths_px)
@@ -82,7 +82,7 @@ class FiniteSource(LightEffect):
         return min(MAX_DEGREE, max(5, math.ceil(DEGREE_PER_WIDTH * moved) + 3))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
-        """Return ``samples`` spread over the disc of the source: 7 points each, or more if its image exceeds a spot."""
+        """Replace each sample by 7 points on the disc of the source, or by more if its image is larger than a spot."""
         radius = self.image_px(outlook) / 2
         points = disc_rule(self.degree(outlook))
         return tuple(
@@ -115,7 +115,7 @@ def disc_rule(degree: int = 5) -> list[tuple[float, float, float]]:
 
 @dataclass(frozen=True, slots=True)
 class Bandwidth(LightEffect):
-    """Light with a flat spectrum around the design wavelength.
+    """Light with a uniform spectrum centred on the design wavelength.
 
     Attributes
     ----------
@@ -144,16 +144,17 @@ class Bandwidth(LightEffect):
     rank: ClassVar[int] = 20
 
     def width(self, outlook: Outlook) -> float:
-        """Return the spectrum's full width (µm)."""
+        """Return the full width of the spectrum (µm)."""
         width: float = self.magnitude("width_um", outlook.camera)
         return width
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the relative bandwidth, and the error from washed-out fringes in spots and between lenslets.
+        """Return the bandwidth divided by the wavelength, and the relative error due to fringes that are washed out.
 
-        The error is quadratic for narrow bands. Above a relative bandwidth of about a tenth, the outer fringes have
-        vanished and the error grows linearly. Fringes between lenslets are finer and vanish sooner. The larger the
-        lenslets, the less light these fringes contain.
+        For narrow bands, the error is quadratic in the bandwidth. Above a relative bandwidth of about a tenth, the
+        outer fringes of the spots have vanished, and the error grows linearly. Interference fringes between
+        neighbouring lenslets are finer and vanish sooner. The larger the lenslets, the less light these fringes
+        contain.
         """
         x = self.width(outlook) / outlook.wavelength_um
         fringes = sum(outlook.fresnel_lenslets) / len(outlook.fresnel_lenslets)
@@ -165,7 +166,7 @@ class Bandwidth(LightEffect):
         return Estimate(x, "relative", error, "x = dl/l; (0.25 + 0.13 N_F) x²/(1 + 8.3 x (1 + 0.1 N_F)) + fringes")
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether each lenslet receives enough fringes of the iris for the estimate's formula to be valid."""
+        """Return whether each lenslet receives enough diffraction fringes of the iris for the formula to be valid."""
         if not outlook.camera.has_lattice:
             return True
         return outlook.regular and abs(outlook.virtual_depth) >= 1.2 and outlook.fresnel_main >= 12.0
@@ -182,7 +183,7 @@ class Bandwidth(LightEffect):
         return most * -math.expm1(-steep * x * x / most)
 
     def count(self, outlook: Outlook, least: int = 1) -> int:
-        """Return the number of wavelengths: 3, or more if many fringes wash out, and at least ``least``."""
+        """Return the number of wavelengths to simulate: 3 to 9, depending on the bandwidth, but at least ``least``."""
         width = self.width(outlook)
         if width == 0:
             return 1
@@ -192,7 +193,7 @@ class Bandwidth(LightEffect):
         return max(least, min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4)))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook, least: int = 1) -> tuple[LightSample, ...]:
-        """Return ``samples`` spread over Gauss-Legendre wavelengths, whose number is `count`."""
+        """Replace each sample by one sample at each of `count` Gauss-Legendre wavelengths of the spectrum."""
         width = self.width(outlook)
         if width == 0:
             return samples

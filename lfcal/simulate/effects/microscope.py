@@ -22,11 +22,11 @@ RAYS = 4000
 
 @dataclass(frozen=True, slots=True)
 class VectorialPupil(SceneEffect):
-    """The source is a dipole of any orientation and light a vector field; without this effect, both are scalar.
+    """Vectorial light from a dipole source with random orientation; without this effect, source and light are scalar.
 
-    A bead or a dye, averaged over orientations, sends the same light through each part of the pupil as a scalar point
-    source. However, the parts interfere differently: the intensities of five fields add, while a scalar point source
-    has one field.
+    Averaged over dipole orientations, a bead or dye sends the same light through each part of the pupil as a scalar
+    point source. However, the parts interfere differently: the intensities of five mutually incoherent fields add,
+    while a scalar point source has a single field.
 
     Examples
     --------
@@ -44,12 +44,13 @@ class VectorialPupil(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the fraction of light in fields other than the first, and an error fitted to simulations.
+        """Return the fraction of light in the fields other than the first, and a relative error fitted to simulations.
 
-        In focus, the fields differ by sin²(alpha). The difference is visible if the focal spot is large on the
-        lenslets, and less visible if pixels are wider than the fringes between lenslets. Out of focus, parts of the
-        pupil meet only if they are near each other (by N waves of defocus), or where micro-images overlap (images
-        behind the array).
+        In focus, the fields differ by sin²(alpha), with the half angle alpha of the objective. The difference is
+        visible if the focal spot is large on the lenslets, and less so if pixels are wider than the interference
+        fringes between lenslets. Out of focus, light from different parts of the pupil overlaps on the sensor only if
+        the parts are close together, depending on the waves of defocus, or where micro-images overlap, for images
+        behind the array.
         """
         optics, lattice = outlook.camera.optics, outlook.camera.lattice
         if not isinstance(optics, Microscope):
@@ -76,12 +77,12 @@ class VectorialPupil(SceneEffect):
         return True
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with a vector field, which only wave engines use; the scene of a main lens is unchanged."""
+        """Return ``scene`` with a vector field, which only wave engines use; unchanged for a main lens."""
         del outlook
         return scene if scene.objective is None else replace(scene, vectorial=True, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the time of four more fields (s); their tables are shared if rows and columns are separable."""
+        """Return the CPU time of four additional fields (s)."""
         if not outlook.camera.optics.telecentric:
             return 0.0
         lattice = outlook.camera.lattice
@@ -91,15 +92,16 @@ class VectorialPupil(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class IndexMismatch(SceneEffect):
-    """A specimen whose index differs from the immersion medium: focal shift, spherical aberration, reflected light.
+    """Index mismatch between specimen and immersion medium: focal shift, spherical aberration, reflection loss.
 
     Attributes
     ----------
     index
         Refractive index of the specimen.
     depth_um
-        Depth below the interface of the nominal focal plane (µm), where the focus would be without the specimen. A
-        plane at z has the depth ``depth_um + z``; a negative depth means that the plane is in the immersion medium.
+        Depth of the nominal focal plane below the interface (µm); the nominal plane is where the focus would be without
+        the specimen. A plane at z is at the depth ``depth_um + z``. At a negative depth, the plane is in the immersion
+        medium.
 
     Examples
     --------
@@ -121,15 +123,15 @@ class IndexMismatch(SceneEffect):
     units: ClassVar[Mapping[str, str]] = {"index": ""}
 
     def specimen(self) -> Specimen:
-        """Return the media that the light crosses."""
+        """Return the specimen in the form that the scene uses."""
         return Specimen(self.index, self.depth_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the paraxial focal shift, and an error estimated from the displacement X and brightness of each ray.
+        """Return the paraxial focal shift (µm), and the relative error, estimated from the displacement X of each ray.
 
-        A ray's light changes by 2 (1 - exp(-2.1 (X/p) / (1 + (v/2)²)^½)), with pitch p and virtual depth v, and
-        completely if the ray enters or leaves the cutout. Changes of brightness are added in quadrature. The formula
-        was fitted to simulations.
+        The image of a ray changes by 2 (1 - exp(-2.1 (X/p) / (1 + (v/2)²)^½)), with the lenslet pitch p and the virtual
+        depth v, or completely if the ray enters or leaves the cutout. Changes of radiance are added in quadrature. The
+        formula was fitted to simulations.
         """
         optics, specimen, z = outlook.camera.optics, self.specimen(), outlook.z_um
         formula = "rays of Snell: 2 (1 - exp(-2.1 X/p/(1 + (v/2)²)^½)); Fresnel"
@@ -167,7 +169,7 @@ class IndexMismatch(SceneEffect):
         return True
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the specimen, or for rays with its paraxial image; a main lens's scene is unchanged."""
+        """Return ``scene`` with the specimen, or with its paraxial image for ray tracing; unchanged for a main lens."""
         del outlook
         if scene.objective is None:
             return scene
@@ -176,7 +178,7 @@ class IndexMismatch(SceneEffect):
         return replace(scene, specimen=specimen, image_um=image)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the time of the tables (s), whose integral has more nodes; responses take no longer."""
+        """Return the additional CPU time of the tables (s), whose integral needs more nodes."""
         del outlook, engine
         return 0.0
 

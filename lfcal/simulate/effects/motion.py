@@ -26,7 +26,7 @@ def _pixels(outlook: Outlook, length_um: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PositioningError(MotionEffect):
-    """Random, normally distributed error of every stage position.
+    """Random, normally distributed error of the lateral stage position, independent at every stop.
 
     Attributes
     ----------
@@ -55,12 +55,12 @@ class PositioningError(MotionEffect):
     rank: ClassVar[int] = 10
 
     def rms(self, camera: Camera) -> float:
-        """Return the rms error of each axis (µm)."""
+        """Return the rms error of each lateral axis (µm in object space)."""
         rms: float = self.magnitude("rms_um", camera)
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms shift of the image, and the error due to the mean shift."""
+        """Return the rms shift of the image along an axis (px), and the relative error due to the mean shift."""
         shift = _pixels(outlook, self.rms(outlook.camera))
         length = math.sqrt(math.pi / 2) * shift  # mean length of a two-dimensional normal deviate
         return Estimate(shift, "px", outlook.source_moved(length), "|M| e; spots by 1.25 |M| e/v, shadow by 1.25 |M| e")
@@ -68,7 +68,7 @@ class PositioningError(MotionEffect):
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return displacements ``(n, 3)`` (µm) that are independent normal deviates for y and x, and 0 for z."""
+        """Return displacements ``(n, 3)``, order (z, y, x), in µm: normally distributed in y and x, 0 in z."""
         out = np.zeros_like(commanded_um)
         out[:, 1:] = self.rms(camera) * rng.standard_normal((len(out), 2))
         return out
@@ -76,12 +76,12 @@ class PositioningError(MotionEffect):
 
 @dataclass(frozen=True, slots=True)
 class Backlash(MotionEffect):
-    """Play between drive and carriage: after a reversal, the carriage stays still until the play is taken up.
+    """Play between the drive and carriage of a stage: after a reversal, the carriage rests until the play is taken up.
 
     Attributes
     ----------
     play_um
-        Lost motion at a reversal of each lateral axis (µm in object space); None: 10 µm, or 0.2 µm for a microscope.
+        Lost motion of each lateral axis at a reversal (µm in object space); None: 10 µm, or 0.2 µm for a microscope.
 
     Examples
     --------
@@ -105,21 +105,22 @@ class Backlash(MotionEffect):
     rank: ClassVar[int] = 20
 
     def play(self, camera: Camera) -> float:
-        """Return the lost motion at a reversal (µm)."""
+        """Return the lost motion at a reversal (µm in object space)."""
         play: float = self.magnitude("play_um", camera)
         return play
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the shift of the image by the lost motion, and an upper bound of the error that it causes."""
+        """Return the shift of the image due to the lost motion (px), and an upper bound of the relative error."""
         shift = _pixels(outlook, self.play(outlook.camera))
         return Estimate(shift, "px", outlook.source_moved(shift), "||M| e, if every position lags", True)
 
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return the position of the carriage minus that of the drive, ``(n, 3)`` as (z, y, x) in µm.
+        """Return the carriage position minus the drive position, shape ``(n, 3)``, order (z, y, x), in µm.
 
-        At the start, the drive is engaged for motion towards increasing coordinates.
+        ``commanded_um`` contains the drive positions in the same layout. At the first one, the play is already taken up
+        for motion towards increasing coordinates.
         """
         del rng
         out, play = np.zeros_like(commanded_um), self.play(camera)
@@ -140,7 +141,8 @@ class Drift(MotionEffect):
     Attributes
     ----------
     rows_um, columns_um
-        Displacement at the end of the session (µm in object space); None: 5 µm, or 0.2 µm for a microscope.
+        Displacement along y and along x at the end of the session (µm in object space); None: 5 µm, or 0.2 µm for a
+        microscope.
 
     Examples
     --------
@@ -163,18 +165,18 @@ class Drift(MotionEffect):
     rank: ClassVar[int] = 30
 
     def end(self, camera: Camera) -> tuple[float, float]:
-        """Return the displacement ``(y, x)`` at the end of the session (µm)."""
+        """Return the displacement ``(y, x)`` of the source at the end of the session (µm in object space)."""
         return self.magnitude("rows_um", camera), self.magnitude("columns_um", camera)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the image's shift at the end of the session, and the error due to the mean shift, half of it."""
+        """Return the final shift of the image (px), and the relative error due to the mean shift, half of it."""
         shift = _pixels(outlook, math.hypot(*self.end(outlook.camera)))
         return Estimate(shift, "px", outlook.source_moved(0.5 * shift), "||M| e at the end, half of it on average")
 
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return displacements ``(n, 3)`` (µm) that grow linearly from the first to the last position."""
+        """Return displacements ``(n, 3)``, order (z, y, x), in µm, that grow linearly over the positions."""
         del rng
         out = np.zeros_like(commanded_um)
         share = np.arange(len(out)) / max(1, len(out) - 1)
@@ -184,7 +186,7 @@ class Drift(MotionEffect):
 
 @dataclass(frozen=True, slots=True)
 class DepthError(MotionEffect):
-    """Random error of the depth of each plane, the same for all positions in the plane.
+    """Random, normally distributed error of the depth of each plane, the same for all positions in the plane.
 
     Attributes
     ----------
@@ -218,7 +220,7 @@ class DepthError(MotionEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the change of the virtual depth, and the error due to the resulting mean spot shift."""
+        """Return the mean absolute change of the virtual depth, and the relative error due to the spot shift."""
         camera = outlook.camera
         if isinstance(outlook, PupilOutlook):
             step = MEAN * self.rms(camera)
@@ -234,7 +236,7 @@ class DepthError(MotionEffect):
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return displacements ``(n, 3)`` (µm): one normal deviate of z for each plane, and 0 for y and x."""
+        """Return displacements ``(n, 3)``, order (z, y, x), in µm: one normal deviate of z per plane, 0 in y and x."""
         out = np.zeros_like(commanded_um)
         planes, which = np.unique(commanded_um[:, 0], return_inverse=True)
         out[:, 0] = (self.rms(camera) * rng.standard_normal(len(planes)))[which]

@@ -29,7 +29,7 @@ FRINGED, SHOWN = 20.0, 0.5
 
 @dataclass(frozen=True, slots=True)
 class LensTypeDefocus(SceneEffect):
-    """Lens types and their defocus; without this effect, every lenslet has the type that is sharpest at the depth.
+    """Defocus of each lens type; without this effect, all lenslets have the type that is sharpest at the depth.
 
     Examples
     --------
@@ -47,10 +47,10 @@ class LensTypeDefocus(SceneEffect):
     rank: ClassVar[int] = 10
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the largest spot diameter (px), and the mean change if all types had the sharpest type's spot width.
+        """Return the diameter of the largest spot (px), and the relative error if all types were equally sharp.
 
-        With increasing Fresnel number, spots change from Gaussians to discs. The difference of two discs is twice the
-        area that they do not share.
+        With increasing Fresnel number, spots change from Gaussians to uniform discs. Two discs of equal energy differ
+        by twice the fraction of the energy outside their overlap.
         """
         sharp = min(outlook.widths_px)
         error = 0.0
@@ -61,13 +61,13 @@ class LensTypeDefocus(SceneEffect):
         return Estimate(2 * max(outlook.geometric_px), "px", error, "d |1/vf - 1/v|; mean width change over the types")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the focal length of each lens type."""
+        """Return ``scene`` with the focal length of each lens type."""
         return replace(scene, lattice=replace(scene.lattice, types=outlook.camera.lattice.types))
 
 
 @dataclass(frozen=True, slots=True)
 class LensletDiffraction(SceneEffect):
-    """Diffraction by the lenslets; without this effect, rays are used.
+    """Diffraction by the lenslets; without this effect, rays are traced.
 
     Examples
     --------
@@ -86,17 +86,17 @@ class LensletDiffraction(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the Airy radius 1.22 lambda B / d (px), and the error from the spot's Fresnel number."""
+        """Return the radius of the Airy disc (px), and the relative error, estimated from the spots' Fresnel number."""
         airy = 1.22 * outlook.wavelength_um * outlook.gap_um / (2 * outlook.lit_px * outlook.pixel_um**2)
         return Estimate(airy, "px", outlook.diffracted, "1.22 lambda B/d; 0.65/(1 + N_F)^(1/3) per type")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with lenslet diffraction switched on."""
+        """Return ``scene`` with lenslet diffraction switched on."""
         del outlook
         return replace(scene, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the additional time of waves compared with rays (s)."""
+        """Return the additional CPU time of wave optics compared with ray tracing (s)."""
         del outlook
         return max(0.0, engine.waves - engine.rays)
 
@@ -105,9 +105,9 @@ class LensletDiffraction(SceneEffect):
 class IrisDiffraction(SceneEffect):
     """Fresnel fringes of the main iris on the lenslets; without this effect, the iris casts a sharp shadow.
 
-    Fringes and shadow cannot be separated within the iris's depth of focus (Fresnel number below 8), or in a
-    microscope's Debye integral. In these cases, this effect is always computed together with lenslet diffraction, even
-    if it is off.
+    Fringes and shadow cannot be computed separately within the depth of focus (Fresnel number of the shadow below 8),
+    or in the Debye integral of a microscope. In these cases, lenslet diffraction always includes the fringes, even if
+    this effect is off.
 
     Examples
     --------
@@ -125,7 +125,7 @@ class IrisDiffraction(SceneEffect):
     rank: ClassVar[int] = 30
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the Fresnel number N_F = |a| / (4 Nw² lambda) of the iris's shadow, and the error 0.6 / sqrt(N_F)."""
+        """Return the Fresnel number N_F of the iris's shadow, and the relative error 0.6 / sqrt(N_F)."""
         number = outlook.fresnel_main
         if not outlook.has_lens:
             return Estimate(number, "N_F", 0.0, "in the Debye integral")
@@ -134,24 +134,25 @@ class IrisDiffraction(SceneEffect):
         return Estimate(number, "N_F", min(1.5, 0.6 / math.sqrt(number)), "|a|/(4 Nw² lambda); 0.6/N_F^(1/2)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the iris's diffraction switched on."""
+        """Return ``scene`` with diffraction by the main iris switched on."""
         del outlook
         return replace(scene, main_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the computing time of the table of fringes (s)."""
+        """Return the CPU time of the table of fringes (s)."""
         del outlook
         return engine.fringes
 
 
 @dataclass(frozen=True, slots=True)
 class IrisShape(SceneEffect):
-    """The shape of the iris's blades, straight or curved. Without this effect the iris is a circle of the same area.
+    """Polygonal shape of an iris with straight or curved blades; without this effect, it is a circle of the same area.
 
     Attributes
     ----------
     blades, curvature, rotation_rad
-        As in `MainLens`; None: the camera's values.
+        Number of blades (0: circular iris), their curvature (0: straight, 1: circular) and the rotation of the iris
+        (rad), as in `MainLens`; None: the camera's value.
 
     Examples
     --------
@@ -194,15 +195,15 @@ class IrisShape(SceneEffect):
                 check_number(f"{self.title}: blades", self.blades, at_least=3, remedy="use 0 for a circular iris")
 
     def iris(self, camera: Camera) -> PupilIris:
-        """Return the iris of ``camera``, with this effect's values in place of the camera's where they are given."""
+        """Return the iris of ``camera``, in which the values given to this effect replace those of the camera."""
         blades, curvature, rotation = (self.magnitude(f.name, camera) for f in fields(self))
         return PupilIris(int(blades), float(curvature), float(rotation))
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the difference in area between the polygon and the circle of the same area.
+        """Return the number of blades, and the relative error due to the difference between the iris and a circle.
 
-        For a regular polygon with n sides, the difference is 0.257 (pi/n)² of the area, or 0.4 (pi/n)² with diffraction
-        at its edges. For curved blades, the difference is proportional to 1 - curvature.
+        A regular polygon with n sides and the circle of the same area differ by 0.257 (pi/n)² of their area, or 0.4
+        (pi/n)² with diffraction at the edges. For curved blades, the difference is proportional to 1 - curvature.
         """
         iris = self.iris(outlook.camera)
         if iris.circular:
@@ -211,21 +212,22 @@ class IrisShape(SceneEffect):
         return Estimate(float(iris.blades), "blades", error, "0.4 (pi/n)² (1 - curvature)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the bladed iris; a second stop of the scene is unchanged."""
+        """Return ``scene`` with the polygonal iris; a second stop of ``scene`` is kept."""
         # mechanical vignetting may have been applied before
         return replace(scene, iris=replace(self.iris(outlook.camera), stop=scene.iris.stop))
 
 
 @dataclass(frozen=True, slots=True)
 class ExactAngles(SceneEffect):
-    """Non-paraxial angles: the defocus of the main lens is a (1 - cos theta), and lenslet rays follow tan theta.
+    """Non-paraxial angles: defocus of the main lens as a (1 - cos theta), and rays behind the lenslets along tan theta.
 
-    The two belong together. Each alone displaces the rays through the lenslets' centres: at the rim, the first by 8 Nw
-    W lambda/v with W = a/(8 lambda (2 Nw)^4), the second by B/(2 (2 Nw)³). With both, these rays meet the sensor at
-    their paraxial positions, because the path to the image is a straight line. Two changes remain: the coma of lenslets
-    with a parabolic phase, and a shadow that is larger by the fraction 1/(8 Nw²). The Debye integral of a microscope is
-    always exact up to the array. With this effect, the angles behind the array are exact too; the light of a position
-    is then computed on one grid instead of by rows and columns.
+    Here a is the distance of the main image behind the array, B the gap, v = a/B, Nw the working f-number, and theta
+    the angle to the axis. Each change alone would displace the rays through the lenslet centres: at the rim, the first
+    by 8 Nw W lambda/v with W = a/(8 lambda (2 Nw)^4), and the second by B/(2 (2 Nw)³). With both, these rays meet the
+    sensor at their paraxial positions, because their path to the image is a straight line. Two effects remain: the coma
+    of lenslets with a parabolic phase, and a shadow that is larger by the fraction 1/(8 Nw²). The Debye integral of a
+    microscope is always exact up to the array. With this effect, the angles behind the array are exact too; each
+    response is then computed on one two-dimensional grid instead of separately for rows and columns.
 
     Examples
     --------
@@ -243,7 +245,7 @@ class ExactAngles(SceneEffect):
     rank: ClassVar[int] = 60
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the displacement of the rim ray, and the error due to 0.56 to 0.65 of it (measured)."""
+        """Return the displacement of the marginal ray (px), and the relative error due to the mean displacement."""
         if not outlook.has_lens:
             return self._behind_lenslets(outlook)
         rim = outlook.gap_um / (2 * (2 * outlook.f_number) ** 3) / outlook.pixel_um
@@ -262,9 +264,9 @@ class ExactAngles(SceneEffect):
         )
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether the formula is valid: many lenslets are lit by more than fringes, and spots are wide enough.
+        """Return whether the formula is valid: the shadow covers several lenslets, and the spots are wide enough.
 
-        For a microscope, it is valid if the angles move little light.
+        For a microscope, it is valid if the angles change the image little.
         """
         if not outlook.has_lens:
             return self._behind_lenslets(outlook).error < SMALL
@@ -273,16 +275,16 @@ class ExactAngles(SceneEffect):
         return outlook.regular and spread
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with exact rays and exact defocus; a microscope's Debye integral already has the latter."""
+        """Return ``scene`` with exact rays and exact defocus; a microscope's Debye integral already has the latter."""
         if outlook.has_lens:
             return replace(scene, exact_defocus=True, exact_rays=True)
         return replace(scene, exact_rays=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the time of a phase per response (s): a tenth of that of a wave engine (measured).
+        """Return the CPU time of one additional phase per response (s), measured as a tenth of that of the wave engine.
 
-        For square lenslets of a microscope, it is the additional time of a grid compared with separate rows and
-        columns. Other arrays of a microscope use a grid in any case.
+        For a microscope with square lenslets, it is the additional time of a two-dimensional grid compared with
+        separate rows and columns. Other arrays of a microscope use such a grid in any case.
         """
         if outlook.has_lens:
             return 0.1 * engine.waves
@@ -292,16 +294,17 @@ class ExactAngles(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class LensLaw(SceneEffect):
-    """Departure of the main lens from the sine condition, at exact angles.
+    """Departure of the main lens from the sine condition, for non-paraxial angles.
 
-    Without this effect, a ray from the relative height u in the pupil reaches the array at sin theta = u/(2 Nw), as in
-    a lens without coma. In a thin lens with a stop of diameter f/N, tan theta = u/(2 Nw). An iris that is smaller by
-    the fraction 1/(8 Nw²) has nearly the same effect. A microscope's objective obeys the sine condition.
+    Without this effect, a ray from the height u in the pupil (1 at the rim) reaches the array at the angle theta to the
+    axis with sin theta = u/(2 Nw), as in a lens free of coma; Nw is the working f-number. In a thin lens with a stop of
+    diameter f/N, tan theta = u/(2 Nw). An iris that is smaller by the fraction 1/(8 Nw²) has nearly the same effect. A
+    microscope objective obeys the sine condition.
 
     Attributes
     ----------
     tangent
-        Parameter q: 0 for the sine condition, 1 for the tangent law; sin theta = x / (1 + q x²)^½ with x = u/(2 Nw).
+        Parameter q in sin theta = x / (1 + q x²)^½ with x = u/(2 Nw): 0 for the sine condition, 1 for the tangent law.
 
     Examples
     --------
@@ -325,20 +328,20 @@ class LensLaw(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the change of the rim ray's sine, and the error due to a smaller shadow of the iris."""
+        """Return the change of sin theta of the marginal ray, and the relative error due to a smaller shadow."""
         if not outlook.has_lens:
             return Estimate(0.0, "of the rim's sine", 0.0, "an objective obeys the sine condition")
         square = abs(self.tangent) / (2 * outlook.f_number) ** 2
         return Estimate(0.5 * square, "of the rim's sine", 2 * square, "q/(8 Nw²) at the rim; q/(2 Nw²) of the light")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with this law and exact angles."""
+        """Return ``scene`` with this law and with non-paraxial angles."""
         if not outlook.has_lens or self.tangent == 0:
             return scene
         return replace(scene, lens_law=self.tangent, exact_defocus=True, exact_rays=True, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the computing time of the table for a pupil with curved edges (s)."""
+        """Return the CPU time of the table for a pupil with curved edges (s)."""
         return engine.fringes if outlook.has_lens else 0.0
 
 

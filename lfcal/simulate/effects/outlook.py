@@ -46,13 +46,13 @@ class Outlook:
     z_um
         Object depth, z > 0 away from the camera (µm).
     cutout
-        Pixels ``(rows, columns)`` of a response.
+        Shape ``(rows, columns)`` of the cutout that contains a response (px).
     period
-        Positions ``(rows, columns)`` of the source.
+        Number of source positions ``(rows, columns)`` in a period of the lattice.
     field_um
         Middle of the region on the sensor, ``(y, x)`` relative to the optical axis (µm).
     peak_e
-        Electrons in the brightest pixel of the session.
+        Signal of the brightest pixel of the session (electrons).
     exposure_s
         Exposure time (s).
 
@@ -87,59 +87,59 @@ class Outlook:
 
     @property
     def gap_um(self) -> float:
-        """Distance B from lenslets to sensor (µm)."""
+        """Distance B from the lenslets to the sensor (µm)."""
         return self.camera.lattice.gap_um
 
     @property
     def clear_um(self) -> float:
-        """Clear diameter of a lenslet, d (µm)."""
+        """Clear diameter d of a lenslet (µm)."""
         return self.camera.lattice.clear_diameter_um
 
     @property
     def f_number(self) -> float:
-        """Working f-number at the lenslets, Nw."""
+        """Working f-number Nw of the main lens or objective at the lenslets."""
         return self.camera.optics.working_f_number
 
     @cached_property
     def shift_um(self) -> float:
-        """Distance a of the main image behind the lenslets (µm), at least about a wavelength."""
+        """Distance a of the main image behind the lenslets (µm), negative in front; |a| is at least a wavelength."""
         a = self.camera.image_shift_um(self.z_um)
         least = self.wavelength_um
         return a if abs(a) >= least else math.copysign(least, a)
 
     @property
     def virtual_depth(self) -> float:
-        """Virtual depth v = a/B."""
+        """Virtual depth v = a/B, the main image's distance behind the lenslets divided by the gap."""
         return self.shift_um / self.gap_um
 
     @property
     def depth(self) -> float:
-        """Ratio |v| of a shift of the main image on the array to the resulting shift on the sensor, at least 1.2.
+        """Ratio |v| of a lateral shift of the main image to the resulting shift on the sensor, at least 1.2.
 
-        Closer to the array, the size of the image determines the scale instead of the lenslets.
+        For an image closer to the array, its own size determines the shift on the sensor, not the lenslets.
         """
         return max(1.2, abs(self.virtual_depth))
 
     @property
     def regular(self) -> bool:
-        """Whether the estimates' formulas are valid: the image is far enough from the array for separate spots."""
+        """Whether the formulas of the estimates are valid: spots do not merge, as they do for images near the array."""
         return self.has_lens and abs(self.virtual_depth) >= 0.6 and self.fresnel_main >= 3.0
 
     @property
     def fresnel_main(self) -> float:
-        """Fresnel number of the main iris's shadow, |a| / (4 Nw² lambda)."""
+        """Fresnel number |a| / (4 Nw² lambda) of the main iris's shadow; a is `shift_um`, Nw `f_number`."""
         return abs(self.shift_um) / (4.0 * self.f_number**2 * self.wavelength_um)
 
     @cached_property
     def defocus(self) -> tuple[float, ...]:
-        """Blur per unit of lenslet radius for each lens type: sigma = 1 - B/a - B/f."""
+        """Signed ratio of blur radius to lenslet radius, 1 - B/a - B/f, for each lens type (focal length f)."""
         gap = self.gap_um
         return tuple(1.0 - gap / self.shift_um - gap / t.focal_length_um for t in self.camera.lattice.types)
 
     # -- patterns, in pixels ---------------------------------------------------------------------------
     @property
     def shadow_px(self) -> float:
-        """Radius of the main iris's shadow on the lenslets (pixels), at least that of its Airy disc."""
+        """Radius of the main iris's shadow on the lenslets (px), at least that of its Airy disc."""
         airy = 1.22 * self.wavelength_um * self.f_number
         radius = abs(self.shift_um) / (2.0 * self.f_number)
         if isinstance(self.camera.optics, Microscope):
@@ -148,47 +148,49 @@ class Outlook:
 
     @property
     def lit_px(self) -> float:
-        """Radius of the lit part of a lenslet (pixels)."""
+        """Radius of the illuminated part of a lenslet (px)."""
         return min(0.5 * self.clear_um / self.pixel_um, self.shadow_px)
 
     @cached_property
     def lenslets(self) -> float:
-        """Number of lenslets within the shadow of the iris, at least 1."""
+        """Mean number of lenslets within the shadow of the main iris, at least 1."""
         cell = self.camera.pitch_px * self.camera.lattice.row_step_um / self.pixel_um
         return max(1.0, math.pi * self.shadow_px * self.shadow_px / cell)
 
     @property
     def pattern_px(self) -> float:
-        """Radius of the lit pattern (pixels): the shadow times 1 - 1/v, plus a spot and half a lenslet."""
+        """Radius of the light pattern (px): shadow radius times |1 - 1/v|, plus spot radius and half a pitch."""
         shrunk = self.shadow_px * abs(1.0 - 1.0 / self.virtual_depth)
         return shrunk + max(self.geometric_px) + 0.5 * self.camera.pitch_px
 
     @property
     def geometric_px(self) -> tuple[float, ...]:
-        """Radius of the geometric spot for each lens type (pixels)."""
+        """Radius of the geometric spot for each lens type (px)."""
         return tuple(abs(s) * self.lit_px for s in self.defocus)
 
     @property
     def airy_px(self) -> float:
-        """Rms width 0.42 lambda B / d of a spot by lenslet diffraction (pixels)."""
+        """Rms width of a lenslet's diffraction spot (px): 0.42 lambda B / d, with the illuminated diameter d."""
         return 0.42 * self.wavelength_um * self.gap_um / (2.0 * self.lit_px * self.pixel_um) / self.pixel_um
 
     @cached_property
     def widths_px(self) -> tuple[float, ...]:
-        """Rms spot width per axis for each lens type, w² = (R/2)² + airy² + 1/12 (pixels)."""
+        """Rms spot width w along an axis for each lens type (px): w² = (`geometric_px`/2)² + `airy_px`² + 1/12."""
         return tuple(math.sqrt(r * r / 4.0 + self.airy_px**2 + 1.0 / 12.0) for r in self.geometric_px)
 
     @property
     def fresnel_lenslets(self) -> tuple[float, ...]:
-        """Fresnel number |sigma| r²/(lambda B) of the defocused spot of each lens type."""
+        """Fresnel number |sigma| r²/(lambda B) of each lens type's spot; sigma is `defocus`, r is `lit_px` in µm."""
         unit = (self.lit_px * self.pixel_um) ** 2 / (self.wavelength_um * self.gap_um)
         return tuple(abs(s) * unit for s in self.defocus)
 
     @property
     def diffracted(self) -> float:
-        """Relative L1 change if spots are computed by rays instead of waves, 0.65/(1 + N_F)^(1/3) for each type.
+        """Relative L1 error of spots traced by rays instead of computed by waves: the mean of 0.65/(1 + N_F)^(1/3).
 
-        In a microscope, rays are also paraxial: the shadow has the radius M z sin(alpha) instead of M z tan(alpha).
+        The mean is over the lens types with the Fresnel numbers N_F. In a microscope, rays are also paraxial: the
+        shadow has the radius M z sin(alpha) instead of M z tan(alpha), with the magnification M and the half angle
+        alpha in object space.
         """
         change = sum(0.65 / math.cbrt(1.0 + n) for n in self.fresnel_lenslets) / len(self.defocus)
         if isinstance(self.camera.optics, Microscope):
@@ -196,32 +198,31 @@ class Outlook:
         return min(2.0, change)
 
     def over_types(self, function: Callable[[float], float]) -> float:
-        """Return the mean of ``function(width)`` over the lens types."""
+        """Return the mean of ``function(width)`` over the lens types, where ``width`` is the rms spot width (px)."""
         return sum(function(w) for w in self.widths_px) / len(self.widths_px)
 
     @property
     def resolved(self) -> float:
-        """Fraction of a defocused spot's fringes that pixels resolve; the period of the fringes is 4.8 `airy_px`."""
+        """Fraction (0 to 1) of the fringe contrast in a defocused spot that pixels resolve."""
         return 1.0 / (1.0 + (0.15 / self.airy_px) ** 2)
 
     @property
     def structure(self) -> tuple[float, ...]:
-        """Ratio of a defocused spot's width to that of its fringes for each type, 1 + 0.45 N_F if they are resolved.
+        """Ratio of spot width to fringe width for each lens type: 1 + 0.45 N_F `resolved`, with the Fresnel number N_F.
 
-        A Gaussian of the spot's width underestimates measured changes by this factor if the Fresnel number N_F is
-        large.
+        If N_F is large, changes estimated with a Gaussian of the spot's width are too small by this factor.
         """
         return tuple(1.0 + 0.45 * self.resolved * n for n in self.fresnel_lenslets)
 
     def moved(self, shift_px: float) -> float:
-        """Return the relative L1 change if every spot moves by ``shift_px``."""
+        """Return the relative L1 change of the image if every spot moves by ``shift_px`` (px)."""
         changes = (share_moved(shift_px * k, w) for w, k in zip(self.widths_px, self.structure, strict=True))
         return sum(changes) / len(self.widths_px)
 
     def blurred(self, rms_px: float, floor_px: float = 0.0) -> float:
-        """Return the relative L1 change if every spot is blurred by ``rms_px`` along each axis.
+        """Return the relative L1 change of the image if every spot is blurred by ``rms_px`` (rms along each axis).
 
-        ``floor_px`` is the width that pixels cannot resolve, added to the widths in quadrature.
+        ``floor_px`` is an rms width (px) added in quadrature to every spot width, because pixels do not resolve it.
         """
         total = 0.0
         near = abs(self.virtual_depth) < 1  # the fringes of the iris, where one lenslet receives them all
@@ -233,10 +234,11 @@ class Outlook:
         return total / len(self.widths_px)
 
     def array_moved(self, shift_px: float) -> float:
-        """Return the relative L1 change if the lenslets move by ``shift_px`` and the source does not.
+        """Return the relative L1 change of the image if the lenslets move by ``shift_px`` (px) and the source does not.
 
-        Spots move by 1 - 1/v of the shift, apertures by the full shift. In a microscope, the lenslets' fields interfere
-        in fringes of lambda B/p, which are finer than a defocused spot.
+        Spots move by 1 - 1/v of the shift, and the lenslet apertures by the full shift. In a microscope, the light from
+        neighbouring lenslets interferes in fringes with the period lambda B/p (p: lenslet pitch), which are finer than
+        a defocused spot.
         """
         shift = shift_px * math.hypot(0.5, 0.75 * (1.0 - 1.0 / self.virtual_depth))
         if self.has_lens:
@@ -245,15 +247,15 @@ class Outlook:
         return self.over_types(lambda w: share_moved(shift, min(w, fringe)))
 
     def shadow_moved(self, shift_px: float) -> float:
-        """Return the relative L1 change if the shadow moves by ``shift_px``: 1.27 times shift over shadow radius."""
+        """Return the relative L1 change if the iris's shadow moves by ``shift_px``: 1.27 ``shift_px``/`shadow_px`."""
         return min(2.0, 4.0 / math.pi * abs(shift_px) / self.shadow_px)
 
     def source_moved(self, shift_px: float) -> float:
-        """Return the relative L1 change if the paraxial image moves by ``shift_px``.
+        """Return the relative L1 change of the image if the source's paraxial image moves by ``shift_px`` (px).
 
-        Spots move by shift/|v|, and the shadow by the shift. Fringes follow neither exactly. The total is therefore the
-        root of the sum of squares, with 0.85 of the spots' contribution (measured). A shadow smaller than a lenslet
-        contributes only where it crosses the border to the next one.
+        Spots move by ``shift_px``/|v|, and the iris's shadow by ``shift_px``. Fringes follow neither exactly. The two
+        contributions are therefore added in quadrature, with a measured factor of 0.85 for that of the spots. A shadow
+        smaller than a lenslet contributes only where it crosses the border to the next lenslet.
         """
         spots = 0.85 * self.moved(shift_px / self.depth)
         within = min(1.0, 2.0 * self.shadow_px / self.camera.pitch_px)
@@ -261,24 +263,24 @@ class Outlook:
 
     @property
     def field_rms_px(self) -> float:
-        """Rms distance of the lit lenslets from the middle of the region (pixels)."""
+        """Rms distance of the illuminated lenslets from the middle of the region (px)."""
         ny, nx = self.period
         return math.sqrt(self.shadow_px**2 / 2.0 + (ny * ny + nx * nx) / 12.0)
 
     # -- light -----------------------------------------------------------------------------------------
     @property
     def pixels(self) -> int:
-        """Number of pixels of a response."""
+        """Number of pixels of the cutout."""
         return self.cutout[0] * self.cutout[1]
 
     @cached_property
     def signal_e(self) -> float:
-        """Electrons in the whole frame for one source position, if the sharpest spot reaches `peak_e`."""
+        """Total signal of a frame with one source position (electrons), if the sharpest spot peaks at `peak_e`."""
         return self.peak_e * 2.0 * math.pi * min(self.widths_px) ** 2 * self.lenslets
 
     @property
     def has_lens(self) -> bool:
-        """Whether the optics are a photographic main lens."""
+        """Whether the camera has a photographic main lens rather than a microscope objective."""
         return not self.camera.optics.telecentric
 
 
@@ -286,7 +288,7 @@ class Outlook:
 class PupilOutlook(Outlook):
     """Input for the estimates of a Fourier light-field microscope, whose lenslets image the source directly.
 
-    There is no image near the lenslets: the virtual depth and quantities derived from it raise
+    No image is formed near the lenslets. The virtual depth and quantities derived from it therefore raise
     `lfcal.camera.NoLatticeError`.
 
     Examples
@@ -305,7 +307,7 @@ class PupilOutlook(Outlook):
 
     @cached_property
     def scene(self) -> PupilScene:
-        """The scene of the ideal camera, centred on the optical axis."""
+        """Scene of the ideal camera, centred on the optical axis."""
         optics, sensor = self.camera.optics, self.camera.sensor
         assert isinstance(optics, Microscope)
         return PupilScene(
@@ -314,54 +316,54 @@ class PupilOutlook(Outlook):
 
     @property
     def depth(self) -> float:
-        """Ratio of a shift of the source's image to the resulting shift of the spots, 1."""
+        """Ratio of a shift of the source's image to the resulting shift of the spots, always 1."""
         return 1.0
 
     @property
     def regular(self) -> bool:
-        """Whether the formulas are valid: spots are separate at every depth."""
+        """True: the formulas are valid, because spots are separate at every depth."""
         return True
 
     @property
     def lenslets(self) -> float:
-        """Number of lenslets."""
+        """Number of lenslets, all of which are illuminated."""
         return float(len(self._lenslets.lens_centres_um))
 
     @cached_property
     def geometric_px(self) -> tuple[float, ...]:
-        """Radius of the geometric spot of each lenslet (pixels)."""
+        """Radius of the geometric spot of each lenslet (px)."""
         spread = self._lenslets.spread(self.scene.objective, self.z_um)
         bend = 1 - self.gap_um / self._lenslets.focal_um + spread
         return tuple((abs(bend) * self.clear_um / 2 / self.pixel_um).tolist())
 
     @property
     def airy_px(self) -> float:
-        """Rms width of the Gaussian approximation to a lenslet's diffraction spot (pixels).
+        """Rms width of the Gaussian approximation to a lenslet's diffraction spot (px).
 
-        It is 0.42 lambda B / d, with the gap B and the clear diameter d.
+        It is 0.42 lambda B / d, with the wavelength lambda, the gap B and the clear diameter d of a lenslet.
         """
         return 0.42 * self.wavelength_um * self.gap_um / self.clear_um / self.pixel_um
 
     @property
     def fresnel_lenslets(self) -> tuple[float, ...]:
-        """Fresnel number of each lenslet's defocused spot."""
+        """Fresnel number of the defocused spot of each lenslet."""
         unit = self.clear_um / 2 * self.pixel_um / (self.wavelength_um * self.gap_um)
         return tuple(radius * unit for radius in self.geometric_px)
 
     @property
     def pattern_px(self) -> float:
-        """Radius (pixels) of the disc with the area of all spots, including two Airy radii around each."""
+        """Radius (px) of a disc whose area is that of all spots, each enlarged by two Airy radii."""
         reach = (radius + 5.8 * self.airy_px for radius in self.geometric_px)
         return math.sqrt(sum(one * one for one in reach))
 
     def spread_px(self, step_um: float) -> float:
-        """Return the mean shift of the spots when the source moves along the axis by ``step_um`` (pixels)."""
+        """Return the mean shift of the spots (px) if the source moves along the axis by ``step_um`` (µm)."""
         radii = [math.hypot(*one) for one in self._lenslets.lens_centres_um]
         share = abs(self._lenslets.spread(self.scene.objective, step_um))
         return share * sum(radii) / len(radii) / self.pixel_um
 
     def blurred(self, rms_px: float, floor_px: float = 0.0) -> float:
-        """Return the relative L1 change if every spot is blurred by ``rms_px`` along each axis."""
+        """Return the relative L1 change of the image if every spot is blurred by ``rms_px`` (rms along each axis)."""
         total = 0.0
         for width, fringes in zip(self.widths_px, self.fresnel_lenslets, strict=True):
             w, n = math.hypot(width, floor_px), self.resolved * fringes
@@ -370,7 +372,7 @@ class PupilOutlook(Outlook):
         return total / len(self.widths_px)
 
     def source_moved(self, shift_px: float) -> float:
-        """Return the relative L1 change if the source's image moves by ``shift_px``, which moves all spots equally."""
+        """Return the relative L1 change if the source's image, and thus every spot, moves by ``shift_px`` (px)."""
         return self.moved(shift_px)
 
     def shadow_moved(self, shift_px: float) -> float:

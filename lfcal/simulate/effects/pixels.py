@@ -20,14 +20,14 @@ __all__ = ["AngularResponse", "Crosstalk", "PixelFill"]
 
 @dataclass(frozen=True, slots=True)
 class PixelFill(SceneEffect):
-    """Pixels whose light-sensitive square is smaller than the pitch; without this effect, the square fills the pitch.
+    """Pixels whose light-sensitive square is smaller than the pixel pitch; otherwise, it is as wide as the pitch.
 
-    Light outside the square is lost, and each pixel averages over a smaller area.
+    Light that falls outside the square is lost, and each pixel averages over a smaller area.
 
     Attributes
     ----------
     fill_factor
-        Light-sensitive fraction of a pixel's area; None: that of the camera.
+        Fill factor, the light-sensitive fraction of a pixel's area (0 to 1); None: that of the camera.
 
     Examples
     --------
@@ -52,31 +52,31 @@ class PixelFill(SceneEffect):
     rank: ClassVar[int] = 90
 
     def share(self, camera: Camera) -> float:
-        """Return the light-sensitive fraction of a pixel's area."""
+        """Return the fill factor, the light-sensitive fraction of a pixel's area."""
         share: float = self.magnitude("fill_factor", camera)
         return share
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the sensitive fraction, and the relative loss of light or the change of blur, whichever is larger."""
+        """Return the fill factor, and the larger of the relative errors due to loss of light and to sharper spots."""
         share = self.share(outlook.camera)
         sharper = outlook.blurred(math.sqrt((1.0 - share) / 12.0))
         error = min(2.0, max((1.0 - share) / share, sharper))
         return Estimate(share, "of the area", error, "(1 - fill)/fill, at least 0.74 (1 - fill)/(12 w²)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with the smaller sensitive square."""
+        """Return ``scene`` with the smaller light-sensitive squares."""
         return replace(scene, pixel_fill=math.sqrt(self.share(outlook.camera)))
 
 
 @dataclass(frozen=True, slots=True)
 class Crosstalk(PsfEffect):
-    """Light of one pixel that a neighbouring pixel collects.
+    """Signal of one pixel that appears in neighbouring pixels.
 
     Attributes
     ----------
     share
-        Fraction x of a pixel's light that each neighbour receives along one axis. In two dimensions, each of the four
-        nearest pixels receives x (1 - 2 x), and each diagonal one x².
+        Fraction x of a pixel's light that each of its two neighbours along an axis receives. In two dimensions, each of
+        the four nearest pixels receives x (1 - 2 x), and each diagonal neighbour x².
 
     Examples
     --------
@@ -100,16 +100,16 @@ class Crosstalk(PsfEffect):
     measured_by: ClassVar[str] = "crosstalk"
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the fraction x, and the error from its blur, a variance of 2 x along each axis.
+        """Return the fraction x, and the relative error due to a blur with a variance of 2 x px² along each axis.
 
-        Spots count as at least 0.4 px wide: if all light is in a single pixel, the error is 8 x, as for a Gaussian of
-        0.43 px.
+        Spots are taken to be at least 0.41 px wide (rms): if all light is in a single pixel, the error is 8 x, as for a
+        Gaussian of 0.43 px rms.
         """
         error = outlook.blurred(math.sqrt(2.0 * self.share), floor_px=0.41)
         return Estimate(self.share, "per neighbour", error, "0.74 * 2 x/(w² + 0.17)")
 
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
-        """Return the 3 x 3 kernel, the product of two three-point kernels."""
+        """Return the kernel ``(3, 3)``, the outer product of (x, 1 - 2 x, x) with itself; its sum is 1."""
         del camera
         # a product of two lines, so that the diagonal neighbours get the square of the share.
         line = np.array([self.share, 1.0 - 2.0 * self.share, self.share])
@@ -118,12 +118,12 @@ class Crosstalk(PsfEffect):
 
 @dataclass(frozen=True, slots=True)
 class AngularResponse(SceneEffect):
-    """Pixels that collect less oblique light: a factor cos^n of the angle to the sensor's normal.
+    """Lower response of pixels to oblique light: cos^n of the angle of incidence on the sensor.
 
     Attributes
     ----------
     half_angle_rad
-        Angle at which the response is half of that at normal incidence (rad).
+        Angle of incidence at which the response is half of that at normal incidence (rad).
 
     Examples
     --------
@@ -144,17 +144,17 @@ class AngularResponse(SceneEffect):
 
     @property
     def power(self) -> float:
-        """The power n of cos^n."""
+        """Exponent n of the response cos^n."""
         return math.log(0.5) / math.log(math.cos(self.half_angle_rad))
 
     def slope(self, outlook: Outlook) -> tuple[float, float]:
-        """Return the direction sines (y, x) of the region's chief ray."""
+        """Return the direction sines (y, x) of the chief ray to the middle of the region."""
         y, x = outlook.field_um
         away = math.hypot(outlook.camera.optics.image_distance_um, y, x)
         return y / away, x / away
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the half angle (°), and the light lost at the rms angle of chief ray, cone and lenslet position."""
+        """Return the half-response angle (°), and the relative loss of light at the rms angle of incidence."""
         focal = outlook.camera.lattice.types[0].focal_length_um
         bend = outlook.lit_px * outlook.pixel_um * abs(1 / outlook.shift_um + 1 / focal)
         near = min(1.0, abs(outlook.virtual_depth))  # near the native plane, a lenslet receives the whole cone
@@ -165,11 +165,11 @@ class AngularResponse(SceneEffect):
         return Estimate(math.degrees(self.half_angle_rad), "° to half", error, "1 - cos^n of the rms angle")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return the scene with this angular response."""
+        """Return ``scene`` with this angular response."""
         return replace(scene, accept=(self.power, *self.slope(outlook)))
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the time for a weight per ray (s), equal to that of a wave engine (measured)."""
+        """Return the CPU time of weighting the rays (s), measured to equal that of the wave engine."""
         del outlook
         return engine.waves
 

@@ -38,7 +38,7 @@ def check_effect(kind: type[Effect]) -> None:
 
 
 def find_effects() -> Registry[type[Effect]]:
-    """Return every kind of effect by name in the order of the light path, including those of other distributions.
+    """Return the effect classes by name, in the order of the light path, including those from plug-in packages.
 
     Examples
     --------
@@ -64,7 +64,7 @@ CATALOGUE = find_effects()
 
 
 def catalogue() -> tuple[Effect, ...]:
-    """Return one instance of every effect: known effects with the camera's values, deviations with a typical size.
+    """Return one instance of every effect: described ones use the camera's values, deviations have a typical size.
 
     Examples
     --------

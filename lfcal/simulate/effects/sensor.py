@@ -49,12 +49,12 @@ BANDS_UM = {
 
 @dataclass(frozen=True, slots=True)
 class StrayLight(FrameEffect):
-    """A fraction of the frame's light is scattered uniformly over the sensor.
+    """Stray light: a fraction of the frame's light is scattered uniformly over the sensor.
 
     Attributes
     ----------
     share
-        Fraction of the light that is scattered.
+        Scattered fraction of the light, 0 to 1.
 
     Examples
     --------
@@ -77,14 +77,14 @@ class StrayLight(FrameEffect):
     rank: ClassVar[int] = 20
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the scattered fraction, and the light lost by the spots plus that gained by the cutout."""
+        """Return the scattered fraction, and the relative error due to light lost by spots and added elsewhere."""
         rows, columns = outlook.camera.sensor.shape
         # the light is lost in the cutout and returns spread over the whole sensor
         veil = min(1.0, outlook.pixels / (rows * columns))
         return Estimate(self.share, "relative", self.share * (1.0 + veil), "share (1 + cutout/sensor)")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip with the scattered fraction spread over the sensor."""
+        """Scatter the fraction ``share`` of the frame's light uniformly over ``strip``, in place (electrons)."""
         rows, columns = view.camera.sensor.shape
         strip *= np.float32(1.0 - self.share)
         strip += np.float32(self.share * view.total_e / (rows * columns))
@@ -93,14 +93,15 @@ class StrayLight(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class ColourFilter(FrameEffect):
-    """The sensor's colour filter array under light of the design wavelength.
+    """Transmission of the sensor's colour filter array at the design wavelength.
 
     Attributes
     ----------
     cfa
-        Filter letters row by row, for example ``"GRBG"``; None: the camera's.
+        Letters of the filter colours in one unit of the pattern, row by row, for example ``"GRBG"``; None: the camera's
+        pattern.
     leak
-        Transmission of a filter outside its band.
+        Transmission of a filter outside its pass band, 0 to 1.
 
     Examples
     --------
@@ -129,19 +130,19 @@ class ColourFilter(FrameEffect):
             check_cfa(self.cfa)
 
     def transmission(self, camera: Camera) -> NDArray[np.float32]:
-        """Return the transmission of one unit of the pattern ``(side, side)``; 1 x 1 for a monochrome sensor."""
+        """Return the transmission of one unit of the pattern, ``(side, side)``; ``(1, 1)`` for a monochrome sensor."""
         cfa: str = self.magnitude("cfa", camera)
         side, wave = pattern_side(cfa), camera.wavelength_um
         passed = [1.0 if any(a <= wave < b for a, b in BANDS_UM[letter]) else self.leak for letter in cfa or "W"]
         return np.array(passed, np.float32).reshape(side, side)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the fraction of light that passes, and the lost light relative to the remaining light."""
+        """Return the mean transmission, and the ratio of the lost light to the transmitted light."""
         kept = float(self.transmission(outlook.camera).mean())
         return Estimate(kept, "kept", (1.0 - kept) / kept, "(1 - kept)/kept")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip under the filter; the pattern starts at sensor pixel (0, 0)."""
+        """Multiply ``strip`` in place by the transmission of the pattern, which starts at sensor pixel (0, 0)."""
         passed = self.transmission(view.camera)
         side = len(passed)
         for r in range(side):
@@ -153,14 +154,14 @@ class ColourFilter(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class FixedPattern(FrameEffect):
-    """Pixel response non-uniformity and, if given, a fixed offset for each pixel.
+    """Fixed-pattern noise: photo-response non-uniformity (PRNU) and, if given, a fixed offset for each pixel.
 
     Attributes
     ----------
     prnu
-        Relative rms of the pixels' gains; None: the camera's.
+        Rms variation of the pixel gains relative to their mean; None: the camera's value.
     offset_e
-        Rms of the pixels' offsets (electrons).
+        Rms of the pixel offsets (electrons).
 
     Examples
     --------
@@ -184,19 +185,19 @@ class FixedPattern(FrameEffect):
     pixel_ns: ClassVar[float] = 9.0
 
     def gain_rms(self, camera: Camera) -> float:
-        """Return the relative rms of the pixels' gains."""
+        """Return the rms variation of the pixel gains relative to their mean."""
         rms: float = self.magnitude("prnu", camera)
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms of the gains, and the mean deviation; offsets count in every pixel of the cutout."""
+        """Return the relative rms variation of the gains, and the relative error due to gains and offsets."""
         rms = self.gain_rms(outlook.camera)
         # the effect of gains is proportional to light; offsets count in dark pixels too
         offsets = self.offset_e * outlook.pixels / outlook.signal_e
         return Estimate(rms, "relative", MEAN * math.hypot(rms, offsets), "0.8 prnu")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip with the gain and offset of each pixel."""
+        """Apply the gain and offset of each pixel to ``strip`` in place (electrons)."""
         rms = self.gain_rms(view.camera)
         if rms:
             strip *= np.float32(1.0) + np.float32(rms) * view.pattern("gain")
@@ -207,12 +208,12 @@ class FixedPattern(FrameEffect):
 
 @dataclass(frozen=True, slots=True)
 class DarkCurrent(FrameEffect):
-    """Thermal electrons, the same mean number in every pixel.
+    """Dark current with the same mean in every pixel.
 
     Attributes
     ----------
     e_per_s
-        Electrons per pixel and second; None: the camera's value.
+        Dark current (electrons per pixel per second); None: the camera's value.
 
     Examples
     --------
@@ -234,24 +235,24 @@ class DarkCurrent(FrameEffect):
     rank: ClassVar[int] = 50
 
     def mean_e(self, camera: Camera, exposure_s: float) -> float:
-        """Return the mean number of electrons in one exposure."""
+        """Return the mean number of electrons per pixel in an exposure of ``exposure_s`` seconds."""
         rate: float = self.magnitude("e_per_s", camera)
         return rate * exposure_s
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the electrons per pixel, and their sum over the cutout relative to the signal."""
+        """Return the mean dark signal (electrons per pixel), and the ratio of its sum over the cutout to the signal."""
         mean = self.mean_e(outlook.camera, outlook.exposure_s)
         return Estimate(mean, "e-", mean * outlook.pixels / outlook.signal_e, "D t * pixels/signal")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip plus the mean dark current; its noise is part of the shot noise."""
+        """Add the mean dark signal to ``strip`` in place (electrons); its noise is part of `ShotNoise`."""
         strip += np.float32(self.mean_e(view.camera, view.exposure_s))
         return strip
 
 
 @dataclass(frozen=True, slots=True)
 class ShotNoise(FrameEffect):
-    """Poisson noise of the electrons collected.
+    """Poisson noise of the collected electrons.
 
     Examples
     --------
@@ -270,19 +271,19 @@ class ShotNoise(FrameEffect):
     pixel_ns: ClassVar[float] = 25.0
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return 1/sqrt(N) in the brightest pixel, and 0.8 sum(sqrt(N))/sum(N) over Gaussian spots of equal light."""
+        """Return the relative rms noise of the brightest pixel, and the relative L1 error for Gaussian spots."""
         sharp, root = min(outlook.widths_px), math.sqrt(outlook.peak_e)
         error = outlook.over_types(lambda w: 2.0 * MEAN * (w / sharp) / root)
         return Estimate(1.0 / root, "relative", min(1.0, error), "1/sqrt(peak); 1.6 (w/w_min)/sqrt(peak) per type")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return Poisson deviates with the values of the strip as means."""
+        """Return Poisson deviates (electrons) whose means are the values of ``strip``, which is not modified."""
         return poisson_quantile(strip, view.rng.random(strip.shape)).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
 class Saturation(FrameEffect):
-    """The signal of a pixel is limited to the full well.
+    """Saturation: the signal of a pixel is clipped at the full-well capacity.
 
     Examples
     --------
@@ -300,7 +301,7 @@ class Saturation(FrameEffect):
     rank: ClassVar[int] = 65
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the ratio k of peak to full well, and the light above it in Gaussian spots: 1 - (1 + ln k)/k."""
+        """Return the ratio k of the peak to the full well, and the relative error due to the clipped light."""
         full = outlook.camera.sensor.full_well_e
         sharp = min(outlook.widths_px)
 
@@ -312,18 +313,18 @@ class Saturation(FrameEffect):
         return Estimate(outlook.peak_e / full, "of full well", min(2.0, share / (1 - share)), "1 - (1 + ln k)/k")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip clipped at the full well."""
+        """Clip ``strip`` in place at the full-well capacity (electrons)."""
         return np.minimum(strip, np.float32(view.camera.sensor.full_well_e), out=strip)
 
 
 @dataclass(frozen=True, slots=True)
 class ReadNoise(FrameEffect):
-    """Normally distributed noise of the read-out.
+    """Normally distributed read noise of the sensor.
 
     Attributes
     ----------
     rms_e
-        Rms noise (electrons); None: the camera's value.
+        Rms noise of a pixel (electrons); None: the camera's value.
 
     Examples
     --------
@@ -347,25 +348,25 @@ class ReadNoise(FrameEffect):
     pixel_ns: ClassVar[float] = 9.0
 
     def rms(self, camera: Camera) -> float:
-        """Return the rms noise (electrons)."""
+        """Return the rms noise of a pixel (electrons)."""
         rms: float = self.magnitude("rms_e", camera)
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms noise, and its mean absolute value summed over the cutout relative to the signal."""
+        """Return the rms noise (electrons), and the ratio of the summed absolute noise of the cutout to the signal."""
         rms = self.rms(outlook.camera)
         error = min(2.0, MEAN * rms * outlook.pixels / outlook.signal_e)
         return Estimate(rms, "e-", error, "0.8 read * pixels/signal")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip with normal noise added."""
+        """Add normally distributed noise to ``strip`` in place (electrons)."""
         strip += np.float32(self.rms(view.camera)) * view.rng.standard_normal(strip.shape, np.float32)
         return strip
 
 
 @dataclass(frozen=True, slots=True)
 class Quantisation(FrameEffect):
-    """Samples are rounded to whole numbers from 0 to the highest value of the converter.
+    """Rounding of pixel values to whole counts, from 0 to the full scale of the analogue-to-digital converter.
 
     Examples
     --------
@@ -383,9 +384,10 @@ class Quantisation(FrameEffect):
     whole_numbers: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms LSB/sqrt(12), and the error from a mean deviation of a quarter of an LSB over the pattern.
+        """Return the rms rounding error LSB/sqrt(12) (electrons), and the relative error for LSB/4 per lit pixel.
 
-        The error includes diffracted light of less than one LSB between the spots, which is lost.
+        LSB is one count of the converter. The error includes weak diffracted light between the spots, which is rounded
+        to zero.
         """
         sensor = outlook.camera.sensor
         lsb = sensor.electrons_per_count
@@ -394,7 +396,7 @@ class Quantisation(FrameEffect):
         return Estimate(lsb / math.sqrt(12), "e-", error, "LSB/sqrt(12); LSB/4 * pixels of the pattern/signal")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Return the strip rounded and limited to the converter's range."""
+        """Round ``strip`` (counts) in place, and clip it to the range of the converter."""
         np.rint(strip, out=strip)
         return np.clip(strip, 0, view.camera.sensor.max_value, out=strip)
 

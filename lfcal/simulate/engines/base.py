@@ -25,21 +25,23 @@ class EnergyError(LfcalError):
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """Sampling of an engine; each engine uses only some of the fields.
+    """Sampling of an engine that computes responses; each engine uses only some of the fields.
 
     Attributes
     ----------
     samples_per_px
-        Samples per pixel on the lenslet array; None: the smallest number that the window allows.
+        Samples of the field per sensor pixel, along each axis, on the lenslet array; None: the smallest number that the
+        window allows.
     nodes_per_px
-        Nodes per pixel along each axis on the sensor.
+        Number of quadrature nodes per sensor pixel along each axis.
     margin_px
-        Margin of the window around the geometric spot, or of the grid around the iris's shadow (pixels).
+        Margin of the window around the geometric spot, or of the grid around the iris's shadow (px).
     energy_floor
-        Lenslets are left out if they transmit less than this fraction of the brightest one, or of a sixteenth of all
-        light.
+        Threshold for leaving out dim lenslets: those that transmit less than this fraction of the light of the
+        brightest lenslet, or of a sixteenth of all light.
     coherent
-        Whether the fields of different lenslets are summed before squaring; None: chosen for the plane.
+        Whether the fields of different lenslets are added before squaring, so that they interfere; None: chosen for the
+        plane.
     double
         Whether to compute in complex128 instead of complex64.
     """

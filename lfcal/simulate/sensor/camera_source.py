@@ -34,25 +34,26 @@ Lit = tuple[int, int, NDArray[np.float32]]
 
 
 class SimulatedCamera(Frames):
-    """A `FrameSource` of simulated full sensor frames, one per position of a plan, in scan order.
+    """A `FrameSource` of simulated full sensor frames, one for each position of a scan plan, in scan order.
 
-    Every frame depends only on its index and the seed, so frames may be read in any order and from several threads. The
-    lenslets are fixed relative to the sensor, and the pattern appears where the source's chief ray meets the sensor.
-    Motion effects displace the source; the frames' metadata do not include these displacements.
+    Every frame depends only on its index and the seed. Frames can therefore be read in any order and from several
+    threads. The lenslets are fixed relative to the sensor, and each pattern appears around the point where the chief
+    ray of the source meets the sensor. Motion effects displace the source, but the metadata of the frames contain the
+    planned positions.
 
     Parameters
     ----------
     plan
-        The scan plan; `read` follows its order.
+        The scan plan, whose order determines the indices of the frames.
     effects
-        As in `simulate_psf`, but including effects on frames and motion; ``"auto"`` also selects those. Frames are
-        uint16 if `Quantisation` is among the effects, otherwise float32 sample values.
+        As in `simulate_psf`, but ``"auto"`` also selects effects on frames and on the motion. Frames are uint16 if
+        `Quantisation` is among the effects, otherwise float32; both are in counts.
     level, tolerance, sampling
         As in `simulate_psf`.
     peak
-        Brightest pixel of the session, as a fraction of the full well.
+        Signal of the brightest pixel of the session, as a fraction of the full well.
     seed
-        Seed of all random numbers.
+        Seed of all random numbers; equal seeds produce equal frames.
 
     Raises
     ------
@@ -109,17 +110,17 @@ class SimulatedCamera(Frames):
     # -- frame source ------------------------------------------------------------------------------------
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the sensor."""
+        """Shape ``(rows, columns)`` of the sensor (px)."""
         return self.camera.sensor.shape
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Type of the sample values: uint16, or float32 if no effect rounds them."""
+        """Data type of the frames: uint16, or float32 without `Quantisation`."""
         return sample_type(self.effects)
 
     @cached_property
     def metadata(self) -> FrameMetadata:
-        """Colour filter, bit depth, saturation and black level, the plan, and the simulated effects."""
+        """Metadata of the source: colour filter, bit depth, saturation and black level, the plan, and the effects."""
         sensor = self.camera.sensor
         return FrameMetadata(
             cfa=sensor.cfa,
@@ -137,32 +138,32 @@ class SimulatedCamera(Frames):
         return self.plan.n_positions
 
     def position(self, index: int) -> Position:
-        """Return the scan position of frame ``index``."""
+        """Return the planned scan position of frame ``index``."""
         z, y, x = self._order[self._checked(index)].tolist()
         return Position(z, y, x)
 
     def exposure_s(self, index: int) -> float:
-        """Return the exposure of frame ``index`` (s)."""
+        """Return the exposure time of frame ``index`` (s)."""
         return self.plan.exposures[self.position(index).z]
 
     def info(self, index: int) -> FrameInfo:
-        """Return the metadata of frame ``index``, without motion effects, which a real stage would not report."""
+        """Return the metadata of frame ``index``; its position is the planned one, as a real stage would report."""
         z, y, x = self.position(index)
         label = f"simulated frame {index} (z {z}, y {y}, x {x})"
         return FrameInfo((Position(z, y, x),), exposure_s=self.plan.exposures[z], drift=(0.0, 0.0), label=label)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a region of it, in sample values; the complete frame is always computed."""
+        """Return frame ``index``, or a region of it, in counts; the complete frame is computed in either case."""
         frame = self.expose(self.light(index), self.exposure_s(index), FrameKind.LIGHT, index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     def dark_frame(self, index: int = 0, exposure_s: float | None = None) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Return dark frame number ``index``, by default with the exposure of the first plane."""
+        """Return dark frame ``index`` in counts; the default exposure time is that of the first plane."""
         seconds = self.plan.exposures[0] if exposure_s is None else exposure_s
         return self.expose(np.zeros(self.shape, np.float32), seconds, FrameKind.DARK, index)
 
     def white_frame(self, index: int = 0, level: float = 0.6) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Return white frame number ``index``; its brightest pixels reach the fraction ``level`` of the full well."""
+        """Return white frame ``index`` in counts; its maximum is about the fraction ``level`` of the full well."""
         with self._lock:
             if self._white is None:
                 if self.camera.has_lattice:
@@ -175,14 +176,14 @@ class SimulatedCamera(Frames):
 
     # -- light -------------------------------------------------------------------------------------------
     def light(self, index: int) -> NDArray[np.float32]:
-        """Return the photoelectrons ``(rows, columns)`` of frame ``index`` before the effects of the sensor."""
+        """Return the light of frame ``index`` in photoelectrons ``(rows, columns)``, before effects of the sensor."""
         return self._on_sensor(self.patch(index))
 
     def patch(self, index: int) -> Lit:
-        """Return the first row and column of the lit part of `light`, and the electrons in that part.
+        """Return the first row and column (px) of the lit part of `light`, and the photoelectrons in that part.
 
-        The first row and column may be outside the sensor. Most of a large sensor is dark, so processing patches is
-        many times faster than processing complete frames.
+        The first row and column may be outside the sensor. Most of a large sensor is dark. Processing patches is
+        therefore many times faster than processing complete frames.
         """
         z, y, x = self.position(index)
         moved = self.displacement_um(index)
@@ -192,16 +193,16 @@ class SimulatedCamera(Frames):
         return row, column, values * np.float32(self.electrons_per_unit(z))
 
     def light_of(self, source_um: tuple[float, float, float]) -> NDArray[np.float32]:
-        """Return the photoelectrons ``(rows, columns)`` of a source at any point in object space; see `patch_of`."""
+        """Return the photoelectrons ``(rows, columns)`` of a source at any point in object space, as in `patch_of`."""
         return self._on_sensor(self.patch_of(source_um))
 
     def patch_of(self, source_um: tuple[float, float, float]) -> Lit:
-        """Return the patch, as in `patch`, of a source at any point, with the exposure of the nearest plane.
+        """Return the patch, as in `patch`, of a source at any point, for the exposure time of the nearest plane.
 
         Parameters
         ----------
         source_um
-            Point (x, y, z) in object space: to the right, down and away from the camera (µm).
+            Source position (x, y, z) in object space (µm): to the right, down and away from the camera.
         """
         right, down, away = source_um
         z = int(np.argmin(np.abs(np.array(self.plan.depths_um) - away)))
@@ -228,7 +229,7 @@ class SimulatedCamera(Frames):
         return dz, dy, dx
 
     def image_px(self, index: int) -> tuple[float, float]:
-        """Return the sensor position (row, column) of the source's actual chief ray in frame ``index`` (pixels)."""
+        """Return the sensor position (row, column) of the source's actual chief ray in frame ``index`` (px)."""
         position, (dz, dy, dx) = self.position(index), self.displacement_um(index)
         right, down, away = self.plan.object_um(position).tolist()
         step = self.camera.step_um(away + dz)
@@ -236,11 +237,11 @@ class SimulatedCamera(Frames):
         return row + (down + dy) / step, column + (right + dx) / step
 
     def electrons_per_unit(self, z: int) -> float:
-        """Return electrons per unit of H in plane ``z``; equals `counts_per_unit` divided by the gain."""
+        """Return the factor from H to photoelectrons in the plane with index ``z``."""
         return self._rate * self.plan.exposures[z]
 
     def counts_per_unit(self, z: int) -> float:
-        """Return sample values above black per unit of H in plane ``z``; frames divided by this factor give H."""
+        """Return the factor from H to counts above the black level in the plane with index ``z``."""
         return self.electrons_per_unit(z) / self.camera.sensor.electrons_per_count
 
     # -- workings ----------------------------------------------------------------------------------------
@@ -280,7 +281,7 @@ class SimulatedCamera(Frames):
     def expose(
         self, light_e: NDArray[np.float32], seconds: float, kind: FrameKind, index: int
     ) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Return the frame that the sensor records for photoelectrons ``(rows, columns)`` and an exposure time (s)."""
+        """Return the frame (counts) that the sensor records for ``light_e``, photoelectrons ``(rows, columns)``."""
         return expose(
             light_e, self.camera, self._frame_effects, exposure_s=seconds, seed=self.seed, kind=kind, index=index
         )

@@ -76,7 +76,7 @@ def expose(
     kind: FrameKind = FrameKind.LIGHT,
     index: int = 0,
 ) -> NDArray[np.uint16] | NDArray[np.float32]:
-    """Return the frame that a sensor records for ``light_e``.
+    """Return the frame that the sensor of ``camera`` records for the light ``light_e``.
 
     Parameters
     ----------
@@ -85,16 +85,17 @@ def expose(
     camera
         Camera whose sensor records the light.
     effects
-        Frame effects, which act in the order of their ranks. Empty: sample values without noise.
+        Frame effects, which are applied in the order of their ranks. Empty: counts without noise or rounding.
     exposure_s
         Exposure time (s).
     seed, kind, index
-        Key of the random numbers; the fixed pattern depends only on the seed.
+        Seed, kind of frame and index of the frame, which together determine the random numbers; the fixed pattern
+        depends only on the seed.
 
     Returns
     -------
     NDArray
-        Sample values ``(rows, columns)`` including the black level: uint16 with `Quantisation`, else float32.
+        Counts ``(rows, columns)`` including the black level: uint16 with `Quantisation`, otherwise float32.
 
     Raises
     ------

@@ -70,28 +70,29 @@ def iter_write_session(
     resume: bool = False,
     provenance: Mapping[str, Any] | None = None,
 ) -> Work[int]:
-    """Write a simulated session and return the number of frames.
+    """Write a simulated session to a folder, and return the number of scan frames written.
 
-    The session contains 16-bit PNG frames in ``frames/`` with ``manifest.csv`` (file, z, y, x), ``dark/``, ``white/``,
-    and ``camera.json``, ``plan.json`` and ``truth.json`` (what was simulated). Each file is written atomically.
+    The session contains 16-bit PNG frames in ``frames/``, listed in ``manifest.csv`` (file, z, y, x), dark frames in
+    ``dark/`` and white frames in ``white/``. It also contains ``camera.json``, ``plan.json`` and ``truth.json``, which
+    records what was simulated. Each file is written atomically.
 
     Parameters
     ----------
     source
-        A simulated camera with uint16 frames.
+        A simulated camera whose frames are uint16.
     folder
         Folder of the session, created if needed.
     darks, whites
-        Number of dark and white frames.
+        Number of dark frames and of white frames.
     resume
-        Whether to keep the frames that an earlier run wrote.
+        Whether to keep the frames that an earlier run wrote, and to write only the missing ones.
     provenance
-        Further entries of ``truth.json``; plain JSON types.
+        Additional entries of ``truth.json``, as plain JSON types.
 
     Yields
     ------
     Progress
-        In frames.
+        Counted in frames.
 
     Raises
     ------
