@@ -248,20 +248,19 @@ def iter_export(
     quality: str | None = None,
     run: RunChoice | None = None,
 ) -> Work[Path]:
-    """Write ``matrix`` to ``path`` in the format that the suffix indicates.
+    """Write ``matrix`` to ``path`` in the format that the suffix indicates, and return the path.
 
     The suffixes are ``.h5`` (H file), ``.mat`` (MATLAB v7.3 with H, Ht, Nnum, CAindex, x3objspace, anchor, lensCentre),
-    ``.npy``, ``.npz`` (H, Ht), and ``.tif`` (hyperstacks). With ``code``, the file has the form that this code reads.
-    See `ExportOptions` for the options, and `export_notes` for conventions that differ in other programs. With ``run``,
-    the given executor writes the planes of a matrix opened from a file as units of a run, and keeps finished planes if
-    it is stopped. TIFF files cannot be written in this way.
+    ``.npy``, ``.npz`` (H, Ht), and ``.tif`` (hyperstacks). With ``code``, the file is written in the form that this
+    program reads. `ExportOptions` describes the options, and `export_notes` the conventions that differ in other
+    programs. With ``run``, the planes of a matrix opened from a file are written as units of a run; finished planes are
+    kept if it is stopped. TIFF files cannot be written in this way.
 
     Raises
     ------
     InputError
-        For an unknown suffix, for an option that its format does not use, for missing positions that its format cannot
-        mark (without ``allow_missing``), for an H that ``code`` cannot use, or for a ``run`` with a matrix that has no
-        file.
+        If the suffix is unknown, its format does not use an option, positions are missing that the format cannot mark
+        (without ``allow_missing``), ``code`` cannot use this H, or a ``run`` is given for a matrix without a file.
     StorageError
         If the file cannot be written; with a ``run``, as in `lfcal.work.iter_made`.
 

@@ -32,26 +32,28 @@ def transpose(
     out: NDArray[Any] | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Return the transposed matrix HT of H, in the shape and dtype of H.
+    """Return the transposed matrix HT of H as a new array, with the shape and dtype of H.
 
     Parameters
     ----------
     array
-        H ``(nz, ny, nx, nt, ns)``: any array, memory map or dataset of numbers, in any memory layout and byte order.
+        H, ``(nz, ny, nx, nt, ns)``: an array, memory map or dataset of numbers, in any memory layout and byte order.
         One depth plane is read at a time.
     method
-        ``"exact"``: the transpose. ``"paper"``: Eberhart's equations 4 to 9 as printed, which need an odd period and
-        leave a border of HT zero. ``"paper-padded"``: these equations applied to zero-padded H, which is exact.
+        ``"exact"``: the transpose. ``"paper"``: equations 4 to 9 of Eberhart as printed, which require an odd period
+        and leave a border of zeros in HT. ``"paper-padded"``: these equations applied to zero-padded H, which yields
+        the exact transpose.
     out
-        Array of H's shape and dtype to fill, which must not share memory with H; None: a new array.
+        Array to fill, with the shape and dtype of H, which must not share memory with H and is returned; None: a new
+        array.
     workers
-        Number of threads; None: all processors.
+        Number of threads; None: one for each available CPU core.
 
     Raises
     ------
     InputError
-        If the shape is not that of a PSF matrix, the dtype is not a number, ``out`` does not fit or overlaps H, or the
-        method needs an odd period but it is even.
+        If the shape is not that of a PSF matrix, the dtype is not numeric, ``out`` has another shape or dtype or
+        overlaps H, or the method requires an odd period and the period is even.
 
     Examples
     --------

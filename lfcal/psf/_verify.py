@@ -55,17 +55,17 @@ class MatrixCheck:
     Attributes
     ----------
     path
-        The file.
+        Path of the file.
     planes
-        Number of planes read, over all regions.
+        Number of planes read, in all regions of the file.
     compared
-        Whether planes could be compared with checksums; files of version 1 have none.
+        Whether planes were compared with checksums, which files of format version 1 do not contain.
     damaged
-        Planes that differ from those that were written.
+        Planes whose contents differ from those that were written.
     missing
-        Positions that were never recorded.
+        Number of positions that were never recorded.
     deviations
-        Deviations from the specification of the format, one line each; version 1 has no specification.
+        Deviations from the specification of the format, one line each; empty for version 1, which has no specification.
 
     Examples
     --------
@@ -86,11 +86,11 @@ class MatrixCheck:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing is damaged and the file conforms to the format, as far as this can be checked."""
+        """Whether no plane is damaged and the file conforms to its format, as far as this can be checked."""
         return not self.damaged and not self.deviations
 
     def lines(self, most: int = 20) -> Iterator[str]:
-        """Yield a line for each damaged plane (with up to ``most`` positions) and each deviation from the format."""
+        """Yield a line of text for each damaged plane, with up to ``most`` positions, and for each format deviation."""
         for found in self.damaged:
             name = f"{found.region}, plane {found.z}" if found.region else f"plane {found.z}"
             listed = ", ".join(str(tuple(p)) for p in found.positions[:most])
@@ -101,26 +101,26 @@ class MatrixCheck:
 
     @property
     def known(self) -> str:
-        """Text with the number of intact planes, for use in a verdict."""
+        """Clause that states the number of intact planes, for use in a quality verdict."""
         bad = len({(one.region, one.z) for one in self.damaged})
         how = "compared with their checksums" if self.compared else "read; a file of version 1 has no checksums"
         return f"intact in {self.planes - bad} of {format_count(self.planes, 'plane', 'planes')} ({how})"
 
 
 def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[MatrixCheck]:
-    """Check an H file against its specification, read every plane of all regions, and compare it with its checksum.
+    """Check an H file: compare it with the specification of its format, and every plane with its checksum.
 
     Parameters
     ----------
     path
         H file (``.h5``).
     workers
-        Number of threads; None: all processors.
+        Number of threads; None: one for each available CPU core.
 
     Raises
     ------
     StorageError, FileFormatError, UnsafeFileError
-        If the file is not an H file, or is too damaged to be opened.
+        If the file cannot be read, is not an H file, or is too damaged to be opened.
 
     Examples
     --------

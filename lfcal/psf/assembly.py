@@ -418,41 +418,42 @@ def iter_assemble(
     run: RunChoice | None = None,
     reopening: Reopening | None = None,
 ) -> Work[AssemblyReport]:
-    """Assemble H from frames, with one plane in memory at a time; an incomplete file is never left at ``out``.
+    """Assemble H from frames with one plane in memory at a time, and return a report that contains H.
 
     Parameters
     ----------
     source
-        The frames, in any order; their samples are used unchanged.
+        Source of corrected frames, in any order; their pixel values are used unchanged.
     shape
-        Number of positions ``(nz, ny, nx)`` in the plan.
+        Number of planes and of source positions, ``(nz, ny, nx)``, in the plan.
     cutout
-        The cutout, which moves with the source.
+        Cutout around the image of the source, which moves with the source.
     out
-        H file to write; None keeps H in memory as float32.
+        H file to write; it never exists in an incomplete state. None: H is kept in memory as float32.
     depths, camera, provenance
-        Stored with H.
+        Depths of the planes (µm), camera, and provenance (plain JSON types) to store with H; None: unknown.
     drift
-        ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px); None: the drift
-        stated by the source, which may come from its manifest.
+        Displacement (rows, columns; px) of the image in each frame from its planned position, ``(len(source), 2)``;
+        None: the drift stated by the source, for example in its manifest.
     strict
-        Whether to treat missing and repeated positions as errors, instead of recording them in the file.
+        Whether missing and repeated positions are errors; otherwise, they are marked in H and listed in the report.
     fill
-        Function that fills missing positions, which stay marked as never recorded; None: their patterns are 0.
+        Function that fills in the patterns of missing positions, which remain marked as never recorded; None: their
+        patterns are 0.
     dtype, compression, workers, store_tolerance
         As in `PSFWriter`.
     run
-        Executor and treatment of an earlier run, to assemble the file plane by plane as units of a run. Finished planes
-        are kept if the run is stopped.
+        Executor, and treatment of an earlier unfinished run, for assembling the file in units of one plane. If the run
+        is stopped, finished planes are kept.
     reopening
-        With a ``run``: what identifies these frames, and how other processes open them. Without an opener, H is
-        assembled only by threads of this process.
+        Only with a ``run``: values that identify these frames, and the function with which other processes open them.
+        Without such a function, H is assembled only by threads of this process.
 
     Raises
     ------
     InputError
-        If a frame is outside the plan or not finite, or its cutout extends beyond the sensor; the message states the
-        position.
+        If a frame is outside the plan or not finite, or its cutout extends beyond the sensor and is not padded; the
+        message states the position.
 
     Examples
     --------
@@ -501,27 +502,28 @@ def iter_assemble_plan(
     reopening: Reopening | None = None,
     workers: int | None = None,
 ) -> Work[AssemblyReport]:
-    """Assemble H of ``plan`` from the frames of ``source``, to which no further corrections are applied.
+    """Assemble H of ``plan`` from corrected frames, and return a report that contains H.
 
     Parameters
     ----------
     source
-        Corrected frames, as returned by `lfcal.frames.corrected_view`.
+        Corrected frames, as returned by `lfcal.frames.corrected_view`; no further corrections are applied.
     plan
-        Positions, depths, anchor and cutout.
+        Scan plan with the positions, depths, anchor and cutout.
     out
-        H file to write; None keeps H in memory as float32.
+        H file to write; None: H is kept in memory as float32.
     settings
         Settings of the assembly; None: the defaults.
     provenance
-        Stored with H, in addition to plan, corrections and settings.
+        Provenance to store with H, as plain JSON types, in addition to plan, corrections and settings.
     fill, run, reopening, workers
         As in `iter_assemble`.
 
     Raises
     ------
     InputError
-        As in `lfcal.psf.iter_assemble`; also if a pedestal would remain in H.
+        As in `iter_assemble`; also if the black level was not subtracted from the frames and a pedestal would remain in
+        H.
 
     Examples
     --------
@@ -572,23 +574,23 @@ assemble_plan = drained(
 
 
 def forecast_assembly(source: FrameSource, plan: ScanPlan, *, count: int = 12, workers: int | None = None) -> float:
-    """Return the expected time for assembling H (s), measured on a few frames that are read, corrected and cropped.
+    """Return the expected elapsed time for assembling H (s), measured by reading and cropping a few frames.
 
     Parameters
     ----------
     source
         Corrected frames, as returned by `lfcal.frames.corrected_view`.
     plan
-        Positions, anchor and cutout.
+        Scan plan with the positions, anchor and cutout.
     count
-        Number of frames that are timed, spread over the scan; the median of their processor times is used.
+        Number of frames that are timed, spread over the scan; the median of their CPU times is used.
     workers
-        Number of threads that will assemble; None: all processors.
+        Number of threads with which H will be assembled; None: one for each available CPU core.
 
     Raises
     ------
     InputError, FileFormatError, StorageError
-        The errors of reading the frames.
+        If a frame cannot be read.
 
     Examples
     --------

@@ -18,7 +18,7 @@ __all__ = ["AssemblyReport"]
 
 @dataclass(frozen=True)
 class AssemblyReport:
-    """Report on an assembled H: which frames were used and which positions are missing.
+    """Report on the assembly of H: the frames that were used, and the positions that are missing.
 
     Attributes
     ----------
@@ -27,22 +27,23 @@ class AssemblyReport:
     frames
         Number of frames read.
     missing, repeated
-        Positions without a frame, and positions with several frames, which are averaged.
+        Positions without a frame, and positions with several frames, whose patterns were averaged.
     saturated
-        Number of positions with saturated pixels in their pattern; None: unknown for every position.
+        Number of positions whose pattern contains saturated pixels; None: unknown for every position.
     unknown_saturation
         Number of positions whose saturation is unknown.
     padded
         Positions whose cutout extends beyond the sensor and was padded with zeros.
     residual_px
-        Largest distance (rows, columns; px) between the image of the point and the centre of its cutout, which
-        ``nearest`` interpolation does not correct.
+        Largest offset (rows, columns; px) of the image of the point from the centre of its cutout. Only ``nearest``
+        interpolation leaves such an offset.
     spread
-        Median relative difference between repeated frames; None without repeated frames.
+        Median relative rms difference between repeated frames of a position; None without repeated frames.
     left_out
-        Damaged frames and damaged dark frames, which were not used.
+        Damaged frames and dark frames that were not used.
     orientation
-        How the frames were flipped or turned, one of `lfcal.frames.orientation.ORIENTATIONS`.
+        Orientation of the recorded frames, which assembly corrected by flipping or turning them: a key of
+        `lfcal.frames.orientation.ORIENTATIONS`.
 
     Examples
     --------
@@ -71,14 +72,14 @@ class AssemblyReport:
 
     @property
     def known(self) -> str:
-        """Text with the numbers of frames and recorded positions, for use in a quality verdict."""
+        """Clause that states the numbers of frames and recorded positions, for use in a quality verdict."""
         positions = math.prod(self.matrix.shape[:3])
         there = f"{positions - len(self.missing)} of {format_count(positions, 'position', 'positions')}"
         return f"made of {format_count(self.frames, 'frame', 'frames')}, which show {there}"
 
     @property
     def filled(self) -> int:
-        """Number of missing positions that were filled from the model of a fit."""
+        """Number of missing positions whose patterns were filled in from a fitted model."""
         origin = self.matrix.facts.origin
         return 0 if origin is None else int((origin == Origin.MODEL).sum())
 
@@ -92,7 +93,7 @@ class AssemblyReport:
         padded: tuple[Position, ...],
         residual: tuple[float, float],
     ) -> AssemblyReport:
-        """Return the report on ``matrix``; saturation and spread are derived from its facts."""
+        """Return the report on ``matrix``, whose `Facts` determine the numbers on saturation and spread."""
         there = matrix.recorded > 0
         counted = matrix.saturated
         unknown = int(there.sum()) if counted is None else int(((counted < 0) & there).sum())
@@ -113,7 +114,7 @@ class AssemblyReport:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on how frames were turned and averaged, one line each."""
+        """Notes on the orientation and the averaging of frames, one line each."""
         notes = []
         if self.orientation != AS_IS:
             notes.append(

@@ -42,23 +42,25 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Cutout:
-    """A window around the paraxial image of the source, with odd numbers of rows and columns.
+    """Window of pixels around the paraxial image of the source, which moves with the source.
 
     Attributes
     ----------
     shape
-        Numbers of rows and columns ``(nt, ns)`` (pixels), both odd.
+        Number of rows and columns ``(nt, ns)`` of the cutout (px), both odd.
     anchor
-        Sensor position (row, column) of the image of source position y = x = 0 (pixels; whole numbers are pixel
-        centres). The image of position (y, x) is at ``anchor + (y, x)``.
+        Sensor position (row, column) of the image of the source position y = x = 0 (px; whole numbers are pixel
+        centres). The image of the position (y, x) is at ``anchor + (y, x) / scale``.
     interpolation
-        One of `INTERPOLATIONS`.
+        Interpolation at fractional pixel positions: one of `INTERPOLATIONS`, such as ``"nearest"``, ``"linear"`` or
+        ``"cubic"``.
     outside
-        ``"error"``: a cutout that extends beyond the sensor is an error; ``"zero"``: it is padded with zeros.
+        Treatment of cutouts that extend beyond the sensor: ``"error"`` raises an error, ``"zero"`` pads them with
+        zeros.
     scale
-        Cutout pixels per sensor pixel (rows, columns). It differs from 1 if frames are resampled so that the array's
-        period is a whole number of pixels. Successive positions are then one cutout pixel apart. ``nearest`` cannot
-        resample.
+        Cutout pixels per sensor pixel (rows, columns). It differs from 1 if frames are resampled such that the period
+        of the lenslet array is a whole number of pixels. Successive positions are then one cutout pixel apart.
+        ``"nearest"`` cannot resample.
 
     Examples
     --------
@@ -103,17 +105,17 @@ class Cutout:
 
     @classmethod
     def for_plan(cls, plan: ScanPlan, *, interpolation: str = "", outside: str = "error") -> Cutout:
-        """Return the cutout of a scan plan; the default interpolation is ``cubic`` if it resamples, or ``nearest``."""
+        """Return the cutout of a scan plan; interpolation defaults to ``cubic`` if it resamples, or to ``nearest``."""
         default = "cubic" if plan.resample else "nearest"
         return cls(plan.cutout, plan.anchor, interpolation or default, outside, plan.resample_factors)
 
     @property
     def resamples(self) -> bool:
-        """Whether frames are scaled in addition to being shifted."""
+        """Whether frames are resampled to another pixel pitch, and not only shifted."""
         return self.scale != (1.0, 1.0)
 
     def window(self, position: Position, drift: tuple[float, float] = (0.0, 0.0)) -> Window:
-        """Return the window of ``position``, whose image is displaced by ``drift`` (rows, columns; px)."""
+        """Return the sensor window for ``position``, whose image is displaced by ``drift`` (rows, columns; px)."""
         row = self.anchor[0] + position.y / self.scale[0] + drift[0]
         column = self.anchor[1] + position.x / self.scale[1] + drift[1]
         # ceil(v - 0.5) rounds halves down, so that the residual lies in (-0.5, 0.5]; round() would round halves to
@@ -124,7 +126,7 @@ class Cutout:
 
     @property
     def reach(self) -> tuple[int, int]:
-        """Numbers of sensor rows and columns that the cutout covers, both odd."""
+        """Number of sensor rows and columns that the cutout covers, both odd."""
         if not self.resamples:
             return self.shape
         # the cutout's edge may lie between sensor pixels, so the reach is rounded up
@@ -132,7 +134,7 @@ class Cutout:
         return rows, columns
 
     def region(self, window: Window) -> tuple[slice, slice]:
-        """Return the sensor region to read for ``window``, including the margin for interpolation."""
+        """Return the rows and columns of the sensor to read for ``window``, including a margin for interpolation."""
         # a window on whole pixels is copied unchanged: no interpolation affects its noise
         still = window.row_residual == window.column_residual == 0 and not self.resamples
         margin = 0 if still else _MARGIN[self.interpolation]
@@ -143,7 +145,7 @@ class Cutout:
         )
 
     def resample(self, values: NDArray[Any], window: Window) -> NDArray[np.float32]:
-        """Return the cutout ``(nt, ns)`` from the ``values`` in `region`, shifted by the residuals of ``window``."""
+        """Return the cutout ``(nt, ns)`` interpolated from ``values``, the pixels of the frame in `region`."""
         shift = (window.row_residual, window.column_residual)
         data = np.asarray(values, np.float32)
         if self.resamples:
@@ -194,24 +196,25 @@ def find_cutout(
     lost: float = 0.005,
     background: float | None = None,
 ) -> tuple[int, int]:
-    """Return the smallest odd ``(nt, ns)`` that loses at most the fraction ``lost`` of every image's energy.
+    """Return the smallest odd cutout ``(nt, ns)`` that excludes at most the fraction ``lost`` of each image's energy.
 
     Parameters
     ----------
     images
-        Corrected frames ``(rows, columns)`` of single positions, or depth-plane sums.
+        Corrected frames ``(rows, columns)`` of single source positions, or depth-plane sums.
     centres
-        Position of the point's paraxial image in each of ``images``, as (row, column) in pixels.
+        Position (row, column) of the point's paraxial image in each of ``images`` (px).
     lost
-        Largest fraction of the energy that may be outside the cutout, half of it along each axis.
+        Largest fraction of the energy that may be outside the cutout, between 0 and 1; half of it is allowed along each
+        axis.
     background
-        Background that is subtracted from every pixel first; None: the median of each image's border. The energy is a
-        sum over many pixels and is therefore sensitive to this value.
+        Background that is first subtracted from every pixel, in the unit of the image; None: the median of the border
+        of each image. The energy is a sum over many pixels and is therefore sensitive to this value.
 
     Raises
     ------
     InputError
-        If an image has no light, or ``lost`` is not in (0, 1).
+        If an image contains no light, or ``lost`` is not between 0 and 1.
 
     Examples
     --------

@@ -54,9 +54,10 @@ def mean_noise(H: Any) -> NDArray[np.float64] | None:
 
 
 def denoised(H: Any, z: int, plane: NDArray[Any]) -> NDArray[Any]:
-    """Return ``plane`` ``(ny, nx, nt, ns)``, which is plane ``z`` of ``H``, with less noise.
+    """Return a copy of ``plane``, plane ``z`` of ``H`` with the shape ``(ny, nx, nt, ns)``, with reduced noise.
 
-    It is returned unchanged if its noise is unknown.
+    Each entry is moved towards the mean of the entries of nearby source positions at the same sensor pixel, as far as
+    the known noise explains their scatter. If the noise is unknown, ``plane`` itself is returned.
 
     Examples
     --------

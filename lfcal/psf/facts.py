@@ -30,29 +30,30 @@ class Origin(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """Facts about every position of a matrix ``(nz, ny, nx)``, or of one plane ``(ny, nx)``; None: unknown.
+    """Measurement facts about every position of a matrix ``(nz, ny, nx)``, or of a single plane ``(ny, nx)``.
 
     Attributes
     ----------
     recorded
-        Number of frames averaged in each pattern; 0: the position is missing.
-    saturated
-        Number of saturated pixels in each pattern; -1: unknown.
-    noise
-        ``(…, 2)``: the variance of a sample of value v is ``noise[..., 0] + noise[..., 1] * max(v, 0)``; NaN if
+        Number of frames averaged for each position; 0: the position is missing. As for all attributes, None means
         unknown.
+    saturated
+        Number of saturated pixels in the pattern of each position; -1: unknown.
+    noise
+        Coefficients of the noise of each position, ``(…, 2)``: the variance of a value v is ``noise[..., 0] +
+        noise[..., 1] * max(v, 0)``; NaN if unknown.
     spread
-        Relative rms difference between repeated frames of a position; NaN for a single frame.
+        Relative rms difference between the repeated frames of each position; NaN for a single frame.
     valid
-        ``(…, bytes)`` packed bits, one per pixel of the cutout in C order; 0 for a pixel without a measurement.
+        Packed bits, ``(…, bytes)``, one for each pixel of the cutout in C order; 0 for a pixel without a measurement.
     error
-        Relative error of the stored values of each plane, ``(nz,)``, or a number for one plane: sum of absolute errors
-        over sum of absolute values. NaN if none is stated.
+        Relative L1 error of the stored values of each plane, ``(nz,)``, or a number for a single plane: the sum of
+        absolute errors divided by the sum of absolute values. NaN if none is stated.
     origin
-        Value of `Origin` for each pattern; None: all are measured.
+        Value of `Origin` for the pattern of each position; None: all patterns are measured.
     bound
-        ``(…, 3)``, the same for all positions of a plane. If H was stored within a tolerance, the largest fraction (L1)
-        that any pattern lost: by cutting, by rounding, and in total (see `lfcal.psf._steps`). NaN if nothing was lost.
+        Largest relative L1 errors of any pattern of a plane due to storing H with a tolerance, ``(nz, 3)``, or ``(3,)``
+        for a single plane: by cropping, by rounding, and in total. NaN without such a loss.
 
     Examples
     --------
@@ -74,7 +75,7 @@ class Facts:
 
     @classmethod
     def of(cls, positions: tuple[int, ...], cutout: tuple[int, int], **values: ArrayLike | None) -> Facts:
-        """Return facts about positions ``(nz, ny, nx)`` or ``(ny, nx)``, with every array checked and read-only.
+        """Return facts about positions of the shape ``(nz, ny, nx)`` or ``(ny, nx)``, as checked, read-only copies.
 
         Raises
         ------
@@ -96,11 +97,11 @@ class Facts:
         return cls(**checked)
 
     def plane(self, z: int) -> Facts:
-        """Return the facts about plane ``z``."""
+        """Return the facts about the plane with index ``z``."""
         return Facts(**{name: value[z] for name, value in self.known().items()})
 
     def known(self) -> dict[str, NDArray[Any]]:
-        """Return those facts that are known, by name."""
+        """Return the arrays of the known facts, with the names of the attributes as keys."""
         found = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         return {name: value for name, value in found.items() if value is not None}
 

@@ -70,17 +70,17 @@ class Header:
 
 @dataclass(frozen=True)
 class Stored:
-    """How the values of a matrix are stored in a file.
+    """Type, compression and tolerance with which the values of a matrix are stored in a file.
 
     Attributes
     ----------
     dtype, compression, store_tolerance
-        As in `lfcal.psf.PSFWriter`.
+        As in `PSFWriter`.
 
     Raises
     ------
     InputError
-        If there is no such type or compression, or the tolerance is not a fraction.
+        If ``dtype`` or ``compression`` is unknown, or ``store_tolerance`` is not between 0 and 1.
     """
 
     dtype: str = "float32"
@@ -98,12 +98,12 @@ class Stored:
 
     @property
     def rounded(self) -> bool:
-        """Whether all values of a plane are rounded to the same step."""
+        """Whether all values of a plane are rounded to multiples of the same number."""
         return self.dtype == ROUNDED and self.store_tolerance is None
 
     @property
     def samples(self) -> np.dtype[Any]:
-        """Type of the samples of H in the file."""
+        """Data type of the values of H in the file."""
         stepped = self.store_tolerance is not None
         return np.dtype("float32" if stepped or self.dtype == ROUNDED else self.dtype)
 

@@ -282,7 +282,7 @@ def _lent(source: PlaneSource, units: tuple[Unit, ...]) -> AbstractContextManage
 
 
 def units_of(source: PlaneSource, stored: Stored) -> dict[int, Unit]:
-    """Return the units that make planes, by plane number; planes that only this process can make have no unit.
+    """Return a mapping from plane indices to units of a run that compute these planes in any process.
 
     Examples
     --------

@@ -25,44 +25,45 @@ __all__ = ["PSFMatrix"]
 class PSFMatrix:
     """The PSF matrix ``H[z, y, x, t, s]`` in an array, a memory map or an H file.
 
-    Slicing follows numpy's basic rules (integers, slices, ellipsis) and reads only what it needs. ``H.T`` is the
-    transposed matrix as a view: each slice is computed from H on demand, and ``H.T.T`` is H. Values read must not be
-    modified, because they may be views of the original.
+    The axes are the depth plane z, the source position (y, x) within the period, and the pixel (t, s) of the cutout; y
+    and t are rows. Slicing follows numpy's rules of basic indexing (integers, slices, ellipsis) and reads only the
+    required values. ``H.T`` is the transposed matrix as a view: each slice is computed from H on demand, and ``H.T.T``
+    is H. Returned arrays must not be modified, because they may be views of the stored values.
 
     Parameters
     ----------
     data
-        Values ``(nz, ny, nx, nt, ns)``: an array of numbers, a memory map, an HDF5 dataset, or planes of a file.
+        Values ``(nz, ny, nx, nt, ns)``: an array, a memory map, an HDF5 dataset, or planes of a file.
     depths
-        Object-space depth of each plane (µm); by default the plane numbers.
+        Object depth of each plane (µm, positive away from the camera); None: unknown.
     camera
-        The camera to which H belongs.
+        Camera to which H belongs, which requires ``depths``; None: unknown.
     anchor
-        Sensor position ``(row, column)`` of the image of source position (0, 0) (pixels).
+        Sensor position ``(row, column)`` of the image of the source position (0, 0) (px).
     scale, offset
-        For stored integers, value = stored * scale + offset; each is one number, or one per plane.
+        Conversion of stored numbers to values, ``value = stored * scale + offset``; each is one number, or an array
+        ``(nz,)``.
     recorded
-        Number of times each position ``(nz, ny, nx)`` was recorded, 0 if it is missing; None: once.
+        Number of frames recorded at each position, ``(nz, ny, nx)``, 0 if it is missing; None: one at every position.
     saturated
-        Number of saturated pixels in each pattern ``(nz, ny, nx)``, -1 if unknown; None: not counted.
+        Number of saturated pixels in the pattern of each position, ``(nz, ny, nx)``, -1 if unknown; None: not counted.
     facts
-        All facts about the positions, instead of ``recorded`` and ``saturated``.
+        All facts about the positions, in place of ``recorded`` and ``saturated``.
     uncertainty
-        Standard deviation of every entry, in the shape of ``data``, 0 where only the noise is stated; None: none is
-        stated.
+        Standard deviation of every entry, in the shape of ``data``, 0 where only the noise is known; None: not stated.
     depth_sums
-        Depth-plane sums ``(nz, nt, ns)``, if they are already known.
+        Sums of each plane over all source positions, ``(nz, nt, ns)``, if they are already known.
     region
-        Name of the region of the field; empty if there is only one.
+        Name of the region of the field of view; empty if there is only one.
     transposed
-        Whether the values are those of HT.
+        Whether ``data`` contains the transposed matrix HT.
     provenance
-        Provenance of H, as plain JSON types.
+        Provenance of H: how it was measured or computed, as plain JSON types.
 
     Raises
     ------
     InputError
-        If ``data`` is not 5-D, a side of its cutout is even, or an argument does not match its shape.
+        If ``data`` does not have five axes, a side of its cutout is even, or another argument does not match its shape.
 
     Examples
     --------
@@ -133,7 +134,7 @@ class PSFMatrix:
         self._opened: Callable[[], PSFMatrix] | None = None
 
     def opened_by(self, again: Callable[[], PSFMatrix]) -> PSFMatrix:
-        """Register a function that opens the matrix again from its file, also in another process; return the matrix."""
+        """Register a function that reopens the matrix from its file, for use by other processes; return the matrix."""
         self._opened = again
         return self
 
@@ -151,7 +152,7 @@ class PSFMatrix:
     # -- description -----------------------------------------------------------------------------------
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
-        """Shape ``(nz, ny, nx, nt, ns)``."""
+        """Shape ``(nz, ny, nx, nt, ns)``: planes, source positions, pixels of the cutout."""
         return self._shape
 
     @property
@@ -166,32 +167,32 @@ class PSFMatrix:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Type of the values when they are read."""
+        """Data type of the values as they are read, which may differ from the stored type."""
         return self._planes.dtype
 
     @property
     def nbytes(self) -> int:
-        """Size of the complete matrix in memory (bytes)."""
+        """Size of the complete matrix if it is read into memory (bytes)."""
         return self.size * self.dtype.itemsize
 
     @property
     def period(self) -> tuple[int, int]:
-        """Number of source positions ``(ny, nx)`` in one period (sensor pixels)."""
+        """Number of source positions ``(ny, nx)`` in one period; successive positions are one pixel of H apart."""
         return self._shape[1], self._shape[2]
 
     @property
     def cutout(self) -> tuple[int, int]:
-        """Rows and columns ``(nt, ns)`` of a pattern (pixels)."""
+        """Number of rows and columns ``(nt, ns)`` of a pattern (px)."""
         return self._shape[3], self._shape[4]
 
     @property
     def depths(self) -> NDArray[np.float64]:
-        """Object-space depth of each plane (µm), positive away from the camera; plane numbers if depths are unknown."""
+        """Object depth of each plane, ``(nz,)`` (µm, positive away from the camera); plane numbers if unknown."""
         return self._depths if self.knows_depths else np.arange(self._shape[0], dtype=np.float64)
 
     @property
     def known_depths(self) -> NDArray[np.float64]:
-        """Object-space depth of each plane (µm); NaN if H states none, as in some files of other codes."""
+        """Object depth of each plane, ``(nz,)`` (µm); NaN if H states none, as in some files of other software."""
         return self._depths
 
     @property
@@ -201,12 +202,12 @@ class PSFMatrix:
 
     @property
     def camera(self) -> Camera | None:
-        """The camera of H; None if unknown."""
+        """The camera to which H belongs; None if unknown."""
         return self._camera
 
     @property
     def pixel_scale(self) -> tuple[float, float]:
-        """Pixels of H per sensor pixel (rows, columns); not 1 if frames were resampled to a period of whole pixels."""
+        """Pixels of H per sensor pixel (rows, columns); not 1 if frames were resampled to a whole-pixel period."""
         cutout = self._provenance.get("cutout")
         scale = cutout.get("scale", (1.0, 1.0)) if isinstance(cutout, Mapping) else (1.0, 1.0)
         # provenance comes from a file that anyone may have written
@@ -215,12 +216,12 @@ class PSFMatrix:
 
     @property
     def anchor(self) -> tuple[float, float]:
-        """Sensor position (row, column) of the image of source position (0, 0) of H (pixels)."""
+        """Sensor position (row, column) of the image of the source position (0, 0) of H (px)."""
         return self._anchor
 
     @property
     def facts(self) -> Facts:
-        """Facts about the positions of H; the view ``H.T`` has none, because its positions are pixels of H.
+        """Measurement facts about the source positions of H; not available for the view ``H.T``.
 
         Raises
         ------
@@ -235,29 +236,29 @@ class PSFMatrix:
 
     @property
     def recorded(self) -> NDArray[np.uint16]:
-        """Number of times each position ``(nz, ny, nx)`` was recorded; 0: missing. For H only."""
+        """Number of frames recorded at each position, ``(nz, ny, nx)``, 0 if it is missing. Only for H, not HT."""
         known = self.facts.recorded
         return np.ones(self._shape[:3], np.uint16) if known is None else known
 
     @property
     def saturated(self) -> NDArray[np.int32] | None:
-        """Number of saturated pixels in each pattern ``(nz, ny, nx)``, -1 if unknown; None: not counted. For H only."""
+        """Saturated pixels in each pattern, ``(nz, ny, nx)``, -1 if unknown; None: not counted. Only for H, not HT."""
         return self.facts.saturated
 
     @property
     def missing(self) -> NDArray[np.intp]:
-        """Positions ``(n, 3)`` as (z, y, x) that were never recorded. For H only."""
+        """Indices (z, y, x) of the positions that were never recorded, ``(n, 3)``. Only for H, not HT."""
         return np.argwhere(self.recorded == 0)
 
     def valid(self, z: int, y: int, x: int) -> NDArray[np.bool_]:
-        """Return a boolean map ``(nt, ns)``, true at pixels of a pattern of H that are neither saturated nor masked."""
+        """Return a mask ``(nt, ns)`` of a pattern of H: true at pixels that are neither saturated nor masked."""
         packed = self.facts.valid
         if packed is None:
             return np.ones(self.cutout, np.bool_)
         return unpack_valid(packed[z, y, x], self.cutout)
 
     def variance(self, z: int, y: int, x: int) -> NDArray[np.float64] | None:
-        """Return the variance ``(nt, ns)`` of samples in a pattern of H (squared sample values); None if unknown."""
+        """Return the noise variance of a pattern of H, ``(nt, ns)``, in the squared unit of H; None if unknown."""
         noise = self.facts.noise
         if noise is None or not np.isfinite(noise[z, y, x]).all():
             return None
@@ -267,9 +268,10 @@ class PSFMatrix:
         return variance
 
     def uncertainty(self, z: int, y: int, x: int) -> NDArray[np.float32] | None:
-        """Return the standard deviation of each entry ``(nt, ns)`` of a pattern of H, or None if it is unknown.
+        """Return the standard deviation of a pattern of H, ``(nt, ns)``, in the unit of H; None if unknown.
 
-        This is the stated uncertainty for a pattern that is at least partly modelled, and the noise for a measured one.
+        For a pattern that is at least partly modelled, this is the stated uncertainty; for a measured pattern, it is
+        the noise.
         """
         stated = self._uncertainty
         if stated is not None:
@@ -281,7 +283,7 @@ class PSFMatrix:
 
     @property
     def stated_uncertainty(self) -> Planes | None:
-        """Stated standard deviations of all entries of H, 0 where only the noise is stated; None: none is stated."""
+        """Stated standard deviations of all entries of H, 0 where only the noise is known; None: not stated."""
         return self._uncertainty
 
     @property
@@ -291,7 +293,7 @@ class PSFMatrix:
 
     @property
     def path(self) -> str:
-        """Path of the file of H, or of the H from which HT is computed; empty for an array in memory."""
+        """Path of the file that contains H, or the H from which HT is computed; empty for an array in memory."""
         stored = self._stored()
         return str(stored.path) if isinstance(stored, DatasetPlanes | FilePlanes) else ""
 
@@ -307,12 +309,12 @@ class PSFMatrix:
     # -- values ----------------------------------------------------------------------------------------
     @property
     def planes(self) -> Planes:
-        """Source from which the values are read, one depth plane at a time."""
+        """Object from which the values are read, one depth plane at a time."""
         return self._planes
 
     @property
     def T(self) -> PSFMatrix:
-        """The transposed matrix as a view; ``H.T.T`` is H."""
+        """The transposed matrix as a view, whose values are computed on demand; ``H.T.T`` is H."""
         with self._lock:
             if self._other is None:
                 other = PSFMatrix.__new__(PSFMatrix)
@@ -331,13 +333,14 @@ class PSFMatrix:
             return self._other
 
     def plane(self, z: int) -> NDArray[Any]:
-        """Return plane ``z`` as ``(ny, nx, nt, ns)``, read-only: it may be a view of the original."""
+        """Return plane ``z``, shape ``(ny, nx, nt, ns)``, read-only; it may be a view of the stored values."""
         return _read_only(self._planes.plane(in_range(z, 0, self._shape[0])))
 
     def depth_sum(self, z: int) -> NDArray[np.float64]:
-        """Return the sum of plane ``z`` over all positions, ``(nt, ns)``: the aperture seen from that depth.
+        """Return the sum of plane ``z`` over all source positions, ``(nt, ns)``, which shows the camera's aperture.
 
-        The sum is read-only and computed only once. That of the transposed matrix is the same, rotated by 180 degrees.
+        The returned array is read-only and computed only once. That of the transposed matrix is the same, rotated by
+        180°.
         """
         z = in_range(z, 0, self._shape[0])
         if z not in self._sums:
@@ -350,7 +353,7 @@ class PSFMatrix:
         return _read_only(self._sums[z])
 
     def aperture(self, z: int) -> Aperture:
-        """Return the iris fitted to the depth-plane sum of plane ``z``; see `lfcal.psf.aperture`."""
+        """Return the iris of the camera as fitted to the `depth_sum` of plane ``z``; see `lfcal.psf.aperture`."""
         z = in_range(z, 0, self._shape[0])
         if z not in self._apertures:
             from lfcal.psf.aperture import fit_aperture, footprint_px
@@ -406,7 +409,7 @@ class PSFMatrix:
         return out
 
     def close(self) -> None:
-        """Close the file of H, if there is one; values can then no longer be read."""
+        """Close the file of H, if there is one; its values can then no longer be read."""
         stored = self._stored()
         if isinstance(stored, DatasetPlanes):
             stored.close()

@@ -67,31 +67,33 @@ FOREIGN = (".npy", ".mat", ".lfc", ".tif", ".tiff")
 
 
 def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = False, mat_order: str = "") -> PSFMatrix:
-    """Open an H file, a file of another code, or an ``.npy`` file as a lazy `PSFMatrix`.
+    """Open an H file, an ``.npy`` file, or a file written by other software as a `PSFMatrix` that is read on demand.
 
-    Files of other codes are MATLAB v7.3 files (``.mat``) and calibrations of napari-LF (``.lfc``). A stack with one
-    pattern per plane is opened as an H with a period of 1 x 1, as for a Fourier light-field microscope. It may be a
-    TIFF file, a 3-D array (z, t, s) in an ``.npy`` file, or a 3-D array ``H`` or ``PSF`` in a ``.mat`` file.
+    Supported files of other software are MATLAB v7.3 files (``.mat``) and calibrations of napari-LF (``.lfc``). A stack
+    with one pattern for each plane is opened as an H with a period of 1 x 1, as for a Fourier light-field microscope.
+    Such a stack may be a TIFF file, an array (z, t, s) in an ``.npy`` file, or an array ``H`` or ``PSF`` with three
+    axes in a ``.mat`` file.
 
     Parameters
     ----------
     path
-        The file.
+        Path of the file.
     region
-        Name of the region in a file with several regions of the field; empty: the default region of the file.
+        Name of the region in a file with several regions of the field of view; empty: the default region of the file.
     check
-        Whether to read every plane and compare it with its checksum, which H files have since version 2 of the format.
+        Whether to read every plane and compare it with its checksum, which H files contain since version 2 of the
+        format.
     mat_order
         Order of the axes of H in a ``.mat`` file that does not state it. ``"rows-first"``: ``H(t, s, y, x, z)``.
-        ``"columns-first"``: ``H(s, t, x, y, z)``. Empty: inferred from the variables in the file; `opening_notes`
-        reports how.
+        ``"columns-first"``: ``H(s, t, x, y, z)``. Empty: the order is inferred from the variables in the file, as
+        `opening_notes` reports.
 
     Raises
     ------
     StorageError
         If the file does not exist or cannot be read.
     FileFormatError, UnsafeFileError
-        If the file is damaged or unsafe, or has another format.
+        If the file is damaged or unsafe, or its format is not supported.
     InputError
         If the file has no such region, or ``region``, ``check`` or ``mat_order`` does not apply to its format.
 
@@ -201,9 +203,9 @@ def mat_orders_of(matrix: PSFMatrix) -> tuple[str, ...]:
 
 
 def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Return the names of the field's regions in an H file, starting with the default region (``""`` if unnamed).
+    """Return the names of the regions of the field in an H file, default region first (``""`` if it is unnamed).
 
-    Files of other codes have one region.
+    Files written by other software have one region.
 
     Examples
     --------

@@ -85,7 +85,7 @@ class FrameNoise(NamedTuple):
 
 
 def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
-    """Return the compression of the frames in their files; None if unknown.
+    """Return the compression with which the files of the frames were stored; None if unknown.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def codec_of(provenance: Mapping[str, Any]) -> Codec | None:
 
 
 def origin_of(provenance: Mapping[str, Any]) -> tuple[int, int] | None:
-    """Return row and column on the sensor of the frames' first pixel; None if not stated.
+    """Return the sensor position (row, column) of the first pixel of the frames (px); None if not stated.
 
     Examples
     --------
@@ -118,9 +118,9 @@ def origin_of(provenance: Mapping[str, Any]) -> tuple[int, int] | None:
 
 
 def noise_of(provenance: Mapping[str, Any]) -> FrameNoise | None:
-    """Return the noise of the frames; None if ``provenance`` states none.
+    """Return the noise model of the frames; None if ``provenance`` states none.
 
-    ``black`` is 0 if it is not stated, as in files of lfcal 0.1.
+    Its ``black`` level is 0 if it is not stated, as in files written by lfcal 0.1.
 
     Examples
     --------

@@ -26,21 +26,21 @@ TRANSPOSED = "transpose"
 
 
 class MatrixPlanes(PlaneSource):
-    """The planes of an existing matrix, or of its transpose by a method other than the exact one.
+    """Source of the planes of an existing matrix, or of its transpose computed by one of the paper's methods.
 
     Parameters
     ----------
     matrix
-        H, or the view ``H.T``.
+        H, or its transposed view ``H.T``.
     method
-        Empty: the planes of ``matrix``; ``"paper"`` or ``"paper-padded"``: the planes of its transpose, as in
-        `lfcal.psf.transpose`.
+        Empty: the planes of ``matrix``; ``"paper"`` or ``"paper-padded"``: the planes of its transpose, computed as in
+        `transpose`.
     title
-        As in `PlaneSource`.
+        Name of the work in progress reports.
     own
-        Whether `close` also closes the matrix.
+        Whether `close` also closes ``matrix``.
     provenance
-        Entries added to the provenance of the matrix.
+        Entries to add to the provenance of the matrix, as plain JSON types.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class MatrixPlanes(PlaneSource):
         self._clock = Clock(f"{title.partition(' ')[0]} planes", len(matrix))
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Read plane ``z``, and transpose it if there is a ``method``."""
+        """Read plane ``z``, compute its transpose if ``method`` is not empty, and return it."""
         clock = Clock(f"{self.title.partition(' ')[0]} plane {z + 1}", 1) if alone else self._clock
         if alone or z == 0:
             yield clock.at(0)
@@ -77,7 +77,7 @@ class MatrixPlanes(PlaneSource):
         return made
 
     def reopening(self, z: int, stored: Stored) -> Reopening:
-        """Return how other processes read plane ``z`` from the file of the matrix."""
+        """Return the description with which other processes read plane ``z`` from the file of the matrix."""
         matrix = self.matrix
         if not matrix.path:
             raise InputError.expected("H", "a matrix opened from a file", repr(matrix), "save the matrix first")
@@ -93,7 +93,7 @@ class MatrixPlanes(PlaneSource):
         return Reopening(f"{__name__}:{open_planes.__name__}", values, (source,))
 
     def close(self) -> None:
-        """Close the file of the matrix if the planes own it."""
+        """Close the file of the matrix if ``own`` is true."""
         if self._own:
             self.matrix.close()
 
@@ -117,28 +117,28 @@ def iter_save(
     provenance: Mapping[str, Any] | None = None,
     run: RunChoice | None = None,
 ) -> Work[Path]:
-    """Write ``matrix`` (H, or the view ``H.T``) to an H file with one plane in memory at a time.
+    """Write ``matrix`` to an H file with one plane in memory at a time, and return the path of the file.
 
     Parameters
     ----------
     matrix
-        Matrix to write, H or HT.
+        Matrix to write: H, or its transposed view ``H.T``.
     path
-        The file.
+        Path of the file to write.
     dtype
-        As in `PSFWriter`; None: the type of the matrix.
+        As in `PSFWriter`; None: the dtype of ``matrix``.
     compression, workers, store_tolerance
         As in `PSFWriter`.
     provenance
-        Entries added to the provenance of the matrix.
+        Entries to add to the provenance of the matrix, as plain JSON types.
     run
-        Executor and treatment of an earlier run, to write the planes as units of a run. The matrix must have been
-        opened from a file.
+        Executor, and treatment of an earlier unfinished run, for writing the planes as units of a run. The matrix must
+        have been opened from a file.
 
     Raises
     ------
     InputError, StorageError
-        As in `PSFWriter`; with a ``run``, also if the matrix has no file, and as in `lfcal.work.iter_made`.
+        As in `PSFWriter`; with a ``run``, also as in `lfcal.work.iter_made`, and if the matrix has no file.
 
     Examples
     --------
@@ -198,20 +198,22 @@ def iter_save_regions(
     compression: str = "gzip",
     workers: int | None = None,
 ) -> Work[Path]:
-    """Write the matrices of several regions of the field, by name, to one H file; the first region is the default.
+    """Write the matrices of several regions of the field to one H file, and return the path of the file.
 
-    ``dtype``, ``compression`` and ``workers`` are as in `PSFWriter`. If ``dtype`` is None, each matrix keeps its own
-    type.
+    ``matrices`` maps names of regions to their H; the first region becomes the default of the file. ``dtype``,
+    ``compression`` and ``workers`` are as in `PSFWriter`. If ``dtype`` is None, each matrix is stored with its own
+    dtype.
 
     Yields
     ------
     Progress
-        Progress in planes of all regions. If the generator is closed early, no incomplete file remains.
+        Progress, counted in planes of all regions. If the generator is closed before the end, no incomplete file
+        remains.
 
     Raises
     ------
     InputError
-        If there is no matrix, or a name contains a slash.
+        If ``matrices`` is empty, or a name contains a slash.
 
     Examples
     --------

@@ -312,40 +312,40 @@ class MatrixGroup:
 
 
 class PSFWriter:
-    """Writer of an H file, plane by plane; the file gets its name only when all planes are complete.
+    """Writer of an H file, plane by plane; the file appears under its name only when all planes are complete.
 
-    Each chunk is one pattern, ``(1, 1, 1, nt, ns)``, compressed by all processors, with checksums. Use it as a context
-    manager.
+    Use it as a context manager. Each chunk of the file is one pattern, ``(1, 1, 1, nt, ns)``, and has a checksum.
+    Chunks are compressed in parallel.
 
     Parameters
     ----------
     path
-        The file to write; an existing file is replaced when all planes are complete.
+        Path of the file to write; an existing file is replaced when all planes are complete.
     shape
-        ``(nz, ny, nx, nt, ns)``.
+        Shape ``(nz, ny, nx, nt, ns)`` of the matrix.
     depths, camera, anchor, provenance, region
         As in `PSFMatrix`.
     dtype
-        Stored type. ``"float32"`` is the default. ``"rounded"`` is float32 in steps of a power of two, at most 1/65535
-        of the plane's range. It needs about a third of the space and preserves whole numbers exactly, and its error is
-        stored. ``"float64"`` is also allowed, as are ``"uint16"`` and ``"uint8"`` for whole numbers within their range.
+        Stored type: ``"float32"``, ``"float64"``, ``"rounded"``, or, for whole numbers within their range, ``"uint16"``
+        or ``"uint8"``. ``"rounded"`` is float32 in multiples of a power of two, which is at most 1/65535 of the range
+        of the plane. It needs about a third of the space, preserves whole numbers exactly, and its error is stored.
     compression
-        ``"gzip"`` (level 1 with shuffle), ``"zstd"`` or ``"none"``.
+        Compression: ``"gzip"`` (level 1 with the shuffle filter), ``"zstd"`` or ``"none"``.
     transposed
-        Whether the planes are those of HT.
+        Whether the planes are those of the transposed matrix HT.
     workers
-        Number of compressing threads; None: all processors.
+        Number of threads for compression; None: one for each available CPU core.
     store_tolerance
-        Largest fraction (L1) that a pattern may lose, used instead of ``dtype``; see `lfcal.psf._steps`. None: no loss
-        beyond that of ``dtype``. The largest loss in each plane is stored as its ``bound``.
+        Largest relative L1 error of a pattern that lossy storage may cause, between 0 and 1, used instead of ``dtype``:
+        patterns are cropped and rounded within it. None: no loss beyond that of ``dtype``. The largest error in each
+        plane is stored (``bound`` of `Facts`).
 
     Raises
     ------
     InputError
-        If a plane does not have the shape of the matrix, is not finite or is written twice, or if one is missing at the
-        end.
+        If a plane does not have the shape of the matrix, is not finite, is written twice, or is missing at the end.
     StorageError
-        If the disk is full or not writable.
+        If the disk is full or the file cannot be written.
 
     Examples
     --------
@@ -385,7 +385,7 @@ class PSFWriter:
     def of(
         cls, path: str | os.PathLike[str], header: Header, stored: Stored | None = None, workers: int | None = None
     ) -> Self:
-        """Return a writer for a matrix with this header, whose values are stored as ``stored`` states."""
+        """Return a writer for a matrix described by ``header``; ``stored`` states how its values are stored."""
         return cls(path, **vars(header), **vars(stored or Stored()), workers=workers)
 
     @property
@@ -415,11 +415,12 @@ class PSFWriter:
         uncertainty: NDArray[np.floating[Any]] | None = None,
         simulated: Mapping[str, Any] | None = None,
     ) -> None:
-        """Write plane ``z``, ``(ny, nx, nt, ns)``.
+        """Write the values of plane ``z``, an array ``(ny, nx, nt, ns)``, with its facts.
 
-        ``recorded`` and ``saturated`` are counts ``(ny, nx)`` for the positions (by default 1, and unknown). ``facts``
-        replaces both and may contain more. ``uncertainty`` is the standard deviation of every entry, 0 where only the
-        noise is stated. ``simulated`` describes how the plane was simulated, as plain JSON types.
+        ``recorded`` and ``saturated`` are the numbers of frames and of saturated pixels for each position, ``(ny,
+        nx)``; None: one frame, and unknown saturation. ``facts`` replaces both and may contain more. ``uncertainty`` is
+        the standard deviation of every entry in the shape of ``plane``, 0 where only the noise is known. ``simulated``
+        describes how the plane was simulated, as plain JSON types.
         """
         if facts is None:
             _, ny, nx, nt, ns = self.shape
@@ -431,11 +432,11 @@ class PSFWriter:
         self._matrix.write_plane(z, plane)
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
-        """Copy plane ``z`` from another file as it is stored; see `lfcal.psf._joining`."""
+        """Copy the compressed data and the facts of a plane of another file unchanged to plane ``z``."""
         self._matrix.adopt_plane(z, stored)
 
     def note(self, provenance: Mapping[str, Any]) -> None:
-        """Add entries to the provenance that are known only after the planes were written."""
+        """Add entries (plain JSON types) to the provenance that are known only after the planes were written."""
         self._matrix.note(provenance)
 
     def __exit__(

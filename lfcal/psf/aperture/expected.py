@@ -12,11 +12,10 @@ __all__ = ["expected_aperture", "footprint_px"]
 
 
 def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0, 1.0)) -> float:
-    """Return the width over which one lenslet spreads the light of a defocused point (pixels); 0 without a camera.
+    """Return the width over which a lenslet spreads the light of a defocused point (px); 0 without a camera.
 
-    A ray through the point at distance e from a lenslet's centre meets the sensor ``e B/f`` from where it would meet it
-    without lenslets. B is the distance of the sensor from the lenslets, and f is the shortest focal length of the lens
-    types.
+    A lenslet displaces a ray that passes it at the distance e from its centre by ``e B/f`` on the sensor. B is the
+    distance of the sensor from the lenslets, and f is the shortest focal length of the lens types.
 
     Examples
     --------
@@ -36,21 +35,22 @@ def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0,
 def expected_aperture(
     camera: Camera, depth_um: float, cutout: tuple[int, int], pixel_scale: tuple[float, float] = (1.0, 1.0)
 ) -> Aperture | None:
-    """Return the shadow of the iris on the sensor by geometry; None if the plane is not imaged or is in focus.
+    """Return the geometric shadow of the iris on the sensor; None if the plane is not imaged or is in focus.
 
-    Without the deflection by lenslets, a ray through the pupil point p meets the sensor at ``p (a - B)/(b + a)`` from
-    the chief ray. Here b, a and B are the distances of the pupil, the image and the sensor from the lenslets.
+    Lenslets are ignored: a ray through the point p of the pupil meets the sensor at the distance ``p (a - B)/(b + a)``
+    from the chief ray. Here b is the distance of the pupil in front of the lenslets, and a and B are the distances of
+    the image and of the sensor behind them.
 
     Parameters
     ----------
     camera
-        Camera description.
+        Description of the camera.
     depth_um
-        Depth of the plane (µm).
+        Object depth of the plane (µm, positive away from the camera).
     cutout
-        Number of rows and columns of the cutout, ``(nt, ns)``; the aperture is centred on its middle pixel.
+        Number of rows and columns of the cutout, ``(nt, ns)``, in whose middle pixel the aperture is centred.
     pixel_scale
-        Cutout pixels per sensor pixel along rows and columns.
+        Cutout pixels per sensor pixel (rows, columns).
 
     Examples
     --------

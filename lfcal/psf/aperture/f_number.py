@@ -15,19 +15,20 @@ __all__ = ["FNumber", "working_f_number"]
 
 @dataclass(frozen=True, slots=True)
 class FNumber:
-    """A working f-number with its uncertainty.
+    """A fitted working f-number with its uncertainty.
 
     Attributes
     ----------
     value
-        Image distance over pupil diameter.
+        Working f-number: image distance divided by pupil diameter.
     standard_error
-        Standard error of ``value``: the larger of those from the scatter about the line and from the errors of the
-        diameters. NaN for two depths with unknown errors.
+        Standard error of ``value``, the larger of two estimates: from the scatter about the fitted line, and from the
+        errors of the diameters. NaN for two depths without errors of the diameters.
     offset_um
-        Image shift at which the fitted shadow vanishes (µm); 0 if the depths are correct.
+        Distance of the image behind the lenslets at which the fitted diameter is zero (µm); 0 if the depths are
+        correct.
     residual_px
-        Rms deviation of the diameters from the line (pixels).
+        Rms deviation of the diameters from the fitted line (px).
 
     Examples
     --------
@@ -46,28 +47,29 @@ class FNumber:
 def working_f_number(
     diameters_px: ArrayLike, image_shifts_um: ArrayLike, pixel_um: float, errors_px: ArrayLike | None = None
 ) -> FNumber:
-    """Return the working f-number N, fitted to the shadow diameters ``D = |a| / N`` of several depths.
+    """Return the working f-number N, fitted to the diameters ``D = |a| / N`` of the iris's shadow at several depths.
 
-    A line is fitted to sign(a) D as a function of a, so that planes on both sides of the native plane share one slope.
-    Neither a constant error of the depths nor the blur of the edge affects the slope. Diameters that deviate by more
-    than three times the median deviation get a lower weight.
+    A line is fitted to sign(a) D as a function of a, the distance of the image behind the lenslets. Planes on both
+    sides of the native plane, where a = 0, then have the same slope. Neither a constant error of the depths nor the
+    blur of the edge affects the slope. Diameters that deviate by more than three times the median deviation have a
+    lower weight.
 
     Parameters
     ----------
     diameters_px
-        Diameter of the circle with the same area as the aperture, for each plane (pixels).
+        Diameter D of the circle with the same area as the shadow (px), one for each plane.
     image_shifts_um
-        Distance ``a`` of each plane's image behind the lenslets (µm), as returned by
+        Distance a of the image of each plane behind the lenslets (µm), as returned by
         `lfcal.camera.Camera.image_shift_um`.
     pixel_um
         Pixel pitch (µm).
     errors_px
-        Standard error of each diameter (pixels); None: unknown.
+        Standard error of each diameter (px); None: unknown.
 
     Raises
     ------
     InputError
-        If there are fewer than two different depths, the lengths differ, or a value is not finite.
+        If there are fewer than two different depths, the lengths of the arrays differ, or a value is not finite.
 
     Examples
     --------

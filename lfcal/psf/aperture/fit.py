@@ -36,25 +36,25 @@ WIDEST_BLUR = 0.3
 
 
 def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture:
-    """Return the aperture fitted to a depth-plane sum; if its shape is unknown, its ``refusal`` states why.
+    """Fit the shape of the iris to a depth-plane sum; if it cannot be determined, ``refusal`` of the result states why.
 
-    Background and noise are measured at the border of the cutout. Vignetting and the ripple of the lattice are removed,
-    and the radius of the edge is measured as a function of angle. Four kinds of outline are fitted to it: a circle,
-    regular irises, irises with a stuck blade, and each of these cut by a second rim. The noise for comparing the fits
-    is measured on the edge and in the lit patch.
+    Background and noise are measured at the border of the cutout. Vignetting and the ripple of the lenslet lattice are
+    removed, and the radius of the edge is measured as a function of angle. Four kinds of outline are fitted to the
+    edge: a circle, regular irises, irises with a blade out of place, and each of these clipped by a second rim. The
+    noise for comparing the fits is measured at the edge and within the lit area.
 
     Parameters
     ----------
     depth_sum
-        Sum of all patterns of a depth plane, ``(nt, ns)``. NaN is replaced by the median.
+        Sum of all patterns of a depth plane, ``(nt, ns)``, in any unit. NaN is replaced by the median.
     footprint_px
-        Width over which one lenslet spreads its light (pixels); 0: unknown. An outline with a radius below this width
-        shows the lenslets and not the iris.
+        Width over which a lenslet spreads the light of a defocused point (px), as returned by `footprint_px`; 0:
+        unknown. An outline with a radius below this width is that of lenslets and not that of the iris.
 
     Raises
     ------
     InputError
-        If the sum is not a 2-D image.
+        If ``depth_sum`` does not have two axes.
 
     Examples
     --------

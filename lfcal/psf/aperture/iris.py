@@ -30,23 +30,24 @@ AGREE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Iris:
-    """The iris of the camera, estimated from all planes together.
+    """Shape of the camera's iris, estimated jointly from all depth planes.
 
     Attributes
     ----------
     blades
-        Number of blades; 0 for a round iris.
+        Number of blades; 0 for a circular iris.
     rotation_rad
-        Direction of the first vertex in upright planes, in [0, 2 pi / blades) (rad). If it is unknown for every plane
-        whether it is inverted, the angle for an odd number of blades may refer to inverted planes.
+        Direction of the first vertex (rad) in planes that show the iris upright, in [0, 2 pi / blades). If it is
+        unknown for all planes whether they are inverted, the angle may refer to inverted planes for an odd number of
+        blades.
     curvature, curvature_sigma
-        Curvature of the blades, with its standard error.
+        Curvature of the blades (0: straight, 1: circular), and its standard error.
     planes
         Number of planes used.
     margin
-        Chi-square of the second-best blade count, or of a circle, minus that of the result.
+        Chi-square of the second-best number of blades, or of a circle, minus that of the result.
     worst
-        Largest difference of a plane's curvature from the mean, in units of its error.
+        Largest deviation of the curvature of a plane from the mean, in standard errors.
 
     Examples
     --------
@@ -88,18 +89,18 @@ class Iris:
 
 
 def joint_iris(apertures: Sequence[Aperture], inverted: Sequence[bool | None]) -> Iris | None:
-    """Return the iris estimated from all planes together; None if no plane shows a clear shape.
+    """Return the iris estimated jointly from all planes; None if no plane shows a clear shape.
 
-    All planes are assumed to have the same blade count, rotation and curvature. The chi-square of a count is the sum
-    over the planes, plus that of their curvatures and rotations about the weighted means. Planes with an irregular or
-    incomplete outline are left out.
+    All planes are assumed to show the same number of blades, rotation and curvature. The chi-square of a number of
+    blades is the sum over the planes, plus the chi-square of their curvatures and rotations about the weighted means.
+    Planes with an irregular or incomplete outline are left out.
 
     Parameters
     ----------
     apertures
-        Aperture of each plane.
+        Aperture of each plane, as returned by `fit_aperture`.
     inverted
-        Whether each plane shows the iris inverted, as planes on one side of the native plane do; None if unknown.
+        Whether each plane shows the iris inverted, which is so on one side of the native plane; None if unknown.
 
     Examples
     --------

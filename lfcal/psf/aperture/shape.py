@@ -95,7 +95,7 @@ def polygon_area(blades: int, apothem: float, curvature: float = 0.0) -> float:
 
 
 def with_error(value: float, sigma: float, digits: int) -> str:
-    """Return, as text, a value with at least ``digits`` decimals, and its standard error if that is finite.
+    """Return a value with at least ``digits`` decimals as text, with its standard error ``sigma`` if that is finite.
 
     Examples
     --------
@@ -177,7 +177,7 @@ class CountFit:
 
 @dataclass(frozen=True, slots=True)
 class Aperture:
-    """The iris, as fitted to a depth-plane sum.
+    """Shape of the iris, as fitted to a depth-plane sum.
 
     Angles are measured from the +column axis towards the +row axis (clockwise as displayed), as in
     `lfcal.camera.MainLens`.
@@ -185,51 +185,51 @@ class Aperture:
     Attributes
     ----------
     blades
-        Number of blades; 0 if only a circle can be determined.
+        Number of blades; 0 for a circle, or if the blades cannot be resolved.
     centre
-        Centre (row, column) in the cutout (pixels).
+        Centre (row, column) in the cutout (px).
     rotation_rad
-        Direction of the first vertex, in [0, 2 pi / blades) (rad).
+        Direction of the first vertex from the centre (rad), in [0, 2 pi / blades).
     apothem_px
-        Distance from the centre to the middle of a blade; for a circle, its radius (pixels).
+        Distance from the centre to the middle of a blade (px); for a circle, its radius.
     area_px2
-        Area inside the outline (pixels squared).
+        Area inside the outline (px²).
     curvature
-        Ratio of the apothem to the radius of a blade's arc: 0 for straight blades, 1 for a circle.
+        Ratio of the apothem to the radius of curvature of a blade: 0 for straight blades, 1 for a circle.
     blur_px
-        Blur of the edge, as the standard deviation of a Gaussian (pixels).
+        Blur of the edge, as the standard deviation of a Gaussian (px).
     ellipticity, ellipse_axis_rad
-        1 minus the ratio of the minor to the major axis of the stretched outline, and the direction of its major axis
+        Elongation of the outline as 1 minus the ratio of the minor to the major axis, and direction of the major axis
         (rad).
     vignetting
-        Relative decrease of the light from the centre to the middle of a blade.
+        Relative decrease of the light from the centre to the middle of a blade, 0 to 1.
     snr
-        Ratio of the lit level to the noise of one pixel.
+        Signal-to-noise ratio: level of the lit area divided by the rms noise of a pixel.
     confidence
-        Significance of the shape, from 0 to 1; NaN if unknown.
+        Significance of the selected shape compared with the next best one, from 0 to 1; NaN if unknown.
     confident
-        Whether kind, blade count and outline are reliable.
+        Whether ``kind``, ``blades`` and the outline are reliable.
     refusal
-        Key of `REFUSALS` that states why the shape is unknown; empty if it is known.
+        Reason why the shape is unknown, a key of `REFUSALS`; empty if it is known.
     kind
-        Key of `KINDS`; empty if unknown.
+        Kind of shape, a key of `KINDS`; empty if unknown.
     curvature_sigma
-        Standard error of ``curvature``, including that due to the blur, which also rounds corners.
+        Standard error of ``curvature``, including the error due to blur, which also rounds corners; NaN if unknown.
     stuck
-        The displaced blade; None if there is none.
+        Blade that is out of place; None if there is none.
     rim
-        A second rim that cuts the aperture: direction of its nearest point (rad), that point's distance from the centre
-        and the rim's curvature, in units of the apothem.
+        Second rim that clips the aperture: direction of its nearest point from the centre (rad), distance of this point
+        from the centre divided by the apothem, and curvature of the rim times the apothem.
     obstruction
-        The dark object inside the aperture; None if there is none.
+        Dark object inside the aperture; None if there is none.
     ripple, ripple_pitch_px
-        Amplitude of the strongest wave that was removed as ripple of the lattice, relative to the light, and its pitch
-        (pixels).
+        Amplitude of the strongest periodic ripple of the lenslet lattice that was removed, relative to the light, and
+        its period (px).
     counts
-        Fits of regular irises, one for each blade count, best first; empty if none was tried.
+        Fits of regular irises, one for each number of blades, best first; empty if none was tried.
     area_sigma_px2
-        Standard error of ``area_px2`` due to noise, shading, and light diffracted outside the cutout (pixels squared).
-        NaN if the light has no uniform level.
+        Standard error of ``area_px2`` (px²) due to noise, shading, and light diffracted beyond the cutout; NaN if the
+        lit area has no uniform level.
 
     Examples
     --------
@@ -285,37 +285,37 @@ class Aperture:
             )
 
     def refused(self, refusal: str) -> Aperture:
-        """Return the aperture with its shape marked as unknown for the reason ``refusal``, a key of `REFUSALS`."""
+        """Return a copy whose shape is marked as unknown for the reason ``refusal``, a key of `REFUSALS`."""
         return replace(self, kind="", confident=False, confidence=math.nan, refusal=refusal)
 
     @property
     def seen(self) -> bool:
-        """Whether an outline was found; otherwise neither position nor size is known."""
+        """Whether an outline was found; otherwise, neither position nor size is known."""
         return self.refusal not in ("too dim", "too small")
 
     @property
     def diameter_px(self) -> float:
-        """Diameter of the circle with the same area (pixels)."""
+        """Diameter of the circle with the same area (px)."""
         return 2.0 * math.sqrt(max(0.0, self.area_px2) / math.pi)
 
     @property
     def diameter_sigma_px(self) -> float:
-        """Standard error of ``diameter_px`` (pixels); NaN if unknown."""
+        """Standard error of `diameter_px` (px); NaN if unknown."""
         return self.diameter_px * self.area_sigma_px2 / (2.0 * self.area_px2) if self.area_px2 > 0 else math.nan
 
     @property
     def apothem_sigma_px(self) -> float:
-        """Standard error of ``apothem_px``, derived from that of the area (pixels); NaN if unknown."""
+        """Standard error of `apothem_px` (px), derived from that of the area; NaN if unknown."""
         return self.apothem_px * self.area_sigma_px2 / (2.0 * self.area_px2) if self.area_px2 > 0 else math.nan
 
     @property
     def reason(self) -> str:
-        """Meaning of the refusal, as part of a sentence; empty without a refusal."""
+        """Reason why the shape is unknown, as part of a sentence; empty if the shape is known."""
         return REFUSALS.get(self.refusal, "")
 
     @property
     def arcs(self) -> Arcs:
-        """The arcs that form the outline."""
+        """The circular arcs that form the outline."""
         # the stretch of the outline: (1/(1-e), 1/(1+e)) along the longer and the shorter axis
         e = self.ellipticity / (2.0 - self.ellipticity)
         turn = 2 * self.ellipse_axis_rad
@@ -335,11 +335,11 @@ class Aperture:
         )
 
     def outline(self, n: int = 360) -> NDArray[np.float64]:
-        """Return ``n`` points along the outline, ``(n, 2)`` as (row, column) in pixels; the first is not repeated."""
+        """Return ``n`` points (row, column) along the outline, ``(n, 2)`` (px); the first point is not repeated."""
         return self._place(self.rotation_rad + 2 * math.pi * np.arange(n) / n)
 
     def vertices(self) -> NDArray[np.float64]:
-        """Return the corners of the regular iris, ``(blades, 2)`` as (row, column) in pixels; empty for a circle."""
+        """Return the corners (row, column) of the regular iris, ``(blades, 2)`` (px); empty for a circle."""
         theta = self.rotation_rad + 2 * math.pi * np.arange(self.blades) / max(1, self.blades)
         return self._place(theta)
 
@@ -354,7 +354,7 @@ class Aperture:
         return np.stack([self.centre[0] + radius * v, self.centre[1] + radius * u], axis=-1)
 
     def describe(self) -> str:
-        """Return a one-line description of the aperture."""
+        """Return a one-line description of the aperture: kind, blades, size and orientation."""
         if not self.seen:
             return f"no aperture: {self.reason}"
         size = with_error(self.diameter_px, self.diameter_sigma_px, 1)
