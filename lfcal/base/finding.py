@@ -42,14 +42,14 @@ LISTED: dict[Merit, int] = {"bad": 3, "unknown": 3, "fair": 4, "good": 3}
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One problem found in data.
+    """Problem found in data.
 
     Attributes
     ----------
     kind, what
         Identifier for programs, and short description for display.
     subject
-        Part of the setup to which the problem belongs, one of `SUBJECTS`.
+        Part of the set-up or the recording that the problem concerns, one of `SUBJECTS`.
     detail
         Details, with numbers and units.
     where
@@ -61,15 +61,15 @@ class Finding:
     sigma
         Significance relative to noise, in standard deviations; NaN if unknown.
     cost
-        Increase of the reconstruction error (NRMSE); None if unknown.
+        Increase of the error of a reconstruction (NRMSE, a fraction); None if unknown.
     cost_words
         The cost as text; empty if unknown.
     remedy
         Remedy for the problem.
     merit
-        Rating of data with this problem.
+        Rating of data with this problem: ``"good"``, ``"fair"``, ``"bad"`` or ``"unknown"``.
     repeat
-        Number of positions to record again to fix it; 0 if it does not concern single positions.
+        Number of positions to record again to fix the problem; 0 if it does not concern single positions.
 
     Examples
     --------
@@ -96,14 +96,14 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """Sentence with description, details, position and cost."""
+        """Sentence with the description, details, affected positions and cost."""
         parts = [self.detail, self.where, f"it costs {self.cost_words}" if self.cost_words else ""]
         found = "; ".join(part for part in parts if part)
         return f"{self.what[:1].upper()}{self.what[1:]}{': ' if found else ''}{found}."
 
     @property
     def line(self) -> str:
-        """Value, limit, description and remedy as one line."""
+        """Line of text with the value, limit, description and remedy."""
         value = "" if math.isnan(self.size) else f"{self.size:.3g} (limit {self.limit:g}): "
         return f"{self.kind}: {value}{self.what}: {self.remedy}"
 
@@ -121,10 +121,10 @@ class Judgement:
     data
         Kind of data: "PSF", "session", "camera".
     findings
-        All findings, the worst first. Findings of merit ``"good"`` concern positions to repeat; findings of merit
+        All findings, the worst first. Findings rated ``"good"`` concern positions to record again; findings rated
         ``"unknown"`` explain why the quality is unknown.
     known
-        Further facts, such as "good by 26 metrics"; may be empty.
+        Summary of what was found to be good, such as "good by 26 metrics"; may be empty.
 
     Examples
     --------
@@ -147,12 +147,13 @@ class Judgement:
 
     @property
     def merit(self) -> Merit:
-        """Rating of the data: that of the worst finding; without findings, good if ``known`` is set, else unknown."""
+        """Rating of the data: that of the worst finding; without findings, "good" if ``known`` is set, else
+        "unknown"."""
         return self.findings[0].merit if self.findings else "good" if self.known else "unknown"
 
     @property
     def verdict(self) -> str:
-        """Text with the rating, the first finding (position, cost and remedy), and a summary of the remaining ones."""
+        """Text with the rating, the first finding (positions, cost and remedy), and a summary of the other findings."""
         if not self.findings:
             nothing = f"Nothing could be measured: it is not known whether this {self.data} is good."
             return f"This {self.data} is {self.known}." if self.known else nothing
@@ -178,14 +179,14 @@ class Judgement:
         return " ".join((f"What remains {', and '.join(parts)}.", *doubts)) if parts else ""
 
     def by_subject(self) -> dict[str, tuple[Finding, ...]]:
-        """Return the findings by subject, in the order of `SUBJECTS`, and the worst first within each subject."""
+        """Return the findings by subject, in the order of `SUBJECTS`; within a subject, the worst is first."""
         found: dict[str, tuple[Finding, ...]] = {}
         for one in sorted(self.findings, key=lambda one: SUBJECTS.index(one.subject)):
             found[one.subject] = (*found.get(one.subject, ()), one)
         return found
 
     def to_dict(self) -> dict[str, Any]:
-        """Return merit, verdict, all findings, and the merit of each subject as plain values."""
+        """Return the rating, the verdict, all findings, and the rating of each subject as plain JSON types."""
         return {
             "merit": self.merit,
             "verdict": self.verdict,

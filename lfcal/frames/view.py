@@ -25,7 +25,7 @@ class SourceView(Frames):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of every frame."""
+        """Shape ``(rows, columns)`` of every frame (px)."""
         return self.source.shape
 
     @property

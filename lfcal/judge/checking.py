@@ -64,19 +64,19 @@ class Check:
     frames
         Comparison of each frame with H.
     error, chi_square
-        Error and chi-square of all frames.
+        Relative error (L2) of H in predicting the frames, and chi-square, over all frames.
     limit
-        Largest error for a valid H (relative L2).
+        Largest error of a valid H (relative L2).
     stated
-        Error stated in H (relative L2).
+        Error that H itself states (relative L2).
     doubt
         Uncertainty of the prediction for sources between positions of H (relative L2).
     suspects
-        Possible changes, the best explanation first.
+        Possible changes of the camera since H was made, the best explanation first.
     model_misfit
         Fraction of the light of H that its camera does not explain (relative L2); None: H has no camera.
     noise_from
-        Source of the noise of the frames, as text.
+        Text that states how the noise of the frames was determined.
     notes
         Remarks in addition to the verdict.
     """
@@ -112,7 +112,7 @@ class Check:
 
     @property
     def explanations(self) -> tuple[Suspect, ...]:
-        """Significant changes that explain the frames and exceed half the limit, the best explanation first."""
+        """Significant changes that explain the frames and cause an error above half of `limit`, the best first."""
         return tuple(one for one in self.suspects if one.shows and one.error > 0.5 * self.limit)
 
     @property
@@ -122,12 +122,12 @@ class Check:
 
     @property
     def figures(self) -> str:
-        """The error of H with its limit, and chi², as text."""
+        """Text with the error of H, its limit, and chi-square."""
         return f"error {self.error} beyond noise, limit {format_share(self.limit)}; chi² {self.chi_square.lit:.2f}"
 
     @property
     def remedy(self) -> str:
-        """What to do if H is not valid, or if the frames are not sufficient to decide."""
+        """Sentence on what to do if H is not valid, or if the frames are not sufficient to decide."""
         if self.holds is not None:
             return "Record H again, or fit the camera again."
         if self.noise_from == DARK:
@@ -136,11 +136,11 @@ class Check:
 
     @property
     def known(self) -> str:
-        """Confirmation of H for a verdict, as text; empty unless the frames show that H is valid."""
+        """Text that confirms H in a verdict; empty unless the frames show that H is valid."""
         return f"confirmed by the frames: error {self.figures}" if self.holds else ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all values and the conclusions from them as plain JSON types."""
+        """Return all values, the verdict and its findings as plain JSON types."""
         found: dict[str, Any] = plain(
             {
                 "format": "lfcal-check",
@@ -193,24 +193,25 @@ def iter_check(
     limit: float = LIMIT,
     suspects: bool = True,
 ) -> Work[Check]:
-    """Check with new frames of point sources whether H is still valid.
+    """Check whether H is still valid, with new frames of point sources.
 
-    If the position of a source is not known, it is searched for. Gain, background and the displacement of each source
-    from the nearest position of H are fitted.
+    If the position of a source is not known, it is searched for. The gain, the background and the displacement of each
+    source from the nearest position of H are fitted.
 
     Parameters
     ----------
     matrix
         The old H.
     frames
-        A frame ``(rows, columns)`` of the full sensor with the dark level subtracted, or one or more `NewFrame`.
+        A frame ``(rows, columns)`` of the whole sensor with the dark level subtracted (counts), or one or more
+        `NewFrame`.
     noise
-        Constant and slope of the variance of a sample; None: as stated by the frames or by H, or else measured on the
-        dark pixels of the frames.
+        ``(constant, slope)``: the variance of a sample of value v is ``constant + slope * max(v, 0)`` (counts²). None:
+        as stated by the frames or by H, or else measured on the dark pixels of the frames.
     limit
-        Largest error (relative L2) for a valid H.
+        Largest error of a valid H (relative L2), such as 0.02 for 2 %.
     suspects
-        Whether to search for what has changed.
+        Whether to search for changes of the camera that explain the frames.
 
     Yields
     ------

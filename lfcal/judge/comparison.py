@@ -94,24 +94,25 @@ class PlaneFigures:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Differences between two H, such as a recording and its simulation, or two recordings of the same camera.
+    """Differences between two H, such as a recorded and a simulated one, or two recordings with the same camera.
 
-    Positions that are missing, dark or NaN in either are left out.
+    Positions that are missing, dark or NaN in either H are left out. In formulas, a and b are patterns of the first and
+    the second H.
 
     Attributes
     ----------
     pair
-        The compared parts, and what was left out.
+        The compared parts of both H, and notes on what was left out.
     all, types
-        Differences over all planes, for all pixels and by lens type. The shift is the mean over the planes; in
-        ``left``, each plane has its own shift.
+        Differences over all planes: over all pixels, and over the pixels behind the lenslets of each type. The shift is
+        the mean over the planes; in ``left``, each plane has its own shift.
     planes
-        Differences by plane.
+        Differences in each compared plane.
     error
-        ``|a / s - b| / |b|`` of each pattern at equal energy ``(planes, ny, nx)``; NaN if nothing was compared.
+        ``|a / s - b| / |b|`` of each pattern, ``(planes, ny, nx)``, where s makes the energies equal; NaN where nothing
+        was compared.
     shift_px
-        Centroid (row, column) of each pattern of the first H minus that of the second, ``(planes, ny, nx, 2)``
-        (pixels).
+        Centroid (row, column) of each pattern of the first H minus that of the second (px), ``(planes, ny, nx, 2)``.
 
     Examples
     --------
@@ -138,13 +139,13 @@ class Comparison:
 
     @property
     def max_shift_px(self) -> float:
-        """Largest centroid shift (pixels); NaN if nothing was compared."""
+        """Largest length of a centroid shift (px); NaN if nothing was compared."""
         shifts = self._shifts()
         return float(shifts.max()) if shifts.size else math.nan
 
     @property
     def rms_shift_px(self) -> float:
-        """Root mean square of the centroid shifts (pixels); NaN if nothing was compared."""
+        """Root mean square of the lengths of the centroid shifts (px); NaN if nothing was compared."""
         shifts = self._shifts()
         return float(np.sqrt(np.mean(shifts**2))) if shifts.size else math.nan
 
@@ -165,7 +166,7 @@ class Comparison:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on what was left out, and on what does not match."""
+        """Notes on what was left out, and on differences between the two H."""
         swapped = [
             f"plane {one.planes[0]} of the first H matches plane {one.like} of the second better: check "
             "whether depths are swapped"
@@ -179,7 +180,7 @@ class Comparison:
         return (*self.pair.notes, *swapped)
 
     def worst(self, count: int = 6) -> list[tuple[int, int, int]]:
-        """Return the positions (k, y, x) that differ most, the worst first; k is the index of the compared plane."""
+        """Return the ``count`` positions (k, y, x) with the largest ``error``, worst first; k is the compared plane."""
         known = np.where(np.isfinite(self.error), self.error, -np.inf)
         order = np.argsort(known, axis=None, kind="stable")[::-1][:count]
         found = [tuple(int(v) for v in np.unravel_index(at, known.shape)) for at in order]
@@ -216,16 +217,16 @@ def iter_compare(
     by_index: bool = False,
     workers: int | None = None,
 ) -> Work[Comparison]:
-    """Compare two H, with only a few rows of positions in memory at a time.
+    """Compare two H, with only a few rows of positions in memory at once.
 
     The shift of a plane is estimated from the cross-spectrum of some of its patterns, and refined with all of them. For
-    the refinement, ``b`` is shifted by means of its Fourier series. The residual is then fitted by least squares with
-    the scale and the derivatives of ``b``.
+    the refinement, ``b`` is shifted with its Fourier series. The residual is then fitted by least squares with the
+    scale and the derivatives of ``b``.
 
     Parameters
     ----------
     a, b, by_number, by_index
-        As in `pair`, which defines what is compared.
+        As in `pair`, which selects the parts to compare.
     workers
         Number of threads; None: all processors.
 

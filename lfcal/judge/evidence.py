@@ -87,37 +87,39 @@ class Unlike:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Some patterns of an H compared with the predictions of its camera.
+    """Comparison of some patterns of H with the predictions of its camera.
 
     Attributes
     ----------
     matrix, plan
         H, and the plan of its scan.
     camera
-        The camera of H.
+        Camera with which the patterns are predicted.
     index
-        Positions ``(n, 3)`` as (z, y, x).
+        Positions (z, y, x) of the n patterns, ``(n, 3)``.
     data, valid
-        Values ``(n, nt, ns)``, and a mask of those that are valid.
+        Values of the patterns, in the unit of H, and a mask that is True at valid values; both ``(n, nt, ns)``.
     model
-        Predictions of the camera ``(n, nt, ns)``, as fractions of the light that passes the iris.
+        Predictions of the camera, as fractions of the light that passes the iris, ``(n, nt, ns)``.
     columns
-        Derivatives ``(n, 5, nt, ns)`` of ``model`` by the parameters `COLUMNS`, without the first two.
+        Derivatives of ``model`` with respect to the parameters `COLUMNS` after the first two, ``(n, 5, nt, ns)``.
     values, sigmas
-        Best-fit parameters of each pattern and their standard deviations ``(n, 7)``, in the order of `COLUMNS`.
-        Parameters after the first two multiply the derivatives of the model times the gain of the pattern.
+        Best-fit parameters of each pattern and their standard deviations, ``(n, 7)`` in the order and the units of
+        `COLUMNS`. In the fit, parameters after the first two multiply the product of a derivative and the gain of the
+        pattern.
     variance
-        Variance of each sample ``(n, nt, ns)``: noise and typical error of the model.
+        Variance of each sample due to noise and the typical error of the model, ``(n, nt, ns)``.
     misfit
-        Typical error of the model, as a fraction of the light.
+        Typical error of the model, as a fraction of the light (relative L2).
     starts
-        Parameters at which the model and its derivatives were computed, the reference of displacements.
+        Parameters at which the model and its derivatives were computed; the displacements in `values` are relative to
+        them.
     asked
-        Mask ``(n,)`` of the patterns that were included because they are suspect; the others are evenly spread.
+        Mask ``(n,)``, True for patterns that were included because they are suspect; the others are evenly spread.
     more_suspected
-        Number of further suspect positions; the most suspect ones were included.
+        Number of suspect positions that were not included; the most suspect ones were.
     rounding
-        Variance due to the rounding of values.
+        Variance of a value due to rounding.
 
     Examples
     --------
@@ -152,10 +154,11 @@ class Evidence:
         return len(self.index)
 
     def extent(self, which: NDArray[np.intp]) -> float:
-        """Return the estimated fraction of recorded positions that are affected like the patterns ``which`` (indices).
+        """Return the estimated fraction (0 to 1) of recorded positions that are affected like the patterns ``which``.
 
-        The estimate uses the evenly spread patterns, if more of them are affected than by chance. It is at least the
-        number of these patterns divided by the number of recorded positions.
+        ``which`` contains indices of patterns. The estimate uses the evenly spread patterns if more of them are
+        affected than is likely by chance. It is at least the number of patterns in ``which`` divided by the number of
+        recorded positions.
         """
         even = np.flatnonzero(~self.asked)
         hits = int(np.isin(even, which).sum())
@@ -163,9 +166,9 @@ class Evidence:
         return max(among, len(which) / max(1, int((self.matrix.recorded > 0).sum())))
 
     def likely_extent(self, which: NDArray[np.intp]) -> float:
-        """Return the estimated fraction of positions affected like the patterns ``which``, including further suspects.
+        """Return the fraction of `extent` with the suspect positions that were not compared taken into account.
 
-        Suspect positions that were not compared count in the same proportion as those that were compared.
+        Of these, the same fraction is assumed to be affected as of the suspect positions that were compared.
         """
         asked = np.flatnonzero(self.asked)
         others = self.more_suspected * int(np.isin(asked, which).sum()) / max(1, asked.size)
@@ -173,18 +176,18 @@ class Evidence:
         return max(self.extent(which), min(most, 1.0))
 
     def column(self, name: str) -> tuple[F8, F8]:
-        """Return the values and standard deviations ``(n,)`` of parameter ``name`` of `COLUMNS`, from the plan."""
+        """Return the values of parameter ``name`` of `COLUMNS`, relative to the plan, and their standard deviations."""
         k = COLUMNS.index(name)
         return self.values[:, k] + self.starts.column(name, self.index[:, 0]), self.sigmas[:, k]
 
     @cached_property
     def light(self) -> F4:
-        """Predictions of the camera ``(n, nt, ns)``, multiplied by the gain of each pattern."""
+        """Predictions of the camera times the gain of each pattern, ``(n, nt, ns)``."""
         return self.model * self.values[:, 0, None, None].astype(np.float32)
 
     @cached_property
     def left(self) -> F4:
-        """Data ``(n, nt, ns)`` minus the best fit of each pattern; 0 where nothing was measured."""
+        """Data minus the best fit of each pattern, ``(n, nt, ns)``; 0 at invalid values."""
         values = self.values.astype(np.float32)
         out = self.data - self.light - values[:, 1, None, None]
         for k in range(2, len(COLUMNS)):
@@ -194,14 +197,14 @@ class Evidence:
 
     @cached_property
     def weight(self) -> F4:
-        """Inverse variance of each sample ``(n, nt, ns)``; 0 where nothing was measured and in ``unlike`` patterns."""
+        """Inverse variance of each sample, ``(n, nt, ns)``; 0 at invalid values and in the patterns `unlike`."""
         found: F4 = np.where(self.valid, 1.0 / self.variance, 0.0).astype(np.float32)
         found[self.unlike] = 0.0
         return found
 
     @cached_property
     def computed(self) -> bool:
-        """Whether the patterns must be computed instead of recorded, because they have almost no noise.
+        """Whether the patterns have so little noise that they must have been computed instead of recorded.
 
         The residuals of such patterns are errors of a model. Neither a sensor nor a codec affected them.
         """
@@ -215,12 +218,13 @@ class Evidence:
 
     @cached_property
     def alike(self) -> F8:
-        """Correlation ``(n,)`` of each pattern with the model at its position."""
+        """Correlation of each pattern with the model at its position, ``(n,)``; 1 if they are proportional."""
         return correlation(np.where(self.valid, self.model, np.float32(0)), self.data)
 
     @cached_property
     def unlike(self) -> Flags:
-        """Mask ``(n,)`` of patterns that do not belong to their positions, and so do not show faults of the sensor."""
+        """Mask ``(n,)``, True for patterns that do not belong to their positions, and so show no faults of the
+        sensor."""
         seen = self.valid.any((1, 2))
         if not seen.any():
             return np.zeros(len(self), np.bool_)
@@ -240,10 +244,10 @@ class Evidence:
         return found if found.mean() < SOME else np.zeros_like(found)
 
     def beyond(self, column: F4) -> tuple[F8, F8]:
-        """Return the amplitude ``(n,)`` of ``column`` ``(n, nt, ns)`` in the residuals, and its standard deviation.
+        """Return the best-fit amplitude of ``column`` in the residuals of each pattern, and its standard deviation.
 
-        The part of ``column`` that the fitted columns explain is removed first. If nothing remains of it, the standard
-        deviation is infinite.
+        Both are ``(n,)``; ``column`` is ``(n, nt, ns)``. The component of ``column`` that the fitted parameters explain
+        is removed first. If nothing remains, the standard deviation is infinite.
         """
         values, sigmas = np.zeros(len(self)), np.full(len(self), np.inf)
         left, root = self.left, np.sqrt(self.weight)
@@ -263,7 +267,7 @@ class Evidence:
         return values, sigmas
 
     def with_data(self, data: F4, valid: Flags) -> Evidence:
-        """Return the evidence with the values replaced by ``data`` at the same positions, and fitted again."""
+        """Return new evidence with ``data`` and ``valid`` ``(n, nt, ns)`` at the same positions, fitted again."""
         data = np.where(valid, data, np.float32(0))
         model, columns, starts = self.model, self.columns, self.starts
         found = fitted(
@@ -280,10 +284,10 @@ class Evidence:
         return replace(found, asked=self.asked, more_suspected=self.more_suspected)
 
     def followed(self, values: F8 | None = None) -> Evidence:
-        """Return the evidence with models computed again at the apparent positions of the patterns.
+        """Return new evidence whose predictions are computed at the apparent positions of the patterns.
 
         ``values`` ``(n, 7)`` are the parameters that define these positions; None: those of this evidence. If the
-        positions are close to those of the present models, this evidence is returned unchanged.
+        positions are close to those of the current predictions, this evidence is returned unchanged.
         """
         planes = self.index[:, 0]
         moved = self.starts.nearer(self.values if values is None else values, planes)
@@ -296,7 +300,7 @@ class Evidence:
         return replace(self, model=model, columns=columns, starts=starts).with_data(self.data, self.valid)
 
     def corners(self) -> NDArray[np.intp]:
-        """Return the pixel (row, column) of the first sample of each cutout ``(n, 2)``, relative to the first of H."""
+        """Return the first pixel (row, column) of each cutout on the sensor, relative to that of H, ``(n, 2)``."""
         return self.index[:, 1:].copy()
 
 
@@ -414,13 +418,13 @@ def iter_evidence(
     matrix
         H.
     setup
-        Setup with the camera found by a fit; None: the camera of H.
+        Setup with the camera of a fit; None: the camera stated in H.
     patterns
         Number of evenly spread patterns to compare; fewer if H has fewer, or if they are very large.
     suspected
-        Suspect positions ``(n, 3)`` that are compared as well.
+        Suspect positions (z, y, x) that are also compared, ``(n, 3)``; None: none.
     more_suspected
-        Number of further suspect positions.
+        Number of further suspect positions that are not compared.
 
     Examples
     --------

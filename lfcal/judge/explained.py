@@ -95,16 +95,17 @@ _STAGE = "searching for an explanation of the patterns"
 
 @dataclass(frozen=True)
 class Explanation:
-    """An explanation of the patterns of an H that is much better than its described camera.
+    """Change of the described camera, or of the recording, with which the patterns of H are explained much better.
 
     Attributes
     ----------
     kind
-        ``"orientation"``, ``"rows"``, ``"part"``, ``"pupil"``, ``"types"``, ``"gap"``, ``"diameter"`` or ``"blades"``.
+        Kind of the change: ``"orientation"``, ``"rows"``, ``"part"``, ``"pupil"``, ``"types"``, ``"gap"``,
+        ``"diameter"`` or ``"blades"``.
     words
-        Description of the change, as a statement.
+        Description of the change.
     advice
-        Remedy.
+        Remedy, as a sentence.
     before, after
         Unexplained fraction of the light (relative L2) with the description, and with this explanation.
 
@@ -123,12 +124,12 @@ class Explanation:
 
     @property
     def of_recording(self) -> bool:
-        """Whether the recording is wrong, so that H must not be used; if not, the description may be wrong."""
+        """Whether the recording is wrong, so that H must not be used; otherwise, the description may be wrong."""
         return self.kind in ("orientation", "rows", "part", "pupil")
 
     @property
     def sentence(self) -> str:
-        """The description of the change, with the unexplained light before and after."""
+        """Sentence with the description of the change, and the unexplained light before and after it."""
         before, after = format_share(min(self.before, 1.0)), format_share(self.after)
         return f"{self.words} (unexplained light: {before} as described, {after} with this change)"
 
@@ -141,17 +142,17 @@ CHECK = (
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Disagreement of a stated camera with the patterns of an H.
+    """Disagreement between the patterns of H and the predictions of its stated camera.
 
     Attributes
     ----------
     reason
-        Reason, as text.
+        Description of the disagreement, as text.
     misfit, correlation
-        Fraction of the light that the camera does not explain, and median correlation of the patterns with its
-        predictions; None: not measured.
+        Fraction of the light that the camera does not explain (relative L2), and median correlation of the patterns
+        with its predictions; None: not measured.
     explanation
-        A much better explanation; None: none was found.
+        A change of the description that explains the patterns much better; None: none was found.
     fitted
         Whether the camera comes from a fit.
 
@@ -171,19 +172,19 @@ class Disagreement:
 
     @property
     def certain(self) -> bool:
-        """Whether H must not be used with the camera; if not, the description of the camera may be wrong."""
+        """Whether it is certain that H must not be used; otherwise, the description of the camera may be wrong."""
         if self.explanation is not None:
             return self.explanation.of_recording
         return self.correlation is not None
 
     @property
     def sentence(self) -> str:
-        """The disagreement, as a sentence."""
+        """Sentence that states the disagreement."""
         return f"{self.reason if self.explanation is None else self.explanation.sentence}."
 
     @property
     def advice(self) -> str:
-        """The remedy, as a sentence."""
+        """Sentence that states the remedy."""
         if self.explanation is not None:
             return self.explanation.advice
         if self.misfit is None and self.correlation is None:  # nothing was computed

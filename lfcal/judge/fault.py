@@ -36,12 +36,12 @@ def adding(own: NDArray[np.intp], light: F4 | F8) -> Repair:
 
 @dataclass(frozen=True, eq=False)
 class FaultPicture:
-    """Evidence of a fault as a plot: a curve ``(n,)`` over ``across``, or a map ``(rows, columns)``.
+    """Data of a plot that shows a fault: a curve ``(n,)`` over ``across``, or a map ``(rows, columns)``.
 
     Attributes
     ----------
     values, unit
-        Values to draw, and their unit.
+        Values to draw, ``(n,)`` or ``(rows, columns)``, and their unit.
     title
         Title of the plot or map.
     axes
@@ -49,7 +49,7 @@ class FaultPicture:
     across
         Abscissa of a curve ``(n,)``; None: indices from 0.
     origin
-        Coordinates of the first row and column of a map.
+        Coordinates (row, column) of the first row and column of a map.
 
     Examples
     --------
@@ -72,7 +72,7 @@ class FaultPicture:
 
 @dataclass(frozen=True, eq=False)
 class FoundFault:
-    """A fault that was found.
+    """Fault found in an H.
 
     Attributes
     ----------
@@ -81,27 +81,29 @@ class FoundFault:
     detail
         Details of the fault, with numbers and units.
     sigmas
-        Significance relative to the rest of H, in standard deviations.
+        Significance of the fault, in standard deviations of the rest of H.
     share
-        Fraction of the light of the patterns that the fault changes (relative L1), an upper limit of ``cost``.
+        Fraction of the light of the patterns that the fault changes (relative L1); an upper limit of ``cost``.
     positions
-        Affected positions (z, y, x) ``(n, 3)``; empty: all.
+        Affected positions (z, y, x), ``(n, 3)``; empty: all.
     pixels
-        Affected pixels of the sensor (row, column) ``(n, 2)``, relative to the first cutout of H.
+        Affected pixels (row, column) of the sensor, relative to the first cutout of H, ``(n, 2)``.
     picture
-        Evidence of the fault for drawing; None: there is none.
+        Plot that shows the fault; None: there is none.
     repair
-        Function that removes the fault from patterns; None: only a new recording helps.
+        Function that removes the fault from patterns (`Repair`); None: only a new recording helps.
     blinds
         Whether the values of ``pixels`` are invalid.
     masked
-        Function that returns a mask of the invalid values of patterns; None: no values are invalid.
+        Function that takes patterns ``(n, nt, ns)`` and returns a mask of their invalid values; None: no values are
+        invalid.
     redo
         Whether the positions should be recorded again.
     put_in
-        Function that adds the fault to clean patterns, to measure its cost.
+        Function that adds the fault to patterns without it, to measure its cost (`PutIn`); None: the cost is not
+        measured.
     extent
-        Fraction of all positions that have the fault, if it concerns single frames; None: it does not.
+        Fraction of all positions that have the fault; None if it does not concern single frames.
     scatters
         Whether ``put_in`` also depends on part of the residuals, instead of only on the size of the fault.
     wider
@@ -152,22 +154,22 @@ class FoundFault:
 
 
 class Fault:
-    """Base class for a kind of fault of a recording, which is detected by comparison with the model of the camera.
+    """Base class for a kind of fault of a recording that is detected by comparison with a model of the camera.
 
     Attributes
     ----------
     name, title, advice
-        Name in JSON, display name, and remedy.
+        Name used in JSON, display name, and remedy.
     subject
         Part of the recording that is faulty, one of `lfcal.base.SUBJECTS`.
     settles
-        Keys of the model-free metrics that measure the same fault less reliably, and that this fault replaces.
+        Keys of the metrics without a model that measure the same fault less reliably, and that this fault replaces.
     explains
         Names of faults that are not searched for if this fault is found, because their effects are similar.
     needs_camera
         Whether detecting the fault requires a camera that explains the patterns.
     rank
-        Order of the search; a fault that is found is removed before the next one is searched for.
+        Sort key of the search; a fault that is found is removed before the next one is searched for.
     strong_rank
         Earlier rank at which the fault is also searched for; it is reported if it explains most of the residual,
         because other faults would otherwise be reported instead. None: it is searched for only once.
@@ -191,7 +193,7 @@ class Fault:
     strong_rank: ClassVar[int | None] = None
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the faults of this kind that the patterns show."""
+        """Yield the faults of this kind that the patterns of ``evidence`` show."""
         raise NotImplementedError
 
 

@@ -62,18 +62,18 @@ MEASURED = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """Metrics of an H, and faults found in the comparison with its camera.
+    """Metrics of H, and faults found by comparing H with its camera.
 
     Attributes
     ----------
     quality
         The metrics that need no model.
     faults
-        Faults found, the most expensive first.
+        Faults found, in order of decreasing cost.
     compared
         Number of patterns compared with the camera; 0: H was not compared.
     misfit
-        Typical error of the patterns predicted by the camera, as a fraction of the light.
+        Typical error of the patterns predicted by the camera, as a fraction of the light (relative L2).
     why_not
         Reason why nothing was compared; empty otherwise.
     seconds
@@ -115,17 +115,17 @@ class Inspection:
     unfinished: str = ""
 
     def settled(self, metric: Metric) -> FoundFault | None:
-        """Return the fault that explains and replaces ``metric``; None if there is none."""
+        """Return the fault that explains the value of ``metric`` and replaces it; None if there is none."""
         return next((one for one in self.faults if metric.key in one.fault.settles), None)
 
     def withdrawn(self, metric: Metric) -> bool:
-        """Return whether the comparison with a camera refutes ``metric``, by finding almost none of its effect."""
+        """Return whether the comparison with the camera refutes ``metric``, because it finds almost no such effect."""
         harmless = metric.measured and metric.key not in FRAMES and metric.cost < FAIR
         return bool(self.compared) and (metric.key in MEASURED or harmless) and self.settled(metric) is None
 
     @property
     def doubts(self) -> tuple[Metric, ...]:
-        """The metrics that are bad or fair, not explained by a fault, and not refuted by the comparison."""
+        """The metrics rated bad or fair that are neither explained by a fault nor refuted by the comparison."""
         return tuple(m for m in self.standing if m.merit in ("bad", "fair"))
 
     @property
@@ -150,17 +150,17 @@ class Inspection:
 
     @property
     def merit(self) -> Merit:
-        """The merit of H; unknown if its camera does not explain it, or if the comparison is not finished."""
+        """Rating of H; "unknown" if its camera does not explain it, or if the comparison is unfinished."""
         return self.judgement.merit
 
     @property
     def verdict(self) -> str:
-        """Verdict on H, with the position, cost and remedy of its faults and the remaining findings, as text."""
+        """Text with the rating of H, the positions, cost and remedy of its faults, and the other findings."""
         return self.judgement.verdict
 
     @property
     def known(self) -> str:
-        """Summary of the checks that H passed; empty if it passed none."""
+        """Text that summarizes the checks that H passed; empty if it passed none."""
         good = sum(m.merit == "good" for m in self.quality.metrics)
         by = f"good by {format_count(good, 'metric', 'metrics')}"
         if self.compared or self.faults:
@@ -183,7 +183,7 @@ class Inspection:
         return f"{source} {many} that {which} ({listed([one.title for one in found], 4)})"
 
     def redo(self) -> list[tuple[tuple[int, int, int], str]]:
-        """Return the positions (z, y, x) to record again, each with its reasons, in scan order."""
+        """Return pairs of a position (z, y, x) to record again and the reasons, in scan order."""
         others = [m.key for m in self.quality.metrics if self.withdrawn(m) or self.settled(m) is not None]
         reasons = {place: [words] for place, words in self.quality.redo(others)}
         for one in self.faults:
@@ -194,7 +194,7 @@ class Inspection:
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
 
     def to_dict(self, *, every: bool = False) -> dict[str, object]:
-        """Return everything except maps as plain JSON types; with ``every``, also metrics that do not apply."""
+        """Return everything except maps as plain JSON types; with ``every``, include metrics that do not apply."""
         model = {"model": self._model()} if self.asked else {}
         redo = {"redo": [list(place) for place, _ in self.redo()]}
         return self.quality.to_dict(every=every) | model | self.judgement.to_dict() | redo
@@ -264,9 +264,9 @@ def iter_inspection(
     seconds: float = LIMIT_S,
     patterns: int = PATTERNS,
 ) -> Work[Inspection]:
-    """Return the inspection of H, with its metrics and the faults that explain its differences from its camera.
+    """Compare H with its camera; return its metrics and the faults that explain the differences.
 
-    The extent of the work depends only on H and ``patterns``, so that the verdict is the same on every machine.
+    The patterns that are compared depend only on H and ``patterns``, so that the verdict is the same on every computer.
 
     Parameters
     ----------
@@ -275,9 +275,10 @@ def iter_inspection(
     quality
         Metrics of H.
     setup
-        The camera found by a fit; None: the camera described in H.
+        Setup with the camera of a fit; None: the camera stated in H.
     seconds
-        Time limit of the comparison (s). If it is reached, the verdict states that H was not fully examined.
+        Time limit of the comparison (s). If it is reached, the comparison ends, and the verdict states that H was not
+        fully examined.
     patterns
         Number of patterns to compare, in addition to those that the metrics find unusual.
 

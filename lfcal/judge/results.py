@@ -74,22 +74,23 @@ Facts = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True)
 class StoredResult:
-    """One result, stored in a file or folder.
+    """Result stored in a file or folder.
 
     Attributes
     ----------
     path
         The file, or the folder of a recording, a fit or a report.
     kind
-        One of `KINDS`.
+        Kind of the result, one of `KINDS`.
     when, dated
-        Creation time (UTC), and whether the result states it; if not, it is the time of the file.
+        Creation time (UTC), and whether the result states it; if it does not, ``when`` is the time of the file.
     bytes
-        Size of the file, or of all files in the folder.
+        Size of the file, or of all files in the folder (bytes).
     facts
         Pairs of name and value, as text.
     verdict, merit
-        Stated verdict and merit; empty and ``"unknown"`` if there are none.
+        Verdict and rating (``"good"``, ``"fair"``, ``"bad"``) that the result states; empty and ``"unknown"`` if there
+        are none.
     problem
         Reason why the result cannot be read; empty if it can.
 
@@ -147,10 +148,10 @@ class ListingProgress(Progress):
 
 
 def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> Work[ResultList]:
-    """Find recordings, H, fits, quality reports, exports of H and volumes, without reading frames or matrices.
+    """Find recordings, H files, fits, quality reports, exports of H and volumes, without reading frames or H.
 
-    The kind of a file is determined by its content. Files of other programs are left out. A file of lfcal that cannot
-    be read has the kind ``"unreadable"``, and ``problem`` states the reason.
+    The kind of a file is determined by its content. Files written by other software are left out. An lfcal file that
+    cannot be read has the kind ``"unreadable"``, and ``problem`` states the reason.
 
     Parameters
     ----------
@@ -162,7 +163,7 @@ def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> W
     Yields
     ------
     ListingProgress
-        With the results found meanwhile.
+        Progress with the results found so far.
 
     Examples
     --------
@@ -267,7 +268,7 @@ def _candidates(place: Path, entries: Iterable[os.DirEntry[str]]) -> Iterator[Pa
 
 # -- one result --------------------------------------------------------------------------------------------
 def read_result(path: str | os.PathLike[str]) -> StoredResult | None:
-    """Return the result in a file or folder; None if lfcal did not write it.
+    """Read the facts about the result in a file or folder; return None if lfcal did not write it.
 
     Raises
     ------
@@ -557,7 +558,7 @@ def detailed(result: StoredResult) -> StoredResult:
 
 
 def picture_of(result: StoredResult) -> NDArray[Any] | None:
-    """Return an image of a result, such as a frame or the sum of the middle plane of H; None if it has none.
+    """Return an image ``(rows, columns)`` of a result, such as a frame, or the middle plane of H summed; None if none.
 
     Raises
     ------

@@ -17,7 +17,7 @@ required significance in standard deviations."""
 
 
 def iter_search(evidence: Evidence) -> Work[tuple[tuple[FoundFault, ...], Evidence]]:
-    """Search for every kind of fault, and return the faults found and the evidence with them removed.
+    """Search for every kind of fault; return the faults found, and the evidence after their removal.
 
     Examples
     --------

@@ -28,12 +28,12 @@ class Judged(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FindingSource:
-    """A source of findings.
+    """Source of findings about data.
 
     Attributes
     ----------
     name
-        Kind of problems that the source finds.
+        Name of the kind of problem that the source finds.
     of
         Names of the classes of measurements that the source accepts.
     find
@@ -60,13 +60,13 @@ FINDING_SOURCES: Registry[FindingSource] = Registry(
 
 
 def judgement_of(measured: Judged) -> Judgement:
-    """Return the findings of all sources about some data, with the verdict.
+    """Return the findings of all sources about measured data, with the verdict.
 
     Parameters
     ----------
     measured
-        Measurements of an H by `inspect` or `iter_inspection`, of the file of an H or a session by ``verify``, of a
-        camera by ``check_camera``, of an H with new frames by `check`, or the report of an assembly.
+        Result of `inspect`, `iter_inspection` or `check` for an H, of ``verify`` for a file or a session, of
+        ``check_camera`` for a camera, or the report of an assembly.
 
     Examples
     --------

@@ -56,14 +56,15 @@ def iter_inspect(
 ) -> Work[QualityReport]:
     """Measure every metric of `lfcal.judge.quality.catalogue` on H.
 
-    Each plane is read once and released; at most two planes are in memory.
+    Each plane is read once, and then released; at most two planes are in memory at once.
 
     Parameters
     ----------
     matrix
         H; for a transposed view, its H is inspected. Values of other types are converted to float32.
     controls
-        Control frames by depth plane for the accuracy of the tiling over the field; None: there are none.
+        Mapping from the index of a depth plane to its control frames ``(n, nt, ns)`` and their positions ``(n, 2)``, as
+        for `periodicity`; None: the periodicity over the field is not measured.
     workers
         Number of threads; None: all processors.
 

@@ -19,23 +19,23 @@ __all__ = ["Periodicity", "periodicity"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Periodicity:
-    """Result of ``n`` control frames.
+    """Comparison of n control frames with the cell of a plane.
 
     Attributes
     ----------
     positions
-        Sensor position (row, column) of the source's image, ``(n, 2)`` (pixels).
+        Position (row, column) of the source's image on the sensor (px), ``(n, 2)``.
     away
-        Number of periods (y, x) from the cell, ``(n, 2)``.
+        Distance (y, x) from the cell, in whole periods, ``(n, 2)``.
     difference
-        Normalized difference ``(n,)`` from the same position of the cell: sqrt(1 - correlation²), 0 to 1.
+        Difference from the pattern at the same position of the cell, sqrt(1 - correlation²), from 0 to 1, ``(n,)``.
     best
-        Normalized difference ``(n,)`` from the best-fitting position of the cell.
+        The same difference from the pattern at the best-fitting position of the cell, ``(n,)``.
     shift
-        Best-fitting position minus the nominal one (y, x), ``(n, 2)`` (pixels).
+        Best-fitting minus nominal position (y, x) (px), ``(n, 2)``.
     period
-        Period (y, x) that would lead to the best-fitting position, ``(n, 2)`` (pixels); NaN along an axis without
-        displacement.
+        Period (y, x) for which the best-fitting position would be the nominal one (px), ``(n, 2)``; NaN along an axis
+        without displacement.
 
     Examples
     --------
@@ -56,7 +56,7 @@ class Periodicity:
 
     @property
     def fitting_period(self) -> tuple[float, float]:
-        """Median over the field of the period that fits best (y, x) (pixels); NaN where unknown."""
+        """Median over the field of the best-fitting period (y, x) (px); NaN where unknown."""
         known = [column[np.isfinite(column)] for column in self.period.T]
         y, x = (float(np.median(k)) if k.size else float("nan") for k in known)
         return y, x
@@ -70,25 +70,25 @@ def periodicity(
     anchor: tuple[float, float] = (0.0, 0.0),
     search: int = 3,
 ) -> Periodicity:
-    """Compare control frames with the cell.
+    """Compare control frames with the cell of their depth plane.
 
     Parameters
     ----------
     control_frames
-        Patterns ``(n, nt, ns)`` cut out around the source's image like those of H, dark-subtracted.
+        Dark-subtracted patterns, cut out around the source's image as those of H, ``(n, nt, ns)``.
     positions
-        Sensor position (row, column) of the source's image in each, ``(n, 2)`` (pixels).
+        Position (row, column) of the source's image on the sensor in each (px), ``(n, 2)``.
     plane
-        Their depth plane of H, ``(ny, nx, nt, ns)``; read on demand.
+        Depth plane of H in which they were recorded, ``(ny, nx, nt, ns)``; read on demand.
     anchor
-        Sensor position (row, column) of the image of source position (0, 0) (pixels).
+        Position (row, column) on the sensor of the image of source position (0, 0) (px).
     search
-        Search range around the position of a frame (pixels).
+        Search range around the nominal position of a frame (px).
 
     Raises
     ------
     InputError
-        If shapes do not fit each other.
+        If the shapes of the arguments do not match.
 
     Examples
     --------

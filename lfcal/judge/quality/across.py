@@ -39,22 +39,22 @@ CLEAR = 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatrixMeasures:
-    """Measurements of all planes, for metrics of the matrix.
+    """Measurements of all planes, for metrics of H as a whole.
 
     Attributes
     ----------
     matrix
         H, not transposed.
     planes
-        Measurements of each plane, without its patterns.
+        Measurements of each plane, without patterns.
     energy
-        Median energy of the patterns of each plane ``(nz,)``; 0 without light.
+        Median energy of the patterns of each plane, ``(nz,)``, in the unit of H; 0 without light.
     dark
-        Mask ``(nz,)`` of the planes with hardly any light.
+        Mask ``(nz,)``, True for planes with hardly any light.
     copies
-        Index of the earlier plane of which each plane is a copy ``(nz,)``; -1 if it is not a copy.
+        Index of the earlier plane of which a plane is a copy, ``(nz,)``; -1 if it is not a copy.
     shadows_px
-        Diameter of the shadow of the iris on the sensor ``(nz,)`` (pixels); NaN if unknown.
+        Diameter of the shadow of the iris on the sensor for each plane (px), ``(nz,)``; NaN if unknown.
 
     Examples
     --------

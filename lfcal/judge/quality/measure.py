@@ -125,7 +125,7 @@ class Continuity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneMeasures:
-    """Measurements of a plane, for all metrics.
+    """Measurements of one plane, for all metrics.
 
     In a plane without light, ``shares`` and all fields after it are unknown.
 
@@ -134,26 +134,26 @@ class PlaneMeasures:
     about
         Facts known before the patterns are read: H, index of the plane, depth-plane sum, aperture.
     patterns
-        The patterns ``(ny, nx, nt, ns)``; empty after all metrics of the plane have been evaluated.
+        Patterns ``(ny, nx, nt, ns)``; empty after all metrics of the plane have been evaluated.
     table
         Table of the properties of the patterns, such as energy, highest value and centroid, with noise and background.
     lit, energy
-        Whether there is light in the plane, and the median energy of a good pattern.
+        Whether there is light in the plane, and the median energy of its good patterns in the unit of H.
     faulty
         Positions with missing, NaN or duplicate frames.
     shares, shares_split
-        Energy of each pattern without background, relative to the typical energy ``(ny, nx)`` (per cent), and its
+        Energy of each pattern without background, relative to the typical energy (per cent), ``(ny, nx)``, and its
         components.
     edges
         Light at the edges of the cutout, and outside the pattern.
     spread
-        Second moment of the depth-plane sum (pixels squared); NaN if unreliable.
+        Second moment of the depth-plane sum (px²); NaN if unreliable.
     positions
         Source positions measured from spots and centroids.
     continuity
         Seam and unusual frames; None for another scan order, in which neighbours are not adjacent.
     sample
-        Some of the patterns, without dark pixels, for comparison with other planes.
+        Some of the patterns without their dark pixels, for comparison with other planes.
 
     Examples
     --------
@@ -187,13 +187,13 @@ class PlaneMeasures:
 
     @property
     def background(self) -> float:
-        """Background of a pixel, without the light of the tails of the patterns."""
+        """Background of a pixel, in the unit of H, without the light in the tails of the patterns."""
         found = self.dark.background
         return found - min(max(0.0, found), self.energy * self.about.corner_tail)
 
     @property
     def sensor_noise(self) -> float | None:
-        """Noise of a pixel without light according to the sensor, as the median over positions; None: unknown."""
+        """Noise of a pixel without light as stated in H (standard deviation; median over positions); None: unknown."""
         noise = self.about.matrix.facts.noise
         if noise is None:
             return None
@@ -204,11 +204,11 @@ class PlaneMeasures:
 
     @property
     def use(self) -> NDArray[np.bool_]:
-        """Mask ``(ny, nx)`` of the positions whose frames can be used."""
+        """Mask ``(ny, nx)``, True at positions whose frames can be used."""
         return ~self.faulty.any
 
     def released(self) -> PlaneMeasures:
-        """Return the measurements without the patterns, which releases their memory."""
+        """Return the measurements without the patterns, so that their memory can be released."""
         return replace(self, patterns=np.empty((0, 0, 0, 0), np.float32))
 
 

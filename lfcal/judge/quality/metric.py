@@ -28,13 +28,13 @@ class Reading:
     value
         Value in the unit of the metric; NaN if unknown.
     map
-        Value of each position ``(ny, nx)``; None: not measured.
+        Value at each position, ``(ny, nx)``; None: not measured.
     positions
-        Mask ``(ny, nx)`` of the affected positions; None: not determined.
+        Mask ``(ny, nx)``, True at affected positions; None: not determined.
     detail
         Details as text; may be empty.
     cost
-        Resulting error of a reconstruction (NRMSE), if measured for this plane; NaN: the typical cost of such a value.
+        Resulting error of a reconstruction (NRMSE), if measured for this plane; NaN: `CostModel` determines it.
 
     Examples
     --------
@@ -62,9 +62,9 @@ UNKNOWN = Reading()
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits for the merit of a value: good up to ``good``, bad beyond ``bad``, and fair in between.
+    """Limits for the rating of a value: "good" up to ``good``, "bad" beyond ``bad``, and "fair" in between.
 
-    If ``higher_is_better``, values are good from ``good`` upwards, and bad below ``bad``.
+    If ``higher_is_better``, values are "good" from ``good`` upwards, and "bad" below ``bad``.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class Limits:
             raise ValueError(f"limits: good {self.good} must not be worse than bad {self.bad}")
 
     def merit(self, value: float) -> Merit:
-        """Return the merit of ``value``; "unknown" for NaN."""
+        """Return the rating of ``value``: "good", "fair" or "bad"; "unknown" for NaN."""
         if math.isnan(value):
             return "unknown"
         sign = -1.0 if self.higher_is_better else 1.0
@@ -96,17 +96,17 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class CostModel:
-    """Cost of the value of a metric, as the error of a reconstruction (NRMSE relative to the ideal H).
+    """Model of the cost of a metric: the error of a reconstruction (NRMSE relative to that with an ideal H).
 
     Attributes
     ----------
     at_bad
-        Cost of a value at the limit "bad"; the cost is proportional to the value.
+        Cost of a value at the limit ``bad`` of `Limits`; the cost is proportional to the value.
     worst
         Largest possible cost.
     per_frame
-        Whether the value counts frames. The cost then grows with the square root of their fraction, and is ``at_bad``
-        if all frames are affected.
+        Whether the value is a number of affected frames. The cost is then ``at_bad`` times the square root of their
+        fraction.
 
     Examples
     --------
@@ -121,7 +121,7 @@ class CostModel:
     per_frame: bool = False
 
     def of(self, value: float, limits: Limits, frames: int = 1) -> float:
-        """Return the cost of ``value`` in an H of ``frames`` frames: 0 if the value is good, NaN if it is unknown."""
+        """Return the cost of ``value`` for an H of ``frames`` frames: 0 for a good value, NaN for an unknown one."""
         merit = limits.merit(value)
         if merit in ("good", "unknown"):
             return 0.0 if merit == "good" else math.nan
@@ -142,7 +142,7 @@ class MetricSpec:
     Attributes
     ----------
     key, title, unit
-        Name in JSON, display name, and unit of the value (empty: a number).
+        Name used in JSON, display name, and unit of the value (empty: dimensionless).
     subject
         Part of the recording that the metric concerns, one of `lfcal.base.SUBJECTS`.
     meaning, advice
@@ -150,26 +150,27 @@ class MetricSpec:
     limits, cost
         Limits of good and bad values, and the cost.
     of_plane
-        Function of the measurements of one plane, called while the patterns of the plane are in memory.
+        Function that takes the measurements of one plane, and returns a `Reading`. It is called while the patterns of
+        the plane are in memory.
     of_matrix
-        Function of the measurements of all planes, called once at the end. It returns one `Reading` for each plane, or
-        a single one for the matrix. A metric has one of the two functions.
+        Function that takes the measurements of all planes; it is called once at the end. It returns one `Reading` for
+        each plane, or a single one for H. A metric has exactly one of the two functions.
     needs_light
-        Whether the value is unknown for a dark plane, without calling ``of_plane``.
+        Whether the value of a plane without light is unknown, so that ``of_plane`` is not called.
     needs_centre
-        Whether the metric requires a pattern around the middle of the cutout, and so does not apply to separate
+        Whether the metric requires a pattern around the middle of the cutout. It then does not apply to separate
         elemental images.
     needs_all
         Whether one unknown plane makes a good overall value unknown, as for counts that must be complete.
     plot
-        How the metric is displayed: as a map over positions, a curve over planes, the depth-plane sum, or only in the
+        Display of the metric: a map over positions, a curve over planes, the depth-plane sum, or only an entry in the
         table.
     map_unit
         Unit of the value of one position, if it differs from that of the overall value.
     always_shown
         Whether a report draws the map of the metric even if the value is good.
     overall
-        How the overall value follows from those of the planes: the ``worst``, or the ``sum``.
+        Calculation of the overall value from those of the planes: ``"worst"`` or ``"sum"``.
     redo
         Whether the affected positions should be recorded again.
     verdict_detail
@@ -227,7 +228,7 @@ class MetricSpec:
 
     @property
     def name(self) -> str:
-        """The key, under the name that the registry requires."""
+        """The key; the registry requires this name."""
         return self.key
 
 
@@ -240,17 +241,18 @@ class Metric:
     spec
         The metric.
     value, merit
-        Overall value (NaN: unknown) and its merit.
+        Overall value in the unit of ``spec`` (NaN: unknown), and its rating: ``"good"``, ``"fair"``, ``"bad"`` or
+        ``"unknown"``.
     cost
-        Estimated reconstruction error (NRMSE); NaN if the value is unknown.
+        Estimated error of a reconstruction due to this value (NRMSE); NaN if the value is unknown.
     measured
         Whether the cost was measured on this H; if not, it is the typical cost of such a value.
     per_plane
         Value of each plane ``(nz,)``; NaN if unknown; a single value if planes have no separate values.
     map
-        Value of each position ``(nz, ny, nx)``; None: not measured.
+        Value at each position, ``(nz, ny, nx)``; None: not measured.
     positions
-        Affected positions, ``(n, 3)`` as (z, y, x).
+        Affected positions (z, y, x), ``(n, 3)``.
     detail
         Details as text; may be empty.
 
@@ -288,7 +290,7 @@ class Metric:
 
     @property
     def text(self) -> str:
-        """Value with its unit, as text."""
+        """Text with the value and its unit."""
         if math.isnan(self.value):
             return "unknown"
         digits = (
@@ -307,7 +309,7 @@ class Metric:
 
     @property
     def limits(self) -> str:
-        """Limits of good and bad values, as text."""
+        """Text with the limits of good and bad values."""
         better, worse = ("≥", "<") if self.spec.limits.higher_is_better else ("≤", ">")
         unit = f" {self.spec.unit}" if self.spec.unit else ""
         return f"{better} {self.spec.limits.good:g}{unit} good, {worse} {self.spec.limits.bad:g}{unit} bad"

@@ -22,28 +22,30 @@ __all__ = ["QualityReport"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QualityReport:
-    """Result of the inspection of an H.
+    """Metrics of H, measured without a model of the camera.
 
     Attributes
     ----------
     shape
         Shape of H ``(nz, ny, nx, nt, ns)``.
     depths
-        Depth of each plane (µm); NaN if H states none.
+        Depth of each plane (µm), ``(nz,)``; NaN if H states none.
     metrics
-        All metrics, sorted by merit with the bad ones first, then by decreasing cost.
+        All metrics, sorted by rating with the bad ones first, then by decreasing cost.
     apertures
-        The iris as seen from each plane.
+        The aperture measured from the patterns of each plane.
     virtual_depths
-        Virtual depth of each plane from the spacing of its spots; NaN if it cannot be measured.
+        Virtual depth of each plane, measured from the spacing of its spots, ``(nz,)``; NaN if it cannot be measured.
     iris
-        The iris from all planes together; None if no plane shows it.
+        The iris, measured from all planes together; None if no plane shows it.
     f_number
-        Working f-number from the slope of the aperture diameter over depth, if camera and planes determine it.
+        Working f-number from the slope of the aperture diameter over depth; None if camera and planes do not determine
+        it.
     noise, peak, energy
-        Noise of a dark pixel, median peak of the patterns, and mean energy of the patterns, for each plane.
+        Noise of a dark pixel, median peak of the patterns, and mean energy of the patterns in each plane, ``(nz,)`` in
+        the unit of H.
     tilings
-        Result of the control frames of each plane; None: there are none.
+        Result of the control frames of each plane; None for a plane without control frames.
     seconds
         Duration of the inspection (s).
 
@@ -83,12 +85,12 @@ class QualityReport:
         raise KeyError(key)
 
     def plane_words(self, z: int, name: str = "") -> str:
-        """Return the depth of plane ``z`` as text, as a value of ``name`` if given; without a depth, its index."""
+        """Return text with the depth of plane ``z``, or its index if H states no depth; ``name`` precedes the value."""
         return format_plane(float(self.depths[z]), z, name)
 
     @property
     def extent(self) -> str:
-        """Range of depths, as text; empty if H states no depths."""
+        """Text with the range of depths; empty if H states no depths."""
         if not np.isfinite(self.depths).all():
             return ""
         ends = (self.depths[0], self.depths[-1])[: min(2, self.depths.size)]
@@ -96,12 +98,12 @@ class QualityReport:
 
     @property
     def alarms(self) -> tuple[Metric, ...]:
-        """The bad metrics, most expensive first."""
+        """The metrics rated bad, in order of decreasing cost."""
         return tuple(m for m in self.metrics if m.merit == "bad")
 
     @property
     def merit(self) -> Merit:
-        """The merit of H according to its metrics."""
+        """Rating of H according to its metrics: "good", "fair", "bad" or "unknown"."""
         return judgement_of(self).merit
 
     @property
@@ -116,18 +118,18 @@ class QualityReport:
 
     @property
     def known(self) -> str:
-        """Number of good metrics, as text for a verdict; empty if there are none."""
+        """Text with the number of good metrics, for a verdict; empty if there are none."""
         good = sum(m.merit == "good" for m in self.metrics)
         by = f"good by {format_count(good, 'metric', 'metrics')}; it was not compared with a camera"
         return by if good else ""
 
     @property
     def verdict(self) -> str:
-        """Verdict on H, with position, cost and remedy of each problem, as text."""
+        """Text with the rating of H, and the positions, cost and remedy of each problem."""
         return judgement_of(self).verdict
 
     def redo(self, without: Collection[str] = ()) -> list[tuple[tuple[int, int, int], str]]:
-        """Return the positions (z, y, x) to record again, each with its reasons, in scan order.
+        """Return pairs of a position (z, y, x) to record again and the reasons, in scan order.
 
         ``without`` contains the keys of metrics to ignore.
         """
@@ -140,7 +142,7 @@ class QualityReport:
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
 
     def to_dict(self, *, every: bool = False) -> dict[str, object]:
-        """Return everything except the maps as plain JSON types, if ``every`` with the metrics that do not apply."""
+        """Return everything except maps as plain JSON types; with ``every``, include metrics that do not apply."""
         return {
             "format": "lfcal-quality",
             "version": 1,

@@ -34,9 +34,9 @@ def iter_report(
     inspection: Inspection | None = None,
     every: bool = False,
 ) -> Work[Path]:
-    """Write a report on H into ``folder``: page, images, ``report.pdf``, ``quality.json`` and ``redo.json``.
+    """Write a report on H to ``folder``: an HTML page, images, ``report.pdf``, ``quality.json`` and ``redo.json``.
 
-    Everything is drawn before the first file is written. Each file is written atomically, the page last.
+    All plots are drawn before the first file is written. Each file is written atomically, the HTML page last.
 
     Parameters
     ----------
@@ -47,13 +47,13 @@ def iter_report(
     reference
         Another H of the same shape to compare H with; None: no comparison.
     controls
-        Control frames by depth plane for the inspection; see `lfcal.judge.quality.iter_inspect`.
+        Control frames by depth plane, as in `lfcal.judge.quality.iter_inspect`.
     workers
         Number of threads; None: all processors.
     inspection
-        The inspection of this H, if it is already available; None: only the metrics are measured.
+        Inspection of this H, if already available; None: only the metrics are measured.
     every
-        Whether to list metrics that do not apply.
+        Whether to list metrics that do not apply to H.
 
     Raises
     ------
@@ -132,7 +132,7 @@ report = drained(
 
 
 def report_files(folder: Path) -> list[Path]:
-    """Return the paths of the files of a report in ``folder``: page, lists, and every image that it may have.
+    """Return the paths of all files that a report in ``folder`` may have: HTML page, lists and images.
 
     Examples
     --------
