@@ -147,8 +147,7 @@ class Judgement:
 
     @property
     def merit(self) -> Merit:
-        """Rating of the data: that of the worst finding; without findings, "good" if ``known`` is set, else
-        "unknown"."""
+        """Rating of the data: that of the worst finding; if there is none, "good" if `known` is set, else "unknown"."""
         return self.findings[0].merit if self.findings else "good" if self.known else "unknown"
 
     @property

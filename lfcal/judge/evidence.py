@@ -223,8 +223,7 @@ class Evidence:
 
     @cached_property
     def unlike(self) -> Flags:
-        """Mask ``(n,)``, True for patterns that do not belong to their positions, and so show no faults of the
-        sensor."""
+        """Mask ``(n,)``, True for patterns that do not belong to their positions, and cannot show sensor faults."""
         seen = self.valid.any((1, 2))
         if not seen.any():
             return np.zeros(len(self), np.bool_)

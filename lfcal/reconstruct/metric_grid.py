@@ -30,7 +30,7 @@ SMALLEST_UM = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class MetricGrid:
-    """Grid of voxels of one size about the optical axis, with the contribution of every plane to it.
+    """Grid of voxels of equal size around the optical axis, and the weights with which every plane is resampled to it.
 
     Attributes
     ----------
@@ -39,10 +39,10 @@ class MetricGrid:
     origin_um
         Position (row, column) of the centre of the first voxel, relative to the optical axis (µm).
     shape
-        Number of voxels ``(Y, X)``, which cover the field of the widest plane.
+        Number of voxels ``(Y, X)``; they cover the field of the widest plane.
     rows, columns
-        ``rows[z]`` ``(Y, y)`` contains the fraction of each row of plane z that falls into each row of the grid.
-        ``columns[z]`` ``(X, x)`` contains the same for columns.
+        Sparse matrices for each plane z: ``rows[z]`` ``(Y, y)`` contains the fraction of each row of the plane that is
+        in each row of the grid, and ``columns[z]`` ``(X, x)`` the same for columns.
 
     Examples
     --------
@@ -62,7 +62,7 @@ class MetricGrid:
 
     @classmethod
     def of(cls, sides_um: Sequence[Pair], shape: tuple[int, int], axis: Pair, voxel: float | None = None) -> MetricGrid:
-        """Return a grid for planes of ``shape`` with voxels of ``sides_um``; pixel ``axis`` is on the optical axis.
+        """Return the grid for planes of ``shape`` whose voxels have the sides ``sides_um``.
 
         Parameters
         ----------
@@ -71,14 +71,14 @@ class MetricGrid:
         shape
             Number of voxels ``(y, x)`` of each plane.
         axis
-            Row and column of the optical axis in all planes (pixels).
+            Row and column of the optical axis in all planes (voxels of the planes, from the centre of the first).
         voxel
-            Side of the grid's voxels (µm); None: the smallest of all planes.
+            Side of the grid's voxels (µm); None: the smallest side in all planes.
 
         Raises
         ------
         InputError
-            If the side is invalid, or leads to too many voxels.
+            If ``voxel`` is invalid, or leads to too many voxels.
         """
         side = min(min(pair) for pair in sides_um) if voxel is None else voxel
         check_number("voxel (µm)", side, at_least=SMALLEST_UM)
@@ -113,12 +113,12 @@ class MetricGrid:
         matrix
             H with its camera.
         shape
-            Rows and columns ``(Y, X)`` of the image, and of each plane of the volume.
+            Shape ``(y, x)`` of the image, and of each plane of the volume.
         anchor
-            Pixel of the image on which H's position (0, 0) is imaged; None: the anchor of H. An anchor that differs
-            from that of H states where the image is on the sensor.
+            Pixel (row, column) of the image onto which H's position (0, 0) is imaged; None: the anchor of H. A
+            different anchor means that the image shows another part of the sensor.
         voxel
-            Side of the grid's voxels (µm); None: the smallest of all planes.
+            Side of the grid's voxels (µm); None: the smallest side in all planes.
 
         Raises
         ------

@@ -33,24 +33,24 @@ MOST_DRIFT = 0.5
 
 @dataclass(frozen=True)
 class Resampling:
-    """Map from a frame to an image in which the period is a whole number of pixels and parallel to the axes.
+    """Map from a frame to an image in which the period is a whole number of pixels, parallel to the axes.
 
-    Points are ``(row, column)``; integers are the centres of pixels.
+    Points are (row, column) in px; integers are pixel centres.
 
     Attributes
     ----------
     origin
-        Centre (row, column) of a micro-image in the frame (pixels).
+        Centre (row, column) of a micro-image in the frame (px).
     down, across
-        One period downwards and to the right, as vectors in the frame (pixels).
+        Vectors (row, column) of one period down and one to the right in the frame (px).
     period
-        Number of pixels ``(ny, nx)`` of a period in the result.
+        Period ``(ny, nx)`` in the result (px).
     shape
-        Rows and columns of the result.
+        Shape ``(rows, columns)`` of the result (px).
     centre
-        Position (row, column) of ``origin`` in the result (pixels).
+        Position (row, column) of ``origin`` in the result (px).
     distortion
-        `LatticeDistortion` of the lattice in the frame (pixels, points (column, row)), which the map removes;
+        `LatticeDistortion` of the lattice in the frame, for points (column, row) in px, which the map removes;
         ``origin`` is then that of the undistorted lattice. None: an affine map.
 
     Examples
@@ -96,19 +96,19 @@ class Resampling:
         period: tuple[int, int],
         lattice_anchor: Pair = (0.0, 0.0),
     ) -> Resampling:
-        """Return the map of a frame of ``shape`` to whole periods that keeps as much of the frame as possible.
+        """Return the map from frames of ``shape`` to a whole-pixel period that keeps as much of the frame as possible.
 
         Parameters
         ----------
         shape
             Rows and columns of the frame.
         origin, down, across
-            Micro-image centre and period vectors (row, column) from a lattice fit (pixels).
+            Micro-image centre and period vectors (row, column) from a lattice fit (px), as in `Resampling`.
         period
-            Period ``(ny, nx)`` of H (pixels).
+            Period ``(ny, nx)`` of H (px).
         lattice_anchor
-            Position of H's (0, 0) relative to the nearest micro-image centre (pixels of the result, as in
-            `ScanPlan.lattice_anchor`). `anchor` returns the pixel of the result at that position.
+            Position (row, column) of H's (0, 0) relative to the nearest micro-image centre (px of the result), as in
+            `ScanPlan.lattice_anchor`. `anchor` returns the pixel of the result at that position.
         """
         matrix = _invertible(down, across, period)
         # the corners of the frame also bound it in the result, because the map is affine
@@ -129,10 +129,10 @@ class Resampling:
         Parameters
         ----------
         fit
-            Object with ``kind``, ``shape``, ``origin_px`` (row, column), ``distortion`` (None: straight rows) and
-            ``basis_px()``, the lattice vectors as rows (x, y).
+            Object with the attributes ``kind``, ``shape``, ``origin_px`` (row, column) and ``distortion`` (None:
+            straight rows), and a method ``basis_px()`` that returns the lattice vectors as rows (x, y) in px.
         period
-            Period ``(ny, nx)`` of the result (pixels); by default the nearest whole numbers.
+            Period ``(ny, nx)`` of the result (px); None: the nearest whole numbers.
         lattice_anchor
             As in `to_period`.
         types
@@ -191,17 +191,20 @@ class Resampling:
 
     @property
     def scale(self) -> Pair:
-        """Scale of the map (down, across): pixels of the result per pixel of the frame."""
+        """Scale of the map (down, across): px of the result per px of the frame."""
         ny, nx = self.period
         return ny / float(np.hypot(*self.down)), nx / float(np.hypot(*self.across))
 
     def anchor(self, lattice_anchor: Pair = (0.0, 0.0)) -> tuple[int, int]:
-        """Return the pixel (row, column) of the result at position (0, 0) of an H with this ``lattice_anchor``."""
+        """Return the pixel (row, column) of the result onto which position (0, 0) of H is imaged.
+
+        ``lattice_anchor`` is that of H, as in `to_period`.
+        """
         row, column = (c + a for c, a in zip(self.centre, lattice_anchor, strict=True))
         return round(row), round(column)
 
     def places(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return rows and columns in the frame for pixels (rows, columns) of the result."""
+        """Return the rows and columns in the frame (px) of pixels of the result; all arrays have the same shape."""
         steps = np.stack([rows - self.centre[0], columns - self.centre[1]])
         matrix = self._matrix()
         place = np.tensordot(matrix, steps, axes=1) + np.array(self.origin).reshape(2, *([1] * (steps.ndim - 1)))
@@ -211,9 +214,10 @@ class Resampling:
         return seen[..., 1], seen[..., 0]
 
     def drift(self, shape: tuple[int, int]) -> float:
-        """Return the drift of the lattice over a frame of ``shape``, relative to the period of the result (pixels).
+        """Return the drift of the lattice over a frame of ``shape`` relative to the period of the result (px).
 
-        The drift is the range of the displacement between frame and result, along rows or columns, whichever is larger.
+        The drift is the range (maximum minus minimum) of the displacement between frame and result along rows or along
+        columns, whichever is larger.
         """
         # corners and edges are enough for an affine map; a distorted lattice may drift most anywhere
         rows, columns = np.meshgrid(*(np.linspace(0, n - 1, 9) for n in shape), indexing="ij")
@@ -221,10 +225,10 @@ class Resampling:
         return float(max(np.ptp(row - rows), np.ptp(column - columns)))
 
     def apply(self, frame: ArrayLike, *, order: int = 3, workers: int | None = None) -> NDArray[np.float32]:
-        """Return ``frame`` resampled with splines of ``order`` (0 to 5), float32; pixels outside the frame are 0.
+        """Return ``frame`` ``(rows, columns)`` resampled with splines of ``order`` (0 to 5), as float32.
 
-        Light is conserved: values scale with the area of a pixel in the frame. Pixels of the result that depend on a
-        NaN or infinite pixel are NaN.
+        Light is conserved: values are multiplied by the area of a pixel of the result in the frame. Pixels of the
+        result outside the frame are 0. Pixels of the result that depend on a NaN or infinite pixel are NaN.
         """
         from scipy.ndimage import distance_transform_edt, map_coordinates, spline_filter
 
@@ -257,10 +261,10 @@ class Resampling:
         return out
 
     def inside(self, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-        """Return the weights ``(rows, columns)`` of the result's pixels, 0 or 1.
+        """Return the weights (0 or 1) of the pixels of the result, ``(rows, columns)``.
 
-        They are 1 inside a frame of ``shape``. With a ``mask`` of the frame, they are 1 only where all pixels used are
-        true.
+        They are 1 inside a frame of ``shape``. With a ``mask`` of that shape, they are 1 only where the mask is True at
+        all pixels of the frame that contribute.
         """
         rows, columns = np.mgrid[: self.shape[0], : self.shape[1]]
         row, column = self.places(rows, columns)
@@ -294,17 +298,18 @@ def resampling_for(
     *,
     quiet: bool = True,
 ) -> Resampling | None:
-    """Return the map that resamples frames of ``shape`` to the period of ``H``, or None if they can be used unchanged.
+    """Return the map that resamples frames of ``shape`` to the period of ``H``; None if they can be used unchanged.
 
-    Frames are used unchanged if the lattice drifts by at most `MOST_DRIFT` over the frame, if the lattice is unknown,
-    or if ``light_field`` states so. Create the projector with the map's ``shape`` and ``anchor(lattice_anchor_of(H))``.
+    Frames can be used unchanged if the lattice drifts by at most `MOST_DRIFT` (px) over the frame, if the lattice is
+    unknown, or if ``light_field`` states so. Create the projector with the map's ``shape`` and
+    ``anchor(lattice_anchor_of(H))``.
 
     Parameters
     ----------
     H
         `PSFMatrix` of one region.
     shape
-        Rows and columns of a frame.
+        Shape ``(rows, columns)`` of a frame (px).
     light_field
         Settings with a white image or a measured lattice; without them, the lattice is that of H's camera, for frames
         of its entire sensor.

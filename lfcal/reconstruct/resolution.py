@@ -20,7 +20,7 @@ RAYLEIGH_DIP = 0.735
 
 @dataclass(frozen=True, slots=True)
 class TwoPoint:
-    """Resolution in one plane.
+    """Two-point resolution in one plane.
 
     Attributes
     ----------
@@ -29,7 +29,8 @@ class TwoPoint:
     depth_um
         Depth of the plane (µm); the index if H has no depths.
     distance
-        Smallest tested distance at which the points are resolved (voxels); infinity if there is none.
+        Smallest tested distance such that the points are resolved at this and at all larger tested distances (voxels);
+        infinity if there is none.
     dips
         Ratio of the minimum between the points to the smaller peak, for each tested distance.
     """
@@ -115,22 +116,22 @@ def iter_two_point(
     seed: int | None = 0,
     limit: float = RAYLEIGH_DIP,
 ) -> Work[tuple[TwoPoint, ...]]:
-    """Return the resolution in each plane, measured by reconstructing pairs of points along x.
+    """Measure the resolution in each plane by reconstructing pairs of points along x.
 
     Parameters
     ----------
     P
-        Projector of H, with which the pairs are imaged and reconstructed.
+        Projector of H that images and reconstructs the pairs.
     distances
         Distances to test (voxels), ascending.
     iterations
         Number of Richardson-Lucy iterations.
     photons
-        Number of photons of each pair.
+        Total number of photons in the image of a pair.
     seed
-        Random seed of the Poisson noise; None: no noise.
+        Seed of the Poisson noise; None: no noise.
     limit
-        Points are resolved if the dip is below this value.
+        Largest dip, as in `TwoPoint.dips`, of points that count as resolved (0.735: the Rayleigh criterion).
 
     Examples
     --------

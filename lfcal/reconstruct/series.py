@@ -27,11 +27,11 @@ class FrameResult:
     iterations
         Number of iterations done.
     residual
-        Residual of the last iteration.
+        Relative residual of the last iteration, as in `SolverProgress`.
     seconds
         Duration, including reading and writing (s).
     notes
-        Notes on changes that were made to the frame.
+        Notes on how the frame was changed before its reconstruction.
     stopped
         Reason why the solver stopped early; empty if all iterations were done.
     failed
@@ -101,7 +101,7 @@ def iter_series(
     warm: bool = False,
     missing: Callable[[str], None] | None = None,
 ) -> Work[tuple[FrameResult, ...]]:
-    """Reconstruct each frame and pass the result to ``save``.
+    """Reconstruct each frame, and pass the result to ``save``.
 
     If one of several frames is damaged or has no light, its `FrameResult` states the reason, and the run continues with
     the next frame. Progress is counted in iterations over the entire series.
@@ -109,22 +109,22 @@ def iter_series(
     Parameters
     ----------
     P
-        Projector of the frames; its set-up is shared by all frames.
+        Projector for the shape of the frames; its preparation is shared by all frames.
     frames
-        Name of each frame, and function that reads it, ``(Y, X)``.
+        Pairs of the name of a frame and a function that returns it, ``(Y, X)`` in counts.
     count
-        Number of frames, for the progress.
+        Number of frames, for progress records.
     choice
         Solver and its settings.
     save
-        Function called with the name and the result of each frame.
+        Function that is called with the name and the result of each frame.
     weights
-        Weight of each pixel ``(Y, X)``, the same for all frames; None: 1.
+        Weight of each pixel, ``(Y, X)``, not negative, for all frames; None: 1.
     warm
         Whether to start each frame from the volume of the previous one, which needs fewer iterations if the object
         hardly changes between frames. With multiplicative solvers, voxels that became zero stay zero.
     missing
-        Function called with the name of a frame without a volume, instead of ``save``.
+        Function that is called with the name of each frame without a volume, instead of ``save``.
 
     Raises
     ------

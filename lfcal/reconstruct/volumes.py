@@ -65,11 +65,11 @@ class VolumeFacts:
     Attributes
     ----------
     depths_um
-        Depth of each plane (µm); None if unknown.
+        Depth of each plane (µm), ``(nz,)``; None: unknown.
     voxel_um
         Voxel size (y, x) in object space (µm).
     details
-        Further entries, as plain JSON types.
+        Further metadata to store, by name, as plain JSON types.
     origin_um
         Position (y, x) of the centre of the first voxel relative to the optical axis (µm); None if unknown.
     times_s
@@ -295,22 +295,22 @@ def save_volume(
     voxel_um: float | tuple[float, float] | None = None,
     details: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a volume ``(nz, Y, X)`` as float32; the suffix of ``path`` selects the format.
+    """Write a volume as float32; the suffix of ``path`` selects the format.
 
     Parameters
     ----------
     path
-        ``.tif`` (a stack for ImageJ, with z spacing and voxel size in µm), ``.ome.tif`` (OME-TIFF, with the depth of
-        each plane), ``.ome.zarr`` (a folder, OME-Zarr; needs the library zarr), ``.h5`` (dataset ``volume``, axes z,
-        y, x, with ``depths``), or ``.npy``.
+        File to write: ``.tif`` (a stack for ImageJ, with z spacing and voxel size in µm), ``.ome.tif`` (OME-TIFF, with
+        the depth of each plane), ``.ome.zarr`` (an OME-Zarr folder; requires the library zarr), ``.h5`` (dataset
+        ``volume``, axes z, y, x, with ``depths``), or ``.npy``.
     volume
         Volume ``(nz, Y, X)``.
     depths_um
-        Depth of each plane (µm); None if unknown.
+        Depth of each plane (µm), ``(nz,)``; None: unknown.
     voxel_um
-        Voxel size in object space (µm): one number for both axes, or (y, x); None if unknown.
+        Lateral voxel size in object space (µm): one number, or (y, x); None: unknown.
     details
-        Further entries, as plain JSON types.
+        Further metadata to store, by name, as plain JSON types.
 
     Raises
     ------
@@ -485,7 +485,7 @@ def _h5(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Ca
 
 
 def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
-    """Return the volume ``(nz, Y, X)`` in a file that `save_volume` wrote, or in any other stack of this format.
+    """Read the volume ``(nz, Y, X)`` in a file written by `save_volume`, or in another stack of the same format.
 
     Raises
     ------

@@ -50,23 +50,24 @@ class _Hole(NamedTuple):
 
 
 class TargetCamera(Frames):
-    """A `FrameSource` of simulated frames that show a target at the positions of a plan, in the plan's order.
+    """Source of simulated frames that show a target at the positions of a plan, in the order of the plan.
 
-    Every hole is a point source at its own depth, imaged by the optics of its region of the field (cat's eye, field
-    curvature, distortion). The light of all holes is added and then converted to a frame by the sensor. Exposures are
-    those of the scan: the brightest pixel of a single point reaches ``peak``.
+    Every hole is a point source at its depth, imaged by the optics of its region of the field (with mechanical
+    vignetting, field curvature and distortion). The light of all holes is added, and then converted to a frame by the
+    model of the sensor. Exposure times are those of the scan, in which the brightest pixel of a single point is at the
+    fraction ``peak`` of the range.
 
     Parameters
     ----------
     plan
-        The target and its offsets.
+        The plan, with the target and its offsets.
     effects
-        As in `SimulatedCamera`, without motion. The size of sources is the target's ``hole_um``, unless the effects
-        include `FiniteSource`.
+        As in `SimulatedCamera`, but without motion. The diameter of the sources is the ``hole_um`` of the target,
+        unless the effects include `FiniteSource`.
     really
-        The actual target, if it differs from the plan in pose, pitch or missing holes.
+        The actual target, if it differs from the planned one in pose, pitch or missing holes; None: as planned.
     brightness
-        Light of each hole of ``really`` relative to that of the scan's source, ``(n,)`` in the order of
+        Light of each hole of the actual target relative to that of the scan's source, ``(n,)`` in the order of
         `Target.holes`; None: all 1. See `uneven`.
     level, tolerance, sampling, peak, seed
         As in `SimulatedCamera`.
@@ -148,7 +149,7 @@ class TargetCamera(Frames):
     # -- frame source ----------------------------------------------------------------------------------
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the sensor."""
+        """Shape ``(rows, columns)`` of every frame, that of the sensor (px)."""
         return self.single.shape
 
     @property
@@ -172,15 +173,15 @@ class TargetCamera(Frames):
         return FrameInfo((), exposure_s=self.plan.scan.exposures[z], label=label)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a region of it, in sample values; the complete frame is computed in both cases."""
+        """Return frame ``index``, or its rows and columns ``region``, in counts; the complete frame is computed."""
         frame = self.exposed(self.light(index), index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     # -- light -----------------------------------------------------------------------------------------
     def points(self, index: int) -> HoleImages:
-        """Return the actual image positions of all holes in frame ``index``, by their paraxial chief rays.
+        """Return the actual positions of the images of all holes in frame ``index``, from paraxial chief rays.
 
-        If frames of the plan show several offsets together, ``index`` is the number of a single offset.
+        If frames of the plan show several offsets together, ``index`` is that of a single offset instead.
         """
         z, k = self._at(index)
         return self._moved(z, self.plan.offsets_px[z][k])
@@ -195,7 +196,10 @@ class TargetCamera(Frames):
         return found
 
     def light_at(self, z: int, offset_px: tuple[float, float]) -> NDArray[np.float32]:
-        """Return the photoelectrons ``(rows, columns)`` of a frame of plane ``z`` with any offset of the images."""
+        """Return the photoelectrons of a frame of plane ``z`` with the offset ``offset_px``, ``(rows, columns)``.
+
+        The offset is the displacement (rows, columns) of images in the depth plane (px).
+        """
         out = np.zeros(self.shape, np.float32)
         # one depth after the other, to reuse results
         for hole in sorted(self._seen_holes(z, offset_px), key=lambda hole: hole.farther_um):
@@ -204,10 +208,10 @@ class TargetCamera(Frames):
         return out
 
     def iter_lights(self, frames: Sequence[int] | None = None, workers: int | None = None) -> Work[NDArray[np.float32]]:
-        """Return the photoelectrons of several frames, ``(n, rows, columns)``, as in `light`; yields progress.
+        """Return the photoelectrons of several frames before sensor noise, ``(n, rows, columns)``, as `light` does.
 
         The optics of each region and depth are computed once for all frames and then released, because those of all
-        regions would not fit in memory together.
+        regions together may not fit into memory.
 
         Parameters
         ----------
@@ -249,7 +253,7 @@ class TargetCamera(Frames):
         return out
 
     def exposed(self, light_e: NDArray[np.float32], index: int) -> NDArray[Any]:
-        """Return frame ``index`` in sample values, from its photoelectrons as returned by `light` or `iter_lights`."""
+        """Return frame ``index`` in counts, from its photoelectrons as returned by `light` or `iter_lights`."""
         z, _ = self._at(index)
         return self.single.expose(light_e, self.plan.scan.exposures[z], FrameKind.LIGHT, index)
 
@@ -329,9 +333,9 @@ class TargetCamera(Frames):
 
 
 def uneven(target: Target, spread: float, seed: int = 0) -> NDArray[np.float64]:
-    """Return random relative brightnesses ``(n,)`` of the holes of ``target``, normally distributed with mean 1.
+    """Return random brightness values of the n holes of ``target``, ``(n,)``, normally distributed around 1.
 
-    ``spread`` is the standard deviation; negative values are set to 0.
+    ``spread`` is the standard deviation; brightness values below 0 are set to 0.
 
     Examples
     --------

@@ -19,18 +19,18 @@ F8 = NDArray[np.float64]
 
 
 class DecodedFrames(SourceView):
-    """Frames of single offsets, decoded from frames that show several offsets together.
+    """Source of frames of single offsets, decoded from frames that each show several offsets together.
 
-    Frame k of plane z is a weighted sum of recorded frames, with the noise of the sum. For an S-matrix of order n, the
-    variance of this noise is 4n/(n + 1)² times that of the noise without light, plus 2/(n + 1) times that of the photon
-    noise of all patterns at a pixel.
+    Each decoded frame is a weighted sum of recorded frames of its plane, with the noise of the sum. For an S-matrix of
+    order n, the variance of this noise at a pixel is 4n/(n + 1)² times the variance without light, plus 2/(n + 1) times
+    the sum of the photon-noise variances of all n patterns.
 
     Parameters
     ----------
     source
         Recorded frames with their dark level subtracted, in the order of the plan.
     plan
-        Plan of a target with switched points (`TargetPlan.lit`).
+        Plan of a target with switchable points (`TargetPlan.lit`).
 
     Examples
     --------
@@ -69,15 +69,15 @@ class DecodedFrames(SourceView):
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Sample type: float32, because frames are weighted sums."""
+        """Sample type, float32, because frames are weighted sums."""
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the frames without saturation and bit depth, which no longer apply."""
+        """Return the metadata of the recorded frames without saturation and bit depth, which no longer apply."""
         return replace(known, saturation=None, bit_depth=None, decoded=True)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the combined metadata of the recorded frames from which frame ``index`` is decoded."""
+        """Return the metadata of frame ``index``, combined from the recorded frames from which it is decoded."""
         parts = [self.source.info(k) for k, _, _ in self._parts(index)]
         masks = [one.mask for one in parts if one.mask is not None]
         counts = [one.saturated for one in parts]
@@ -89,12 +89,12 @@ class DecodedFrames(SourceView):
         return FrameInfo((), own.origin, own.exposure_s, None, saturated, label, mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return the decoded frame ``index``, which shows a single offset."""
+        """Return the decoded frame ``index``, or its rows and columns ``region``; it shows a single offset."""
         parts = self._parts(index)
         return sum(np.float32(w) * np.asarray(self.source.read(k, region), np.float32) for k, w, _ in parts)  # type: ignore[return-value]
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the decoded frame with its noise; a sample is valid if it is valid in all frames of the sum."""
+        """Return the decoded frame with its noise; a sample is valid if it is valid in all summed frames."""
         parts = [(self.source.samples(k, region), w, shown) for k, w, shown in self._parts(index)]
         values = sum(w * np.asarray(one.values, np.float64) for one, w, _ in parts)
         masks = [one.valid for one, _, _ in parts if one.valid is not None]
@@ -124,7 +124,7 @@ def _noise(parts: Sequence[tuple[Samples, float, float]], values: F8) -> Noise |
 
 
 def decoded(source: FrameSource, plan: TargetPlan) -> FrameSource:
-    """Return the frames of single offsets: decoded if frames of the plan show several offsets, otherwise unchanged.
+    """Return a source of frames of single offsets; ``source`` itself if its frames already show single offsets.
 
     Examples
     --------

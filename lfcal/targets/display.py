@@ -38,14 +38,14 @@ EXAMPLE = "write it in the form display:2160x3840@8um"
 
 @dataclass(frozen=True, slots=True)
 class Display:
-    """A display in the object space of a camera.
+    """Display in the object space of a camera, whose pixels serve as point sources.
 
     Attributes
     ----------
     shape
-        Rows and columns of the display.
+        Number of rows and columns of the display.
     pixel_um
-        Pitch of the pixels, as they appear in object space (µm).
+        Pitch of the pixels in object space (µm).
 
     Examples
     --------
@@ -66,14 +66,14 @@ class Display:
 
 
 def parse_display(text: str) -> Display | None:
-    """Return the display in a text ``"display:ROWSxCOLUMNS@PITCH"``; None if it does not begin with ``display``.
+    """Return the display described by ``"display:ROWSxCOLUMNS@PITCH"``; None if ``text`` describes something else.
 
-    The pitch is in µm unless it ends in mm.
+    The pitch in object space is in µm, unless it ends in mm.
 
     Raises
     ------
     InputError
-        If the text begins like a display but is invalid.
+        If the text begins with ``display``, but is invalid.
 
     Examples
     --------
@@ -92,9 +92,9 @@ def parse_display(text: str) -> Display | None:
 
 
 def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = None) -> Work[TargetPlan]:
-    """Return a plan of the display pixels to light in each frame, so that few frames show all phases of a scan.
+    """Plan which pixels of a display are lit in each frame, so that few frames show all phases of a scan.
 
-    Points and offsets are whole pixels of the display. If these are large in the image compared with the tolerance,
+    Points and offsets are whole pixels of the display. If the image of a pixel is large compared with the tolerance,
     some phases cannot be shown; `TargetPlan.coverage` returns the fraction shown.
 
     Raises
@@ -143,16 +143,18 @@ def _on_display(scan: ScanPlan, display: Display, target: Target) -> Target:
 
 
 def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> TargetPlan:
-    """Return a plan whose frames each show several offsets together; repeats of offsets complete the last group.
+    """Return a copy of ``plan`` whose frames each show several offsets together.
 
     Parameters
     ----------
     plan
         Plan with one frame for each offset.
     code
-        Square matrix of 0 and 1, such as an S-matrix; row k selects the offsets of a group that its frame k shows.
+        Square matrix ``(n, n)`` of 0 and 1, such as an S-matrix. Offsets are divided into groups of n, and row k
+        selects those that frame k of a group shows. Repeated offsets complete the last group.
     pixel_um
-        Pixel pitch of the display (µm); repeats are displaced by a period of the array, in whole pixels.
+        Pixel pitch of the display in object space (µm). Repeated offsets are displaced by a period of the lenslet
+        array, rounded to whole pixels of the display.
 
     Examples
     --------
@@ -182,9 +184,9 @@ def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> 
 
 
 def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray[np.uint8]:
-    """Return the image ``(rows, columns)`` on the display in frame ``k`` of plane ``z``, as seen by the camera.
+    """Return the image on the display in frame ``k`` of plane ``z``, ``(rows, columns)`` uint8, as seen by the camera.
 
-    Lit pixels are 255.
+    Lit pixels are 255, and all others 0.
 
     Raises
     ------

@@ -25,14 +25,14 @@ LOOKED_AT = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorForecast:
-    """Expected relative error (L1) of recorded patterns of one plane due to the sensor's noise.
+    """Expected relative error (L1) of the recorded patterns of one plane due to noise.
 
     Attributes
     ----------
     single
-        Error of a pattern recorded by the scan of a single point.
+        Expected error of a pattern recorded in the scan of a single point.
     shown
-        Fraction of the positions shown after each frame, ``(frames,)``.
+        Fraction of the positions of the plane that have been shown after each frame, ``(frames,)``.
     error
         RMS of the expected errors of the positions shown after each frame, ``(frames,)``; repeats of a position are
         averaged.
@@ -79,7 +79,10 @@ def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
 
 
 def error_forecast(plan: TargetPlan, z: int, single: float | None = None) -> ErrorForecast:
-    """Return the expected error for plane ``z`` after each frame; ``single`` is the result of `noise_share`.
+    """Return the expected error for plane ``z`` after each frame.
+
+    ``single`` is the relative error (L1) of one pattern in the scan of a single point; None: it is computed from the
+    plan.
 
     Examples
     --------

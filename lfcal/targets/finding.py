@@ -258,32 +258,33 @@ ON_PLACE = 0.2
 
 @dataclass(frozen=True, eq=False)
 class FoundPoints:
-    """The holes of a target that a frame shows.
+    """Holes of a target that were found in a frame.
 
     Attributes
     ----------
     holes
-        Labels ``(n, 2)`` as (row, column) of the target, row by row.
+        Labels (row, column) of the n holes on the target, row by row, ``(n, 2)``.
     pixels
-        Position ``(n, 2)`` of each image on the sensor as (row, column), from the fitted pose (pixels).
+        Position (row, column) of each image on the sensor according to the fitted pose (px), ``(n, 2)``.
     sigma_px
-        Standard deviation ``(n, 2)`` of the positions ``pixels`` (pixels).
+        Standard deviations of ``pixels`` (px), ``(n, 2)``.
     seen
-        Centroid ``(n, 2)`` of the light of each image (row, column; pixels).
+        Centroid (row, column) of the light of each image (px), ``(n, 2)``.
     light
-        Sum of each pattern above the dark level ``(n,)`` (counts).
+        Sum of each pattern minus the dark level (counts), ``(n,)``.
     confidence
-        Confidence of each label ``(n,)``, from 0 to 1, based on displacement and relative brightness of the image.
+        Confidence of each label, from 0 to 1, based on the displacement and the relative brightness of the image,
+        ``(n,)``.
     away_um, shift
         Depth of each hole, and relative motion of its image, as in `HoleImages`.
     fit
-        The fitted pose, with further results of the fit.
+        Fitted pose, with further results of the fit.
     mistakes
         Deviations of the target from its description.
     dark
         Dark level of the frame (counts).
     moved_px
-        Planned displacement of the image of the target's middle from the optical axis, (rows, columns) (pixels).
+        Planned displacement (rows, columns) of the image of the target's middle from the optical axis (px).
 
     Examples
     --------
@@ -317,7 +318,7 @@ class FoundPoints:
 
     @property
     def deviation(self) -> Array:
-        """Displacement of the centroid of each image from its position ``(n, 2)`` (pixels)."""
+        """Centroid of each image minus its position `pixels`, (rows, columns) in px, ``(n, 2)``."""
         away: Array = self.seen - self.pixels
         return away
 
@@ -331,7 +332,7 @@ def find_points(
     offset_px: tuple[float, float] = (0.0, 0.0),
     valid: NDArray[np.bool_] | None = None,
 ) -> FoundPoints:
-    """Return the holes of ``target`` that a frame shows, each with its label and the position of its image.
+    """Find the holes of ``target`` that a frame shows, each with its label and the position of its image.
 
     Parameters
     ----------
@@ -340,17 +341,18 @@ def find_points(
     target
         The target, with its approximate pose.
     camera, z_um
-        The camera, and the depth of the target's pose.
+        The camera, and the depth to which the target's pose refers (µm).
     offset_px
-        Displacement of the target in this frame, as that of images in the depth plane (rows, columns; pixels).
+        Displacement of the target in this frame, as the displacement (rows, columns) of images of points in the depth
+        plane (px).
     valid
-        Mask ``(rows, columns)`` of valid pixels; None: all.
+        Mask ``(rows, columns)``, True at valid pixels; None: all are valid.
 
     Raises
     ------
     InputError
-        If there are no points, they do not form a lattice like that of the target, the target is mirrored or rotated,
-        or the labelling is ambiguous; the message states which.
+        If there are no points, the points do not form a lattice like that of the target, the target is mirrored or
+        rotated, or the labelling is ambiguous; the message states which.
 
     Examples
     --------

@@ -113,7 +113,7 @@ Offsets = tuple[tuple[tuple[float, float], ...], ...]
 
 @dataclass(frozen=True, slots=True)
 class TargetForecast:
-    """Time for a plan of a target, counted as in `lfcal.camera.Forecast`.
+    """Predicted time for a plan of a target, computed as in `lfcal.camera.Forecast`.
 
     Attributes
     ----------
@@ -151,27 +151,29 @@ class TargetForecast:
 
 @dataclass(frozen=True, slots=True)
 class TargetPlan:
-    """Plan of a target's position in each frame.
+    """Plan of the position of a target in each frame.
 
     Attributes
     ----------
     scan
-        Scan of a single point (camera, planes, cutout, stage, exposures) whose positions the frames show.
+        Scan of a single point whose positions the frames show; it defines camera, planes, cutout, stage and exposures.
     target
         The target, with its pose at zero offset.
     offsets_px
-        For each plane, the displacement of images in the depth plane, as (rows, columns) in pixels, one per frame.
+        For each plane, the displacements (rows, columns) of images of points in the depth plane (px), one for each
+        frame.
     tolerance_px
-        Largest deviation between the phases of an image and of a position that it shows (pixels).
+        Largest difference between the phase of an image and that of a position that it shows, in rows and in columns
+        (px).
     crosstalk
-        For each plane, the largest amount of light from neighbouring holes in a cutout, relative to that
-        of the cutout's hole, for equally bright holes.
+        For each plane, the largest light of neighbouring holes in a cutout, as a fraction of the light of the hole at
+        its centre, for equally bright holes.
     tails
         How ``crosstalk`` was computed: ``"geometric"`` (rays, without diffraction) or by waves.
     lit
-        For a target with switched points (a display): for each plane, the numbers of the offsets whose points are all
-        lit in each recorded frame. There are as many frames as offsets, and single offsets are decoded from them
-        (`lfcal.targets.coded`). None: frame k shows offset k.
+        For a target with switchable points (a display): for each plane and each recorded frame, the numbers of the
+        offsets whose points are lit together. There are as many frames as offsets, and single offsets are decoded from
+        them (`lfcal.targets.coded`). None: frame k shows offset k.
 
     Examples
     --------
@@ -222,7 +224,7 @@ class TargetPlan:
     # -- frames ----------------------------------------------------------------------------------------
     @property
     def frames(self) -> tuple[tuple[int, int], ...]:
-        """All frames as (plane, number of the offset), in the order of recording."""
+        """All frames as (plane index, offset number), in the order of recording."""
         return tuple((z, k) for z, plane in enumerate(self.offsets_px) for k in range(len(plane)))
 
     def lit_in(self, z: int, k: int) -> tuple[int, ...]:
@@ -230,25 +232,25 @@ class TargetPlan:
         return (k,) if self.lit is None else self.lit[z][k]
 
     def images(self, z: int) -> HoleImages:
-        """Return the images of all holes in plane ``z`` without an offset."""
+        """Return the positions of the images of all holes in plane ``z`` at zero offset."""
         return hole_images(self.target, self.scan.camera, self.scan.depths_um[z])
 
     def points(self, z: int, k: int) -> HoleImages:
-        """Return the images in frame ``k`` of plane ``z`` whose cutouts are completely on the sensor."""
+        """Return the positions of images in frame ``k`` of plane ``z`` whose cutouts are completely on the sensor."""
         images, offset = self.images(z), self.offsets_px[z][k]
         moved = HoleImages(images.holes, images.moved(np.array(offset)), images.away_um, images.shift)
         return moved.only(moved.whole(self.scan.camera.sensor.shape, self.scan.cutout))
 
     def offsets_um(self, z: int) -> NDArray[np.float64]:
-        """Return the offsets of plane ``z`` in object space, ``(frames, 2)`` as (right, down) (µm)."""
+        """Return the offsets (right, down) of plane ``z`` in object space (µm), ``(frames, 2)``."""
         offsets = np.array(self.offsets_px[z]).reshape(-1, 2)
         moved: NDArray[np.float64] = offsets[:, ::-1] * self.scan.camera.step_um(self.scan.depths_um[z])
         return moved
 
     def stage_um(self) -> NDArray[np.float64]:
-        """Return the stage's coordinates ``(frames, 3)`` as (x, y, z) of all frames (µm).
+        """Return the stage coordinates (x, y, z) of all frames (µm), ``(frames, 3)`` in the order of recording.
 
-        At zero offset, the stage is at the position at which a single source would be on the axis, in the depth plane.
+        At zero offset, the stage is where a single source would be on the optical axis in the depth plane.
         """
         places = []
         for z, depth in enumerate(self.scan.depths_um):
@@ -257,9 +259,9 @@ class TargetPlan:
         return self.scan.stage.to_stage(np.concatenate(places))
 
     def forecast(self, stage_um_per_s: float = 1000.0, frames_per_s: float | None = None) -> TargetForecast:
-        """Return the time for all frames, with a stage that moves all axes simultaneously at the given speed.
+        """Predict the time for all frames with a stage that moves all axes at once at ``stage_um_per_s`` (µm/s).
 
-        ``frames_per_s`` is the largest frame rate of the camera; without it, readout is not counted.
+        ``frames_per_s`` is the camera's highest frame rate (frames/s); if it is None, readout is not included.
         """
         check_number("stage speed (µm/s)", stage_um_per_s, above=0)
         path, scan = self.stage_um(), self.scan
@@ -276,7 +278,7 @@ class TargetPlan:
         )
 
     def single(self, stage_um_per_s: float = 1000.0) -> Forecast:
-        """Return the forecast for the scan with a single point."""
+        """Return the forecast for the scan of a single point, with a stage of speed ``stage_um_per_s`` (µm/s)."""
         return Forecast.of(self.scan, stage_um_per_s=stage_um_per_s)
 
     # -- what is shown ---------------------------------------------------------------------------------
@@ -288,21 +290,21 @@ class TargetPlan:
     def least_frames(self, z: int) -> int:
         """Return a lower limit for the number of frames of plane ``z``.
 
-        It is the number of positions divided by the largest number of holes in a frame.
+        The limit is the number of positions divided by the largest number of holes in a frame.
         """
         return math.ceil(math.prod(self.scan.period) / max(1, self.points_a_frame(z)[1]))
 
     def shown(self, z: int, *, target: Target | None = None, tolerance_px: float | None = None) -> NDArray[np.intp]:
-        """Return the number of frames ``(ny, nx)`` that show each position of plane ``z``.
+        """Return the number of frames that show each position of plane ``z``, ``(ny, nx)``.
 
         Parameters
         ----------
         z
-            Number of the plane.
+            Index of the plane.
         target
-            The target at its actual pose; None: as planned.
+            The target with its actual pose; None: as planned.
         tolerance_px
-            Largest deviation of a phase (pixels); None: that of the plan.
+            Largest difference of phases in rows and in columns (px); None: that of the plan.
         """
         phases = Phases.of(self.scan)
         images = hole_images(target or self.target, self.scan.camera, self.scan.depths_um[z])
@@ -312,7 +314,7 @@ class TargetPlan:
         return counts.reshape(self.scan.period)
 
     def coverage(self, z: int, *, target: Target | None = None, tolerance_px: float | None = None) -> float:
-        """Return the fraction of positions of plane ``z`` that at least one frame shows; arguments as in `shown`."""
+        """Return the fraction (0 to 1) of positions of plane ``z`` that any frame shows; parameters as in `shown`."""
         return float((self.shown(z, target=target, tolerance_px=tolerance_px) > 0).mean())
 
     # -- JSON ------------------------------------------------------------------------------------------

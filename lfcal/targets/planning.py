@@ -287,13 +287,14 @@ class Wishes:
     Attributes
     ----------
     tolerance_px
-        Largest deviation of the phase of an image that shows a position, in rows and in columns (pixels).
+        Largest difference between the phase of an image and that of a position that it shows, in rows and in columns
+        (px).
     crosstalk
-        Largest amount of light from neighbours in a cutout, relative to that of the cutout's point.
+        Largest light of neighbouring points in a cutout, as a fraction of the light of the point at its centre.
     most_frames
-        Largest number of frames for a plane; None: as many as needed for all phases.
+        Largest number of frames for each plane; None: as many as all phases require.
     level
-        Computation of tails: ``"auto"`` (waves) or ``"geometric"``.
+        Method with which the crosstalk is computed: ``"auto"`` (wave optics) or ``"geometric"`` (rays).
 
     Examples
     --------
@@ -318,9 +319,10 @@ class Wishes:
 
 
 def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: float = 0.0) -> Target:
-    """Return the array of holes that shows all phases of the middle plane with the fewest frames.
+    """Return the array of holes with diameter ``hole_um`` (µm) that shows all phases in the fewest frames.
 
-    Holes are as close to each other as the limit of the crosstalk allows in all planes.
+    The number of frames is that of the middle plane. The holes are as close together as the limit of the crosstalk in
+    ``wishes`` allows in all planes.
 
     Examples
     --------
@@ -344,15 +346,15 @@ def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: flo
 
 
 def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) -> Work[TargetPlan]:
-    """Return a plan of positions of ``target`` at which its holes show all phases of ``scan`` with few frames.
+    """Plan positions of ``target`` at which its holes show all phases of ``scan`` in few frames.
 
-    Each plane is planned separately, because its magnification differs. The pose is used as stated; for an uncertain
-    pose, see `shown_within`.
+    Each plane is planned separately, because its magnification differs. The stated pose is assumed to be exact; for an
+    uncertain pose, see `shown_within`.
 
     Raises
     ------
     InputError
-        If no hole's cutout is on the sensor, or holes are too close together.
+        If the cutout of no hole is completely on the sensor, or holes are too close together.
 
     Examples
     --------

@@ -22,17 +22,19 @@ UNITS = {"um": 1.0, "µm": 1.0, "mm": 1e3}
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Position and rotation of a target, or the bounds of their errors.
+    """Position and rotation of a target, or bounds of their errors.
 
-    Positions are object points as in `lfcal.camera.ScanPlan.object_um`: right and down in the direction of the image
-    motion, from the optical axis; away from the camera, from the depth plane.
+    Positions are object points (right, down, away) as in `lfcal.camera.ScanPlan.object_um`. Right and down are relative
+    to the optical axis, in the directions in which the image moves. Away is relative to the depth plane, positive away
+    from the camera.
 
     Attributes
     ----------
     rotation_rad
-        Rotation of the target in its plane, from right towards down.
+        Rotation of the target in its plane (rad), positive from right towards down.
     tilt_right_rad, tilt_down_rad
-        Tilts by which its right side and its lower side are farther away; the tilt to the right is applied first.
+        Tilts of the target (rad); positive if its right side or its lower side is farther away. They are applied after
+        the rotation, the tilt to the right first.
     right_um, down_um, away_um
         Position of the target's middle (µm).
 
@@ -62,7 +64,9 @@ class Pose:
 
     @classmethod
     def parse(cls, text: str) -> Pose:
-        """Return the pose in a text such as ``"rotation=1,tilt_right=2,right=0.3mm"``: degrees, and µm or mm.
+        """Return the pose in a text such as ``"rotation=1,tilt_right=2,right=0.3mm"``.
+
+        Angles are in degrees, and lengths in µm unless they end in mm.
 
         Raises
         ------
@@ -93,13 +97,13 @@ class Pose:
         return ",".join(one for one in (*turns, *places) if not one.endswith("=0"))
 
     def points(self, flat_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points ``(..., 2)`` of the target (right, down) as object points (right, down, away) (µm)."""
+        """Return the object points (right, down, away) (µm) of points (right, down) ``(..., 2)`` on the target."""
         middle = np.array([self.right_um, self.down_um, self.away_um])
         placed: NDArray[np.float64] = flat_um @ self.turn()[:, :2].T + middle
         return placed
 
     def turn(self) -> NDArray[np.float64]:
-        """Return the rotation matrix ``(3, 3)`` from the target's axes to (right, down, away)."""
+        """Return the rotation matrix ``(3, 3)`` from the axes of the target to (right, down, away) in object space."""
         c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
         flat = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         c, s = math.cos(self.tilt_right_rad), math.sin(self.tilt_right_rad)
@@ -110,7 +114,7 @@ class Pose:
         return turn
 
     def off_by(self, within: Pose, shares: NDArray[np.float64]) -> Pose:
-        """Return this pose plus fractions ``shares`` ``(6,)`` of the bounds ``within``, in the order of attributes."""
+        """Return this pose plus ``shares`` ``(6,)``, fractions of the bounds ``within`` in the order of attributes."""
         names = [field.name for field in fields(self)]
         moved = [getattr(self, n) + s * getattr(within, n) for n, s in zip(names, shares.tolist(), strict=True)]
         return Pose(*moved)

@@ -37,13 +37,13 @@ MOST_HOLES = 100_000
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A target with point sources in one plane.
+    """Target with point sources in one plane.
 
     Attributes
     ----------
     kind
-        ``"point"``; ``"square"``: a rectangular grid of holes; ``"hexagonal"``: every second row is shifted to the
-        right by half a pitch.
+        ``"point"``: a single point; ``"square"``: a rectangular grid of holes; ``"hexagonal"``: a grid of which every
+        second row is shifted to the right by half a pitch.
     shape
         Number of holes (rows, columns).
     pitch_um
@@ -51,12 +51,12 @@ class Target:
     hole_um
         Diameter of a hole (µm); 0: a point.
     absent
-        Holes (row, column) that are intentionally absent. An array equals its own mirror image; asymmetric marks show
-        whether it is reversed.
+        Labels (row, column) of holes that are intentionally absent. A complete array equals its mirror image; absent
+        holes in an asymmetric arrangement show whether it is reversed.
     pose
-        Pose of the target, as far as it is known.
+        Approximate pose of the target.
     within
-        Bounds of the error of each value of the pose, which is then fitted. All 0: the pose is known.
+        Bounds of the error of each value of the pose, which is then fitted; all 0: the pose is exact.
 
     Examples
     --------
@@ -117,14 +117,17 @@ class Target:
 
     @property
     def holes(self) -> NDArray[np.intp]:
-        """Labels ``(n, 2)`` as (row, column) of the holes that are present, row by row."""
+        """Labels (row, column) of the holes that are present, row by row, ``(n, 2)``."""
         there = np.ones(self.shape, np.bool_)
         for hole in self.absent:
             there[hole] = False
         return np.argwhere(there)
 
     def flat_um(self, holes: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return the positions ``(n, 2)`` of holes on the target, (right, down) from its middle (µm)."""
+        """Return the positions (right, down) of holes relative to the middle of the target (µm), ``(n, 2)``.
+
+        ``holes`` contains their labels (row, column), ``(n, 2)``.
+        """
         index = np.asarray(holes, float)
         down, right = np.moveaxis(index - (np.array(self.shape) - 1) / 2, -1, 0)
         if self.kind == "hexagonal":
@@ -134,7 +137,7 @@ class Target:
 
     @property
     def nearest_um(self) -> float:
-        """Distance between neighbouring holes (µm); infinite for a point."""
+        """Smallest distance between neighbouring holes (µm); infinite for a point."""
         near = [math.inf]
         rows, columns = self.shape
         lean = 0.5 * self.pitch_um[1] if self.kind == "hexagonal" else 0.0
@@ -172,11 +175,11 @@ EXAMPLE = "write it in the form array:12x12@1.2mm,hole=20um or array:12x12@1.2mm
 
 
 def parse_target(text: str) -> Target:
-    """Return the target in a text: ``"point"``, ``"point,hole=50um"`` or ``"array:ROWSxCOLUMNS@PITCH"``.
+    """Return the target described by ``"point"``, ``"point,hole=50um"`` or ``"array:ROWSxCOLUMNS@PITCH"``.
 
     An array's pitch is one length, or ``ROWxCOLUMN`` for rows and columns; lengths are in µm unless they end in mm.
     Options may follow after commas: ``hex``, ``hole=20um``, ``absent=0:0+0:1`` (row:column of absent holes). A
-    hexagonal array has one pitch, that of neighbouring holes.
+    hexagonal array has a single pitch, the distance between neighbouring holes.
 
     Raises
     ------

@@ -551,7 +551,7 @@ class AcquireRegions(_AcquireScan):
         return first_begun(self.out) if run.resume and is_regions(self.out) else None
 
     def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
-        """Record every region; ``how`` contains arguments of `lfcal.campaign.iter_record_regions`."""
+        """Record every region; ``how`` are keyword arguments of `lfcal.campaign.iter_record_regions`."""
         from lfcal.campaign import iter_record_regions
 
         return iter_record_regions(self.out, plan, rig, options, task=self._kept, **how)
@@ -634,14 +634,14 @@ class AcquireUntil(_AcquireScan):
 
     @property
     def goal(self) -> Goal:
-        """Target error, largest number of positions, and the groups of unknowns to fit."""
+        """Target error of H, largest number of positions, and groups of unknowns to fit."""
         from lfcal.campaign import Goal
 
         groups: Any = "auto" if self.unknowns in ((), ("auto",)) else self.unknowns
         return Goal(self.until_error, most=self.most or None, unknowns=groups)
 
     def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
-        """Record until the goal is reached; ``how`` contains arguments of `lfcal.campaign.iter_adaptive`."""
+        """Record until the goal is reached; ``how`` are keyword arguments of `lfcal.campaign.iter_adaptive`."""
         from lfcal.campaign import iter_adaptive
 
         how = {"seen": lambda step: tell(str(step)), **how}

@@ -166,23 +166,23 @@ class _Part:
 class FieldProjector(Projector):
     """Operator ``sum_r H_r W_r`` of several regions of the field, and its exact adjoint ``sum_r W_r HT_r``.
 
-    ``W_r`` weights voxels by their position relative to the centres of the regions (`field_weights`). The weights sum
-    to one at each voxel. For one region, the operator equals that region's `Projector` exactly. Each region is
-    projected only where its weight is not zero. With many regions, this takes as long as a projection with one H; with
-    two or three, up to two or three times as long.
+    ``H_r`` is the H of region r. ``W_r`` weights voxels by their position relative to the centres of the regions
+    (`field_weights`); the weights of a voxel sum to one. For one region, the operator equals that region's `Projector`
+    exactly. Each region is projected only where its weight is not zero. With many regions, this takes as long as a
+    projection with one H; with two or three, up to two or three times as long.
 
     Parameters
     ----------
     matrices
-        H of each region, with the same period and planes; cutouts may differ. The ``anchor`` of each H states the
-        position of its region, whose centre is half a period from the anchor, as in the scan. Patterns of neighbouring
-        regions must not be displaced: the accumulated difference between the array's pitch and the period must be less
-        than a pixel between neighbours.
+        H of each region; periods and planes must be the same, but cutouts may differ. The ``anchor`` of each H states
+        the position of its region, whose centre is half a period from the anchor, as in the scan. Patterns of
+        neighbouring regions must not be displaced: the accumulated difference between the array's pitch and the period
+        must be less than a pixel between neighbours.
     image_shape, method, dtype, threshold, tolerance, memory_limit, workers, phases, device
-        As in `Projector`; phases are those of the first H, and the regions share the memory of a device.
+        As in `Projector`; ``phases`` refer to the first H, and the regions share the memory of a device.
     anchor
-        Pixel of the image on which position (0, 0) of the first H is imaged; by default the anchor of that H. The
-        anchors of the other regions keep their distances from it.
+        Pixel (row, column) of the image onto which position (0, 0) of the first H is imaged; None: the anchor of that
+        H. The anchors of the other regions keep their distances from it.
 
     Raises
     ------
@@ -359,12 +359,12 @@ class FieldProjector(Projector):
 
     @property
     def recipe(self) -> str:
-        """Methods of the regions with their tiles; a projector with this ``method`` computes identical values."""
+        """Methods and tiles of the regions; a projector with this ``method`` computes identical values."""
         return SEPARATOR.join(part.projector.recipe for part in self._parts)
 
     @property
     def rounding(self) -> float:
-        """Rounding error of a projected value, relative to the largest value; do not divide by smaller values."""
+        """Rounding error of projected values, relative to the largest one; do not divide by values below it."""
         return max(part.projector.rounding for part in self._parts)
 
     def operand_bytes(self) -> int:
@@ -374,7 +374,7 @@ class FieldProjector(Projector):
 
     # -- the pair --------------------------------------------------------------------------------------
     def forward(self, volume: ArrayLike) -> NDArray[Any]:
-        """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``."""
+        """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``, as a new array."""
         data = self._checked(volume, "volume (z, y, x)", self.volume_shape)
         if len(self._parts) == 1 and self._parts[0].weight is None:
             return self._parts[0].projector.forward(data)
@@ -384,7 +384,7 @@ class FieldProjector(Projector):
         return image
 
     def adjoint(self, image: ArrayLike) -> NDArray[Any]:
-        """Return the back projection ``(nz, Y, X)`` of ``image`` ``(Y, X)``."""
+        """Return the back projection ``(nz, Y, X)`` of ``image`` ``(Y, X)``, as a new array."""
         data = self._checked(image, "image (y, x)", self.image_shape)
         if len(self._parts) == 1 and self._parts[0].weight is None:
             return self._parts[0].projector.adjoint(data)

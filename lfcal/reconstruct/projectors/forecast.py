@@ -119,15 +119,15 @@ class ProjectionForecast:
     chosen
         Forecast of the chosen method.
     plan
-        Tiles of the chosen method; None for methods without tiles.
+        Division of the image into tiles by the chosen method; None for methods without tiles.
     band
         Number of rows of tiles that are processed together.
     options
         Forecasts of all examined methods.
     memory_limit
-        Memory that a projection may use (bytes).
+        Largest amount of memory that a projection may use (bytes).
     device
-        Memory used on the device; None for the processor.
+        Memory used on the accelerator; None if the CPU computes projections.
 
     Examples
     --------

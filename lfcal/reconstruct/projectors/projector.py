@@ -42,40 +42,44 @@ SMALL_S = 3e-3
 
 
 class Projector:
-    """Operator of a periodic PSF matrix and its exact adjoint, with zero borders.
+    """Linear operator of a periodic PSF matrix H, and its exact adjoint; light from outside the volume is zero.
 
-    ``forward`` computes ``f[p] = sum_z sum_v g[z, v] H[z, (v - anchor) mod n][p - v + c]``, ``adjoint`` its transpose
-    ``b[z, v] = sum_p f[p] H[z, (v - anchor) mod n][p - v + c]`` (Eberhart et al. 2020, equation 1, H and HT).
+    `forward` computes the image ``f[p] = sum_z sum_v g[z, v] H[z, (v - anchor) mod n][p - v + c]`` of a volume g.
+    `adjoint` computes the back projection ``b[z, v] = sum_p f[p] H[z, (v - anchor) mod n][p - v + c]`` (Eberhart et al.
+    2020, equation 1, H and HT). Pixels p and voxels v are (row, column), n is the period, and c the middle of the
+    cutout.
 
     Parameters
     ----------
     H
-        `PSFMatrix`, or any array, memory map or dataset ``(nz, ny, nx, nt, ns)``, with any period and an odd cutout.
-        Planes are read one at a time.
+        `PSFMatrix`, or an array, memory map or dataset ``(nz, ny, nx, nt, ns)``, with any period and a cutout of odd
+        size. Planes are read one at a time.
     image_shape
-        Rows and columns of the image and of each volume plane (pixels); they need not be multiples of the period.
+        Shape ``(Y, X)`` of the image and of each plane of the volume (px); it need not be a multiple of the period.
     anchor
-        Pixel (row, column) on which the source at position (0, 0) is imaged, rounded down to integers; by default that
-        of ``H`` if it is a `PSFMatrix`, else (0, 0).
+        Pixel (row, column) onto which the source at position (0, 0) is imaged, rounded down to integers. None: that of
+        ``H`` if it is a `PSFMatrix`, else (0, 0).
     method
-        ``"polyphase"``, ``"direct"``, ``"sparse"``, ``"reduced"`` (with a ``tolerance``), ``"fft"`` (the per-position
-        reference), or ``"auto"``, the fastest method according to `forecast`. You may also pass the `recipe` of another
-        projector, such as ``"polyphase:7x3"`` (tiles down and across). Projections are then identical to those of that
-        projector, for any number of workers.
+        ``"polyphase"``, ``"direct"``, ``"sparse"``, ``"reduced"`` (with a ``tolerance``), ``"fft"`` (the reference
+        method, position by position), or ``"auto"``, the fastest method according to `forecast`. You may also pass the
+        `recipe` of another projector, such as ``"polyphase:7x3"`` (tiles down and across). Projections are then
+        identical to those of that projector for any number of workers.
     dtype
-        float32 or float64.
+        Type of images and volumes, float32 or float64.
     threshold
-        Entries of H below this fraction of their plane's peak are treated as zero.
+        Fraction of a plane's peak below which entries of H are treated as zero.
     tolerance
-        Fraction of the light that projections may omit, in [0, 1): |(H - Hs) g|_1 is at most ``tolerance`` times the
-        sum of g_v |H_v|_1 over all voxels, for non-negative volumes g. An H that changes slowly between positions is
-        then projected several times faster. 0: exact projections.
+        Largest fraction of the light that projections may omit, in [0, 1). For the operator Hs that is applied instead
+        of H, and any non-negative volume g, |(H - Hs) g|_1 is at most ``tolerance`` times the sum of g_v |H_v|_1 over
+        all voxels v. An H that changes slowly between positions is then projected several times faster. 0: exact
+        projections.
     memory_limit
-        Memory that a projection may use (bytes); by default half of the free memory.
+        Largest amount of memory that a projection may use (bytes); None: half of the free memory.
     workers
-        Number of threads; by default all processors.
+        Number of threads; None: all processors.
     phases
-        ``(ny, nx)`` mask of the image phases in use; other pixels are zero in images, and ignored in back projections.
+        Mask ``(ny, nx)``, True at the image phases in use; other pixels are zero in images, and ignored in back
+        projections. None: all.
     device
         ``"cpu"``; ``"cuda"`` or ``"cuda:1"``, an accelerator that PyTorch or CuPy can use; ``"auto"``, an accelerator
         if there is one and the problem fits into its memory; or an `ArrayDevice`. Volumes and images remain numpy
@@ -143,17 +147,17 @@ class Projector:
     # -- what it is ------------------------------------------------------------------------------------
     @property
     def image_shape(self) -> tuple[int, int]:
-        """Shape of images, ``(Y, X)``."""
+        """Shape ``(Y, X)`` of images (px)."""
         return self._grid.image_shape
 
     @property
     def volume_shape(self) -> tuple[int, int, int]:
-        """Shape of volumes, ``(nz, Y, X)``."""
+        """Shape ``(nz, Y, X)`` of volumes (voxels)."""
         return self._reader.shape[0], *self._grid.image_shape
 
     @property
     def period(self) -> tuple[int, int]:
-        """Period of H, ``(ny, nx)`` pixels."""
+        """Period ``(ny, nx)`` of H (px)."""
         return self._grid.period
 
     @property
@@ -168,32 +172,32 @@ class Projector:
 
     @property
     def method(self) -> str:
-        """Name of the method in use."""
+        """Name of the projection method in use, such as ``"polyphase"``."""
         return self._engine.name
 
     @property
     def recipe(self) -> str:
-        """Method with its tiles; a projector with this ``method`` computes identical values."""
+        """Method and tiles, such as ``"polyphase:7x3"``; a projector with this ``method`` computes identical values."""
         return recipe_of(self.method, self._forecast.plan, self._forecast.band)
 
     @property
     def device(self) -> ArrayDevice | None:
-        """Device that computes projections; None for the processor."""
+        """Accelerator that computes projections; None for the CPU."""
         return self._device
 
     @property
     def memory_limit(self) -> int:
-        """Memory that a projection may use (bytes)."""
+        """Largest amount of memory that a projection may use (bytes)."""
         return self._limit
 
     @property
     def rounding(self) -> float:
-        """Rounding error of a projected value, relative to the largest value; do not divide by smaller values."""
+        """Rounding error of projected values, relative to the largest one; do not divide by values below it."""
         return self._engine.rounding
 
     @property
     def tolerance(self) -> float:
-        """Fraction of the light that projections may omit; 0 for an exact method."""
+        """Largest fraction of the light that projections may omit; 0 for an exact method."""
         return self._tolerance
 
     def operand_bytes(self) -> int:
@@ -207,17 +211,17 @@ class Projector:
 
     @property
     def depths(self) -> NDArray[np.float64]:
-        """Depth of each plane (µm), or the plane numbers if H has no depths."""
+        """Depth of each plane (µm), ``(nz,)``; the plane indices if H has no depths."""
         depths = self._reader.H.depths if isinstance(self._reader.H, PSFMatrix) else None
         return np.arange(self.volume_shape[0], dtype=float) if depths is None else np.asarray(depths, float)
 
     @property
     def noise(self) -> NDArray[np.float64] | None:
-        """Variance of H's entries without light, and variance per unit of signal, ``(nz, 2)``; None if unknown."""
+        """Variance of H's entries at zero signal, and its increase per unit of signal, ``(nz, 2)``; None if unknown."""
         return mean_noise(self._reader.H)
 
     def denoised(self) -> Projector:
-        """Return the projector of H with reduced noise (`lfcal.psf.denoising`), or itself if the noise is unknown."""
+        """Return a projector of H with reduced noise (`lfcal.psf.denoising`), or this one if the noise is unknown."""
         if self._reader.denoise or self.noise is None:
             return self
         with self._lock:
@@ -233,21 +237,21 @@ class Projector:
         return part
 
     def forecast(self) -> ProjectionForecast:
-        """Return the cost of the method in use on this computer, and the costs of the other methods."""
+        """Return the predicted time and memory of the method in use and of all other methods on this computer."""
         return self._forecast
 
     # -- the pair --------------------------------------------------------------------------------------
     def forward(self, volume: ArrayLike) -> NDArray[Any]:
-        """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``; planes that are all zero are skipped."""
+        """Return the image ``(Y, X)`` of ``volume`` ``(nz, Y, X)``, as a new array; planes of zeros are skipped."""
         data = self._checked(volume, "volume (z, y, x)", self.volume_shape)
         return self.forward_planes(enumerate(data))
 
     def forward_planes(self, planes: Iterable[tuple[int, NDArray[Any]]]) -> NDArray[Any]:
-        """Return the image ``(Y, X)`` of pairs (plane number, volume plane ``(Y, X)``), with one plane in memory."""
+        """Return the image ``(Y, X)`` of ``planes``, pairs of an index and a volume plane ``(Y, X)``, one at a time."""
         return self._engine.forward((self._operand(z), plane) for z, plane in planes if plane.any())
 
     def adjoint(self, image: ArrayLike) -> NDArray[Any]:
-        """Return the back projection ``(nz, Y, X)`` of ``image`` ``(Y, X)``."""
+        """Return the back projection ``(nz, Y, X)`` of ``image`` ``(Y, X)``, as a new array."""
         data = self._checked(image, "image (y, x)", self.image_shape)
         out = np.empty(self.volume_shape, self.dtype)
         for z, plane in enumerate(self.adjoint_planes(data)):
@@ -255,14 +259,14 @@ class Projector:
         return out
 
     def adjoint_planes(self, image: NDArray[Any]) -> Iterator[NDArray[Any]]:
-        """Yield the back projection of ``image`` plane by plane; each plane is valid until the next is requested."""
+        """Yield the planes ``(Y, X)`` of the back projection of ``image``, each valid until the next is requested."""
         return self._engine.adjoint(image, self._each_operand())
 
     def subset(self, phases: ArrayLike) -> Projector:
-        """Return a projector for only the image phases in the mask ``phases`` ``(ny, nx)``, with the same method.
+        """Return a projector for only the image phases where the mask ``phases`` ``(ny, nx)`` is True.
 
-        Each subset is created once. If the prepared planes do not depend on the phases, it shares them with this
-        projector.
+        It uses the same method, and is created only once for each mask. If the prepared planes do not depend on the
+        phases, it shares them with this projector.
         """
         mask = _phase_mask(phases, self.period)
         with self._lock:
@@ -296,7 +300,7 @@ class Projector:
         return (_remade, (made,)) if self._reader.denoise else (made, ())
 
     def iter_prepare(self) -> Work[Projector]:
-        """Prepare all planes that memory allows now instead of in the first projection, and return this projector."""
+        """Prepare as many planes as fit into memory, before the first projection does so; return this projector."""
         yield from self._iter_planes()
         return self
 

@@ -61,47 +61,49 @@ SOLVERS = find_solvers()
 
 @dataclass(frozen=True, slots=True)
 class SolverChoice:
-    """A solver and its settings.
+    """Choice of a solver, and its settings.
 
     Attributes
     ----------
     name
         Name of a solver in `SOLVERS`.
     iterations
-        Number of iterations; with ``auto`` the largest number.
+        Number of iterations; with ``auto``, the largest number.
     background
         Expected value of a pixel without light (counts).
     read_noise
-        Rms read noise (counts); only for Richardson-Lucy variants.
+        Rms read noise of a pixel (counts); only for Richardson-Lucy variants.
     saturation
-        Pixels at or above this value are excluded (counts); None: no pixels are excluded.
+        Sample value at which pixels saturate; pixels at or above it are excluded (counts). None: no pixels are
+        excluded.
     strength
         Weight of the penalty of ``rl-tv`` and ``rl-tikhonov``; None: the solver's default.
     subsets
         Number of subsets for ``osem`` (None: 4), or number of blocks of views along each axis for ``phase-space``
         (None: 3).
     tolerance
-        Stop when the relative change of the volume falls below this value.
+        Relative change of the volume in an iteration below which the run stops.
     auto
         Whether to stop automatically, according to ``stop``.
     stop
-        ``"left-out"``: stop when the prediction of held-out pixels (one in 25) gets worse; the result is the volume
-        with the best prediction. ``"discrepancy"``: stop when the image of the volume agrees with the frame to within
-        the noise.
+        Rule for stopping. ``"left-out"``: stop when the prediction of held-out pixels (one in 25) gets worse; the
+        result is the volume with the best prediction. ``"discrepancy"``: stop when the image of the volume agrees with
+        the frame to within the noise.
     goal
         Purpose of a run that stops by held-out pixels. ``"view"``: a volume for viewing. ``"measure"``: sums and means
         over regions of the volume. These need more iterations, after which single voxels are noisier.
     gain
-        Counts per photo-electron; None: unknown (``"discrepancy"`` then assumes 1). With a gain, the result states
+        Counts per photo-electron; None: unknown (``"discrepancy"`` then assumes 1). If it is known, the result states
         chi-square per pixel.
     noise
-        Measured variance of a pixel without light (counts²), and variance per count of light (counts). They are used
-        for chi-square if ``gain`` is not given. None: unknown.
+        ``(constant, slope)``: measured variance of a pixel without light (counts²), and its increase per count of light
+        (counts). Used for chi-square if ``gain`` is None. None: unknown.
     margin
-        Width by which the volume extends beyond each edge of the frame (pixels). The projector must have the size of
-        the frame with this margin.
+        Width by which the volume extends beyond each edge of the frame (px). The shape of the projector must include
+        this margin.
     denoise
-        Whether to reduce the noise of a recorded H (`Projector.denoised`); this needs the noise stored with H.
+        Whether to reduce the noise of a recorded H (`Projector.denoised`); this requires the noise of H, which is
+        stored with it.
 
     Raises
     ------
@@ -180,7 +182,7 @@ class SolverChoice:
 
     @classmethod
     def of(cls, settings: SolverFields, margin: int = 0) -> SolverChoice:
-        """Return the choice that corresponds to the settings of a solver's record."""
+        """Return the choice described by ``settings``, such as `SieveSolver`, with a ``margin`` (px)."""
         known = {one.name: getattr(settings, one.name) for one in fields(settings)}
         end = SOLVER_ENDS.get(str(settings.iterations))
         if end is not None:
@@ -189,12 +191,12 @@ class SolverChoice:
 
     @property
     def solver(self) -> Solver:
-        """Chosen solver."""
+        """The chosen solver."""
         return SOLVERS.get(self.name)
 
     @property
     def known_noise(self) -> tuple[float, float] | None:
-        """Counts per photo-electron and rms read noise (counts), for chi-square; None if unknown."""
+        """Counts per photo-electron, and rms read noise (counts), for chi-square; None: unknown."""
         if self.gain is not None:
             return self.gain, self.read_noise
         return None if self.noise is None else (self.noise[1], math.sqrt(self.noise[0]))
@@ -214,18 +216,18 @@ def iter_reconstruct(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Reconstruct ``image`` with the solver of ``choice``.
+    """Reconstruct the volume behind ``image`` with the solver of ``choice``.
 
     Parameters
     ----------
     P
-        Projector of H; with a margin, for the frame extended by the margin.
+        Projector of H for the shape of the image, extended by the margin of ``choice`` on each side.
     image
         Image ``(Y, X)`` in counts.
     choice
         Solver and its settings; None: the defaults of `SolverChoice`.
     weights
-        Weight of each pixel ``(Y, X)``, not negative; None: 1.
+        Weight of each pixel, ``(Y, X)``, not negative; None: 1.
     initial
         Initial volume ``(nz, Y, X)``; None: the solver's default.
     resume

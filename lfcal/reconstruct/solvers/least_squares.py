@@ -40,7 +40,7 @@ class LeastSquaresSettings(SolverSettings):
     iterations
         Number of iterations, in addition to those of ``resume``.
     damping
-        Damping lambda relative to the largest value of ``HT w H 1``.
+        Damping lambda, as a fraction of the largest value of ``HT w H 1``; at least 0.
     """
 
     iterations: int = 20
@@ -50,9 +50,10 @@ class LeastSquaresSettings(SolverSettings):
 
 @with_settings(LeastSquaresSettings)
 def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquaresSettings) -> SolverWork:
-    """Minimize ``sum w (Hg + b - f)^2 + lambda |g|^2`` by conjugate gradients (CGLS; Bjoerck 1996, section 7.4).
+    """Minimize ``sum w (Hg + b - f)^2 + lambda |g|^2`` over volumes g by conjugate gradients (CGLS).
 
-    The volume may become negative. The ``likelihood`` of a record is minus half the weighted sum of squares.
+    f is the image, w its weights, b the background, and lambda the damping (Bjoerck 1996, section 7.4). The volume may
+    become negative. The ``likelihood`` of a record is minus half the weighted sum of squares.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquar
     background, weights, saturation
         As in `Measurement.of`.
     damping
-        Damping lambda relative to the largest value of ``HT w H 1``.
+        Damping lambda, as a fraction of the largest value of ``HT w H 1``; at least 0.
     tolerance
         Stop when the relative change of the volume falls below this value.
     resume

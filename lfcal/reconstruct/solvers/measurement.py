@@ -55,20 +55,20 @@ class GoodnessOfFit:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """Image with weights, background and noise; create one with `Measurement.of`.
+    """Image to reconstruct, with weights, background and noise; create one with `Measurement.of`.
 
     Attributes
     ----------
     image
-        Image ``(Y, X)``, finite, not negative (unless created with ``signed``); 0 where the weight is 0.
+        Image (counts), ``(Y, X)``, finite, and not negative unless created with ``signed``; 0 where the weight is 0.
     weights
         Weight of each pixel, ``(Y, X)``; None: 1 everywhere.
     background
-        Expected image without light, a number or ``(Y, X)``.
+        Expected image without light (counts), a number or ``(Y, X)``.
     notes
-        Notes on changes that were made to the image.
+        Notes on how the image was changed.
     held
-        Weight of the held-out pixels ``(Y, X)``, 0 for all others; None: no held-out pixels.
+        Weight of each held-out pixel, ``(Y, X)``, 0 for all others; None: no held-out pixels.
     """
 
     image: NDArray[Any]
@@ -90,28 +90,29 @@ class Measurement:
         signed: bool = False,
         held_out: ArrayLike | None = None,
     ) -> Measurement:
-        """Return the measurement of ``image`` after checking it.
+        """Check ``image``, and return it as a measurement.
 
         Parameters
         ----------
         image
-            Image ``(Y, X)`` in counts. NaN and infinity get weight 0.
+            Image ``(Y, X)`` in counts. Pixels that are NaN or infinite get weight 0.
         dtype
-            Type of the arrays.
+            Floating-point type of the arrays of the result.
         weights
-            Weight of each pixel ``(Y, X)``, not negative; None: 1.
+            Weight of each pixel, ``(Y, X)``, not negative; None: 1.
         saturation
-            Pixels at or above this positive value get weight 0; None: no saturation.
+            Sample value at which pixels saturate (counts, above 0); pixels at or above it get weight 0. None: no
+            saturation.
         background
             Expected image without light (counts), not negative; a number or ``(Y, X)``.
         read_noise
-            Rms of the Gaussian noise (counts). Its square is added to image and background, which is the shifted
+            Rms of the Gaussian read noise (counts). Its square is added to image and background, which is the shifted
             Poisson approximation of Snyder et al. 1995.
         signed
             Whether to keep negative values, for least squares; otherwise they count as zero, and a note states their
             number.
         held_out
-            Mask ``(Y, X)`` of held-out pixels, which get weight 0 and test the prediction.
+            Mask ``(Y, X)``, True at held-out pixels, which get weight 0 and test the prediction.
 
         Raises
         ------
@@ -157,7 +158,7 @@ class Measurement:
         return cls(data, trust, floor, tuple(notes), held)
 
     def weighted(self, image: NDArray[Any]) -> NDArray[Any]:
-        """Return ``image`` multiplied by the weights."""
+        """Return ``image`` ``(Y, X)`` multiplied by the weights."""
         return image if self.weights is None else image * self.weights
 
     def ones(self) -> NDArray[Any]:
@@ -165,10 +166,10 @@ class Measurement:
         return np.ones_like(self.image) if self.weights is None else self.weights
 
     def fit(self, model: NDArray[Any], mask: NDArray[Any] | None = None, floor: float = 0.0) -> GoodnessOfFit:
-        """Return residual and likelihood of a ``model`` image (background included) over the pixels of ``mask``.
+        """Return residual and likelihood of the image ``model`` (with background) over pixels where ``mask`` is True.
 
-        The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64, with m at least ``floor``. Without a
-        mask, all pixels are used.
+        Both images are ``(Y, X)``. The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64, where f is
+        the image, w its weights, and m the model, at least ``floor``. Without a mask, all pixels are used.
         """
         rows, columns = model.shape
         step = max(1, BAND // columns)

@@ -23,11 +23,11 @@ __all__ = ["SOLVER", "iter_richardson_lucy", "richardson_lucy"]
 
 @with_settings(RichardsonLucySettings)
 def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLucySettings) -> SolverWork:
-    """Deconvolve ``image`` ``(Y, X)`` by Richardson-Lucy.
+    """Deconvolve ``image`` ``(Y, X)`` by the Richardson-Lucy algorithm.
 
-    The update is ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2). With weights, the factor is
-    ``HT(w f / (Hg + b)) / HTw``. Where Hg + b is below the rounding error, the ratio is 0. Voxels without light on any
-    pixel are not changed.
+    The update of the volume g is ``g <- g / HT1 * HT( f / (Hg + b) )``, where f is the image and b the background
+    (Eberhart et al. 2020, equation 2). With weights w, the factor is ``HT(w f / (Hg + b)) / HTw``. Where Hg + b is
+    below the rounding error, the ratio is 0. Voxels without light on any pixel are not changed.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLuc
     penalty, acceleration, subsets, relaxation, smoothing, tolerance
         As in `EmOptions`.
     initial
-        Non-negative initial volume ``(nz, Y, X)``; by default uniform, with the total light of the image.
+        Non-negative initial volume ``(nz, Y, X)``; None: uniform, with the total light of the image.
     resume
         State of a stopped run to continue from; it replaces ``initial``.
 

@@ -33,9 +33,10 @@ class TotalVariation:
     Attributes
     ----------
     weight
-        Strength relative to the sensitivity HT1: 0.002 is mild, 0.05 is strong.
+        Strength of the penalty relative to the sensitivity HT1 (the back projection of ones): 0.002 is weak, 0.05 is
+        strong.
     z_weight
-        Weight of differences between planes relative to those within a plane.
+        Weight of differences between planes relative to those within a plane; 0: planes are independent.
 
     Examples
     --------
@@ -54,7 +55,7 @@ class TotalVariation:
         _check(self.weight, self.z_weight)
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return minus the divergence of the normalized gradient of the volume, multiplied by `weight`."""
+        """Return minus `weight` times the divergence of the normalized gradient of ``volume`` ``(nz, Y, X)``."""
         # below a millionth of the peak, the direction of the gradient is only rounding.
         least = max(float(volume.max(initial=0.0)) * 1e-6, float(np.finfo(volume.dtype).tiny))
 
@@ -78,9 +79,10 @@ class Tikhonov:
     Attributes
     ----------
     weight
-        Strength relative to the sensitivity HT1 and to the volume's peak: 0.02 is mild; values above 0.2 are unstable.
+        Strength of the penalty relative to the sensitivity HT1 and to the volume's peak: 0.02 is weak; values above 0.2
+        are unstable.
     z_weight
-        Weight of differences between planes relative to those within a plane.
+        Weight of differences between planes relative to those within a plane; 0: planes are independent.
 
     Examples
     --------
@@ -99,7 +101,7 @@ class Tikhonov:
         _check(self.weight, self.z_weight)
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return minus the Laplacian of the volume divided by the volume's peak, multiplied by `weight`."""
+        """Return minus `weight` times the Laplacian of ``volume`` ``(nz, Y, X)``, divided by the peak of the volume."""
         # divided by the peak, so that the weight has the same effect in any unit of light
         peak = float(volume.max(initial=0))
 

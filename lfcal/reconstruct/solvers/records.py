@@ -27,18 +27,18 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class SolverState:
-    """State of a solver between two iterations, from which a run continues as if it had not stopped.
+    """State of a solver between two iterations, from which a run continues as if it had not been stopped.
 
     Attributes
     ----------
     volume
-        Current estimate ``(nz, Y, X)``; it must not be modified.
+        Current volume ``(nz, Y, X)``; it must not be modified.
     iteration
         Number of iterations done.
     seconds
         Duration of the iterations so far (s).
     arrays, numbers
-        Further state of the method, in addition to the volume.
+        Further arrays and numbers that the solver needs to continue.
 
     Examples
     --------
@@ -61,21 +61,21 @@ class SolverState:
 
 @dataclass(frozen=True, slots=True)
 class SolverProgress(Progress):
-    """Report of one finished iteration.
+    """Progress record of one finished iteration.
 
     Attributes
     ----------
     iteration
         Number of iterations done, including those before a resume.
     residual
-        Weighted rms of the difference between image and model, relative to the rms of the image, for the estimate at
-        the start of the iteration.
+        Weighted rms of the difference between the image and that of the volume at the start of the iteration, relative
+        to the rms of the image.
     likelihood
-        Poisson log-likelihood of that estimate minus the largest possible value (0: a perfect fit).
+        Poisson log-likelihood of the same volume minus the largest possible value; at most 0 (a perfect fit).
     change
         Norm of the change of the volume, relative to the norm of the volume.
     held_out
-        Poisson log-likelihood of the held-out pixels, minus the largest possible value; NaN if there are none.
+        Poisson log-likelihood of the held-out pixels minus the largest possible value; NaN if there are none.
     held_out_error
         Standard deviation of ``held_out`` due to the noise of these pixels.
     state
@@ -111,11 +111,11 @@ class Reconstruction:
     volume
         Reconstructed volume ``(nz, Y, X)``.
     history
-        One record for each iteration.
+        One record for each iteration, without its state.
     state
-        State from which another run can continue (``resume``).
+        State from which another run can continue, as the argument ``resume``.
     notes
-        Notes on changes that were made to the input, such as masked or negative pixels.
+        Notes on how the input was changed, such as masked or negative pixels.
     stopped
         Reason why the solver stopped early; empty if all requested iterations were done.
     chi2

@@ -77,12 +77,15 @@ def lanczos_kernel(width: float, lobes: int = 4) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class DepthSmoothing:
-    """Low-pass filter that limits each plane to the sampling by the lenslets: the S step of EMS.
+    """Low-pass filter that band-limits each plane to its sampling by the lenslets.
+
+    It is the smoothing step of the estimate-maximize-smooth (EMS) algorithm (Stefanoiu et al. 2019).
 
     Attributes
     ----------
     widths
-        Distance between independent samples in each plane (voxels); planes with 1 or less are not changed.
+        Distance between independent samples in each plane (voxels), ``nz`` values; planes with values up to 1 are not
+        changed.
     lobes
         Number of lobes of the Lanczos window; fewer lobes cause less ringing and more blur.
 
@@ -111,11 +114,11 @@ class DepthSmoothing:
 
     @classmethod
     def for_camera(cls, camera: Any, depths: ArrayLike, lobes: int = 4) -> DepthSmoothing:
-        """Return the smoothing for planes at ``depths`` (µm) of ``camera``."""
+        """Return the smoothing for planes at ``depths`` (µm, ``(nz,)``) of ``camera``, a `lfcal.camera.Camera`."""
         return cls(tuple(smoothing_widths(camera, depths)), lobes)
 
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return ``volume`` ``(nz, Y, X)`` smoothed, without negative values; the kernel is renormalized at borders."""
+        """Return a smoothed copy of ``volume`` ``(nz, Y, X)``; negative values become 0, borders are renormalized."""
         if len(self.widths) != len(volume):
             raise InputError.expected(
                 "smoothing widths", f"one per plane ({len(volume)})", len(self.widths), "give one width per plane"

@@ -107,7 +107,7 @@ def with_settings(settings: Callable[Q, S]) -> Callable[[Solving[S]], SolverFunc
 
 @dataclass(frozen=True, eq=False)
 class SolverRun(SolverSettings):
-    """Input of one run of a solver, in addition to the image; unused options have the values of `OPTIONS`.
+    """Input of one run of a solver in addition to the image; options that are not set have the values of `OPTIONS`.
 
     Attributes
     ----------
@@ -118,12 +118,12 @@ class SolverRun(SolverSettings):
     initial
         Initial volume ``(nz, Y, X)``; None: the solver's default.
     held_out
-        Mask ``(Y, X)`` of held-out pixels; `SolverProgress.held_out` measures their prediction. None: no held-out
+        Mask ``(Y, X)``, True at held-out pixels; `SolverProgress.held_out` measures their prediction. None: no held-out
         pixels.
     measured
         Result of `measure`, if it is already computed.
     noise
-        Counts per photo-electron and rms read noise (counts) of the frame; None if unknown.
+        Counts per photo-electron, and rms read noise (counts), of the image; None: unknown.
 
     Examples
     --------
@@ -147,7 +147,7 @@ class SolverRun(SolverSettings):
     noise: tuple[float, float] | None = None
 
     def measure(self, P: Projector, image: ArrayLike, *, signed: bool = False) -> Measurement:
-        """Return ``image`` ``(Y, X)`` with weights, background and noise; with ``signed``, negative pixels are kept."""
+        """Return ``image`` ``(Y, X)`` with weights, background and noise; with ``signed``, negative values are kept."""
         if self.measured is not None and not signed:
             return self.measured
         return self.measurement(P, image, read_noise=self.read_noise, held_out=self.held_out, signed=signed)
@@ -159,27 +159,27 @@ def _one(subsets: int | None) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Solver:
-    """Reconstruction method.
+    """Description of a reconstruction method.
 
     Attributes
     ----------
     name
-        Name in commands and files. It must not change, because files contain it.
+        Name used in commands and files. It must not change, because files contain it.
     title
-        Short description with the source in the literature.
+        Short description with a reference to the literature.
     iterate
-        Function of projector, image ``(Y, X)`` and `SolverRun` that yields a `SolverProgress` per iteration and
-        returns a `Reconstruction`.
+        Function that takes a projector, an image ``(Y, X)`` and a `SolverRun`, yields a `SolverProgress` for each
+        iteration, and returns a `Reconstruction`.
     honours
         Names in `OPTIONS` that the solver uses; other options raise an error.
     rank
-        Order in lists.
+        Sort key in lists; smaller numbers come first.
     volumes
-        Number of arrays of the volume's size in memory: during a projection, including the projection's result, and the
-        largest number between projections.
+        Largest number of arrays of the volume's size in memory during a projection, including its result, and between
+        projections.
     parts
-        Function that returns the number of parts into which an image is divided for given ``subsets`` (None: the
-        default). Each part after the first needs one more array.
+        Function that takes ``subsets`` (None: the default), and returns the number of parts into which an image is
+        divided. Each part after the first requires one more array.
     settles
         Whether the solver suppresses noise for any number of iterations, for example by a penalty. A run that stops
         automatically then ends only after its best estimate.
@@ -221,7 +221,7 @@ class Solver:
             )
 
     def check(self, option: str, given: Any, others: tuple[str, ...] = ()) -> None:
-        """Raise `InputError` if the solver would ignore the value ``given`` for ``option``.
+        """Raise `InputError` if the solver would ignore the value ``given`` of ``option``.
 
         The message suggests the solvers ``others``, which use the option.
         """
