@@ -295,7 +295,10 @@ class _Acquire(Task):
             raise InputError.expected("--origin", "X,Y,Z in µm", show_planes(self.origin), "give three numbers")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task, without the folder of the session, which the recording creates or continues."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        The folder of the session is not included, because the recording creates or continues it.
+        """
         if way == "out":
             return () if self.assemble is None else (self.assemble,)
         return (*super().files("in"), self.out)

@@ -108,7 +108,7 @@ class Assembled(TaskResult):
 
 @dataclass(frozen=True)
 class AssemblyRun:
-    """How to assemble one H: executor, how other processes open the frames, and number of threads."""
+    """Settings for the assembly of one H: executor, how other processes open the frames, and number of threads."""
 
     choice: RunChoice | None = None
     reopening: Reopening | None = None
@@ -204,11 +204,15 @@ class AssembleRegions(_Assemble):
     settings: AssemblySettings = panel(AssemblySettings(), "Cutout and storage", without=("store_tolerance",))
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task. The H files of all colours are known only after the frames are opened."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        If each colour has its own H file, the files to write are known only after the frames are opened, and not
+        included.
+        """
         return () if way == "out" and self.channel == "each" else super().files(way)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Assembled, ...]]:
-        """Assemble H of each region, and write all of them to one file, or to one for each colour."""
+        """Assemble the H of each region, and write all of them to one file, or to one file for each colour."""
         from lfcal.campaign import read_regions, save_parts, temporary_parts
 
         run, settings = run or RunSettings(), self.settings
@@ -322,7 +326,7 @@ class Assemble(AssembleRegions):
 
     @property
     def source(self) -> ScanFrames:
-        """The settings with which the frames are opened."""
+        """Settings with which the frames are opened."""
         from lfcal.frames import parse_origin
 
         names = (
@@ -340,9 +344,10 @@ class Assemble(AssembleRegions):
         return ScanFrames(**{name: getattr(self, name) for name in names}, origin=parse_origin(self.origin))
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task.
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
 
-        The frames of a manifest are in its folder. Each colour has its own H file.
+        The folder of a manifest is included. If each colour has its own H file, the files to write are not known in
+        advance, and not included.
         """
         files, beside = super().files(way), self.source.beside
         if way == "out":
@@ -350,7 +355,7 @@ class Assemble(AssembleRegions):
         return (*files, beside) if beside else files
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Assembled, ...]]:
-        """Open, correct, crop and assemble one H, or one for each colour."""
+        """Open and correct the frames, and assemble one H, or one for each colour."""
         from lfcal.frames import chosen_shift, is_part_of_sensor
 
         run = run or RunSettings()
@@ -409,7 +414,7 @@ class Assemble(AssembleRegions):
         return replace(made, name=name, seconds=time.perf_counter() - start)
 
     def iter_used(self, frames: FrameSource, workers: int | None = None) -> Work[FrameSource]:
-        """Return the frames to assemble, without damaged frames and positions to leave out if this is requested."""
+        """Return a source of the frames to assemble, without damaged frames and positions to leave out if requested."""
         from lfcal.frames import iter_undamaged, without_positions
 
         if self.skip_damaged:
@@ -418,7 +423,7 @@ class Assemble(AssembleRegions):
 
     @property
     def positions_left_out(self) -> tuple[Position, ...]:
-        """Positions whose frames are left out; raises `FileFormatError` if the file of the list is not valid."""
+        """Positions (z, y, x) whose frames are left out; raises `FileFormatError` if the list of them is not valid."""
         from lfcal.acquire import RedoList
 
         return () if self.leave_out is None else RedoList.read(self.leave_out).positions
@@ -426,18 +431,18 @@ class Assemble(AssembleRegions):
     def iter_part(
         self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, view: CorrectedSource, how: AssemblyRun
     ) -> Work[Assembled]:
-        """Assemble one H from open, corrected frames.
+        """Assemble one H from corrected frames that are already open.
 
         Parameters
         ----------
         part
             The frames as read, the plan of this H, and the file to write.
         scan
-            The plan of the scan of all colours, of which a colour of a mosaic contains only a part.
+            The plan of the complete scan, of whose pixels a single colour of a mosaic contains only a part.
         recipe, view
             Corrections of the frames, and the corrected frames.
         how
-            Executor, how other processes open the frames, and number of threads.
+            Executor, number of threads, and how other processes open the frames.
         """
         from lfcal.frames import check_turned_colours, oriented, with_partners
         from lfcal.psf import iter_assemble_plan, iter_upright

@@ -185,7 +185,7 @@ class Depth(Task):
         return (measured.written(self.out, self.cloud),)
 
     def iter_measured(self, camera: Camera | None = None, workers: int | None = None) -> Work[MeasuredDepth]:
-        """Read the frame and measure its depths without writing them; ``camera`` replaces that of the file."""
+        """Read the frame, and measure its depths without writing them; ``camera`` replaces that of the settings."""
         from lfcal.lattice import iter_depth_map
 
         start = time.perf_counter()
@@ -200,7 +200,7 @@ class Depth(Task):
         return MeasuredDepth(found=found, lattice=scene.source, scale=scale, seconds=time.perf_counter() - start)
 
     def forecast(self, camera: Camera | None = None) -> DepthForecast:
-        """Return the expected time and memory; the frames are read, so that problems with them are found in advance."""
+        """Return the predicted time and memory; the frame is read, so that problems with it are found in advance."""
         from lfcal.lattice import depth_seconds
 
         scene = self._scene(self._known(camera))

@@ -252,7 +252,10 @@ class ExportTiff(_ExportView):
     allow_missing: bool = _missing()
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task, whose number depends on the size of H."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        The number of files to write depends on the size of H.
+        """
         if way != "out":
             return super().files(way)
         from lfcal.psf import export_files

@@ -164,13 +164,16 @@ class FitTarget(_Fit):
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task, including those in the folder of the fit."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        The files to write are those in the folder of the fit.
+        """
         from lfcal.campaign import point_outputs
 
         return tuple(point_outputs(self.out)) if way == "out" else super().files(way)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[FitOutcome, ...]]:
-        """Find the points in the frames, fit the camera, and write it."""
+        """Find the points in the frames, fit the camera, and write the results."""
         from lfcal.camera import RegionPlan, parse_regions
         from lfcal.campaign import MOST, hole_words, iter_fit_points, iter_points_of, iter_write_points, target_facts
 
@@ -230,7 +233,10 @@ class FitMatrix(_Fit):
             raise InputError.expected("--hybrid", "an H to write", "--no-h", "leave one of them out")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; outputs are those in the folder of the fit."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        The files to write are those in the folder of the fit.
+        """
         from lfcal.fit import field_outputs, fit_outputs
 
         if way == "in":
@@ -238,7 +244,7 @@ class FitMatrix(_Fit):
         return tuple(fit_outputs(self.out) if len(self.sources) == 1 else field_outputs(self.out, self._names))
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the path of each H that is computed in units, or only of those that a stopped run has begun."""
+        """Return the paths of the H files that are computed in units, or only of those that a stopped run has begun."""
         from lfcal.work import parts_folder
 
         if self.hybrid or not self.write_h:
@@ -288,7 +294,7 @@ class FitMatrix(_Fit):
             )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[FitOutcome, ...]]:
-        """Read the patterns, fit the camera, and write it."""
+        """Read the patterns, fit the camera, and write the results."""
         run = run or RunSettings()
         self._check_folder()
         choice = self._choice(run)
@@ -298,7 +304,7 @@ class FitMatrix(_Fit):
         return ((yield from self.iter_write(found, run.workers, choice)),)
 
     def iter_fit(self, workers: int | None = None) -> Work[FittedPatterns]:
-        """Fit the camera to the patterns of a single source, without writing anything."""
+        """Fit the camera to the patterns of a single source, and return the fit without writing anything."""
         from lfcal.camera import NoLatticeError
         from lfcal.fit import iter_fit_camera
 
@@ -312,7 +318,7 @@ class FitMatrix(_Fit):
     def iter_write(
         self, found: FittedPatterns, workers: int | None = None, choice: RunChoice | None = None
     ) -> Work[FitOutcome]:
-        """Write the result of `iter_fit` into the folder of the fit; with ``choice``, H is computed in units."""
+        """Write the result of `iter_fit` to the folder of the fit; with ``choice``, H is computed in units."""
         from lfcal.fit import iter_write_fit
 
         self._check_folder()

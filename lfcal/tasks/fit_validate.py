@@ -66,7 +66,10 @@ class ValidateFit(Task):
     noise: tuple[float, float] | None = noise_field()
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; inputs and outputs are in the folder of the fit."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        Files in the folder of the fit are among both.
+        """
         from lfcal.fit import numbers_file, validation_outputs
 
         if way == "out":
@@ -74,7 +77,7 @@ class ValidateFit(Task):
         return (*self.sources, *((one,) if (one := numbers_file(self.fit)) else ()))
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Validated, ...]]:
-        """Predict the points of each region, and write numbers and a plot into the folder of the region."""
+        """Predict the points of each region, and write the errors and a plot to the folder of the region."""
         from lfcal.fit import iter_write_validation, validation_outputs
 
         made, patterns, parts = [], [], self._parts()

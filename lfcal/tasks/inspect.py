@@ -137,7 +137,10 @@ class Inspect(MatrixTask):
     )
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; a report consists of several."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        A report consists of several files.
+        """
         if way != "out" or self.report is None:
             return super().files(way)
         from lfcal.judge.report import report_files
@@ -145,11 +148,11 @@ class Inspect(MatrixTask):
         return (*report_files(self.report), self.report / REGIONS_PICTURE)
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the folder of the report, next to which the planes of a stopped run are stored."""
+        """Return the folder of the report, next to which results of a stopped run are stored, plane by plane."""
         return () if self.report is None else (self.report,)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[InspectedMatrix, ...]]:
-        """Measure H, compare it with its camera, and write the report."""
+        """Measure the quality of H, compare H with its camera, and write the report."""
         from lfcal.judge import fitted_setup, iter_compare, iter_inspection
         from lfcal.judge.quality import METRICS
         from lfcal.work import discard, note_joining, parts_folder

@@ -196,7 +196,7 @@ class PlanRegions(_PlanOfCamera):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Plan the scan of one region, and repeat it over the field."""
+        """Plan the scan of one region, and repeat it for all regions of the field."""
         from lfcal.camera import RegionPlan, parse_regions
 
         yield from ()
@@ -248,7 +248,7 @@ class PlanRecorded(_Plan):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Read the list and plan the scan. If the frames exist, also find in which direction their light moves."""
+        """Read the list, and plan the scan. If the frames exist, also find the direction in which their light moves."""
         from lfcal.frames import named_orientation, parse_origin
         from lfcal.frames.lists import Part, any_listing, located, plan_of_list, reader, sample_of
 

@@ -217,7 +217,7 @@ class PlanTarget(_PlanTarget):
 
 @record
 class PlanDisplay(_PlanTarget):
-    """Plan the pictures that a display shows to replace the positions of a scan."""
+    """Plan the images that a display shows to replace the positions of a scan."""
 
     input_words: ClassVar[str] = "a display"
 
@@ -230,7 +230,10 @@ class PlanDisplay(_PlanTarget):
     )
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; the images of an earlier plan in the same folder are replaced."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        The images of an earlier plan in the same folder are included, because they are replaced.
+        """
         from lfcal.targets import pictures_in
 
         files, folder = super().files(way), self.patterns
@@ -241,7 +244,7 @@ class PlanDisplay(_PlanTarget):
 
     @property
     def display(self) -> Display:
-        """The display that shows the points."""
+        """Display that shows the points."""
         from lfcal.targets import parse_display
 
         found = parse_display(self.source)

@@ -67,19 +67,19 @@ SOLVER_KINDS = Variants(OWN_SOLVERS, "name", _find, _names)
 
 
 def solver_settings(name: str, **values: Any) -> SolverFields:
-    """Return the settings of a solver, which may come from another distribution.
+    """Return the settings of the solver ``name``, which may come from a plug-in.
 
     Parameters
     ----------
     name
         Name of the solver.
     **values
-        Values of the settings; others have their defaults.
+        Values of settings, by name; other settings have their defaults.
 
     Raises
     ------
     InputError
-        If there is no such solver, or it does not use one of the values.
+        If there is no such solver, or it does not have one of the settings.
 
     Examples
     --------
@@ -176,7 +176,10 @@ class _Reconstruct(Task):
             raise InputError.expected(given, "H of one region", "--region", "leave one of them out")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task, including those of other regions."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        The files of other regions are included.
+        """
         from lfcal.reconstruct import files_of_regions
 
         others = files_of_regions(self.psf, self.regions) if way == "in" else ()
@@ -262,7 +265,7 @@ class Reconstruct(_Reconstruct):
     )
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the output, next to which the volumes of a stopped run are stored."""
+        """Return the path of the output, next to which the volumes of a stopped run are stored."""
         return (self.out,)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:
@@ -306,7 +309,10 @@ class ReconstructSeries(Reconstruct):
         return self.out.suffix.lower() in SUFFIXES
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task, without those in a folder of volumes, which depend on the frames."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        Files in a folder of volumes are not included, because they depend on the frames.
+        """
         return () if way == "out" and not self._whole() else super().files(way)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:

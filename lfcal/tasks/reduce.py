@@ -86,7 +86,7 @@ class Reduce(CopyTask):
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ReducedFile, ...]]:
-        """Write H to the new file with the coarsest rounding that the tolerance allows."""
+        """Write H to the new file, rounded as coarsely as the tolerance allows."""
         from lfcal.psf import iter_save, open_psf
 
         start, run = time.perf_counter(), run or RunSettings()

@@ -393,7 +393,7 @@ class SimulateH(_OfOnePlan):
     )
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedH]:
-        """Choose the effects, and compute and write H."""
+        """Choose the effects, and compute and write the H of ``plan``."""
         return self.iter_matrix(plan, self.out, run, stored=self.store_tolerance)
 
 
@@ -414,7 +414,7 @@ class SimulatePasses(_OfOnePlan):
     )
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedH]:
-        """Compute H in passes, of which each is more accurate than the previous one, and write it after each."""
+        """Compute the H of ``plan`` in increasingly accurate passes, and write it after each pass."""
         whole: list[str] = []
 
         def tell(matrix: PSFMatrix) -> None:
@@ -465,11 +465,14 @@ class SimulateFrames(_OfOnePlan):
     peak: float = opt(0.8, "Brightness of the brightest pixel in the frames.", more=True, **PEAK)
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task, without the folder of frames, which is never replaced."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        The folder of frames is not included, because it is never replaced.
+        """
         return () if way == "out" else super().files(way)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulatedFrames]:
-        """Write the frames."""
+        """Simulate the frames of ``plan``, and write them."""
         from lfcal.simulate import SimulatedCamera, iter_write_session
         from lfcal.simulate.sensor import check_session_folder
 
@@ -512,7 +515,7 @@ class SimulateForecast(_OfOnePlan):
     peak: float = opt(0.8, "Brightness of the brightest pixel in the frames.", needs=("frames", ""), more=True, **PEAK)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulationForecast]:
-        """Choose the effects."""
+        """Choose the effects, and predict the cost of the simulation of ``plan``."""
         yield from ()
         found = self.selection(plan, frames=self.frames is not None, peak=self.peak)
         _tell(plan)

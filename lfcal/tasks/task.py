@@ -31,7 +31,7 @@ def _executors() -> tuple[str, ...]:
 
 @record
 class RunSettings:
-    """Settings for how a task is run, and whether it replaces existing files; they do not change its result.
+    """Settings of a run of a task, such as the number of threads; they do not change its result.
 
     Examples
     --------
@@ -55,22 +55,22 @@ class RunSettings:
     force: bool = opt(False, "Replace existing files.")
 
     def choice(self, out: Path, seconds: float = 0.0, units: str = "plane by plane") -> RunChoice | None:
-        """Return how to compute ``out`` in units; None if the work is short and units were not requested.
+        """Return the settings for computing ``out`` in units; None if the work is short and units were not requested.
 
         Parameters
         ----------
         out
             File that the work writes.
         seconds
-            Forecast processor time (s).
+            Predicted CPU time (s).
         units
-            How the units are described in messages.
+            Description of the units in messages.
 
         Raises
         ------
         InputError
-            If the settings exclude each other, or an earlier run left units and neither ``resume`` nor ``force`` is
-            set.
+            If the settings exclude each other, or an earlier run left finished units and neither ``resume`` nor
+            ``force`` is set.
         """
         from lfcal.work import RunChoice, check_begun, parts_folder
 
@@ -143,11 +143,11 @@ class Task:
         check_record(self)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TaskResult, ...]]:
-        """Do the task, yielding progress, and return its results."""
+        """Run the task, yielding progress, and return its results."""
         raise NotImplementedError
 
     def run(self, run: RunSettings | None = None) -> Any:
-        """Do the task, and return its results, a tuple of `TaskResult`."""
+        """Run the task, and return its results, a tuple of `TaskResult`."""
         return drain(self.work(run))
 
     def files(self, way: str) -> tuple[Path, ...]:

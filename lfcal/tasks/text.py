@@ -45,7 +45,7 @@ def words_of(task: Task, run: RunSettings | None = None) -> tuple[str, ...]:
 
 
 def command_of(task: Task, run: RunSettings | None = None) -> str:
-    """Return the command line that is equivalent to a task.
+    """Return the command line that is equivalent to ``task``, with the settings ``run``.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def command_of(task: Task, run: RunSettings | None = None) -> str:
 
 
 def python_of(task: Task, run: RunSettings | None = None, imported: Collection[str] = ()) -> str:
-    """Return Python code that is equivalent to a task; ``imported`` are modules that the script has already imported.
+    """Return Python code that is equivalent to ``task``; ``imported`` are modules that need not be imported again.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def _literal(value: Any, names: set[tuple[str, str]]) -> str:
 
 
 def job_of(task: Task, run: RunSettings | None = None) -> str:
-    """Return the text of a job file (TOML) with all values of a task, from which `read_job` restores it.
+    """Return the text of a job file (TOML) with all values of ``task`` and ``run``; `read_job` restores them.
 
     Examples
     --------

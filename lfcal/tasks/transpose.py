@@ -69,7 +69,7 @@ class Transpose(CopyTask):
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TransposedFile, ...]]:
-        """Write the transpose plane by plane, because H may not fit into memory."""
+        """Transpose H, and write it plane by plane, because it may not fit into memory."""
         from lfcal.psf import iter_transpose_file
 
         start, run = time.perf_counter(), run or RunSettings()

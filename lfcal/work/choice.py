@@ -19,18 +19,19 @@ BEGUN = ("refuse", "resume", "discard")
 
 @dataclass(frozen=True)
 class RunChoice:
-    """Choice of the executor of a run, and of what happens to units left by an earlier run.
+    """Choice of the executor of a run, and of the treatment of finished units left by an earlier run.
 
     Attributes
     ----------
     executor
-        One of `EXECUTORS`.
+        Name of an executor in `EXECUTORS`.
     workers
-        Number of threads or processes; None: one for each available processor.
+        Number of threads or processes; None: one for each available CPU.
     address
-        Address of a running scheduler, such as ``tcp://host:8786``; empty: a local scheduler is started if needed.
+        Address of a running scheduler, such as ``tcp://host:8786``; empty: a local scheduler is started if required.
     begun
-        What to do if an earlier run left units: ``"refuse"`` (raise an error), ``"resume"`` or ``"discard"``.
+        Treatment of finished units left by an earlier run: ``"refuse"`` (raise an error), ``"resume"`` (use them) or
+        ``"discard"``.
 
     Raises
     ------
@@ -58,7 +59,7 @@ class RunChoice:
             raise InputError.expected("scheduler", f"an executor that has one ({able})", self.executor, "leave it out")
 
     def make(self) -> Executor:
-        """Return a new executor, which is not started yet."""
+        """Return a new executor that has not been started."""
         return EXECUTORS.get(self.executor).make(self.workers, self.address)
 
 
@@ -71,9 +72,11 @@ def iter_begun(
     following: Following | None = None,
     joined: bool = False,
 ) -> Work[tuple[Path, ...]]:
-    """Process the units of ``out``, and return their files, which stay in `parts_folder` until the caller discards it.
+    """Process the units of the file ``out``, and return the files of the units, in order.
 
-    The arguments, and the errors raised, are those of `iter_made` and `iter_run`.
+    The files stay in `parts_folder` until the caller discards it.
+
+    Parameters and errors are those of `iter_made` and `iter_run`.
 
     Examples
     --------
@@ -107,9 +110,9 @@ def iter_made(
     in_order: bool = False,
     joined: bool = True,
 ) -> Work[None]:
-    """Process units and join their files to ``out``; yields progress over both steps.
+    """Process units, and join their files into the file ``out``; yields progress over both steps.
 
-    Until ``out`` is complete, the files of the units are in `parts_folder`. After a run was stopped or killed, the next
+    Until ``out`` is complete, the files of the units are in `parts_folder`. After a run is stopped or killed, another
     run can continue from them.
 
     Parameters
@@ -119,14 +122,14 @@ def iter_made(
     out
         The file to write.
     run
-        Executor, and treatment of an earlier run.
+        Executor, and treatment of units left by an earlier run.
     join
-        Function that writes ``out`` atomically from the files of the units, which are passed in order.
+        Function that takes the files of the units, in order, and writes ``out`` atomically.
     keep
-        Whether to keep the files of the units when ``out`` is complete. The caller must then discard them.
+        Whether to keep the files of the units after ``out`` is complete. The caller must then delete them.
     in_order
-        Whether ``join`` reads one file in each step, after a first step that reads none. Joining then begins while
-        units are running.
+        Whether ``join`` reads one file in each step after a first step that reads none. Joining then begins while units
+        are still being processed.
     joined
         As in `iter_run`; set it to False if ``out`` may be much smaller than the files.
 

@@ -130,11 +130,11 @@ class RunState:
     title
         Description of the output.
     units
-        Units of the run, in order.
+        States of the units of the run, in order.
     executor, workers, place
-        Name of the executor, number of workers, and address of a dashboard that shows them (empty: none).
+        Name of the executor, number of its workers, and address of a dashboard that shows them (empty: none).
     running
-        Whether the process of the run is alive, as far as this machine can determine.
+        Whether the process of the run is still running, as far as this computer can determine.
 
     Examples
     --------
@@ -155,7 +155,7 @@ class RunState:
     running: bool
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the state as a dictionary of plain values; unknown times are None."""
+        """Return the state as plain JSON types; unknown times are None."""
         units = [asdict(unit) | {"seconds": None if math.isnan(unit.seconds) else unit.seconds} for unit in self.units]
         return {
             **{key: value for key, value in vars(self).items() if key != "units"},
@@ -172,7 +172,7 @@ class RunState:
 
     @property
     def eta_seconds(self) -> float | None:
-        """Estimated time to the end (s), from the durations of finished units; None if no duration is known."""
+        """Estimated remaining time (s), from the durations of finished units; None if no duration is known."""
         left = sum(u.state in ("waiting", "under way") for u in self.units)
         pace = self.per_hour
         return None if pace is None else 3600 * left / pace
@@ -216,7 +216,7 @@ def read_run(folder: Path, now: float | None = None) -> RunState:
     Raises
     ------
     InputError
-        If no run was started there.
+        If no run was started in ``folder``.
 
     Examples
     --------

@@ -51,7 +51,7 @@ PAUSE = 1.0
 
 
 def parts_folder(out: str | os.PathLike[str]) -> Path:
-    """Return the folder next to ``out`` that contains the files of its units until ``out`` is complete.
+    """Return the path of the folder next to ``out`` that contains the files of its units until ``out`` is complete.
 
     Examples
     --------
@@ -117,11 +117,11 @@ def iter_run(
     following: Following | None = None,
     joined: bool = False,
 ) -> Work[tuple[Path, ...]]:
-    """Process those of ``units`` that are not finished yet; yields progress over all units.
+    """Process the ``units`` that are not finished yet; yields progress over all units.
 
     A unit is finished when ``folder`` contains its file, whose name contains the unit's fingerprint. A run that was
-    killed can therefore be continued, while a run with other inputs or settings starts again. Files with other
-    fingerprints are removed, and units with damaged files are processed again.
+    killed can therefore be continued, whereas a run with other inputs or settings starts from the beginning. Files with
+    other fingerprints are removed, and units with damaged files are processed again.
 
     Parameters
     ----------
@@ -130,15 +130,16 @@ def iter_run(
     folder
         Folder for the files of the units, created if needed. Only one run at a time may use it.
     executor
-        Executor of the units, which is started and stopped by this function.
+        Executor that processes the units; this function starts and stops it.
     title
         Description of the output, for display.
     attempts
-        Number of times that a unit is started in total if its worker ends early.
+        Maximum number of times that a unit is started, if its worker process dies before the unit is finished.
     following
-        Joins finished files while other units are running; the caller closes it.
+        Object that joins the files of finished units while other units are being processed; the caller closes it. None:
+        files are not joined.
     joined
-        Whether the content of the files is written again to the same disk, which must then have space for both.
+        Whether the caller joins the files into another file on the same disk. The disk must then have space for both.
 
     Returns
     -------
@@ -150,7 +151,7 @@ def iter_run(
     StorageError
         If another run uses the folder, or its disk is too small for the remaining files.
     LfcalError
-        The error of a unit, or `WorkerLost` if its workers ended repeatedly. The files of other units are kept.
+        The error of a unit, or `WorkerLost` if its worker processes died repeatedly. The files of other units are kept.
 
     Examples
     --------

@@ -32,29 +32,29 @@ DIGITS = 16
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of work, described only by paths and plain values.
+    """Unit of work, described only by paths and plain JSON types, so that any process can do it.
 
     Attributes
     ----------
     name
         Name for display and for its file; unique within a run.
     task
-        Function of type `Task` that processes the unit, as ``"package.module:function"``.
+        Name of the function of type `Task` that processes the unit, as ``"package.module:function"``.
     arguments
         Arguments of the function by name, as plain JSON types.
     inputs
         Files that the unit reads.
     suffix
-        Suffix of the file that the unit writes.
+        Suffix of the file that the unit writes, with the dot.
     hints
         Further arguments that do not change the result, such as memory limits; they do not affect the fingerprint.
     settled
-        Further arguments that change the result only by rounding errors, such as the choice of an algorithm. They
-        depend on the machine and do not affect the fingerprint. A continued run uses the arguments with which the unit
-        was started.
+        Further arguments that change the result only by rounding errors, such as the choice of an algorithm. They may
+        depend on the computer, and do not affect the fingerprint. A run that is continued uses the values with which
+        the unit was started.
     concurrent_bytes
-        Memory that the unit needs with one thread (bytes), if it may run concurrently with others in one process; 0 if
-        it runs alone.
+        Memory that the unit requires with one thread (bytes), if it may run concurrently with other units in one
+        process; 0 if it must run alone.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class Unit:
     concurrent_bytes: int = 0
 
     def fingerprint(self) -> str:
-        """Return the fingerprint, a hexadecimal text that changes with inputs, arguments and the version of lfcal.
+        """Return the fingerprint, a hexadecimal text that depends on inputs, arguments and the version of lfcal.
 
         Raises
         ------
@@ -86,7 +86,7 @@ class Unit:
         return _digest({"lfcal": __version__, "task": self.task, "arguments": plain(self.arguments), "inputs": stamps})
 
     def function(self) -> Task:
-        """Return the function that processes the unit."""
+        """Import the function that processes the unit, and return it."""
         module, _, name = self.task.partition(":")
         found: Task = getattr(importlib.import_module(module), name)
         return found
