@@ -18,12 +18,12 @@ FEWEST_PIXELS = 4.0
 
 
 def doubts(camera: Camera) -> tuple[str, ...]:
-    """Return warnings about values of ``camera`` that are possible but probably not intended, one line each.
+    """Return warnings about camera values that are possible but probably not intended, one line each.
 
     Raises
     ------
     InputError
-        If the values are so extreme that nothing can be calculated.
+        If values of the camera are so extreme that derived quantities cannot be calculated.
 
     Examples
     --------

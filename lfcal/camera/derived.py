@@ -43,18 +43,18 @@ NOISE = ("sensor.full_well_e", "sensor.read_noise_e", "sensor.bit_depth")
 
 @dataclass(frozen=True, slots=True)
 class Derived:
-    """Quantity derived from the values of a camera.
+    """A quantity derived from the values of a camera, with its unit.
 
     Attributes
     ----------
     label, text
-        Name of the quantity, and its value with its unit.
+        Name of the quantity, and its value and unit as text.
     value
-        Value in ``unit``; a tuple is (y, x) or (near, far).
+        Value in ``unit``; a tuple contains (y, x), or the near and the far limit.
     unit
-        Unit of ``value``, as in the camera description.
+        Unit of ``value``, as in the camera description; it may differ from that in ``text``.
     assumed
-        Paths of the assumed values on which the quantity depends.
+        Paths of the assumed camera values on which the quantity depends.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def _that_matter(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def not_stated_for_noise(camera: Camera) -> tuple[str, ...]:
-    """Return the names of assumed values on which the noise of H depends; empty if all are stated or measured.
+    """Return the display names of the assumed camera values on which the noise of H depends; empty if there are none.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def derived_of(camera: Camera) -> tuple[Derived, ...]:
     Raises
     ------
     InputError
-        If the values of the camera are so extreme that nothing can be calculated.
+        If values of the camera are so extreme that the quantities cannot be calculated.
 
     Examples
     --------

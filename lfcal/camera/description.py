@@ -50,14 +50,15 @@ MARKS = ("stated", "measured", "derived", "assumed")
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Origin of camera values: one of `MARKS` for each path, such as ``"sensor.pixel_um"``.
+    """Record of how each camera value is known: stated, measured, derived or assumed.
 
-    Values without a mark count as stated by the author of the description.
+    A value is identified by its path, such as ``"sensor.pixel_um"``. Values without a mark count as stated by the
+    author of the description.
 
     Attributes
     ----------
     entries
-        Pairs (path, mark), sorted by path.
+        Pairs (path, mark), sorted by path; each mark is one of `MARKS`.
 
     Examples
     --------
@@ -80,7 +81,7 @@ class Marks:
 
     @classmethod
     def of(cls, entries: Mapping[str, str]) -> Marks:
-        """Return the marks from a mapping of paths to marks."""
+        """Return the marks given as a mapping from paths to marks."""
         return cls(tuple(entries.items()))
 
     def __iter__(self) -> Iterator[tuple[str, str]]:
@@ -92,11 +93,11 @@ class Marks:
         return dict(self.entries).get(path, "stated")
 
     def paths(self, mark: str) -> tuple[str, ...]:
-        """Return the paths of the values that have ``mark``."""
+        """Return the paths of the values that have the given mark."""
         return tuple(path for path, own in self.entries if own == mark)
 
     def marked(self, paths: Iterable[str], mark: str) -> Marks:
-        """Return a copy of these marks in which the values at ``paths`` have ``mark``."""
+        """Return a copy in which the values at ``paths`` have the given mark."""
         return Marks.of(dict(self.entries) | dict.fromkeys(paths, mark))
 
 
@@ -109,20 +110,20 @@ class Camera:
     name
         Display name.
     optics
-        Main optics: a `MainLens` or a `Microscope`.
+        Optics in front of the lenslets: a `MainLens` or a `Microscope`.
     lattice
-        Lenslet array: a periodic `LensletLattice`, or the `PupilLenslets` of a Fourier light-field microscope. With the
+        Lenslet array: a periodic `LensletLattice`, or the `PupilLenslets` of a Fourier light-field microscope. For the
         latter, properties that only a periodic array has raise `NoLatticeError`; see `has_lattice`.
     sensor
         Image sensor.
     wavelength_um
         Design wavelength in vacuum (µm).
     bandwidth_um
-        Full width of the light's spectrum (µm).
+        Full width of the spectrum of the light (µm); 0: monochromatic.
     distortion
-        The manufacturer's lens distortion, which is stored but not applied; None if unknown.
+        Lens distortion stated by the manufacturer, which is stored but not applied; None if unknown.
     marks
-        Which values are stated, measured, derived or assumed; ignored when cameras are compared.
+        Record of which values are stated, measured, derived or assumed; ignored when cameras are compared.
 
     Examples
     --------
@@ -173,12 +174,12 @@ class Camera:
 
     @property
     def pitch_px(self) -> float:
-        """Pitch of the micro-images along a row (sensor pixels)."""
+        """Pitch of the micro-images along a row of the lattice (sensor pixels)."""
         return self.lattice.pitch_um / self.sensor.pixel_um
 
     @property
     def period_px(self) -> tuple[float, float]:
-        """Period ``(y, x)`` of the patterns on the sensor (pixels, not rounded); (1, 1) without a lattice."""
+        """Period ``(y, x)`` of the patterns on the sensor (px), not rounded to integers; (1, 1) without a lattice."""
         if not self.has_lattice:
             return 1.0, 1.0
         y, x = self.lattice.period_um
@@ -186,44 +187,44 @@ class Camera:
 
     @property
     def lattice_scale(self) -> float:
-        """Ratio of micro-image pitch to lenslet pitch: 1 + B/b for a main lens, 1 for a telecentric microscope."""
+        """Ratio of micro-image pitch to lenslet pitch: 1 + gap/image distance for a main lens, 1 for a microscope."""
         # the chief ray leaves the exit pupil's centre and passes the lenslet at distance b, the sensor at b + B
         return 1.0 + self.periodic.gap_um / self.optics.image_distance_um
 
     @property
     def magnification(self) -> float:
-        """Magnification |M| from the working plane to the sensor, along the chief ray."""
+        """Lateral magnification |M| from the working plane to the sensor, along the chief ray."""
         if isinstance(self.lattice, PupilLenslets):
             return self.optics.magnification * self.lattice.relay
         return self.optics.magnification * self.lattice_scale
 
     def pixels(self, xy_um: ArrayLike) -> NDArray[np.float64]:
-        """Return pixels (row, column), ``(..., 2)``, for points (x, y) relative to the sensor's centre (µm)."""
+        """Return the pixels (row, column), ``(..., 2)``, at points (x, y) relative to the sensor's centre (µm)."""
         # Camera.pixels counts (row, column), points count (x, y): the order is swapped, without mirroring
         flipped = np.asarray(xy_um, float)[..., ::-1]
         pixels: NDArray[np.float64] = flipped / self.sensor.pixel_um + np.array(self.sensor.centre_px)
         return pixels
 
     def sensor_um(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Return points (x, y), ``(..., 2)``, relative to the sensor's centre (µm) for pixels (row, column).
+        """Return the points (x, y), ``(..., 2)``, relative to the sensor's centre (µm) at pixels (row, column).
 
-        This is the inverse of `pixels`.
+        This is the inverse of `pixels`; integer coordinates are pixel centres.
         """
         offset = np.asarray(pixels, float) - np.array(self.sensor.centre_px)
         flipped: NDArray[np.float64] = offset[..., ::-1]
         return flipped * self.sensor.pixel_um
 
     def local(self, place: ArrayLike) -> Camera:
-        """Return the camera with its lattice linearized about the pixel ``place`` (row, column), without distortion."""
+        """Return a copy of the camera whose lattice is linearized about the sensor pixel ``place`` (row, column)."""
         x, y = self.sensor_um(place)
         return replace(self, lattice=self.lattice.local((float(x), float(y))))
 
     # -- depth -----------------------------------------------------------------------------------------
     def step_um(self, z_um: float = 0.0) -> float:
-        """Return the lateral object-space step that moves the image by one pixel at depth ``z_um`` (µm).
+        """Return the lateral step in object space (µm) that moves the image by one pixel, at the depth ``z_um`` (µm).
 
-        For a main lens, the chief ray is followed from the object through the lens's centre to the sensor. The period
-        of the pattern is then exactly that of the micro-images at every depth.
+        For a main lens, the chief ray is traced from the object through the centre of the lens to the sensor. The
+        period of the pattern is then exactly that of the micro-images at every depth.
         """
         if isinstance(self.optics, Microscope):
             return self.sensor.pixel_um / self.magnification
@@ -232,11 +233,12 @@ class Camera:
         return self.sensor.pixel_um * distance / (self.optics.image_distance_um + self.lattice.gap_um)
 
     def image_shift_um(self, z_um: float) -> float:
-        """Return the distance ``a`` from the lenslet array to the image of depth ``z_um``, towards the sensor (µm).
+        """Return the distance a (µm) of the image of the plane at depth ``z_um`` (µm) behind the lenslet array.
 
-        z > 0 is away from the camera; the image is then in front of the array and ``a`` is negative. For a microscope,
-        ``a = -M² z / n`` (paraxial); for a main lens, it follows from the thin-lens equation. For lenslets in a pupil
-        plane, it is not defined and `NoLatticeError` is raised.
+        The depth z is positive away from the camera; the image is then in front of the array, and a is negative. For a
+        microscope with the magnification M and the medium index n, ``a = -M² z / n`` (paraxial). For a main lens, a
+        follows from the thin-lens equation. For lenslets in a pupil plane, it is not defined, and `NoLatticeError` is
+        raised.
         """
         self._check_lattice("virtual depth")
         if isinstance(self.optics, Microscope):
@@ -244,11 +246,11 @@ class Camera:
         return self.optics.image_of(self._object_distance(z_um)) - self.optics.image_distance_um
 
     def virtual_depth(self, z_um: float) -> float:
-        """Return the virtual depth v = a/B of the object depth ``z_um`` (µm)."""
+        """Return the virtual depth of the object depth ``z_um`` (µm): `image_shift_um` divided by the gap."""
         return self.image_shift_um(z_um) / self.lattice.gap_um
 
     def depth_of(self, virtual_depth: float) -> float:
-        """Return the object depth z (µm) that corresponds to ``virtual_depth``; inverse of `virtual_depth`."""
+        """Return the object depth z (µm) of a virtual depth; the inverse of `virtual_depth`."""
         self._check_lattice("virtual depth")
         a = virtual_depth * self.lattice.gap_um
         if isinstance(self.optics, Microscope):
@@ -276,7 +278,7 @@ class Camera:
 
     # -- JSON ------------------------------------------------------------------------------------------
     def to_dict(self) -> dict[str, Any]:
-        """Return the description as plain JSON types."""
+        """Return the description as plain JSON types, including its format and version."""
         data = asdict(self)
         data["optics"] = {"type": type(self.optics).__name__, **asdict(self.optics)}
         data["marks"] = dict(self.marks)
@@ -291,7 +293,7 @@ class Camera:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Camera:
-        """Return the camera described by ``data``; unknown or missing entries raise `InputError`."""
+        """Return the camera described by the result of `to_dict`; unknown or missing entries raise `InputError`."""
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise FileFormatError.expected(
                 "camera description",
@@ -318,7 +320,7 @@ class Camera:
 
     @classmethod
     def from_json(cls, text: str) -> Camera:
-        """Return the camera described by JSON ``text``."""
+        """Return the camera described by ``text``, as returned by `to_json`."""
         return cls.from_dict(parse_json(text, "camera description"))
 
 

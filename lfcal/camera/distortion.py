@@ -30,17 +30,17 @@ INVERSE_TOLERANCE = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class BrownDistortion:
-    """Radial lens distortion by the model of Brown, as stated in a calibration file.
+    """Radial lens distortion after Brown's model, as stated in a calibration file.
 
-    The file states neither the unit of the radius nor the corner from which the centre is measured. The numbers are
-    therefore stored but not applied.
+    Such files state neither the unit of the radius nor the corner from which the centre is measured. The coefficients
+    are therefore stored but not applied.
 
     Attributes
     ----------
     coefficients
         Radial coefficients k1, k2, … in the order of the file.
     centre_px
-        Centre of distortion (x, y) as in the file (pixels).
+        Centre of distortion (x, y) as in the file (px).
 
     Examples
     --------
@@ -120,16 +120,16 @@ def _slopes_within_reach(model: str, count: int) -> Array:
 class LatticeDistortion:
     """Smooth displacement of the micro-images from an ideal lattice.
 
-    A point x of the ideal lattice, with u = (x - centre) / scale, is displaced by
+    A point x = (x, y) of the ideal lattice, with u = (x - centre) / scale, is displaced by
 
     - ``"polynomial"``: sum over orders 2 … n of ``terms[0][k]`` u_x^i u_y^j along x, and of ``terms[1][k]`` along y, in
       the order of `polynomial_powers`;
     - ``"radial"``: (k1 |u|² + k2 |u|⁴ + …) u with terms[0] = (k1, k2, …), after Brown (1966).
 
-    Constant and linear displacements belong to the lattice. All lengths have the unit of the lattice: µm from the
-    sensor's centre in a `LensletLattice`, pixels (column, row) in a `lfcal.lattice.LatticeFit`. Farther than `REACH`
-    times the scale from the centre, the displacement is extrapolated linearly, so that distant lenslets keep their
-    order.
+    Constant and linear displacements are part of the ideal lattice. All lengths have the unit of the lattice: µm from
+    the sensor's centre in a `LensletLattice`, and pixels (column, row) in a `lfcal.lattice.LatticeFit`. At distances of
+    more than `REACH` times ``scale`` from the centre, the displacement is extrapolated linearly, so that distant
+    lenslets remain in order.
 
     Attributes
     ----------
@@ -138,9 +138,10 @@ class LatticeDistortion:
     centre
         Point (x, y) of the ideal lattice at which u = 0.
     scale
-        Length scale: the distance from the centre at which |u| = 1.
+        Length scale, the distance from the centre at which |u| = 1.
     terms
-        Coefficients in the unit of length: two tuples for a polynomial (along x and y), one for the radial model.
+        Coefficients in the unit of the lattice: two tuples for the polynomial (along x and along y), one for the radial
+        model.
 
     Examples
     --------
@@ -198,7 +199,7 @@ class LatticeDistortion:
 
     @property
     def degree(self) -> int:
-        """Highest order of the displacement in u."""
+        """Highest power of u in the displacement."""
         if self.model == "radial":
             return 2 * len(self.terms[0]) + 1
         # orders 2 … n hold (n + 1)(n + 2)/2 - 3 terms
@@ -222,7 +223,7 @@ class LatticeDistortion:
         return found
 
     def displacement(self, points: ArrayLike) -> Array:
-        """Return the displacements (x, y), ``(..., 2)``, of points (x, y) of the ideal lattice."""
+        """Return the displacements (x, y), ``(..., 2)``, of points (x, y) of the ideal lattice, in the same unit."""
         u = (np.asarray(points, float) - np.array(self.centre)) / self.scale
         radius = np.hypot(u[..., 0], u[..., 1])
         far = radius > REACH
@@ -235,12 +236,12 @@ class LatticeDistortion:
         return result
 
     def apply(self, points: ArrayLike) -> Array:
-        """Return the distorted positions (x, y), ``(..., 2)``, of points (x, y) of the ideal lattice."""
+        """Return the distorted positions (x, y), ``(..., 2)``, of points (x, y) of the ideal lattice, in its unit."""
         seen: Array = np.asarray(points, float) + self.displacement(points)
         return seen
 
     def invert(self, seen: ArrayLike) -> Array:
-        """Return the points ``(..., 2)`` of the ideal lattice that are displaced to ``seen``; inverse of `apply`.
+        """Return the ideal points (x, y), ``(..., 2)``, of the distorted positions ``seen``; inverse of `apply`.
 
         Raises
         ------
@@ -263,7 +264,7 @@ class LatticeDistortion:
         )
 
     def jacobian(self, points: ArrayLike) -> Array:
-        """Return the derivative of `apply` ``(..., 2, 2)``: rows are the distorted, columns the ideal x and y."""
+        """Return the Jacobian of `apply`, ``(..., 2, 2)``; rows are the distorted, columns the ideal x and y."""
         at, step = np.asarray(points, float), STEP * self.scale
         u = (at - np.array(self.centre)) / self.scale
         far = np.hypot(u[..., 0], u[..., 1]) > REACH
@@ -278,14 +279,14 @@ class LatticeDistortion:
 
     @property
     def largest(self) -> float:
-        """Largest displacement within the distance `scale` from the centre."""
+        """Largest displacement within the distance `scale` from the centre, in the unit of the lattice."""
         angle = np.linspace(0, 2 * np.pi, 73)[:-1]
         ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         points = (np.linspace(0, 1, 11)[:, None, None] * ring * self.scale).reshape(-1, 2) + np.array(self.centre)
         return max(hypot(x, y) for x, y in self.displacement(points))
 
     def scaled(self, factor: float, shift: tuple[float, float] = (0.0, 0.0)) -> LatticeDistortion:
-        """Return the distortion for points transformed to ``factor * (x, y) + shift``, for another unit or origin."""
+        """Return the distortion in transformed coordinates ``factor * (x, y) + shift``, for another unit or origin."""
         check_number("factor of the distortion", factor, above=0)
         x, y = (factor * c + s for c, s in zip(self.centre, shift, strict=True))
         terms = tuple(tuple(factor * t for t in line) for line in self.terms)

@@ -36,25 +36,26 @@ SEEN_IN_PIXELS = tuple(f"lattice.{n}" for n in ("pitch_um", "row_pitch_um", "off
 
 
 class Draft:
-    """Values of a camera by path, to be completed by assumed values.
+    """Incomplete camera description, whose missing values are assumed when a camera is created from it.
 
-    The first value set for a path is kept. Values that are not set are assumed and marked as such.
+    A value is identified by its path, such as ``"sensor.pixel_um"``. The first value set for a path is kept. Values
+    that are not set are assumed and marked as such.
 
     In addition to the paths of `QUANTITIES`, there are ``lattice.focus`` (virtual depth at which each lens type is in
-    focus) and ``lattice.depth_ranges`` (a pair of virtual depths for each type). ``lattice.types`` contains focal
-    lengths (µm).
+    focus) and ``lattice.depth_ranges`` (a pair of virtual depths for each lens type). ``lattice.types`` contains the
+    focal lengths of the lens types (µm).
 
     Parameters
     ----------
     kind
-        ``"MainLens"``, ``"Microscope"`` or ``"FourierMicroscope"``.
+        Kind of camera: ``"MainLens"``, ``"Microscope"`` or ``"FourierMicroscope"``.
     given
-        Values stated by the user, by path; values set later do not replace them.
+        Values stated by the user, by path; values set later with `put` do not replace them.
 
     Raises
     ------
     InputError
-        If a camera of this kind has no value at one of the paths.
+        If a camera of this kind has no value at one of the given paths.
 
     Examples
     --------
@@ -77,10 +78,10 @@ class Draft:
 
     @classmethod
     def of(cls, camera: Camera, given: Mapping[str, Any]) -> Draft:
-        """Return a draft of an existing camera, with its values replaced by those in ``given``.
+        """Return a draft with the values of an existing camera, of which those in ``given`` (by path) are replaced.
 
-        Lattices are measured in pixels. Their derived or measured lengths are therefore scaled if the pixel pitch
-        changes. Gaps and focal lengths that were assumed are assumed again.
+        Lattices are measured in pixels. Their derived or measured lengths are therefore scaled if ``given`` changes the
+        pixel pitch. Gaps and focal lengths that were assumed are assumed again.
         """
         draft = cls(type(camera.optics).__name__ if camera.has_lattice else "FourierMicroscope", given)
         draft.distortion = camera.distortion
@@ -114,12 +115,12 @@ class Draft:
             self.put("lattice.types", tuple(kind.focal_length_um for kind in lattice.types), mark)
 
     def put(self, path: str, value: Any, mark: str = "stated") -> None:
-        """Set the value at ``path`` and its mark, unless a value is set already; a ``value`` of None is ignored.
+        """Set the value at ``path`` and its mark unless a value is already set; a ``value`` of None is ignored.
 
         Raises
         ------
         InputError
-            If such a camera has no value at ``path``.
+            If a camera of this kind has no value at ``path``.
         """
         if path not in PATHS or not self._has(path):
             known = [own for own in sorted(PATHS) if self._has(own)]
@@ -139,14 +140,14 @@ class Draft:
         return part != "optics" or name in {f.name for f in fields(self._kind)}
 
     def state(self, path: str, value: Any) -> None:
-        """Set the value at ``path`` as stated by the user, replacing the current value."""
+        """Set the value at ``path`` with the mark ``"stated"``, replacing the current value."""
         self.withdraw(path)
         self.put(path, value)
         if path == FOCUS:
             self.withdraw("lattice.types")
 
     def withdraw(self, path: str) -> None:
-        """Remove the value at ``path``."""
+        """Remove the value at ``path``, so that it is assumed."""
         self._values.pop(path, None)
 
     def get(self, path: str) -> Any:
@@ -163,11 +164,11 @@ class Draft:
         return self._values.get(path, (None, "assumed"))[1]
 
     def camera(self, name: str) -> Camera:
-        """Return the camera, with a mark for every value.
+        """Return the completed camera with the display name ``name`` and a mark for every value.
 
-        An unknown gap is assumed to be the pitch times the working f-number, at which adjacent micro-images just touch.
-        Each lens type is assumed to be in focus at the virtual depth that follows from its depth range, or at infinity
-        if no depth range is known.
+        If the gap is unknown, it is assumed to be the pitch times the working f-number, at which adjacent micro-images
+        just touch. If its focus is unknown, each lens type is assumed to be in focus at the virtual depth that follows
+        from its depth range, or at infinity without a depth range.
 
         Raises
         ------
@@ -177,7 +178,7 @@ class Draft:
         return self.copy()._complete(name)  # values assumed now may be stated later
 
     def copy(self) -> Draft:
-        """Return a copy of the draft."""
+        """Return an independent copy of the draft."""
         other = copy.copy(self)
         other._values = dict(self._values)
         return other

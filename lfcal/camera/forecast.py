@@ -32,21 +32,21 @@ def readout_hours(frames: int, frames_per_s: float | None) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """Time, disk space and memory that a `ScanPlan` needs.
+    """Time, disk space and memory required to record a `ScanPlan` and to assemble its H.
 
     Attributes
     ----------
     positions, frames
-        Number of source positions, and of recorded frames (more if frames are averaged).
+        Number of source positions, and number of recorded frames, which is larger if frames are averaged.
     exposure_hours, settle_hours, move_hours
-        Total time for exposures, for settling and for moves (h).
+        Total time for exposures, for settling and for moves of the stage (h).
     readout_hours
-        Total readout time (h), included in `hours`; None if the camera's rate is unknown.
+        Total readout time (h), which `hours` includes; None if the frame rate of the camera is unknown.
     frame_bytes, cutout_bytes
-        Size of all frames as delivered by the camera, and of their cutouts only, as uint16 (bytes).
+        Size of all frames as delivered by the camera, and size of one uint16 cutout for each position (bytes).
     h_float32_bytes, h_rounded_bytes
-        Size of H without compression, and largest size of an H file rounded to 16 bits (bytes). HT is stored only when
-        it is exported.
+        Size of H as float32 without compression, and largest expected size of an H file with values rounded to 16 bits
+        (bytes). HT is stored only if it is exported.
     assembly_bytes
         Peak memory of the assembly of H: two float32 planes (bytes).
 
@@ -73,21 +73,21 @@ class Forecast:
 
     @property
     def hours(self) -> float:
-        """Total time (h), including readout if it is known."""
+        """Total recording time (h), including the readout time if it is known."""
         return self.exposure_hours + self.settle_hours + self.move_hours + (self.readout_hours or 0.0)
 
     @property
     def bytes_per_s(self) -> float:
-        """Average data rate of the camera for complete frames over the total time (bytes/s)."""
+        """Average data rate of the camera (bytes/s): size of all complete frames divided by the total time."""
         return self.frame_bytes / (3600 * self.hours) if self.hours else math.inf
 
     @property
     def ht_float32_bytes(self) -> int:
-        """Size of HT as float32 without compression (bytes), if it is exported."""
+        """Size of HT as float32 without compression (bytes), as in an export."""
         return self.h_float32_bytes
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+        """Return all values, including the derived ones, as plain JSON types."""
         names = ("hours", "bytes_per_s", "ht_float32_bytes")
         return asdict(self) | {name: getattr(self, name) for name in names}
 
@@ -100,11 +100,11 @@ class Forecast:
         frames_per_s: float | None = None,
         positions: NDArray[np.intp] | None = None,
     ) -> Forecast:
-        """Return the forecast of ``plan``; the stage moves all axes simultaneously at ``stage_um_per_s`` (µm/s).
+        """Return the forecast of ``plan`` for a stage that moves all axes simultaneously at ``stage_um_per_s`` (µm/s).
 
-        ``frames_per_s`` is the largest frame rate of the camera for the region that it reads out; see `readout_hours`.
-        ``positions`` ``(n, 3)`` are the positions (z, y, x) to record, in this order; by default, all positions of the
-        plan. The size of H does not depend on them.
+        ``frames_per_s`` is the largest frame rate of the camera for the region that it reads out; None: unknown.
+        ``positions`` contains the positions (z, y, x) to record in this order, ``(n, 3)``; None: all positions of the
+        plan. The size of H does not depend on ``positions``.
         """
         check_number("stage speed (µm/s)", stage_um_per_s, at_least=MIN_RATE)
         _, ny, nx, nt, ns = plan.shape

@@ -23,14 +23,14 @@ GAPLESS_SHARE = 0.995
 
 @dataclass(frozen=True, slots=True)
 class LensType:
-    """One type of lenslet.
+    """A type of lenslet, with its focal length.
 
     Attributes
     ----------
     focal_length_um
         Focal length (µm).
     depth_range
-        Virtual depths (near, far) for which this type is used, as stated by the manufacturer; None if unknown.
+        Virtual depths (near, far) between which this type is used, as stated by the manufacturer; None if unknown.
 
     Examples
     --------
@@ -59,9 +59,10 @@ class LensType:
     def focused_at(
         cls, virtual_depth: float, gap_um: float, depth_range: tuple[float, float] | None = None
     ) -> LensType:
-        """Return the lens type that is in focus at ``virtual_depth``: 1/f = (1 - 1/v) / gap.
+        """Return the lens type that is in focus at the virtual depth v: 1/f = (1 - 1/v) / gap.
 
-        With ``math.inf``, lenslets are focused at infinity (f = gap), as in a light-field microscope.
+        ``gap_um`` is the distance from the lenslets to the sensor (µm). A virtual depth of ``math.inf`` means that the
+        lenslets are focused at infinity (f = gap), as in a light-field microscope.
         """
         # lenslet equation 1/f = 1/B - 1/a with a = v B: between 0 and 1 the focal length would be negative
         if virtual_depth in (0, 1) or 0 < virtual_depth < 1:
@@ -71,7 +72,7 @@ class LensType:
         return cls(gap_um / (1.0 - 1.0 / virtual_depth), depth_range)
 
     def focus_depth(self, gap_um: float) -> float:
-        """Return the virtual depth at which this type is in focus, with the sensor ``gap_um`` behind the lenslets."""
+        """Return the virtual depth at which this type is in focus, for a sensor ``gap_um`` (µm) behind the lenslets."""
         inverse = 1.0 - gap_um / self.focal_length_um
         return math.inf if inverse == 0 else 1.0 / inverse
 
@@ -80,40 +81,40 @@ class LensType:
 class LensletLattice:
     """Square or hexagonal lenslet array with one or three lens types.
 
-    Distances are those of the micro-image lattice on the sensor, as shown by a white image and stated in the
-    manufacturer's calibration. The lenslets themselves are closer together, by the factor `Camera.lattice_scale`.
+    Distances are those of the micro-image lattice on the sensor, as in a white image and in the calibration by the
+    manufacturer. The lenslets themselves are closer together by the factor `Camera.lattice_scale`.
 
     Attributes
     ----------
     kind
-        ``"square"`` or ``"hexagonal"`` (rows along x, odd rows shifted by half a pitch).
+        Kind of lattice: ``"square"``, or ``"hexagonal"`` with odd rows shifted by half a pitch.
     pitch_um
-        Distance between neighbouring micro-image centres in a row (µm).
+        Distance between adjacent micro-image centres in a row (µm).
     gap_um
         Distance B from the lenslets to the sensor (µm).
     types
-        One or three lens types. In a hexagonal array with three types, neighbours have different types, and a lenslet
-        of type 0 is at the offset.
+        One or three lens types. In a hexagonal array with three types, adjacent lenslets have different types, and the
+        lenslet at the offset has type 0.
     rotation_rad
-        Angle from the sensor's +x axis to a row, positive from +x towards +y (downwards) (rad).
+        Angle (rad) from the sensor's +x axis to a row, positive from +x towards +y (downwards).
     offset_um
-        Centre (x, y) of a type-0 micro-image relative to the sensor's centre, x to the right, y downwards (µm).
+        Centre (x, y) of a type-0 micro-image relative to the sensor's centre (µm), x to the right, y downwards.
     clear_um
-        Clear diameter of a lenslet (µm). Like the pitch, it refers to the micro-image lattice, so multiply a
-        manufacturer's value by `Camera.lattice_scale`. Lenslets with a stated diameter are round and cut off at the
+        Clear diameter of a lenslet (µm). Like the pitch, it refers to the micro-image lattice: multiply a value stated
+        by the manufacturer by `Camera.lattice_scale`. Lenslets with a given diameter are round and truncated at the
         edges of their cells. If the diameter is that of the cell (square: sqrt(2) pitch; hexagonal: 2/sqrt(3) pitch),
         the array has no gaps. None: squares without gaps or, in a hexagonal array, discs whose diameter is the pitch.
     row_pitch_um
-        Distance between neighbouring rows (µm), for example as measured in a white image. None: the ideal distance
-        (square: pitch; hexagonal: sqrt(3)/2 pitch).
+        Distance between adjacent rows (µm), for example as measured in a white image. None: the ideal distance (square:
+        pitch; hexagonal: sqrt(3)/2 pitch).
     type_step
-        Type of the lenslet that follows a type-0 lenslet in its row (+q): 1, or 2 if the types run in the other
-        direction. Manufacturers number types differently; with this value, the rotation can remain small.
+        Type of the lenslet that follows a type-0 lenslet in its row (+q): 1, or 2 if the types are numbered in the
+        other direction.
     shear_rad
-        Shear of the lattice (rad): each row is shifted along its direction, relative to the previous row, by an
+        Shear of the lattice (rad): relative to the previous row, each row is shifted along its direction by an
         additional ``tan(shear)`` times the row distance.
     distortion
-        Distortion of the lattice as seen on the sensor (µm from the sensor's centre); None: straight rows.
+        Distortion of the micro-image lattice on the sensor, in µm from the sensor's centre; None: no distortion.
         `centres_um`, `lenslet_at` and `lenslets_within` include it; pitch, period and `basis_um` are those of the
         undistorted lattice. `local` returns the lattice at a point.
 
@@ -171,21 +172,21 @@ class LensletLattice:
 
     @property
     def row_step_um(self) -> float:
-        """Distance between neighbouring rows (µm)."""
+        """Distance between adjacent rows (µm), stated or ideal."""
         if self.row_pitch_um is not None:
             return self.row_pitch_um
         return self.pitch_um * (math.sqrt(3) / 2 if self.kind == "hexagonal" else 1.0)
 
     @property
     def clear_diameter_um(self) -> float:
-        """Clear diameter of a lenslet, at most that of its cell; for touching squares, their side (µm)."""
+        """Clear diameter of a lenslet (µm), at most that of its cell; for squares without gaps, their side."""
         if self.clear_um is None or self.edge_to_edge:
             return self.pitch_um
         return min(self.clear_um, self.cell_um[1])
 
     @property
     def cell_um(self) -> tuple[float, float]:
-        """Diameters of the inscribed and of the circumscribed circle of a lenslet's cell (µm).
+        """Diameters (µm) of the inscribed and of the circumscribed circle of a lenslet's cell.
 
         The cell consists of the points that are closer to this lenslet than to any other.
         """
@@ -199,14 +200,14 @@ class LensletLattice:
 
     @property
     def gapless(self) -> bool:
-        """Whether the lenslets fill their cells: squares without a clear diameter, or discs as large as the cells."""
+        """Whether the lenslets fill their cells: squares without gaps, or discs at least as large as the cells."""
         if self.clear_um is None and self.kind == "square":
             return True
         return (self.pitch_um if self.clear_um is None else self.clear_um) >= GAPLESS_SHARE * self.cell_um[1]
 
     @property
     def fill_factor(self) -> float:
-        """Fraction of the array's area that the lenslets cover, within their clear diameters and cells."""
+        """Fraction of the area of the array that the clear apertures of the lenslets cover, 0 to 1."""
         if self.gapless:
             return 1.0
         radius, cell = self.clear_diameter_um / 2, self.pitch_um * self.row_step_um
@@ -217,9 +218,10 @@ class LensletLattice:
 
     @property
     def period_um(self) -> tuple[float, float]:
-        """Rectangular period ``(y, x)`` of the array, after which the lens types also repeat (µm).
+        """Rectangular period ``(y, x)`` of the array (µm), after which the lens types also repeat.
 
-        If the rows of lenslets are closer to the sensor's columns than to its rows, y and x are exchanged.
+        If the direction of the lenslet rows is closer to the columns of the sensor than to its rows, y and x are
+        exchanged.
         """
         across, along = self.row_step_um, self.pitch_um
         # odd rows are shifted by half a pitch, so a rectangular cell takes two rows; three types repeat every third
@@ -230,16 +232,16 @@ class LensletLattice:
 
     @property
     def quarter_turns(self) -> int:
-        """Number of quarter turns from the sensor's +x axis to the rows."""
+        """Number of quarter turns from the sensor's +x axis to the lenslet rows, rounded to the nearest integer."""
         return round(self.rotation_rad / (math.pi / 2))
 
     @property
     def tilt_rad(self) -> float:
-        """Angle from the nearest sensor axis to the rows of lenslets (rad)."""
+        """Angle (rad) from the nearest sensor axis to the lenslet rows."""
         return self.rotation_rad - self.quarter_turns * math.pi / 2
 
     def basis_um(self) -> NDArray[np.float64]:
-        """Return the basis vectors ``[[ax, ay], [bx, by]]`` without distortion: along a row, to the next row (µm)."""
+        """Return the undistorted basis vectors ``[[ax, ay], [bx, by]]`` (µm): along a row, and to the next row."""
         upright = np.array(self._upright_um)
         c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
         # image y points down, so this turns from +x towards +y: clockwise on the screen
@@ -254,7 +256,7 @@ class LensletLattice:
         return (self.pitch_um, 0.0), (lean + self.row_step_um * math.tan(self.shear_rad), self.row_step_um)
 
     def centres_um(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.float64]:
-        """Return the centre (x, y), ``(..., 2)``, of lenslet q in row r, relative to the sensor's centre (µm)."""
+        """Return the centre (x, y), ``(..., 2)``, of micro-image q in row r, relative to the sensor's centre (µm)."""
         index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
         centres: NDArray[np.float64] = index @ self.basis_um() + np.array(self.offset_um)
         return centres if self.distortion is None else self.distortion.apply(centres)
@@ -267,17 +269,17 @@ class LensletLattice:
         return index
 
     def in_cell(self, x_um: ArrayLike, y_um: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether points are in the cell of a lenslet, from their coordinates relative to its centre (µm)."""
+        """Return whether points are in the cell of a lenslet, given their coordinates (µm) relative to its centre."""
         points = np.stack(np.broadcast_arrays(np.asarray(x_um, float), np.asarray(y_um, float)), -1)
         others = cell_neighbours(self.basis_um())
         inside: NDArray[np.bool_] = (np.abs(points @ others.T) <= (others**2).sum(-1) / 2).all(-1)
         return inside
 
     def local(self, about_um: tuple[float, float]) -> LensletLattice:
-        """Return the undistorted lattice that approximates this one near a point (x, y) of the sensor (µm).
+        """Return an undistorted lattice that approximates this one near the point (x, y) of the sensor (µm).
 
-        Its pitch, row pitch, rotation and shear are those at the lenslet of type 0 nearest to the point, whose centre
-        becomes the offset. Use it to compute periods, wave vectors and rotations of a distorted lattice.
+        Its pitch, row pitch, rotation and shear are those at the nearest type-0 lenslet, whose centre becomes the
+        offset. Use it to compute periods, wave vectors and rotations of a distorted lattice.
         """
         if self.distortion is None:
             return self
@@ -307,17 +309,16 @@ class LensletLattice:
         )
 
     def clear_of(self, pitch_um: float) -> float | None:
-        """Return the clear diameter for a lattice with another pitch (µm).
+        """Return the clear diameter (µm) for a lattice with the pitch ``pitch_um`` (µm); None if no diameter is given.
 
-        An array without gaps remains without gaps; other lenslets keep their diameter, at most 1.5 times the pitch.
-        None if no diameter is stated.
+        An array without gaps remains without gaps. Other lenslets keep their diameter, but at most 1.5 times the pitch.
         """
         if self.clear_um is None or not self.gapless:
             return None if self.clear_um is None else min(self.clear_um, 1.5 * pitch_um)
         return self.clear_um * pitch_um / self.pitch_um
 
     def scaled(self, factor: float) -> LensletLattice:
-        """Return the lattice scaled by ``factor`` about the sensor's centre, with the same gap and lens types."""
+        """Return a copy scaled by ``factor`` about the sensor's centre, with the same gap and lens types."""
         x, y = self.offset_um
         return replace(
             self,
@@ -329,12 +330,12 @@ class LensletLattice:
         )
 
     def type_of(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.intp]:
-        """Return the lens type of lenslets q, r; with three types, it is ``type_step (q - r) mod 3``."""
+        """Return the lens types of the lenslets (q, r): ``type_step (q - r) mod 3`` for three types, otherwise 0."""
         # moving one lenslet along b changes the type by -1, so all six neighbours differ
         return np.mod(self.type_step * (np.asarray(q, np.intp) - np.asarray(r, np.intp)), len(self.types))
 
     def type_at(self, xy_um: ArrayLike) -> NDArray[np.intp]:
-        """Return the lens type ``(...)`` of the lenslet nearest to each point (x, y), ``(..., 2)`` (µm)."""
+        """Return the lens type, ``(...)``, of the lenslet nearest to each point (x, y), ``(..., 2)`` (µm)."""
         points = np.asarray(xy_um, float)
         near = np.rint(self.lenslet_at(points)).astype(np.intp)
         steps = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
@@ -348,7 +349,7 @@ class LensletLattice:
     def lenslets_within(
         self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Return centres (x, y), ``(n, 2)`` (µm), and types ``(n,)`` of the lenslets in a box about ``about_um``."""
+        """Return centres (x, y), ``(n, 2)`` (µm), and types, ``(n,)``, of the lenslets in a box about ``about_um``."""
         # the box's outline in lattice indices, with a margin of one cell: a rotated lattice's index range is larger
         # than the box, and that of a distorted one is not largest at the corners
         side = np.linspace(-1, 1, 9)

@@ -25,9 +25,9 @@ class MainLens:
     blades
         Number of iris blades; 0 is a circular iris.
     blade_rotation_rad
-        Angle from the +x axis (along a row) to the first vertex of the iris (rad).
+        Angle (rad) from the sensor's +x axis towards +y to the first vertex of the iris.
     blade_curvature
-        Ratio of apothem to blade radius: 0 for straight edges, 1 for a circle.
+        Ratio of the apothem of the iris to the radius of curvature of a blade: 0 for straight edges, 1 for a circle.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class MainLens:
 
     @property
     def telecentric(self) -> bool:
-        """Whether the period is the same over the entire field; always false for a main lens."""
+        """Whether the chief rays are parallel at the lenslets; always false for a main lens."""
         return False
 
     @property
@@ -73,17 +73,17 @@ class MainLens:
         return self.image_of(self.working_distance_um)
 
     def image_of(self, object_distance_um: float) -> float:
-        """Return the image distance of a point that is ``object_distance_um`` in front of the lens (µm)."""
+        """Return the image distance (µm) of a point that is ``object_distance_um`` (µm) in front of the lens."""
         return 1.0 / (1.0 / self.focal_length_um - 1.0 / object_distance_um)
 
     @property
     def magnification(self) -> float:
-        """Magnification |M| from the working plane to the lenslet array."""
+        """Lateral magnification |M| from the working plane to the lenslet array."""
         return self.image_distance_um / self.working_distance_um
 
     @property
     def working_f_number(self) -> float:
-        """Working f-number, which determines the light cone at the lenslets: image distance / pupil diameter."""
+        """Working f-number at the lenslets: image distance divided by pupil diameter."""
         # pupil diameter is f/N
         return self.image_distance_um * self.f_number / self.focal_length_um
 
@@ -95,7 +95,7 @@ class Microscope:
     Attributes
     ----------
     magnification
-        Magnification |M| of objective and tube lens together.
+        Lateral magnification |M| of objective and tube lens together.
     numerical_aperture
         Object-side numerical aperture (NA) of the objective.
     medium_index
@@ -132,23 +132,23 @@ class Microscope:
 
     @property
     def telecentric(self) -> bool:
-        """Whether the period is the same over the entire field; always true for a telecentric microscope."""
+        """Whether the chief rays are parallel at the lenslets; always true for a microscope."""
         return True
 
     @property
     def image_distance_um(self) -> float:
-        """Distance from the exit pupil to the lenslet array: infinite, because the chief rays are parallel."""
+        """Distance from the exit pupil to the lenslet array (µm): infinite, because the chief rays are parallel."""
         return math.inf
 
     @property
     def working_f_number(self) -> float:
-        """Working f-number, M / (2 NA), which determines the light cone at the lenslets."""
+        """Working f-number at the lenslets: M / (2 NA), with the magnification M and the numerical aperture NA."""
         # paraxial 1/(2 NA) on the object side, M times slower on the image side
         return self.magnification / (2 * self.numerical_aperture)
 
     @property
     def half_angle_rad(self) -> float:
-        """Half of the objective's opening angle (rad)."""
+        """Half angle (rad) of the cone of light that the objective collects, in the immersion medium."""
         return math.asin(self.numerical_aperture / self.medium_index)
 
 

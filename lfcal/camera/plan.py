@@ -123,36 +123,36 @@ MAX_TILT_RAD = math.radians(2.0)
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
-    """Positions of the source, and the part of each frame to record.
+    """Plan of a scan: the positions of a point source, and the part of each frame to record.
 
-    At position ``(z, y, x)``, the image of the source along the chief ray is at ``anchor + (y, x)`` in every depth
-    plane. Lateral steps in object space are therefore `step_um` of the plane's depth.
+    At the position ``(z, y, x)``, the image of the source along the chief ray is at ``anchor + (y, x)`` in every depth
+    plane. The lateral step in object space is therefore `step_um` and depends on the depth.
 
     Attributes
     ----------
     camera
         The camera to calibrate.
     period
-        Number of positions ``(ny, nx)`` in a plane, which cover a representative cell of the lenslet array.
+        Number of source positions ``(ny, nx)`` in a plane, which cover a representative cell of the lenslet array.
     cutout
-        Number of pixels ``(nt, ns)`` recorded around the image; both are odd.
+        Number of rows and columns ``(nt, ns)`` to record around the image (px); both are odd.
     depths_um
-        Object-space depth of each plane (µm), z > 0 away from the camera, in ascending or descending order.
+        Object depth of each plane (µm, z > 0 away from the camera), in ascending or descending order.
     anchor
-        Sensor position ``(row, column)`` of the image at y = x = 0; integers are pixel centres.
+        Sensor position ``(row, column)`` of the image at y = x = 0 (px); integers are pixel centres.
     stage
         Relation between the stage axes and the motion of the image.
     order
-        ``"serpentine"`` (without long return moves) or ``"raster"`` (every row from the same side).
+        Scan order: ``"serpentine"`` (without long return moves) or ``"raster"`` (every row starts at the same side).
     exposure_s
-        Exposure of each plane, or one exposure for all planes (s).
+        Exposure time of each plane, or one exposure time for all planes (s).
     settle_s
         Waiting time after each move (s).
     frames_averaged
         Number of frames recorded and averaged at each position.
     resample
-        Whether frames are scaled by `resample_factors` so that the period is a whole number of pixels. Steps and cutout
-        are then in resampled pixels. The anchor stays in sensor pixels.
+        Whether frames are scaled by `resample_factors` such that the period is a whole number of pixels. The steps and
+        the cutout are then in resampled pixels, and the anchor is in sensor pixels.
 
     Examples
     --------
@@ -219,21 +219,21 @@ class ScanPlan:
         frames_averaged: int = 1,
         resample: bool = False,
     ) -> ScanPlan:
-        """Return the plan that covers the camera's representative cell.
+        """Return the plan that covers a representative cell of the camera's lenslet array.
 
         Parameters
         ----------
         camera
             Camera to calibrate.
         depths_um, virtual_depths
-            Depth planes, as object-space depths (µm) or as virtual depths; exactly one of the two must be given.
+            Depth planes, as object depths (µm) or as virtual depths; exactly one of the two must be given.
         cutout
-            Number of pixels recorded around the image, one number or ``(nt, ns)``. By default, it covers the geometric
-            pattern at every depth, with a margin for diffraction at the lenslets. Without a lattice, it is at most the
+            Number of pixels to record around the image, one number or ``(nt, ns)``. None: it covers the geometric
+            pattern at every depth, with a margin for diffraction by the lenslets; without a lattice, it is at most the
             size of the sensor.
         anchor
-            As in `ScanPlan`. By default, the cell is at the sensor's centre, and the anchor is an integer pixel.
-            Without a lattice, the single position is on the optical axis.
+            As in `ScanPlan`. None: the cell is at the sensor's centre, and the anchor is an integer pixel; without a
+            lattice, the single position is on the optical axis.
         stage, order, exposure_s, settle_s, frames_averaged, resample
             As in `ScanPlan`.
 
@@ -272,65 +272,65 @@ class ScanPlan:
     # -- sizes -----------------------------------------------------------------------------------------
     @property
     def cell_camera(self) -> Camera:
-        """Camera with its lattice linearized about the scanned cell."""
+        """Copy of the camera whose lattice is linearized about the scanned cell."""
         return self.camera.local(self.anchor)
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
-        """Shape of H: ``(nz, ny, nx, nt, ns)``."""
+        """Shape ``(nz, ny, nx, nt, ns)`` of H: planes, source positions, pixels of the cutout."""
         return (len(self.depths_um), *self.period, *self.cutout)
 
     @property
     def scan(self) -> ScanPlan:
-        """Scan on which the plan is based: here the plan itself, unlike for plans of targets and of regions."""
+        """Scan plan on which this plan is based: the plan itself, unlike for plans of targets and of regions."""
         return self
 
     @property
     def n_positions(self) -> int:
-        """Total number of source positions."""
+        """Number of source positions in all planes."""
         return len(self.depths_um) * self.period[0] * self.period[1]
 
     @property
     def exposures(self) -> tuple[float, ...]:
-        """Exposure of each plane (s)."""
+        """Exposure time of each plane (s)."""
         one = self.exposure_s
         return one if isinstance(one, tuple) else (one,) * len(self.depths_um)
 
     @property
     def virtual_depths(self) -> tuple[float, ...]:
-        """Virtual depth v = a/B of each plane; empty for a camera without a lattice (`Camera.has_lattice`)."""
+        """Virtual depth of each plane (`Camera.virtual_depth`); empty for a camera without a lattice."""
         if not self.camera.has_lattice:
             return ()
         return tuple(self.camera.virtual_depth(z) for z in self.depths_um)
 
     @property
     def cells(self) -> tuple[int, int]:
-        """Number of rectangular array periods ``(y, x)`` in the period of the plan, usually 1."""
+        """Number of rectangular array periods ``(y, x)`` in the period of the plan, usually (1, 1)."""
         ny, nx = (max(1, round(n / p)) for n, p in zip(self.period, self.cell_camera.period_px, strict=True))
         return ny, nx
 
     @property
     def period_residual_px(self) -> tuple[float, float]:
-        """Rounding residual of the period ``(y, x)``: period of the array minus period of the plan (pixels)."""
+        """Rounding residual ``(y, x)`` of the period (px): period of the array minus period of the plan."""
         y, x = (k * p - n for k, p, n in zip(self.cells, self.cell_camera.period_px, self.period, strict=True))
         return y, x
 
     @property
     def drift_px(self) -> float:
-        """Drift of the array relative to the plan's period over the entire sensor, along the worse axis (pixels)."""
+        """Accumulated difference (px) between array and plan periods over the sensor, along the worse axis."""
         sides = zip(self.period_residual_px, self.camera.sensor.shape, self.period, strict=True)
         return max(abs(residual) * side / period for residual, side, period in sides)
 
     @property
     def tilt_residual_px(self) -> float:
-        """Lateral shift of a row over the longer side of the period, due to the tilt of the rows (pixels)."""
+        """Lateral shift (px) of a lenslet row over the longer side of the period, due to the tilt of the rows."""
         return max(self.period) * math.tan(self.cell_camera.lattice.tilt_rad)
 
     @property
     def resample_factors(self) -> tuple[float, float]:
-        """Number of resampled pixels per sensor pixel ``(fy, fx)``; (1, 1) unless `resample`.
+        """Number of resampled pixels per sensor pixel ``(fy, fx)``; (1, 1) if `resample` is false.
 
-        Resampled pixel i is at i / factor on the sensor.
+        Pixel i of a resampled frame is at the sensor pixel i / factor.
         """
         if not self.resample:
             return 1.0, 1.0
@@ -340,28 +340,28 @@ class ScanPlan:
 
     @property
     def lattice_anchor(self) -> tuple[float, float]:
-        """Offset ``(row, column)`` of the anchor from the nearest centre of a type-0 micro-image (sensor pixels)."""
+        """Offset ``(row, column)`` of the anchor from the centre of the nearest type-0 micro-image (sensor pixels)."""
         row, column = nearest_lens(self.camera, self.anchor)
         return self.anchor[0] - row, self.anchor[1] - column
 
     # -- places ----------------------------------------------------------------------------------------
     def step_um(self, z: int) -> tuple[float, float]:
-        """Return the object-space steps ``(y, x)`` in plane ``z`` that move the image by one (resampled) pixel (µm)."""
+        """Return the steps ``(y, x)`` in object space (µm) that move the image by one pixel of H in plane ``z``."""
         step = self.camera.step_um(self.depths_um[z])
         fy, fx = self.resample_factors
         return step / fy, step / fx
 
     def image_px(self, positions: ArrayLike) -> NDArray[np.float64]:
-        """Return the image positions (row, column), ``(..., 2)``, of source positions (z, y, x) (sensor pixels)."""
+        """Return the image positions (row, column), ``(..., 2)``, of source positions (z, y, x), in sensor pixels."""
         index = np.asarray(positions, float)
         result: NDArray[np.float64] = np.array(self.anchor) + index[..., 1:] / np.array(self.resample_factors)
         return result
 
     def object_um(self, positions: ArrayLike) -> NDArray[np.float64]:
-        """Return the object points (right, down, away), ``(..., 3)``, of positions (z, y, x) (µm).
+        """Return the object points (right, down, away), ``(..., 3)``, of source positions (z, y, x), in µm.
 
-        Lateral coordinates are relative to the optical axis (the sensor's centre), and have the sign of the image
-        motion. Depth is relative to the working plane.
+        Lateral coordinates are relative to the optical axis (the sensor's centre) and have the sign of the image
+        motion. The third coordinate, away from the camera, is relative to the working plane.
         """
         index = np.asarray(positions)
         planes = index[..., 0].astype(np.intp)
@@ -371,15 +371,15 @@ class ScanPlan:
         return np.stack([offset[..., 1] * steps, offset[..., 0] * steps, depth], axis=-1)
 
     def stage_um(self, positions: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Return stage coordinates (x, y, z), ``(..., 3)``, of positions (z, y, x) (µm); None: all, in scan order."""
+        """Return stage coordinates (x, y, z), ``(..., 3)``, in µm, of positions (z, y, x); None: all, in scan order."""
         return self.stage.to_stage(self.object_um(self.order_indices() if positions is None else positions))
 
     # -- order -----------------------------------------------------------------------------------------
     def order_indices(self) -> NDArray[np.intp]:
-        """Return all positions (z, y, x), ``(N, 3)``, in scan order.
+        """Return the indices (z, y, x) of all positions, ``(n, 3)``, in scan order.
 
-        In serpentine order, the direction reverses at the end of each row and of each plane, so that every move is one
-        step.
+        In serpentine order, the direction is reversed at the end of each row and of each plane, so that every move is
+        one step.
         """
         return self._ordered(self.period[1])
 
@@ -396,14 +396,14 @@ class ScanPlan:
         return index.reshape(3, -1).T
 
     def row_ends(self) -> NDArray[np.intp]:
-        """Return the first and the last position (z, y, x) of every row, ``(n, 3)``, in scan order."""
+        """Return the indices (z, y, x) of the first and last position of every row, ``(n, 3)``, in scan order."""
         columns = self.period[1]
         ends = self._ordered(min(columns, 2))
         ends[:, 2] *= columns - 1
         return ends
 
     def in_scan_order(self, positions: ArrayLike) -> NDArray[np.intp]:
-        """Return the given positions (z, y, x), ``(n, 3)``, in scan order and without duplicates.
+        """Return the given positions (z, y, x) in scan order and without duplicates, ``(n, 3)``.
 
         Raises
         ------
@@ -438,12 +438,12 @@ class ScanPlan:
 
     @classmethod
     def is_one(cls, data: Any) -> bool:
-        """Return whether JSON ``data`` has the format of a scan plan; its contents are not checked."""
+        """Return whether ``data`` states the format of a scan plan; its contents are not checked."""
         return isinstance(data, Mapping) and data.get("format") == FORMAT
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ScanPlan:
-        """Return the plan described by ``data``; unknown or missing entries raise `InputError`."""
+        """Return the plan described by the result of `to_dict`; unknown or missing entries raise `InputError`."""
         if not cls.is_one(data):
             raise FileFormatError.expected(
                 "scan plan", f'"format": "{FORMAT}"', stated_format(data), "choose a plan made by lfcal plan"
@@ -456,7 +456,7 @@ class ScanPlan:
 
     @classmethod
     def from_json(cls, text: str) -> ScanPlan:
-        """Return the plan described by JSON ``text``."""
+        """Return the plan described by ``text``, as returned by `to_json`."""
         return cls.from_dict(parse_json(text, "scan plan"))
 
 
@@ -484,23 +484,23 @@ def _check_on_sensor(plan: ScanPlan) -> None:
 def moved_onto_sensor(
     plan: ScanPlan, *, cutout: tuple[int, int] | None = None, anchor: tuple[float, float] | None = None
 ) -> ScanPlan:
-    """Return the plan with another cutout or anchor, moved as little as possible to keep all cutouts on the sensor.
+    """Return a plan with another cutout or anchor, moved as little as possible so that all cutouts are on the sensor.
 
-    Along each axis, the scan moves by a multiple of the array's period if possible, so that the pattern of every
-    position does not change. Otherwise, it moves by a whole number of pixels. For resampled frames, the period is not a
-    whole number of sensor pixels.
+    Along each axis, the scan is moved by a multiple of the array's period if possible, so that the pattern of every
+    position does not change. Otherwise, it is moved by a whole number of pixels.
 
     Parameters
     ----------
     plan
-        The plan to move.
+        Plan to move.
     cutout, anchor
-        Size ``(nt, ns)`` in pixels, and sensor position ``(row, column)``; None: those of the plan.
+        Size ``(nt, ns)`` of the cutout (px), and sensor position ``(row, column)`` of the anchor; None: those of
+        ``plan``.
 
     Raises
     ------
     InputError
-        If the cutouts of all positions together are larger than the sensor, or ``cutout`` is not a valid size.
+        If the area covered by all cutouts is larger than the sensor, or ``cutout`` is not a valid size.
 
     Examples
     --------

@@ -111,7 +111,7 @@ PRESETS: dict[str, Callable[[], Camera]] = {
 
 
 def preset(name: str) -> Camera:
-    """Return the built-in camera ``name``: ``r29``, ``lfm_20x05``, ``lfm_60x12``, ``flfm_20x05`` or ``bench``.
+    """Return a built-in camera: ``"r29"``, ``"lfm_20x05"``, ``"lfm_60x12"``, ``"flfm_20x05"`` or ``"bench"``.
 
     Examples
     --------

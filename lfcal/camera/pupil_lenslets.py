@@ -19,11 +19,11 @@ MOST_LENSLETS = 1000
 
 
 class NoLatticeError(InputError, AttributeError):
-    """Error for a property that a camera without a periodic lenslet array does not have."""
+    """Error raised for a property that only cameras with a periodic lenslet array have."""
 
     @classmethod
     def of(cls, name: str) -> NoLatticeError:
-        """Return the error for the lattice property called ``name``."""
+        """Return the error for the property whose display name is ``name``."""
         got = "a Fourier light-field microscope, whose lenslets form no lattice"
         return cls.expected(
             name,
@@ -35,30 +35,30 @@ class NoLatticeError(InputError, AttributeError):
 
 @dataclass(frozen=True, slots=True)
 class PupilLenslets:
-    """Single lenslets in a pupil plane, as in a Fourier light-field microscope (FLFM, XLFM, FiMic).
+    """Individual lenslets in a pupil plane, as in a Fourier light-field microscope (FLFM, XLFM, FiMic).
 
-    A Fourier lens behind the native image plane images the objective's pupil onto the lenslets. Each lenslet images the
-    entire field through its part of the pupil and forms an elemental image. Points anywhere in the field have the same
-    pattern, so the period is one pixel and each depth plane has a single pattern [1]_ [2]_ [3]_.
+    A Fourier lens behind the native image plane images the pupil of the objective onto the lenslets. Each lenslet
+    images the entire field through its part of the pupil and forms an elemental image. All points of a depth plane have
+    the same pattern. The period is therefore one pixel, and each depth plane has a single pattern [1]_ [2]_ [3]_.
 
-    A property that only a periodic array has (pitch, period, types, ...) raises `NoLatticeError`.
+    Properties that only a periodic array has, such as the pitch, the period and the lens types, raise `NoLatticeError`.
 
     Attributes
     ----------
     lens_centres_um
-        Centres (x, y) of the lenslets relative to the optical axis, x to the right, y downwards (µm).
+        Centres (x, y) of the lenslets relative to the optical axis (µm), x to the right, y downwards.
     fourier_um
         Focal length of the Fourier lens (µm).
     gap_um
         Distance from the lenslets to the sensor (µm).
     focal_lengths_um
-        Focal length of the lenslets (µm): one for all, or one for each.
+        Focal lengths of the lenslets (µm): one for all, or one for each lenslet.
     clear_um
         Diameter of round lenslets, or side of square lenslets (µm).
     aperture
-        ``"round"`` or ``"square"``; the sides of squares are parallel to the sensor's rows and columns.
+        Shape of the lenslets: ``"round"``, or ``"square"`` with sides parallel to the rows and columns of the sensor.
     offset_um
-        Point (x, y) where the optical axis meets the sensor, relative to the sensor's centre (µm).
+        Intersection (x, y) of the optical axis with the sensor, relative to the sensor's centre (µm).
 
     References
     ----------
@@ -125,27 +125,27 @@ class PupilLenslets:
 
     @property
     def focal_um(self) -> NDArray[np.float64]:
-        """Focal length of each lenslet ``(n,)`` (µm)."""
+        """Focal length of each of the n lenslets, ``(n,)`` (µm)."""
         return np.broadcast_to(np.array(self.focal_lengths_um), len(self.lens_centres_um)).copy()
 
     @property
     def relay(self) -> float:
-        """Magnification from the native image plane to the sensor along the chief ray: gap / Fourier focal length."""
+        """Magnification from the native image plane to the sensor: gap divided by the Fourier lens's focal length."""
         return self.gap_um / self.fourier_um
 
     @property
     def clear_diameter_um(self) -> float:
-        """Clear diameter of a round lenslet, or side of a square one (µm)."""
+        """Clear diameter of a round lenslet, or side of a square lenslet (µm)."""
         return self.clear_um
 
     @property
     def tilt_rad(self) -> float:
-        """Tilt of the rows of lenslets (rad): 0, because there are no rows."""
+        """Angle (rad) of the lenslet rows from a sensor axis: 0, because there are no rows."""
         return 0.0
 
     @property
     def spacing_um(self) -> float:
-        """Smallest distance between two lenslets (µm); infinite if there is only one."""
+        """Smallest distance between the centres of two lenslets (µm); infinite for a single lenslet."""
         if len(self.lens_centres_um) == 1:
             return math.inf
         centres = np.array(self.lens_centres_um)
@@ -153,14 +153,16 @@ class PupilLenslets:
         return float(apart[~np.eye(len(centres), dtype=bool)].min())
 
     def pupil_um(self, optics: Microscope) -> float:
-        """Return the diameter of the objective's pupil in the plane of the lenslets (µm): 2 NA f / M."""
+        """Return the diameter (µm) of the image of the objective's pupil in the plane of the lenslets: 2 NA f / M."""
         return 2 * optics.numerical_aperture * self.fourier_um / optics.magnification
 
     def spread(self, optics: Microscope, z_um: float) -> float:
-        """Return the relative displacement of the elemental spots of a point at depth ``z_um`` (µm), 0 in focus.
+        """Return the relative radial displacement of the spots of a point at the depth ``z_um`` (µm); 0 in focus.
 
-        A lenslet at c forms the spot at c (1 + spread), both relative to the optical axis. The spread is ``-z gap M² /
-        (n f²)`` (paraxial). It is negative beyond the focal plane, because the wave in the pupil then converges.
+        A lenslet at c forms its spot at c (1 + spread), both relative to the optical axis. In the paraxial
+        approximation, the spread is ``-z gap M² / (n f²)``, with the magnification M, the medium index n and the focal
+        length f of the Fourier lens. It is negative beyond the focal plane, because the wave in the pupil then
+        converges.
         """
         return -z_um * self.gap_um * (optics.magnification / self.fourier_um) ** 2 / optics.medium_index
 
@@ -173,6 +175,6 @@ class PupilLenslets:
         return centres[inside], np.zeros(int(inside.sum()), np.intp)
 
     def local(self, about_um: tuple[float, float]) -> PupilLenslets:
-        """Return these lenslets unchanged, because they are the same for every point of the field."""
+        """Return the lenslets themselves, because they are the same for every point of the field."""
         del about_um
         return self

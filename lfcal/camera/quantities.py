@@ -18,24 +18,25 @@ CENTRES = "lattice.lens_centres_um"
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """Definition of one value of a camera description.
+    """Definition of one value of a camera description: its path, unit, limits and display.
 
     Attributes
     ----------
     path
         Path in the description, such as ``"sensor.pixel_um"``.
     label, unit
-        Displayed name and unit.
+        Display name and displayed unit.
     scale
-        Factor between units: displayed value = described value / scale. For example, 1000 displays µm as mm.
+        Factor between units: displayed value = value in the description / scale. For example, 1000 displays µm as mm.
     usual
-        Usual limits in the unit of the description; a value outside probably has a wrong unit. None: no limits.
+        Usual limits (lower, upper) in the unit of the description; a value outside them probably has a wrong unit.
+        None: no limits.
     option
-        Option on the command line; empty if there is only ``--set``.
+        Command-line option that sets the value; empty if only ``--set`` does.
     light
-        Whether the value affects only light and noise, not the geometry of images.
+        Whether the value affects only light and noise, and not the geometry of images.
     empty, meaning
-        Text displayed if there is no value, and text displayed after a value.
+        Text displayed in place of a missing value, and text displayed after a value.
 
     Examples
     --------
@@ -56,7 +57,7 @@ class Quantity:
     meaning: str = ""
 
     def text(self, value: Any) -> str:
-        """Return ``value`` as displayed, with its unit."""
+        """Return the text that displays ``value`` (in the unit of the description), with its displayed unit."""
         if value is None or value == "":
             return self.empty
         if self.path == "sensor.shape":
@@ -146,7 +147,7 @@ def _names(kind: Any) -> frozenset[str]:
 
 
 def has_value(camera: Camera, path: str) -> bool:
-    """Return whether ``path`` is the path of a value that describes ``camera``.
+    """Return whether the description of ``camera`` has a value at ``path``.
 
     Examples
     --------
@@ -167,7 +168,7 @@ def has_value(camera: Camera, path: str) -> bool:
 
 
 def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
-    """Return the definitions of all values that describe ``camera``.
+    """Return the definitions of all values in the description of ``camera``.
 
     Examples
     --------
@@ -196,7 +197,7 @@ def _fitting(quantity: Quantity, lattice: LensletLattice) -> Quantity:
 
 
 def value_at(camera: Camera, path: str) -> Any:
-    """Return the value of ``camera`` at ``path``; for lens types, their focal lengths (µm).
+    """Return the value at ``path`` in the description of ``camera``; for lens types, their focal lengths (µm).
 
     Examples
     --------

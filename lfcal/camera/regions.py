@@ -31,17 +31,18 @@ SEARCH_PERIODS = 6
 
 @dataclass(frozen=True, slots=True)
 class RegionPlan:
-    """Plan for several regions of the field, with one cell each, which are recorded one after another.
+    """Plan for scanning one cell of the lattice in each of several regions of the field, one after another.
 
     Attributes
     ----------
     scan
-        Scan of the first region: camera, planes, cutout, exposures. The scans of other regions differ only in their
-        anchors.
+        Scan plan of the first region: camera, planes, cutout, exposures. The plans of other regions differ only in
+        their anchors.
     names
-        Names of the regions, used in H and for the folders of a session: letters, digits, ``-`` and ``_``.
+        Names of the regions in an H file and in the folders of a session: letters, digits, ``-`` and ``_``.
     anchors
-        Sensor position ``(row, column)`` of position (0, 0) in each region; the first is that of `scan`.
+        Sensor position ``(row, column)`` (px) of the image of position (0, 0) in each region; the first one is that of
+        `scan`.
 
     Examples
     --------
@@ -78,21 +79,21 @@ class RegionPlan:
         return len(self.names)
 
     def plan(self, k: int) -> ScanPlan:
-        """Return the scan of region ``k``; raises `InputError` if a cutout would leave the sensor."""
+        """Return the scan plan of region ``k``; raises `InputError` if a cutout would extend beyond the sensor."""
         return replace(self.scan, anchor=self.anchors[k])
 
     def residual_px(self, k: int) -> tuple[float, float]:
-        """Return the phase (row, column) of region ``k`` minus that of the first region (pixels)."""
+        """Return the lattice phase (row, column) of region ``k`` minus that of the first region (px)."""
         first, own = self.plan(0).lattice_anchor, self.plan(k).lattice_anchor
         return own[0] - first[0], own[1] - first[1]
 
     @classmethod
     def spread(cls, scan: ScanPlan, shape: tuple[int, int]) -> RegionPlan:
-        """Return regions that divide the field into ``shape`` rows and columns; the middle region is the first.
+        """Return a plan with ``shape`` (rows, columns) regions spread over the field; the middle region is the first.
 
-        The outermost regions are as far out as their cutouts allow. Anchors are integer pixels within a few periods of
-        their ideal position. They are chosen so that a position of the scan has the same phase in every region;
-        `residual_px` returns the remaining difference.
+        The outermost regions are as far from the centre as their cutouts allow. Anchors are integer pixels within a few
+        periods of their ideal positions. They are chosen such that a position of the scan has nearly the same phase
+        relative to the lattice in every region; `residual_px` returns the remaining difference.
 
         Raises
         ------
@@ -133,12 +134,12 @@ class RegionPlan:
 
     @classmethod
     def is_one(cls, data: Any) -> bool:
-        """Return whether JSON ``data`` has the format of a plan of regions; its contents are not checked."""
+        """Return whether ``data`` states the format of a plan of regions; its contents are not checked."""
         return isinstance(data, Mapping) and data.get("format") == FORMAT
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> RegionPlan:
-        """Return the plan described by ``data``; unknown or missing entries raise `InputError`."""
+        """Return the plan described by the result of `to_dict`; unknown or missing entries raise `InputError`."""
         what = "plan of regions"
         if not cls.is_one(data) or data.get("version") != VERSION:
             wanted = f'"format": "{FORMAT}", version {VERSION}'
@@ -166,7 +167,7 @@ class RegionPlan:
 
     @classmethod
     def from_json(cls, text: str) -> RegionPlan:
-        """Return the plan described by JSON ``text``."""
+        """Return the plan described by ``text``, as returned by `to_json`."""
         return cls.from_dict(parse_json(text, "plan of regions"))
 
 

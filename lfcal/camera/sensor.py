@@ -13,38 +13,40 @@ CFA_LETTERS = "RGBWCMYE"
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """Pixel sensor with its noise.
+    """Image sensor: its pixels, noise and range.
 
     Attributes
     ----------
     shape
         Number of pixels ``(rows, columns)``.
     pixel_um
-        Pixel pitch (µm); for a microscope with relay optics, the pitch of the pixels' image at the lenslets.
+        Pixel pitch (µm); with relay optics between lenslets and sensor, the pitch of the image of the pixels at the
+        lenslets.
     bit_depth
-        Bits per sample.
+        Number of bits of a sample.
     full_well_e
-        Electrons at the highest sample value.
+        Full well: signal at the highest sample value (electrons).
     read_noise_e
-        Read noise, rms (electrons).
+        Read noise (electrons rms).
     dark_current_e_s
-        Dark current (electrons per pixel and second).
+        Dark current (electrons per pixel per second).
     black_level
-        Sample value without light.
+        Sample value without light (counts).
     prnu
-        Relative rms of the pixel response non-uniformity (PRNU).
+        Photo-response non-uniformity (PRNU): rms variation of the pixel gains relative to their mean.
     quantum_efficiency
-        Detected fraction of photons.
+        Quantum efficiency: fraction of the photons that is detected, 0 to 1.
     fill_factor
-        Light-sensitive fraction of a pixel's area.
+        Light-sensitive fraction of the area of a pixel, 0 to 1.
     cfa
-        Pattern of the colour filters by rows, such as ``"GRBG"`` for 2 x 2 pixels; empty for a monochrome sensor.
+        Letters of the colour filters of one unit of the pattern in row-major order, such as ``"GRBG"`` for 2 x 2
+        pixels; empty for a monochrome sensor.
     saturation
-        Sample value from which samples count as saturated; None: the highest sample value.
+        Lowest sample value that counts as saturated (counts); None: the highest sample value.
     dsnu_e
-        Rms of the pixels' offsets in the dark (DSNU, electrons); None: unknown.
+        Dark-signal non-uniformity (DSNU): rms of the pixel offsets in the dark (electrons); None: unknown.
     linearity
-        Largest deviation of the signal from a linear response to exposure (relative); None: unknown.
+        Largest relative deviation of the signal from a linear response to exposure; None: unknown.
 
     Examples
     --------
@@ -100,21 +102,21 @@ class Sensor:
 
     @property
     def centre_px(self) -> tuple[float, float]:
-        """Centre ``(row, column)`` of the sensor (pixels); integers are pixel centres."""
+        """Centre ``(row, column)`` of the sensor (px); integers are pixel centres."""
         return (self.shape[0] - 1) / 2, (self.shape[1] - 1) / 2
 
     @property
     def max_value(self) -> int:
-        """Highest sample value."""
+        """Highest possible sample value (counts), 2^`bit_depth` - 1."""
         return (1 << self.bit_depth) - 1
 
     @property
     def saturated_from(self) -> float:
-        """Sample value from which samples count as saturated."""
+        """Lowest sample value that counts as saturated (counts)."""
         return float(self.max_value if self.saturation is None else self.saturation)
 
     @property
     def electrons_per_count(self) -> float:
-        """Number of electrons per count (step of the sample value)."""
+        """Conversion factor from counts to electrons (electrons per count)."""
         # full well is reached at the highest sample value, and the black level corresponds to no electrons
         return self.full_well_e / (self.max_value - self.black_level)

@@ -17,17 +17,17 @@ IMAGE_MOVES = ("image right", "image down", "away from the camera")
 
 @dataclass(frozen=True, slots=True)
 class StageAxes:
-    """Signed stage axes that move the source's image right and down, and the source away from the camera.
+    """Relation between the stage axes, the motion of the image on the sensor, and the depth of the source.
 
     Attributes
     ----------
     right, down, away
-        Stage axis with its sign, ``"+x"`` to ``"-z"``. Moving in this direction moves the image towards +column
-        (right) or +row (down) of the sensor, or the source away from the camera. A lens inverts the image; the
-        directions are those seen on the sensor.
+        Stage axes with their signs, such as ``"+x"`` or ``"-z"``. A motion of the stage in these directions moves the
+        image towards +column (right) and +row (down) on the sensor, and the source away from the camera. A lens inverts
+        the image; the lateral directions are those on the sensor.
     origin_um
-        Stage coordinates (x, y, z) at which the source's image is at the sensor's centre, and the source in the
-        working plane (µm).
+        Stage coordinates (x, y, z) (µm) at which the image of the source is at the sensor's centre, and the source is
+        in the working plane.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class StageAxes:
 
     @classmethod
     def parse(cls, text: str) -> StageAxes:
-        """Return the axes in a text such as ``"+x,-y,+z"``, in the order right, down, away."""
+        """Return the axes stated by a text such as ``"+x,-y,+z"``, in the order right, down, away."""
         axes = [axis.strip() for axis in text.split(",")]
         if len(axes) != len(AXES):
             raise InputError.expected(
@@ -70,23 +70,23 @@ class StageAxes:
 
     @property
     def words(self) -> str:
-        """Axes as a text that `parse` can read."""
+        """Axes as text, in the form that `parse` reads."""
         return f"{self.right},{self.down},{self.away}"
 
     def matrix(self) -> NDArray[np.float64]:
-        """Return the signed permutation matrix ``(3, 3)`` from object (right, down, away) to stage (x, y, z)."""
+        """Return the signed permutation matrix, ``(3, 3)``, from object (right, down, away) to stage (x, y, z) axes."""
         result = np.zeros((3, 3))
         for column, axis in enumerate((self.right, self.down, self.away)):
             result[AXES.index(axis[1]), column] = 1.0 if axis[0] == "+" else -1.0
         return result
 
     def to_stage(self, object_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return stage coordinates (x, y, z), ``(..., 3)``, of object points (right, down, away) (µm)."""
+        """Return the stage coordinates (x, y, z), ``(..., 3)``, of object points (right, down, away), both in µm."""
         stage: NDArray[np.float64] = object_um @ self.matrix().T + np.array(self.origin_um)
         return stage
 
     def to_object(self, stage_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return object points (right, down, away), ``(..., 3)``, of stage coordinates (µm); inverse of `to_stage`."""
+        """Return the object points (right, down, away), ``(..., 3)``, of stage coordinates (x, y, z), both in µm."""
         # a signed permutation is orthogonal, so its transpose is its inverse
         points: NDArray[np.float64] = (stage_um - np.array(self.origin_um)) @ self.matrix()
         return points

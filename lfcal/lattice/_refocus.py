@@ -20,10 +20,11 @@ MIN_WEIGHT = 0.05
 
 
 def sensor_slope(camera: Camera, z_um: float) -> float:
-    """Return the slope w of depth ``z_um``: shift in micro-image spacings per distance within a micro-image.
+    """Return the slope w of the plane at depth ``z_um`` (µm), which relates views to each other (dimensionless).
 
     A point whose chief ray meets the sensor at S is imaged at c + (S - c)/w by the lenslet whose micro-image is centred
-    at c, where w = (a/B) (b + B)/(b + a). This is the virtual depth, corrected for the perspective of a main lens.
+    at c. Here w = (a/B) (b + B)/(b + a), with the distance a of the image behind the lenslets, the gap B and the image
+    distance b of the main lens. This is the virtual depth a/B, corrected for the perspective of a main lens.
 
     Examples
     --------
@@ -61,21 +62,21 @@ def virtual_depth_of_slope(camera: Camera, slope: float) -> float:
 
 
 def refocus(views: Views, slopes: Sequence[float], *, samples: int = 1) -> Image:
-    """Return the images focused at ``slopes``, ``(n, rows * samples, columns * samples)`` float32.
+    """Return images refocused on n planes, ``(n, rows * samples, columns * samples)`` float32.
 
-    Views are shifted relative to each other and added (Ng et al. 2005). A sample at S is the sum over offsets u of the
-    light at u in the micro-image at S - w u, divided by the sum of the weights. This is valid for points behind and in
-    front of the lenslets.
+    Views are shifted relative to each other and added (Ng et al. 2005). For the slope w, the sample at S is the sum
+    over the offsets u of the light at the offset u in the micro-image at S - w u, divided by the sum of the weights.
+    This is valid for images of points behind and in front of the lenslets.
 
     Parameters
     ----------
     views
-        Views from `extract_views`.
+        Views returned by `extract_views`.
     slopes
-        Slope w of each plane (see `sensor_slope`), 0 in the plane of the lenslets.
+        Slope w of each plane (see `sensor_slope`); 0 for the plane that is imaged onto the lenslets.
     samples
-        Number of image samples per view sample along each axis; more than one is useful for planes away from the
-        lenslets, where the samples of the views interleave.
+        Number of image samples per view sample along each axis; more than one is useful for planes with large slopes,
+        where the samples of the views interleave.
 
     Raises
     ------

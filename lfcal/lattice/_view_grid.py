@@ -125,26 +125,28 @@ MIN_SHARE = 0.5 - 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewGrid:
-    """The samples of a view: rows and columns at equal steps; one to four lenslets contribute to each sample.
+    """Regular grid of the samples of a view, to each of which one to four lenslets contribute.
 
     Attributes
     ----------
     centres_px
-        ``(n, 2)``: centres (row, column) of the lenslets used, approximately in the order of the rows (pixels).
+        Centres (row, column) of the n contributing lenslets (px), ``(n, 2)``, approximately in row-major order.
     near
-        ``(rows, columns, k)``: indices into `centres_px` of the lenslets of each sample.
+        Indices into `centres_px` of the lenslets that contribute to each sample, ``(rows, columns, k)``.
     share
-        ``(rows, columns, k)``: weights of these lenslets, with sum 1, or 0 if no lenslet sees the sample.
+        Weights of these lenslets, ``(rows, columns, k)``, with a sum of 1 for each sample, or 0 if no lenslet sees the
+        sample.
     corner_px
-        Position (row, column) of sample (0, 0) on the frame, which may be between lenslets (pixels).
+        Position (row, column) of sample (0, 0) on the frame (px), which may be between lenslets.
     step_px
-        Spacing of the samples, down and to the right in the view (pixels).
+        Spacing of the samples, down and to the right in the view (px).
     rotation_rad
-        Angle from the frame's +x axis to the rows of a view, positive downwards: 0 for axes of the frame (rad).
+        Angle (rad) from the +x axis of the frame to the rows of the view, positive downwards; 0 if they are parallel.
     field_shape
-        Rows and columns of the whole field: the smallest box about all lenslets whose micro-image is inside the frame.
+        Number of rows and columns of the complete field: the smallest box around all lenslets whose micro-image is
+        inside the frame.
     kept
-        Fraction of the field's samples that this grid contains.
+        Fraction of the samples of the complete field that this grid contains.
     """
 
     centres_px: Array = field(repr=False)
@@ -158,16 +160,16 @@ class ViewGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of a view."""
+        """Shape ``(rows, columns)`` of a view (samples)."""
         return self.near.shape[0], self.near.shape[1]
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """Mask of the samples that at least one lenslet sees, ``(rows, columns)``."""
+        """Boolean mask of the samples that at least one lenslet sees, ``(rows, columns)``."""
         return np.asarray((self.share > 0).any(-1), np.bool_)
 
     def described(self) -> str:
-        """Return a text with the size of the view and the part of the field that is left out."""
+        """Return a text that states the size of the view and the fraction of the field that it contains."""
         (rows, columns), (high, wide) = self.shape, self.field_shape
         return f"{rows} x {columns} of {high} x {wide} samples, {100 * self.kept:.1f} % of the field"
 
@@ -182,39 +184,40 @@ def view_grid(
     missing: Iterable[tuple[int, int]] = (),
     raster: MicroImageLattice | None = None,
 ) -> ViewGrid:
-    """Return the grid of samples seen by lenslets that have ``margin`` pixels of frame about their centres.
+    """Return the grid of view samples for the lenslets whose centres are at least ``margin`` px inside the frame.
 
-    A sample is seen if such lenslets have at least half of the weights; their weights are then scaled to a sum of 1.
+    A sample counts as seen if such lenslets have at least half of its interpolation weight; their weights are then
+    scaled to a sum of 1.
 
     Parameters
     ----------
     lattice
         Lattice of the micro-images.
     shape
-        Rows and columns of the frame.
+        Shape ``(rows, columns)`` of the frame (px).
     margin
-        Smallest distance of a lenslet's centre from the frame's outermost pixel centres (pixels).
+        Minimum distance (px) of the centre of a lenslet from the outermost pixel centres of the frame.
     axes
         ``"frame"``: rows and columns are parallel to those of the frame, so that views have the orientation of the
-        frame at any angle of the lattice. A sample between lenslets is interpolated from the four (hexagonal: three)
-        around it in lattice indices, also for a distorted lattice. ``"lattice"``: rows are lattice rows, rotated with
-        the lattice. The samples of a square lattice are its lenslets; those of a hexagonal one are between two lenslets
+        frame at any angle of the lattice. A sample between lenslets is interpolated in lattice indices from the four
+        (hexagonal: three) lenslets around it, also for a distorted lattice. ``"lattice"``: rows are those of the
+        lattice. The samples of a square lattice are its lenslets; those of a hexagonal lattice are between two lenslets
         of their row.
     full
-        False: the largest box that contains only seen samples. True: the whole field with all lenslets, with a mask of
+        False: return the largest box that contains only seen samples. True: return the complete field, with a mask of
         the seen samples (`ViewGrid.mask`).
     missing
-        Lenslets (q, r) without light. They do not reduce the box; their samples are masked.
+        Lenslets (q, r) without light, which do not reduce the box; samples that need them are masked.
     raster
-        Lattice that defines the samples along the frame's axes, by default ``lattice`` itself. With a common raster,
-        views of different lens types have the same sample positions. Samples along the lattice's axes are always those
-        of ``lattice``.
+        Lattice that defines the positions of the samples if ``axes`` is ``"frame"``; None: ``lattice``. With a common
+        raster, views of different lens types have the same sample positions.
 
     Returns
     -------
     ViewGrid
-        Empty if no lenslet fits. One sample is on the lenslet nearest to the frame's centre; steps are the row
-        pitch (hexagonal), or pitch and row pitch.
+        Grid of the samples, which is empty if no lenslet is far enough inside the frame. One sample is at the lenslet
+        nearest to the centre of the frame. For a hexagonal lattice, both steps are the row pitch; for a square one,
+        they are the pitch and the row pitch.
 
     Examples
     --------

@@ -102,32 +102,33 @@ MIN_CONFIDENCE = 0.3
 
 @dataclass(frozen=True, eq=False)
 class DepthMap:
-    """Depth of the scene in the central view; NaN where it is unknown.
+    """Depth map of a scene in the central view; NaN where the depth is unknown.
 
     Attributes
     ----------
     slope
-        Slope w (see `sensor_slope`), ``(rows, columns)`` float32.
+        Slope w of each sample, ``(rows, columns)`` float32: the depth in the dimensionless form of `sensor_slope`.
     sigma
-        Standard error of `slope`.
+        Standard error of `slope`, in the same shape.
     confidence
         Probability (0 to 1) that the error of the disparity is less than 0.3 px, estimated from its standard error and
-        the fraction of micro-images that agree; 0 where the depth is unknown.
+        the fraction of micro-images that agree, in the same shape; 0 where the depth is unknown.
     image
-        All-in-focus image of the central view.
+        All-in-focus image of the central view, in the same shape.
     method
-        ``"micro-images"`` or ``"views"``.
+        Method of `depth_map` that was used: ``"micro-images"`` or ``"views"``.
     corner_px, step_px
-        Position (row, column) of sample (0, 0) on the frame, and spacing of the samples down and to the right (pixels).
+        Position (row, column) of sample (0, 0) on the frame, and spacing of the samples (rows, columns), in px.
     disparity_px
-        Scale of the disparity. For micro-images: the product of `slope` and the disparity of neighbours, which equals
-        the pitch (pixels). For views: disparity between the outermost and the central view at a slope of 1 (samples).
+        Scale of the disparity. For micro-images: the product of the slope and the disparity of adjacent micro-images,
+        which equals the pitch (px). For views: the disparity between the outermost and the central view at a slope of 1
+        (samples).
     z_um, z_sigma_um
-        Depth relative to the working plane, positive away from the camera, and its standard error (µm); None before
-        `metric_depth`.
+        Depth of each sample relative to the working plane, positive away from the camera, and its standard error (µm);
+        None unless `metric_depth` has been applied.
     across_um
-        Position (down, right) of each sample in object space relative to the axis (µm), ``(rows, columns, 2)``; None
-        before `metric_depth`.
+        Position (down, right) of each sample in object space relative to the optical axis (µm), ``(rows, columns, 2)``;
+        None unless `metric_depth` has been applied.
     """
 
     slope: Image = field(repr=False)
@@ -144,33 +145,33 @@ class DepthMap:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Mask of the samples whose depth is known, ``(rows, columns)``."""
+        """Boolean mask of the samples whose depth is known, ``(rows, columns)``."""
         return np.isfinite(self.slope)
 
     @property
     def disparity(self) -> Image:
-        """Disparity of neighbouring micro-images (pixels), or between the outermost and the central view (samples)."""
+        """Disparity of adjacent micro-images (px), or between the outermost and the central view (samples)."""
         if self.method == "views":
             return self.slope * np.float32(self.disparity_px)
         return np.float32(self.disparity_px) / self.slope
 
     @property
     def disparity_sigma(self) -> Image:
-        """Standard error of `disparity`."""
+        """Standard error of `disparity`, in the same unit."""
         if self.method == "views":
             return self.sigma * np.float32(self.disparity_px)
         return self.sigma / self.slope**2 * np.float32(self.disparity_px)
 
     def places_px(self) -> Array:
-        """Return the positions (row, column) of the samples on the frame, ``(rows, columns, 2)`` (pixels)."""
+        """Return the positions (row, column) of the samples on the frame, ``(rows, columns, 2)`` (px)."""
         steps = zip(self.corner_px, self.step_px, self.slope.shape, strict=True)
         rows, columns = (corner + step * np.arange(n) for corner, step, n in steps)
         return np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
 
     def points(self) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the points ``(n, 3)`` as (x, y, z), and a mask ``(rows, columns)`` of the samples they represent.
+        """Return the points (x, y, z) of known depth, ``(n, 3)``, and a mask ``(rows, columns)`` of their samples.
 
-        Units are µm if the depth is metric; otherwise x and y are in pixels of the frame, and z is the slope.
+        Coordinates are in µm if `z_um` is known; otherwise, x and y are in pixels of the frame, and z is the slope.
         """
         if self.z_um is None or self.across_um is None:
             chosen, across, depth = self.known, self.places_px(), self.slope
@@ -193,45 +194,48 @@ def iter_depth_map(
     radius_px: float | None = None,
     workers: int | None = None,
 ) -> Work[DepthMap]:
-    """Compute and return the depth map of one light-field frame, in the central view.
+    """Compute the depth map of a light-field frame in the central view, and return it.
 
-    Depth is found only where the scene has texture. Unknown samples are NaN and are not filled in.
+    The depth can be determined only where the scene has texture. Elsewhere, it is NaN and is not interpolated.
 
     Parameters
     ----------
     frame
         Light-field frame ``(rows, columns)``; NaN and infinity are ignored.
     lattice, white, dark
-        As in `extract_views`. Without a white frame, the fall-off of light in the micro-images is estimated from the
-        frame.
+        As in `extract_views`. Without a white frame, the fall-off of light within the micro-images is estimated from
+        the frame.
     mask
-        True at pixels to leave out, ``(rows, columns)``; None: all pixels are used.
+        Boolean mask ``(rows, columns)``, true at pixels to leave out; None: all pixels are used.
     camera
-        Camera that determines the range of slopes, the blur of the lens types, and the method; None: unknown.
+        Camera, from which the range of slopes, the blur of the lens types and the method are derived; None: unknown.
     type_of
-        Function that returns the lens types of lenslets (q, r): `LensTypes.type_of`, or the method of the camera's
-        lattice if ``lattice`` is that of the camera. Comparisons of lenslets with different blur then have less weight.
+        Function that returns the lens types of lenslets (q, r): `LensTypes.type_of`, or `LensletLattice.type_of` if
+        ``lattice`` is that of the camera. Comparisons of lenslets with different blur then have less weight. None: a
+        single type.
     method
         ``"micro-images"``: match each micro-image with its neighbours, for lenslets that are focused on the scene.
-        ``"views"``: compare the views on planes, for lenslets focused at infinity. ``"auto"``: choose by the focus of
-        the camera's lenslets; without a camera, choose the method that explains more of the middle of the frame.
+        ``"views"``: compare the views refocused on several planes, for lenslets focused at infinity. ``"auto"``: choose
+        by the focus of the camera's lenslets; without a camera, choose the method that explains more of the light in
+        the middle of the frame.
     slopes
-        Smallest and largest slope; by default those of the camera's lenslets, or without a camera the limits of the
-        method.
+        Smallest and largest slope to consider; None: those of the camera's lenslets, or the limits of the method
+        without a camera.
     radius_px
-        Radius of the micro-images (pixels); by default 0.45 pitches.
+        Radius of the micro-images (px); None: 0.45 of the pitch.
     workers
         Number of threads; None: all processors.
 
     Yields
     ------
     Progress
-        After each part of the frame.
+        After each processed part of the frame.
 
     Raises
     ------
     InputError
-        If a frame does not fit the lattice, no micro-image is complete, or the slopes do not suit the method.
+        If the shape of a frame differs from that of the lattice, no micro-image is complete, or ``slopes`` are outside
+        the limits of the method.
 
     Examples
     --------
@@ -274,10 +278,10 @@ def depth_seconds(
     slopes: tuple[float, float] | None = None,
     radius_px: float | None = None,
 ) -> float:
-    """Predict the CPU-seconds of `depth_map` with these parameters.
+    """Predict the CPU time (s) of `depth_map` with these parameters.
 
-    The middle of the frame is processed, and the time for it is scaled by the number of pairs of neighbouring
-    micro-images.
+    The middle of the frame is processed, and the measured time is scaled by the number of pairs of adjacent
+    micro-images. The parameters are those of `depth_map`.
 
     Raises
     ------
@@ -313,19 +317,19 @@ def metric_depth(
     origin: tuple[int, int] = (0, 0),
     measured: Sequence[tuple[float, float]] = (),
 ) -> DepthMap:
-    """Return the map with depths in µm, converted with the camera and corrected with planes of measured slope, if any.
+    """Return a copy of a depth map with depths in µm, corrected with planes of known depth if any are given.
 
     Parameters
     ----------
     found
-        Map from `depth_map`.
+        Depth map returned by `depth_map`.
     camera
-        Camera that took the frame.
+        Camera with which the frame was recorded.
     origin
-        Sensor row and column of the frame's first pixel.
+        Sensor position (row, column) of the first pixel of the frame (px).
     measured
-        Depth (µm) and measured slope of each plane, for example from H. A line fitted to them corrects the slopes
-        before they are converted; a single plane corrects their scale.
+        Known depth (µm) and measured slope of each calibration plane, for example from H. A line fitted to them
+        corrects the slopes before they are converted; a single plane corrects only their scale.
 
     Examples
     --------

@@ -21,9 +21,10 @@ CLOUD = np.dtype(
 
 
 def save_depth(path: Path, found: DepthMap) -> None:
-    """Write depth, standard error, confidence, light and disparity as float32 pages, NaN where the depth is unknown.
+    """Write the depth, its standard error, confidence, light and disparity to a TIFF file of float32 images.
 
-    The file is an ImageJ hyperstack. Its labels state the quantities and units; its ``Info`` contains them as JSON.
+    Depths are in µm if ``found`` contains them, otherwise slopes, and NaN where they are unknown. The file is an ImageJ
+    hyperstack, whose labels state the quantities and units; its ``Info`` contains them as JSON.
 
     Examples
     --------
@@ -60,7 +61,7 @@ def save_depth(path: Path, found: DepthMap) -> None:
 
 
 def save_points(path: Path, found: DepthMap) -> int:
-    """Write the points with a known depth and their brightness to a binary PLY file; return the number of points.
+    """Write the points of known depth (`DepthMap.points`) and their brightness to a PLY file; return their number.
 
     Examples
     --------

@@ -42,18 +42,18 @@ ROUNDS = 12
 
 @dataclass(frozen=True, eq=False)
 class LensletDiscs:
-    """The discs behind the lenslets of a camera, in the order of its lenslets.
+    """Located discs of light behind the lenslets of a camera, in the order of its lenslets.
 
     Attributes
     ----------
     centres_px
-        Centres (row, column), ``(n, 2)`` (pixels).
+        Centres (row, column) of the discs, ``(n, 2)`` (px).
     errors_px
-        Standard error of each centre along one axis, ``(n,)`` (pixels), from the scatter of the disc's edge.
+        Standard error of each centre along one axis, ``(n,)`` (px), estimated from the scatter of the edge of the disc.
     radii_px
-        Mean radius of each disc, ``(n,)`` (pixels).
+        Mean radius of each disc, ``(n,)`` (px).
     camera
-        The camera with the lenslets at the measured positions; the position of the optical axis is unchanged.
+        Copy of the camera with the lenslets at the measured positions; the position of the optical axis is unchanged.
     """
 
     centres_px: F8
@@ -63,23 +63,23 @@ class LensletDiscs:
 
 
 def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
-    """Locate the discs behind the lenslets of a Fourier light-field microscope with subpixel accuracy.
+    """Locate the discs of light behind the lenslets of a Fourier light-field microscope with subpixel accuracy.
 
-    Discs may touch, and their brightness may fall off towards the edge. They must be symmetric about their centres
-    (round or square).
+    Discs may touch, and their brightness may decrease towards their edges. They must be point-symmetric about their
+    centres (round or square).
 
     Parameters
     ----------
     white
         White image ``(rows, columns)`` of a uniform field, or of the lenslets in the pupil.
     camera
-        The described camera.
+        Description of the camera.
 
     Raises
     ------
     InputError
-        If the camera has a lattice, the number of discs is not that of the lenslets, a disc is cut by the edge of the
-        frame, or the discs are far from the described positions.
+        If the camera has a periodic lattice, the number of discs is not that of the lenslets, a disc is truncated by
+        the edge of the frame, or the discs are far from the described positions.
 
     Examples
     --------

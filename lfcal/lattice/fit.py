@@ -57,34 +57,33 @@ def fit_lattice(
     pitch_px: float | None = None,
     workers: int | None = None,
 ) -> LatticeFit:
-    """Fit the lattice of micro-images to a white image and return the fit.
+    """Fit a lattice of micro-images to a white image, and return the fit.
 
-    A first lattice is found in the spectrum (`guess_lattice`) and extended from the middle of the frame outwards
-    (`fit_outwards`). Three steps are then repeated. The mean micro-image is computed, each lenslet is located with it
-    to a fraction of a pixel (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted robustly to the
-    positions. `select_form` chooses the form of the lattice: straight, or with a distortion. Finally, the lattice is
-    shifted to the middle of the iris, because micro-images of an iris with an odd number of corners are not symmetric
-    about it (`iris_centre`).
+    An initial lattice is found in the spectrum of the image, and is extended from the middle of the frame outwards.
+    Three steps are then repeated: the mean micro-image is computed, each lenslet is located with it to a fraction of a
+    pixel (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted robustly to the positions. The form
+    of the lattice is then selected: straight, or with a distortion. Finally, the lattice is shifted to the centre of
+    the iris, because micro-images of an iris with an odd number of corners are not symmetric about it.
 
     Parameters
     ----------
     white
-        Frame ``(rows, columns)`` of at least 7 uniformly lit lenslets, with a pitch above 4 px. A part of the frame may
-        be dark: the lattice is fitted to the lit part (`LatticeFit.outline_px`).
+        White image ``(rows, columns)`` of at least 7 uniformly illuminated lenslets, with a pitch above 4 px. A part of
+        the frame may be dark; the lattice is fitted to the lit part (`LatticeFit.outline_px`).
     dark
-        Dark frame or dark level to subtract.
+        Dark frame, or dark level (counts), to subtract.
     kind
-        ``"square"`` (also rectangular cells) or ``"hexagonal"``; None: detected.
+        Kind of lattice: ``"square"`` (including rectangular cells) or ``"hexagonal"``; None: detected.
     pitch_px
-        Nominal pitch along a row (pixels), accurate to 10 %; None: detected.
+        Nominal pitch along a row (px), accurate to 10 %; None: detected.
     workers
         Number of threads; None: all processors.
 
     Raises
     ------
     InputError
-        If the frame is blank or textured, or shows no such lattice, a checkerboard or a specimen; the message states
-        the reason.
+        If no lattice can be fitted, for example because the frame is blank or shows a specimen or a checkerboard; the
+        message states the reason.
 
     Examples
     --------

@@ -48,7 +48,7 @@ def lattice_files(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def save_lattice(fit: LatticeFit, folder: str | os.PathLike[str]) -> list[Path]:
-    """Write the lattice, the residual of every lenslet and a map of the residuals into ``folder``; return the paths.
+    """Write the lattice (JSON), the residual of every lenslet (CSV) and a residual map (PNG); return their paths.
 
     Examples
     --------
@@ -117,12 +117,12 @@ def _draw(fit: LatticeFit, path: Path) -> None:
 
 
 def load_lattice(path: str | os.PathLike[str]) -> LatticeFit:
-    """Return the lattice in a ``lattice.json`` file with all lenslets of its frame; dead lenslets are marked.
+    """Read a lattice, with all lenslets of its frame including dead ones, from a ``lattice.json`` file.
 
     Raises
     ------
     FileFormatError
-        If the file is not a lattice, or contains an impossible number.
+        If the file does not contain a lattice, or contains an invalid number.
 
     Examples
     --------

@@ -67,52 +67,52 @@ class LatticeErrors:
 
 @dataclass(frozen=True, eq=False)
 class LatticeFit:
-    """A lattice of micro-images and the quality of its fit.
+    """A fitted lattice of micro-images, and the quality of the fit.
 
-    Image coordinates are relative to the centre of the first pixel; rows count downwards.
+    Frame coordinates (row, column) are relative to the centre of the first pixel; rows are counted downwards.
 
     Attributes
     ----------
     kind
-        ``"square"`` or ``"hexagonal"``.
+        Kind of lattice: ``"square"`` or ``"hexagonal"``.
     shape
-        Rows and columns of the frame.
+        Shape ``(rows, columns)`` of the frame (px).
     pitch_px, row_pitch_px
-        Distance between neighbours along a row, and between neighbouring rows (pixels).
+        Distance between adjacent micro-images along a row, and between adjacent rows (px).
     rotation_rad
-        Angle from the +x (column) axis to a row, positive towards +y (down) (rad).
+        Angle (rad) from the +x (column) axis to a row of micro-images, positive towards +y (down).
     origin_px
-        Centre ``(row, column)`` of the lenslet q = r = 0, which is nearest to the frame's centre (pixels).
+        Centre ``(row, column)`` of the lenslet with q = r = 0, which is nearest to the centre of the frame (px).
     pitch_error_px
-        Standard error of the pitch (pixels).
+        Standard error of ``pitch_px`` (px).
     shear_rad
-        Deviation of the angle between the lattice vectors from the ideal one (rad); 0 if it is not significant.
+        Deviation (rad) of the angle between the lattice vectors from the ideal angle; 0 if it is not significant.
     residual_rms_px
-        Rms distance along one axis of the located micro-images from the lattice, including distortion (pixels).
+        Rms distance (px), along one axis, of the located micro-images from the lattice including its distortion.
     index
-        ``(n, 2)``: indices (q, r) of every lenslet that is completely in the frame; q counts along a row, r across
-        rows.
+        Indices (q, r) of the n lenslets that are completely in the frame, ``(n, 2)``; q counts along a row, and r
+        counts the rows.
     measured_px
-        ``(n, 2)``: located centres (row, column) (pixels); NaN for dead lenslets.
+        Located centres (row, column) of these lenslets (px), ``(n, 2)``; NaN for dead lenslets.
     light
-        ``(n,)``: mean sample value within half a pitch of each lenslet.
+        Mean light within half a pitch of the centre of each lenslet, ``(n,)``, in counts.
     dead
-        ``(n,)``: True for lenslets that are too dark or cannot be located.
+        True for lenslets that are too dark or cannot be located, ``(n,)``.
     distortion
-        Displacement from the undistorted lattice as a function of the point (column, row) (pixels); None: no
-        distortion. Pitch, row pitch, rotation and shear are those of the undistorted lattice.
+        Displacement from the undistorted lattice as a function of the point (column, row) (px); None: no distortion.
+        Pitch, row pitch, rotation and shear are those of the undistorted lattice.
     errors
-        Standard errors of the parameters above.
+        Standard errors of the lattice parameters; None if unknown.
     form, reason
-        The chosen form of the lattice, and the reason for the choice, as text.
+        Selected form of the lattice (straight, or a kind of distortion), and the reason for the selection, as text.
     places_px
-        ``(n, 2)``: best estimate of every centre (row, column), including dead lenslets (pixels): the position in the
-        lattice plus the common deviation of the neighbours.
+        Best estimate of the centre (row, column) of every lenslet, including dead ones (px), ``(n, 2)``: its position
+        in the lattice plus the common deviation of its neighbours.
     notes
-        Reasons to doubt that the frame is a white image, and limits of the fit, one line each.
+        Reasons to doubt that the frame is a white image, and limitations of the fit, one line each.
     outline_px
-        ``(m, 2)``: corners (row, column) of the convex outline of the located micro-images (pixels), outside which the
-        lattice is extrapolated. None if it is missing in the file.
+        Corners (row, column) of the convex hull of the located micro-images (px), ``(m, 2)``, outside which the lattice
+        is extrapolated. None if the file of the lattice does not contain it.
 
     Examples
     --------
@@ -145,12 +145,12 @@ class LatticeFit:
     outline_px: Array | None = None
 
     def basis_px(self) -> Array:
-        """Return the undistorted lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
+        """Return the undistorted lattice vectors (x, y) as rows of an array (px): along a row, and to the next row."""
         return self.model.basis()
 
     @cached_property
     def model(self) -> LatticeModel:
-        """The lattice as a model whose points are (x, y) (pixels)."""
+        """Model of the lattice, whose points are (x, y) = (column, row) in px."""
         along = self.pitch_px * np.array([math.cos(self.rotation_rad), math.sin(self.rotation_rad)])
         ratio, origin = self.row_pitch_px / self.pitch_px, np.array(self.origin_px[::-1], float)
         if self.distortion is not None:
@@ -158,47 +158,48 @@ class LatticeFit:
         return LatticeModel(self.kind, origin, along, ratio, math.tan(self.shear_rad), self.distortion)
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return the centres ``(..., 2)`` as (row, column) of lenslets q, r, including the distortion (pixels)."""
+        """Return the centres (row, column), ``(..., 2)``, of lenslets (q, r), including the distortion (px)."""
         index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
         return self.model.places(index)[..., ::-1]
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return fractional lattice indices ``(..., 2)`` as (q, r) of image points, the inverse of `centres_px`."""
+        """Return the fractional lattice indices (q, r), ``(..., 2)``, of points (px); the inverse of `centres_px`."""
         points = np.stack(np.broadcast_arrays(np.asarray(column, float), np.asarray(row, float)), axis=-1)
         return self.model.indices(points)
 
     def residual_map(self, size: int = 48) -> Array:
-        """Return the mean residual (row, column) on a grid over the frame, ``(2, rows, columns)`` (pixels).
+        """Return the mean residual (row, column) in the cells of a grid over the frame, ``(2, rows, columns)`` (px).
 
-        The grid has ``size`` cells along the longer side. Cells without a located lenslet are NaN.
+        Residuals are located minus fitted centres. The grid has ``size`` cells along the longer side of the frame.
+        Cells without a located lenslet are NaN.
         """
         residual = self.measured_px - self.centres_px(self.index[:, 0], self.index[:, 1])
         return gridded(self.measured_px, residual, self.shape, size)
 
     @property
     def dead_lenslets(self) -> list[tuple[int, int]]:
-        """Lattice indices (q, r) of the dead lenslets."""
+        """Lattice indices (q, r) of the dead lenslets, which are too dark or cannot be located."""
         return [(int(q), int(r)) for q, r in self.index[self.dead]]
 
     def to_lattice(
         self, camera: Camera, *, origin: tuple[int, int] | None = None, type_step: int | None = None
     ) -> LensletLattice:
-        """Return the lattice of ``camera`` with the measured pitch, row distance, rotation, offset and distortion.
+        """Return a copy of the lattice of ``camera`` with the measured pitches, rotation, offset and distortion.
 
         Parameters
         ----------
         camera
-            The camera that took the frame; its lens types and gap remain unchanged.
+            Camera with which the frame was recorded; its lens types and gap remain unchanged.
         origin
-            Lenslet (q, r) at the lattice's offset, which has type 0 if there are three types; None: the lenslet nearest
-            to the present offset.
+            Lenslet (q, r) that defines the offset, which has type 0 if there are three types; None: the lenslet nearest
+            to the current offset.
         type_step
-            Type of the lenslet that follows one of type 0 along a row (1 or 2); None: unchanged.
+            Type (1 or 2) of the lenslet that follows a type-0 lenslet along a row; None: unchanged.
 
         Raises
         ------
         InputError
-            If the kind of lattice or the shape of the frame differs from that of the camera.
+            If the kind of the lattice or the shape of the frame differs from that of ``camera``.
         """
         if camera.sensor.shape != self.shape:
             raise InputError.expected(

@@ -37,23 +37,23 @@ LIT_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class LensTypes:
-    """Assignment of three lens types to a hexagonal lattice.
+    """Assignment of three lens types to the lenslets of a hexagonal lattice.
 
     Attributes
     ----------
     type_step
-        Type of the lenslet that follows one of type 0 along a row: 1 or 2.
+        Type of the lenslet that follows a type-0 lenslet along a row: 1 or 2.
     phase
-        ``(q - r) mod 3`` of the lenslets of type 0 in the lattice fit's indices.
+        Value of ``(q - r) mod 3`` for the lenslets of type 0, with the indices (q, r) of the lattice fit.
     sharpness
         Logarithm of the mean sharpness of types 0, 1 and 2 relative to their neighbours. Sharpness is the light in the
-        inner part of the micro-image, or the gradient energy divided by the squared light.
+        inner part of the micro-image (white image), or the gradient energy divided by the squared light (spots).
     agreement
-        Fraction of triangles of neighbours that individually favour this assignment; 1/6 by chance.
+        Fraction of the triangles of adjacent lenslets that individually favour this assignment; 1/6 by chance.
     sigmas
-        Margin of this assignment over the second best, in standard errors.
+        Margin of this assignment over the second-best one, in standard errors.
     triangles
-        Number of triangles of three neighbours that were used.
+        Number of triangles of adjacent lenslets that were used.
     """
 
     type_step: int
@@ -65,16 +65,16 @@ class LensTypes:
 
     @property
     def confidence(self) -> float:
-        """Probability that this assignment is correct, from its margin alone; at most 1 - 1e-6."""
+        """Probability that this assignment is correct, derived only from its margin; at most 1 - 1e-6."""
         return min(0.5 * math.erfc(-self.sigmas / math.sqrt(2)), 1 - 1e-6)
 
     def type_of(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.intp]:
-        """Return the types of the lenslets with indices q and r of the lattice fit."""
+        """Return the types (0, 1 or 2) of the lenslets with the indices q and r of the lattice fit."""
         coset = np.asarray(q, np.intp) - np.asarray(r, np.intp)
         return np.mod(self.type_step * (coset - self.phase), 3)
 
     def to_lattice(self, fit: LatticeFit, camera: Camera) -> LensletLattice:
-        """Return the lattice of ``camera`` with the fitted values and lens types; its offset is at a type-0 lenslet."""
+        """Return a copy of the lattice of ``camera`` with the fitted values, lens types and type-0 offset."""
         row, column = camera.pixels(camera.lattice.offset_um)
         near = np.rint(fit.lenslet_at(row, column)).astype(int)
         # the nearest lenslet of type 0 is at most two steps away
@@ -86,10 +86,11 @@ class LensTypes:
 
 
 def expected_blur(camera: Camera, virtual_depth: float | None = None) -> tuple[float, ...]:
-    """Return the blur ``|1/vf - 1/v|`` of each lens type, in lenslet diameters.
+    """Return the blur diameter of each lens type, ``|1/vf - 1/v|``, in lenslet diameters.
 
-    ``virtual_depth`` is that of the point source in the frame. None: a white image, in which the lenslets image the
-    main lens's pupil at v = -b/B.
+    ``virtual_depth`` is the virtual depth v of the point source in the frame, and vf that at which the lens type is in
+    focus. None: a white image, in which the lenslets image the pupil of the main lens at v = -b/B, with the image
+    distance b and the gap B.
 
     Examples
     --------
@@ -117,33 +118,33 @@ def classify_lens_types(
     dark: ArrayLike | float = 0.0,
     workers: int | None = None,
 ) -> LensTypes:
-    """Determine which lenslets have which of the three lens types, from a white image or a frame of a point source.
+    """Determine the lens type of each lenslet of a three-type array, from a white image or a frame of a point source.
 
-    Types alternate so that every triangle of neighbouring lenslets contains one of each type. The sharpness is compared
-    within each triangle, which is independent of vignetting and of slow changes of the scene. Of the six possible
-    assignments, the one is returned whose expected blurs are most strongly anticorrelated with the measured sharpness.
-    In a white image, sharpness is the light in the inner part of the micro-images. This requires that all types
-    transmit the same amount of light, as lenslets of equal size do.
+    Types alternate such that every triangle of adjacent lenslets contains one lenslet of each type. The sharpness is
+    compared within each triangle. This comparison is independent of vignetting and of slow variations of the scene. Of
+    the six possible assignments, the function returns the one whose expected blurs are most strongly anticorrelated
+    with the measured sharpness. In a white image, sharpness is the light in the inner part of the micro-images. This
+    measure requires that all types transmit the same amount of light, as lenslets of equal size do.
 
     Parameters
     ----------
     image
         Frame ``(rows, columns)``.
     fit
-        Lattice from the white image of the same camera.
+        Lattice fitted to a white image of the same camera.
     blur
-        Expected blur of types 0, 1 and 2 in this frame, in any unit: `expected_blur`.
+        Expected blur of types 0, 1 and 2 in this frame, in any unit, as returned by `expected_blur`.
     content
         ``"white"``: a uniformly lit frame; ``"spots"``: a point source away from the focus of the lenslets.
     dark
-        Dark frame or dark level to subtract.
+        Dark frame, or dark level (counts), to subtract.
     workers
         Number of threads; None: all processors.
 
     Raises
     ------
     InputError
-        If the lattice is not hexagonal, two types have the same expected blur, or the image does not determine the
+        If the lattice is not hexagonal, two types have the same expected blur, or the frame does not determine the
         assignment.
 
     Examples

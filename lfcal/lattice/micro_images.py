@@ -33,43 +33,43 @@ INVERSE_PX, INVERSE_ROUNDS = 1e-8, 25
 
 
 class MicroImageLattice(Protocol):
-    """Protocol of the lattice of micro-images that views require; `LatticeFit` and `CameraLattice` implement it."""
+    """Protocol for lattices of micro-images, from which views can be extracted; `LatticeFit` implements it."""
 
     @property
     def kind(self) -> str:
-        """``"square"`` or ``"hexagonal"``."""
+        """Kind of lattice: ``"square"`` or ``"hexagonal"``."""
 
     @property
     def pitch_px(self) -> float:
-        """Distance between neighbours along a row (pixels)."""
+        """Distance between adjacent micro-images along a row (px)."""
 
     @property
     def row_pitch_px(self) -> float:
-        """Distance between neighbouring rows (pixels)."""
+        """Distance between adjacent rows of micro-images (px)."""
 
     @property
     def rotation_rad(self) -> float:
-        """Angle from the +x (column) axis to a row, positive towards +y (down) (rad)."""
+        """Angle (rad) from the +x (column) axis to a row of micro-images, positive towards +y (down)."""
 
     def basis_px(self) -> Array:
-        """Return the lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
+        """Return the lattice vectors (x, y) as rows of a ``(2, 2)`` array (px): along a row, and to the next row."""
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return the centres ``(..., 2)`` as (row, column) of lenslets with indices q and r (pixels).
+        """Return the centres (row, column), ``(..., 2)``, of micro-images with indices q and r (px).
 
-        q counts lenslets along a row of the lattice, r counts the rows.
+        The index q counts along a row of the lattice, and r counts the rows.
         """
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return fractional lattice indices ``(..., 2)`` as (q, r) of image points."""
+        """Return the fractional lattice indices (q, r), ``(..., 2)``, of points of the frame (px)."""
 
 
 class FrameLattice(MicroImageLattice, Protocol):
-    """Protocol of a lattice of micro-images on frames of one shape."""
+    """Protocol for lattices of micro-images that also state the shape of the frames."""
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the frames."""
+        """Shape ``(rows, columns)`` of the frames (px)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,10 +169,10 @@ class CroppedLattice:
 
 @dataclass(frozen=True, slots=True)
 class TypeLattice:
-    """The lenslets of one of three types, a hexagonal lattice with sqrt(3) times the pitch, rotated by -30 degrees.
+    """Lattice of the lenslets of one of three types: hexagonal, with sqrt(3) times the pitch, and rotated by -30°.
 
-    Lenslet (Q, R) of this lattice is lenslet (q, r) = ``(first + 2 Q + R, R - Q)`` of the lattice ``every``. The type
-    depends on ``(q - r) mod 3``, which steps of (2, -1) and (1, 1) do not change.
+    Lenslet (Q, R) of this lattice is lenslet (q, r) = ``(first + 2 Q + R, R - Q)`` of the lattice ``every`` of all
+    lenslets. The type depends on ``(q - r) mod 3``, which steps of (2, -1) and (1, 1) do not change.
 
     Examples
     --------
@@ -188,46 +188,46 @@ class TypeLattice:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the frames."""
+        """Shape ``(rows, columns)`` of the frames (px)."""
         return self.every.shape
 
     @property
     def kind(self) -> str:
-        """``"hexagonal"``."""
+        """Kind of lattice, always ``"hexagonal"``."""
         return "hexagonal"
 
     @property
     def pitch_px(self) -> float:
-        """Distance between neighbours along a row (pixels)."""
+        """Distance between adjacent micro-images along a row of this lattice (px)."""
         return float(np.hypot(*self.basis_px()[0]))
 
     @property
     def row_pitch_px(self) -> float:
-        """Distance between neighbouring rows (pixels)."""
+        """Distance between adjacent rows of this lattice (px)."""
         return abs(float(np.linalg.det(self.basis_px()))) / self.pitch_px
 
     @property
     def rotation_rad(self) -> float:
-        """Angle from the +x axis to a row (rad)."""
+        """Angle (rad) from the +x (column) axis to a row of this lattice, positive towards +y (down)."""
         x, y = self.basis_px()[0]
         return math.atan2(y, x)
 
     def basis_px(self) -> Array:
-        """Return the lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
+        """Return the lattice vectors (x, y) as rows of a ``(2, 2)`` array (px): along a row, and to the next row."""
         basis: Array = np.array([[2.0, -1.0], [1.0, 1.0]]) @ self.every.basis_px()
         return basis
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return the centres ``(..., 2)`` as (row, column) of lenslets with indices Q and R (pixels)."""
+        """Return the centres (row, column), ``(..., 2)``, of micro-images with indices Q and R (px)."""
         along, across = np.asarray(q), np.asarray(r)
         return self.every.centres_px(self.first + 2 * along + across, across - along)
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return fractional indices ``(..., 2)`` as (Q, R) of image points."""
+        """Return the fractional indices (Q, R), ``(..., 2)``, of points of the frame (px)."""
         return self._type_indices(*np.moveaxis(self.every.lenslet_at(row, column), -1, 0))
 
     def among(self, lenslets: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Return those lenslets (q, r) that are of this type, as indices (Q, R) of this lattice."""
+        """Return the indices (Q, R) of those of the given lenslets (q, r) that are of this type."""
         mine = [(q, r) for q, r in lenslets if (q - r - self.first) % 3 == 0]
         return [(int(i), int(j)) for i, j in (self._type_indices(np.asarray(q), np.asarray(r)) for q, r in mine)]
 
@@ -238,22 +238,22 @@ class TypeLattice:
 def lattice_of(
     camera: Camera, shape: Sequence[int] | None = None, origin: tuple[int, int] | None = None
 ) -> FrameLattice:
-    """Return the lattice in the description of ``camera``, on frames of the whole sensor or of a part.
+    """Return the micro-image lattice in a camera description, for frames of the complete sensor or of a part of it.
 
     Parameters
     ----------
     camera
-        Camera description; no white image is needed.
+        Description of the camera; no white image is required.
     shape
-        Rows and columns of the frames; None: those of the sensor.
+        Shape ``(rows, columns)`` of the frames; None: that of the sensor.
     origin
-        Sensor row and column of the frames' first pixel, if they show only a part of the sensor; None: the whole
-        sensor.
+        Sensor position (row, column) of the first pixel of the frames, if they show only a part of the sensor; None:
+        the frames show the complete sensor.
 
     Raises
     ------
     InputError
-        If ``shape`` is not that of the sensor and ``origin`` is None, or the frames are not inside the sensor.
+        If ``origin`` is None and ``shape`` is not that of the sensor, or the frames extend beyond the sensor.
 
     Examples
     --------
@@ -268,7 +268,7 @@ def lattice_of(
 
 
 def cropped(lattice: FrameLattice, shape: Sequence[int], origin: tuple[int, int] | None = None) -> FrameLattice:
-    """Return ``lattice`` on frames of ``shape`` whose first pixel is the lattice's pixel ``origin`` (row, column).
+    """Return ``lattice`` for frames of ``shape`` whose first pixel is pixel ``origin`` (row, column) of its frames.
 
     Raises
     ------
@@ -310,15 +310,15 @@ def _by(shape: Sequence[int]) -> str:
 
 
 def type_lattice(lattice: FrameLattice, type_of: TypeOf, lens_type: int) -> TypeLattice:
-    """Return the lenslets of one of three types as a separate lattice, which is hexagonal.
+    """Return the lenslets of one of three types as a separate, hexagonal lattice.
 
-    ``type_of`` returns the types of lenslets (q, r): `LensTypes.type_of`, or the method of the camera's lattice.
-    ``lens_type`` is 0, 1 or 2.
+    ``type_of`` is a function that returns the types of lenslets (q, r): `LensTypes.type_of` or
+    `LensletLattice.type_of`. ``lens_type`` is 0, 1 or 2.
 
     Raises
     ------
     InputError
-        If the lattice does not have three types.
+        If the lattice does not have three lens types.
 
     Examples
     --------

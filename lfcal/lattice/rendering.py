@@ -38,21 +38,21 @@ WINDOW = 0.5
 
 @dataclass(frozen=True, eq=False)
 class RenderedPlanes:
-    """The scene rendered on planes at several depths.
+    """Images of a scene rendered on planes at several depths.
 
     Attributes
     ----------
     images
-        ``(n, rows, columns)`` float32: light relative to the white frame; 0 where no lenslet sees the plane.
+        Rendered light relative to the white frame, ``(n, rows, columns)`` float32; 0 where no lenslet sees the plane.
     disagreement
-        ``(n, rows, columns)`` float32: variance between lenslets at each sample; it is smallest if the scene is on the
-        plane, and infinite if fewer than two lenslets see the sample.
+        Variance between lenslets at each sample, ``(n, rows, columns)`` float32. It is smallest where the scene is on
+        the plane, and infinite where fewer than two lenslets see the sample.
     slopes
-        Slopes of the planes (see `sensor_slope`).
+        Slope of each of the n planes (see `sensor_slope`).
     grid
-        Grid of the samples of a view; each of them is divided into samples of the images.
+        Grid of the samples of a view, each of which is divided into ``samples`` x ``samples`` image samples.
     samples
-        Number of image samples along each side of a view's sample.
+        Number of image samples along each side of a view sample.
     """
 
     images: Image = field(repr=False)
@@ -63,9 +63,10 @@ class RenderedPlanes:
 
 
 def sharpness_shares(camera: Camera, slope: float) -> tuple[float, ...]:
-    """Return the weight of each lens type at a slope: proportional to 1 / blur², and 1 for the sharpest type.
+    """Return the weight of each lens type at a slope, proportional to 1 / blur² and 1 for the sharpest type.
 
-    The blur on the sensor is ``d |1/v - 1/v_focus|`` for the clear diameter d, and at least one pixel.
+    The blur on the sensor is ``d |1/v - 1/v_focus|``, to which one pixel is added in quadrature; d is the clear
+    diameter of a lenslet, v the virtual depth at the slope, and v_focus that at which the type is in focus.
 
     Examples
     --------
@@ -93,28 +94,29 @@ def render(
     samples: int = 4,
     workers: int | None = None,
 ) -> RenderedPlanes:
-    """Return images of the planes at ``slopes``; each sample is the mean over all lenslets that see it.
+    """Render the scene on planes at ``slopes``; each image sample is the mean over all lenslets that see it.
 
-    A point S on the plane of slope w is imaged at c + (S - c)/w by the lenslet whose micro-image is centred at c.
+    A point on the plane with the slope w, whose chief ray meets the sensor at S, is imaged at c + (S - c)/w by the
+    lenslet whose micro-image is centred at c.
 
     Parameters
     ----------
     frame, lattice, white, dark, radius_px
         As in `extract_views`.
     slopes
-        Slope of each plane; its absolute value must be at least `MIN_SLOPE`.
+        Slope of each plane (see `sensor_slope`), whose absolute value must be at least 1.5 (`MIN_SLOPE`).
     type_of, shares
-        Function that returns the lens types of lenslets (q, r), and the weights of the types for each plane:
-        `sharpness_shares`, or 1 for one type and 0 for the others. By default all weights are equal.
+        Function that returns the lens types of lenslets (q, r), and the weights of the lens types for each plane, such
+        as `sharpness_shares`. None: all weights are equal.
     samples
-        Number of image samples along each side of a view's sample.
+        Number of image samples along each side of a view sample.
     workers
         Number of threads; None: all processors.
 
     Raises
     ------
     InputError
-        If a frame does not fit the lattice, or a slope or number is out of range.
+        If the shape of a frame differs from that of the lattice, or ``slopes`` or ``samples`` is out of range.
 
     Examples
     --------
@@ -197,10 +199,10 @@ def _mean_and_variance(sums: Image) -> tuple[Image, Image]:
 
 
 def total_focus(planes: RenderedPlanes) -> tuple[Image, Image]:
-    """Return the all-in-focus image and, for each sample, the slope of the plane chosen there.
+    """Return the all-in-focus image and the slope of the plane selected at each sample, both ``(rows, columns)``.
 
-    The chosen plane has the smallest disagreement between lenslets in a small window. Where the scene has no texture,
-    the choice is meaningless, but the image is then the same on all planes.
+    The selected plane has the smallest disagreement between lenslets in a small window. Where the scene has no texture,
+    the selected slope is meaningless, but the image is the same on all planes.
 
     Examples
     --------

@@ -25,19 +25,20 @@ RADIUS = 0.45
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """The scene seen through different parts of the aperture.
+    """Sub-aperture views: images of the scene through different parts of the aperture.
 
     Attributes
     ----------
     images
-        ``(nv, nu, rows, columns)`` float32: views from the pixels displaced by `offsets` in v (down) and u (right) from
-        the centre of each micro-image; 0 where no lenslet sees a sample.
+        Views from the pixels that are displaced by `offsets` in v (down) and u (right) from the centre of each
+        micro-image, ``(nv, nu, rows, columns)`` float32; 0 where no lenslet sees a sample.
     weights
-        Weight of each sample, ``(nv, nu, rows, columns)``: the same views of a white frame, or of the aperture's mask.
+        Weight of each sample, ``(nv, nu, rows, columns)``: the same views of a white frame, or of a mask of the
+        aperture.
     offsets
-        Offsets of the views from the micro-images' centres, the same in v and u (pixels).
+        Offsets of the views from the centres of the micro-images (px), the same in v and u.
     radius_px
-        Radius of the micro-images used (pixels).
+        Radius within which micro-images were used (px).
     grid
         Positions of the samples, and the lenslets that contribute to each.
 
@@ -61,33 +62,33 @@ class Views:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of one view."""
+        """Shape ``(rows, columns)`` of a view (samples)."""
         return self.grid.shape
 
     @property
     def step_px(self) -> tuple[float, float]:
-        """Spacing of the samples of a view, down and to the right, on the sensor (pixels)."""
+        """Spacing of the samples of a view, down and to the right (px on the sensor)."""
         return self.grid.step_px
 
     @property
     def rotation_rad(self) -> float:
-        """Angle from the pixels' +x axis, the direction of `offsets`, to the rows of a view (rad)."""
+        """Angle (rad) from the +x axis of the frame, along which `offsets` in u are measured, to the rows of a view."""
         return self.grid.rotation_rad
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """Mask of the samples that at least one lenslet sees, ``(rows, columns)``."""
+        """Boolean mask of the samples that at least one lenslet sees, ``(rows, columns)``."""
         return self.grid.mask
 
     @property
     def central(self) -> Image:
-        """The view through the middle of the aperture, ``(rows, columns)``."""
+        """View through the middle of the aperture, ``(rows, columns)``."""
         middle = len(self.offsets) // 2
         result: Image = self.images[middle, middle]
         return result
 
     def mosaic(self, every: int = 1) -> Image:
-        """Return the views next to each other as one image; only every ``every``-th view, counted from the middle."""
+        """Return a mosaic image of every ``every``-th view along each axis, counted from the middle one."""
         middle = len(self.offsets) // 2
         pick = np.arange(middle % every, len(self.offsets), every)
         chosen = self.images[np.ix_(pick, pick)]
@@ -109,36 +110,36 @@ def extract_views(
     raster: MicroImageLattice | None = None,
     workers: int | None = None,
 ) -> Views:
-    """Return the sub-aperture views of a light-field frame.
+    """Extract the sub-aperture views of a light-field frame.
 
-    A pixel at a fixed offset from the centre of a micro-image sees the scene through one part of the main lens's
-    aperture. These pixels of all micro-images form a view. Samples between pixels are interpolated bilinearly, and
-    samples between lenslets as described in `view_grid`.
+    A pixel at a fixed offset from the centre of a micro-image receives light through one part of the aperture of the
+    main lens. The pixels at this offset in all micro-images form a view. Samples between pixels are interpolated
+    bilinearly, and samples between lenslets as described in `view_grid`.
 
     Parameters
     ----------
     frame
         Light-field frame ``(rows, columns)``.
     lattice
-        Lattice of its micro-images: a `LatticeFit` from a white image of the same camera, or `lattice_of` a camera
-        description.
+        Lattice of the micro-images: a `LatticeFit` of a white image of the same camera, or the result of `lattice_of`
+        for a camera description.
     white
-        White frame ``(rows, columns)`` whose light provides the weights of the views. Without it, all pixels within the
+        White frame ``(rows, columns)``, whose light determines the weights of the views. None: all pixels within the
         radius have equal weights.
     dark
-        Dark frame or dark level to subtract from both frames.
+        Dark frame, or dark level (counts), to subtract from both frames.
     radius_px
-        Radius of the micro-images (pixels); by default 0.45 pitches.
+        Radius of the micro-images (px); None: 0.45 of the pitch.
     axes, full, missing, raster
-        As in `view_grid`: direction of the rows (that of the frame or of the lattice), whole field with a mask instead
-        of the largest box, lenslets without light, and the samples of another lattice.
+        As in `view_grid`: direction of the rows of a view, whether to return the complete field with a mask instead of
+        the largest box, lenslets without light, and the lattice that defines the positions of the samples.
     workers
         Number of threads; None: all processors.
 
     Raises
     ------
     InputError
-        If a frame does not fit the lattice, or contains no complete micro-image.
+        If the shape of a frame differs from that of the lattice, or the frame contains no complete micro-image.
 
     Examples
     --------
@@ -217,11 +218,12 @@ def sample_views(
     filter: str = "linear",
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Fill ``out`` ``(nv, nu, rows, columns)`` with the views of a frame and return it.
+    """Fill the array ``out``, ``(nv, nu, rows, columns)``, with the views of a frame, and return it.
 
-    View (v, u) samples the frame at the offset ``step_px`` (v - (nv - 1)/2, u - (nu - 1)/2), down and to the right,
-    from the centre of each micro-image. ``filter`` is the interpolation, one of `TAPS`. Each sample of a view is the
-    weighted sum over its lenslets, or 0 if no lenslet sees it. ``out`` is float32 or float64.
+    View (v, u) samples the frame at the offset (v - (nv - 1)/2, u - (nu - 1)/2) times ``step_px`` (down, right; px)
+    from the centre of each micro-image. ``filter`` is the interpolation: ``"nearest"``, ``"linear"`` or ``"cubic"``.
+    Each sample of a view is the weighted sum over the lenslets that ``grid`` states, or 0 if no lenslet sees it.
+    ``out`` is float32 or float64.
 
     Examples
     --------

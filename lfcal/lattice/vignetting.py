@@ -15,18 +15,18 @@ __all__ = ["Vignetting", "vignetting_map"]
 
 @dataclass(frozen=True, eq=False)
 class Vignetting:
-    """Relative light over the field, normalized to 1 at the maximum of the smooth surface.
+    """Relative illumination over the field, normalized to 1 at the maximum of a smooth surface fitted to the lenslets.
 
     Attributes
     ----------
     lenslets
-        ``(n,)``: light of each lenslet, in the order of the fit; NaN for dead lenslets.
+        Relative light of each lenslet, ``(n,)``, in the order of the lattice fit; NaN for dead lenslets.
     surface
         Smooth surface fitted to the light of the lenslets.
     scatter
-        Relative rms deviation of working lenslets from the surface.
+        Relative rms deviation of the lenslets, except dead ones, from the surface.
     falloff
-        Relative light at the minimum of the surface within the lit part of the frame.
+        Minimum of the surface within the lit part of the frame.
     """
 
     lenslets: NDArray[np.float64] = field(repr=False)
@@ -35,24 +35,25 @@ class Vignetting:
     falloff: float
 
     def frame(self) -> NDArray[np.float32]:
-        """Return the smooth light at every pixel, ``(rows, columns)`` float32: a white frame without micro-images.
+        """Return the smooth surface at every pixel, ``(rows, columns)`` float32: a white frame without micro-images.
 
-        ``White(vignetting.frame(), dark=0.0)`` flattens the field and leaves micro-images unchanged. Dividing by the
-        white image itself would also multiply the noise in the gaps. Outside the lit part of a frame, the surface is
-        unknown and limited to values of at least `falloff`.
+        The correction ``White(vignetting.frame(), dark=0.0)`` flattens the field and leaves micro-images unchanged.
+        Dividing by the white image itself would also amplify the noise between micro-images. Outside the lit part of
+        the frame, the surface is unknown and limited to values of at least `falloff`.
         """
         return np.maximum(self.surface.frame(), np.float32(self.falloff))
 
 
 def vignetting_map(fit: LatticeFit, *, degree: int = 4) -> Vignetting:
-    """Fit the fall-off of the lenslets' light over the field and return it.
+    """Fit a smooth surface to the light of the lenslets over the field, and return it.
 
     Parameters
     ----------
     fit
-        Lattice fitted to a white image whose dark level was subtracted; a pedestal would hide part of the fall-off.
+        Lattice fitted to a white image from which the dark level was subtracted; a remaining pedestal would reduce the
+        apparent fall-off.
     degree
-        Largest degree of the polynomial surface; with only a few lenslets, a lower degree is used.
+        Maximum degree of the polynomial surface; with only a few lenslets, a lower degree is used.
 
     Examples
     --------

@@ -30,14 +30,14 @@ MAX_BYTES = 1 << 24
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """Values that the user states in addition to those of the imported file.
+    """Options for importing a camera file, and values that replace those of the file.
 
     Attributes
     ----------
     values
-        Values by path (`lfcal.camera.draft.Draft`), which replace those of the file.
+        Values that replace those of the file, by path, such as ``"sensor.pixel_um"`` (see `Draft`).
     resolution
-        Name of the resolution preset to use from a Micro-Manager configuration; empty if there is only one.
+        Name of the resolution preset to use from a Micro-Manager configuration; may be empty if there is only one.
 
     Examples
     --------
@@ -54,7 +54,7 @@ class ImportOptions:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """Camera from a file, with all values marked, and notes of one line each.
+    """Imported camera (``camera``), whose values all have marks, and notes on the import (``notes``), one line each.
 
     Examples
     --------
@@ -71,21 +71,21 @@ class Imported:
 
 @dataclass(frozen=True, slots=True)
 class CameraFormat:
-    """Reader for a kind of file that describes a camera.
+    """Reader for one format of files that describe a camera.
 
     Attributes
     ----------
     name
         Display name, such as ``"Raytrix XML"``.
     suffixes
-        Usual suffixes, for file dialogs only; the format is recognized by the text of the file.
+        Usual file suffixes, only for file dialogs; the format is recognized from the text of the file.
     recognises
-        Function that returns whether a text, given its first characters, has this format.
+        Function that returns whether a file has this format, from the first characters of its text.
     read
-        Function that returns the camera from the text, the path of the file, and the options of the user. It raises
-        `FileFormatError` if the text is not valid.
+        Function that returns the imported camera from the text and the path of the file and the `ImportOptions`. It
+        raises `FileFormatError` if the text is invalid.
     rank
-        Formats are tried in ascending order of this number.
+        Priority: formats are tried in ascending order of this number.
     """
 
     name: str
@@ -144,9 +144,9 @@ HEAD = 1 << 14
 
 
 def read_camera(path: str | os.PathLike[str], options: ImportOptions | None = None) -> Camera:
-    """Return the camera that a file in any known format describes; `import_camera` also returns notes.
+    """Return the camera described by a file in any supported format; `import_camera` also returns notes.
 
-    The errors are those of `import_camera`.
+    The parameters and errors are those of `import_camera`.
 
     Examples
     --------
@@ -158,22 +158,22 @@ def read_camera(path: str | os.PathLike[str], options: ImportOptions | None = No
 
 
 def import_camera(path: str | os.PathLike[str], options: ImportOptions | None = None) -> Imported:
-    """Return the camera that a file describes, with every value marked as stated, derived or assumed.
+    """Return the camera described by a file, with every value marked as stated, derived or assumed, and notes.
 
     Parameters
     ----------
     path
-        camera.json, Raytrix XML, oLaF yaml, metadata of napari-LF, configuration or metadata of Micro-Manager, or a
-        format that another package adds. The text must be UTF-8 or UTF-16 with at most 16 MB.
+        Path of the file: ``camera.json``, Raytrix XML, oLaF YAML, metadata of napari-LF, configuration or metadata of
+        Micro-Manager, or a format added by a plug-in package. The file must be UTF-8 or UTF-16 text of at most 16 MB.
     options
-        Values that the user states, which replace those of the file.
+        Values that replace those of the file, and further options; None: none.
 
     Raises
     ------
     FileFormatError
         If the format is unknown, or an entry is missing or invalid.
     InputError
-        If a value of ``options`` is invalid.
+        If a value in ``options`` is invalid.
     StorageError
         If the file cannot be read.
 

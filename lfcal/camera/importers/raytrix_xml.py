@@ -44,34 +44,34 @@ def read_raytrix_xml(
     focus_depths: Sequence[float] | None = None,
     name: str | None = None,
 ) -> Camera:
-    """Return the camera of a Raytrix calibration file (``RayCalibData``).
+    """Return the camera described by a Raytrix calibration file (``RayCalibData``).
 
     The file contains the lattice (pitch, rotation, offset from the image centre with y up, lens bases, sub-grid), the
     lens types with their depth ranges, and the distortion. The rows of the returned lattice are as close as possible to
-    a sensor axis, and its lens types are numbered as in the file. Values that the file lacks are those of the
-    arguments. If neither states them, they are assumed and marked.
+    a sensor axis, and its lens types are numbered as in the file. Values that are not in the file are taken from the
+    parameters. Values that neither contains are assumed and marked as such.
 
     Parameters
     ----------
     path
-        The XML file, UTF-8 or UTF-16, at most 1 MB.
+        Path of the XML file, which must be UTF-8 or UTF-16 text of at most 1 MB.
     sensor
-        Image sensor; by default that of the R29, 4384 x 6576 pixels of 5.5 µm.
+        Image sensor; None: that of the R29, with 4384 x 6576 pixels of 5.5 µm.
     optics
-        Main lens; by default 200 mm, f/4, focused at 1 m.
+        Main lens; None: a lens with 200 mm and f/4, focused at 1 m.
     gap_um
-        Distance from lenslets to sensor (µm); by default the pitch times the main lens's working f-number, at which
-        micro-images just touch.
+        Distance from the lenslets to the sensor (µm); None: the pitch times the working f-number of the main lens, at
+        which adjacent micro-images just touch.
     focus_depths
-        Virtual depth at which each type is in focus; by default the one with equal blur at both ends of the type's
-        depth range, ``1/v = (1/near + 1/far) / 2``.
+        Virtual depth v at which each lens type is in focus; None: the one with equal blur at both ends of the depth
+        range of the type, ``1/v = (1/near + 1/far) / 2``.
     name
-        Name of the camera; by default that of the file.
+        Display name of the camera; None: the name of the file.
 
     Raises
     ------
     FileFormatError
-        If the file is not such a calibration, or an entry is missing or is not a number.
+        If the file is not such a calibration file, or an entry is missing or is not a number.
     UnsafeFileError
         If the file declares entities or a document type, or is too large.
     StorageError
