@@ -81,10 +81,14 @@ class Notice(QFrame):
         action: Callable[[], None],
         leave: Callable[[], None] | None = None,
         *,
+        tip: str,
         stay: str = "Leave as it is",
     ) -> None:
-        """Say what was noticed, with a button that does something about it and one (``stay``) that leaves it."""
-        self._say(text, button, "error", "Do what the message suggests. Undo (Ctrl+Z) reverts it")
+        """Say what was noticed, with a button that does something about it and one (``stay``) that leaves it.
+
+        ``tip`` states what the button does.
+        """
+        self._say(text, button, "error", tip)
         self._cancel, self._left = action, leave
         self.leave.setText(stay)
         self.leave.show()

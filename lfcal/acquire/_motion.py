@@ -149,7 +149,7 @@ class Mover:
                     "stage",
                     f"arrival within {self._motion.timeout_s:g} s",
                     "still moving",
-                    "check for an obstacle, or raise --move-timeout",
+                    "check for an obstacle, or allow a longer time (--move-timeout)",
                 )
             time.sleep(pause)
             self._control.check()

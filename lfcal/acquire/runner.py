@@ -533,5 +533,5 @@ class Runner:
         remedy = "remove the cause, then resume"
         if isinstance(error, SuspectFrame):
             kind = "content guard"
-            remedy += ", or resume with --on-suspect flag to keep and flag such frames"
+            remedy += ", or keep and flag such frames (--on-suspect flag) and resume"
         return f"stopped at {where} by the {kind}: {error}; {self._done} of {self._total} positions are safe; {remedy}"

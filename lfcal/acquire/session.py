@@ -255,7 +255,7 @@ def check_fixed(devices: Devices, options: Options) -> None:
             f"settings of {devices.camera}",
             "frames proportional to light",
             devices.automatic_words,
-            "switch this off with the camera manufacturer's software; or record anyway with --allow-automatic",
+            "switch this off with the camera manufacturer's software, or record anyway (--allow-automatic)",
         )
 
 
@@ -383,7 +383,7 @@ def _record_one(
             return file, Outcome("complete", count, count, 0.0)
         full = DiskGuard(folder, options.reserve(recording_bytes(schedule, dtype)))
         if todo.any() and (why := full()):
-            raise StorageError(f"{folder}: {why}, or give --keep-free")
+            raise StorageError(f"{folder}: {why}, or keep less space free (--keep-free)")
         runner = Runner(
             rig,
             file.plan,

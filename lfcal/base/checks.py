@@ -107,7 +107,7 @@ def check_exposure(what: str, value_s: object) -> None:
 
 def check_wavelength(value_um: object) -> None:
     """Raise `InputError` unless ``value_um`` is a wavelength of light (µm), from hard ultraviolet to far infrared."""
-    remedy = "give it in µm, or in nm with --wavelength"
+    remedy = "give it in µm (--wavelength takes nm)"
     check_number("wavelength (µm)", value_um, above=0.05, below=20, remedy=remedy)
 
 

@@ -148,7 +148,12 @@ def replace(source: Path, target: Path) -> None:
     except PermissionError as error:
         if sys.platform != "win32":
             raise
-        raise StorageError(f"{target}: is open in another program; close it there and start again") from error
+        raise StorageError.expected(
+            str(target),
+            "a file that can be replaced",
+            "one that is open in another program",
+            "close it there and try again",
+        ) from error
 
 
 _DEVICES = {"CON", "PRN", "AUX", "NUL", "CONIN$", "CONOUT$"} | {

@@ -144,7 +144,10 @@ class RegionPlan:
         if not cls.is_one(data) or data.get("version") != VERSION:
             wanted = f'"format": "{FORMAT}", version {VERSION}'
             raise FileFormatError.expected(
-                what, wanted, stated_format(data), "choose a plan made by lfcal plan --regions, or update lfcal"
+                what,
+                wanted,
+                stated_format(data),
+                "choose a plan of several regions (lfcal plan --regions), or update lfcal",
             )
         regions = data.get("regions")
         if set(data) != {"format", "version", "regions", "scan"} or not isinstance(regions, list):
@@ -152,7 +155,7 @@ class RegionPlan:
                 what,
                 "the entries format, version, regions and scan",
                 sorted(data),
-                "make the plan again with lfcal plan --regions",
+                "make the plan again with its regions (lfcal plan --regions)",
             )
         for one in regions:
             if not isinstance(one, Mapping) or set(one) != {"name", "anchor"}:
@@ -160,7 +163,7 @@ class RegionPlan:
                     f"{what}: region",
                     "a name and an anchor",
                     repr(one)[:60],
-                    "make the plan again with lfcal plan --regions",
+                    "make the plan again with its regions (lfcal plan --regions)",
                 )
         names, anchors = tuple(one["name"] for one in regions), tuple(one["anchor"] for one in regions)
         return cls(ScanPlan.from_dict(data["scan"]), names, anchors)

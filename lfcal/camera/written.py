@@ -124,6 +124,6 @@ def read_pitch(text: str, pixel_um: float | None) -> float:
     if not text.strip().endswith("px"):
         return read_length(text, "µm", "--pitch")
     if pixel_um is None:
-        raise InputError.expected("--pitch", "the pixel size for a pitch in pixels", "none", "state it with --sensor")
+        raise InputError.expected("--pitch", "the pixel size for a pitch in pixels", "none", "state it (--sensor)")
     value, _ = _number(text.strip()[:-2], "--pitch")
     return float(f"{value * pixel_um:.12g}")

@@ -31,7 +31,10 @@ def command(
         "", help="Channel of a colour image: R, G or B; default for a mosaic: the mean of its colours."
     ),
     orientation: str = typer.Option(
-        "as-is", "--orientation", help="How to turn the white image upright, as in lfcal assemble."
+        "as-is",
+        "--orientation",
+        help="How to turn the white image upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to "
+        "right), mirror-y, transpose, anti-transpose.",
     ),
     origin: OriginOption = "",
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured lattice as JSON."),
@@ -42,11 +45,12 @@ def command(
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Compare a camera with a white image: described values, measured values, and whether the two match.
+    """Compare the description of a camera with a white image.
 
-    If they differ slightly, -o writes the camera with the measured lattice. If they do not match at all, another
-    camera, another unit or mirrored frames are likely, and the camera is written only with --anyway. Exit code 1: they
-    differ and nothing is written.
+    The table lists each value as described and as measured, and whether the two match. If they differ slightly, -o
+    writes the camera with the measured lattice. If they do not match at all, the white image is probably from another
+    camera, the description is in other units, or the frames are mirrored. The camera is then written only with
+    --anyway. The exit code is 1 if the two differ and nothing is written.
 
     Example: `lfcal camera check camera.json white.tif --dark dark.tif -o measured.json`
     """

@@ -138,7 +138,7 @@ class StoredFit:
                 f"{self.folder}, scan",
                 "a scan on the original pixels of the sensor",
                 "a scan on resampled pixels",
-                "leave --fill out",
+                "do not fill missing positions from this fit (leave --fill out)",
             )
 
 

@@ -66,7 +66,7 @@ def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
             found = 0 if bits else find_shift(source)
         except InputError as error:
             return bits, f"samples: {error}"
-        return bits, f"samples: all are multiples of {1 << found}; --shift auto shifts them down" if found else ""
+        return bits, f"samples: all are multiples of {1 << found}; shift them down (--shift auto)" if found else ""
     bits = find_shift(source)
     width = 8 * source.dtype.itemsize
     words = f"left-aligned, shifted down to {width - bits} bits" if bits else "not left-aligned, not shifted"

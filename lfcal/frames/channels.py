@@ -274,14 +274,17 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
         return None
     if plan.resample:
         raise InputError.expected(
-            f"plan for channel {channel}", "sensor pixels", "resampled pixels", "make the plan without --resample"
+            f"plan for channel {channel}",
+            "sensor pixels",
+            "resampled pixels",
+            "make the plan without resampling (lfcal plan without --resample)",
         )
     if any(n % step for n in plan.period):
         raise InputError.expected(
             f"period of channel {channel}",
-            f"a multiple of {step} pixels, the filter's pattern",
-            f"{plan.period[0]} x {plan.period[1]}",
-            f"scan {step} cells along the odd axis, so that the period ends on the same colour",
+            f"a multiple of {step} pixels, which is the period of the colour filter",
+            f"{plan.period[0]} x {plan.period[1]} pixels",
+            f"plan a scan of {step} lenslets along the axis that does not fit, so that it ends on the same colour",
         )
     # the first positions whose image is nearest to a pixel of the colour; halves are rounded down, as in cutouts
     first = [(r0 - math.ceil(a - 0.5)) % step for r0, a in zip(phase, plan.anchor, strict=True)]

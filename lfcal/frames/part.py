@@ -120,6 +120,6 @@ def part_refusal(shape: Place, sensor: Place, origin: Sequence[float] | None, wh
         "frames",
         f"the camera's whole sensor, {sensor[0]} x {sensor[1]} px",
         got,
-        f"state the sensor row and column of their first pixel with --origin {words}; if the sensor is this small, "
-        "correct its size with lfcal camera import CAMERA --frame FRAME",
+        f"state the sensor row and column of their first pixel (--origin {words}); if the sensor is this small, "
+        "correct its size in the camera (lfcal camera import CAMERA --frame FRAME)",
     )

@@ -86,7 +86,7 @@ ADVICE_FRAMES = (
     "recording is needed."
 )
 ADVICE_CAMERA = (
-    "Correct the camera's description, or find the true camera with lfcal fit, and give its folder with --fit."
+    "Correct the camera's description, or fit the camera and choose the folder of the fit (lfcal fit, then --fit)."
 )
 
 
@@ -192,7 +192,7 @@ class Disagreement:
         return (
             f"{CHECK}."
             if self.fitted
-            else f"{CHECK}; or fit the camera with lfcal fit, and give its folder with --fit."
+            else f"{CHECK}, or fit the camera and choose the folder of the fit (lfcal fit, then --fit)."
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -46,7 +46,9 @@ class ObjectPlace:
         """
         H = fit.folder / MODEL
         if not H.is_file():
-            raise InputError.expected(str(H), "H of the fit", "none", "run lfcal fit again without --no-h")
+            raise InputError.expected(
+                str(H), "H of the fit", "none", "fit again and write H (lfcal fit without --no-h)"
+            )
         row, column = (a + (n - 1) / 2 for a, n in zip(fit.anchor, fit.period, strict=True))
         return cls(H, (row, column), tuple(map(float, fit.gains)))
 

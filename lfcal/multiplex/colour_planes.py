@@ -68,7 +68,7 @@ def read_planes(path: Path, reading: ColourReading) -> Planes:
             f"colour of {path}",
             "a colour frame or mosaic",
             "a grey frame",
-            "omit --channel, or add --cfa, e.g. GRBG",
+            "leave the channel out (--channel), or state the colour filter (--cfa, e.g. GRBG)",
         )
     return {"": _plane(path, reading.dark, None)}
 

@@ -75,7 +75,10 @@ def _figure3(raw: Path | None, path: Path) -> None:
     pattern = recorded.filters
     if not pattern:
         raise InputError.expected(
-            f"{raw}", "a RAW file that states its colour filters", "none", "give another file with --raw"
+            f"{raw}",
+            "a RAW file that states its colour filters",
+            "none",
+            "choose another file for the raw values (--raw)",
         )
     frame = without_black_level(recorded.raw, recorded.level())
     rows, columns = (n // 2 for n in frame.shape)

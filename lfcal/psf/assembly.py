@@ -358,7 +358,7 @@ def _check_complete(
             "frames of the scan",
             f"frames at some of the {int(np.prod(shape))} positions",
             "none",
-            "check the folder and --pattern",
+            "check the folder and the name pattern (--pattern)",
         )
     if strict and missing:
         what = f"{len(missing)} missing, first (z, y, x) = {tuple(missing[0])}"

@@ -252,7 +252,8 @@ def _region_group(file: H5File, region: str) -> str:
     if region not in names:
         if names == ("",):
             raise InputError(
-                f"{file.path}: the file contains one region of the field, which has no name; omit --region"
+                f"{file.path}: the file contains one region of the field, which has no name; leave the region "
+                "out (--region)"
             )
         raise InputError.expected(
             f"{file.path}, region", any_of(filter(None, names)), repr(region), "choose one of these"

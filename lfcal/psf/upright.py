@@ -100,7 +100,7 @@ def check_place(
             "first pixel of the frames (--origin ROW,COLUMN)",
             f"about {row},{column}, according to the position of the light",
             f"{first[0]},{first[1]}",
-            "correct --origin (the row comes first), or the anchor in the plan",
+            "correct the first pixel, or the anchor in the plan",
         )
 
 
@@ -108,19 +108,20 @@ def check_found(found: FoundOrientation, choice: str) -> None:
     """Raise `InputError` if H cannot be assembled with the orientation found; ``choice`` is as in `iter_upright`."""
     if choice not in (CHECK, AUTO):
         return
-    keep = "--orientation as-is leaves them unchanged"
+    keep = "or leave them unchanged (--orientation as-is)"
     if not found.name and choice == AUTO:
         raise InputError.expected(
             "frames",
             "motion of the pattern that shows their orientation",
             found.reason,
-            "state the orientation with --orientation",
+            "state the orientation (--orientation)",
         )
     if not found.wrong or (choice == AUTO and found.cause != "scan"):
         return
     scan = "correct the order of the positions, or the plan's stage axes"
-    turn = f"turn the frames with --orientation {ORIENTATIONS[found.name].option}"
+    option = ORIENTATIONS[found.name].option
+    turn = f"set the orientation of the frames to {option} (--orientation {option})"
     remedy = {"scan": scan, "frames": turn, "either": f"{turn}, or {scan}"}[found.cause]
     raise InputError.expected(
-        "frames", "an image that moves as planned", f"another motion: {found.words}", f"{remedy}; {keep}"
+        "frames", "an image that moves as planned", f"another motion: {found.words}", f"{remedy}, {keep}"
     )

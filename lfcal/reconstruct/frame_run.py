@@ -198,10 +198,10 @@ class FrameRun:
         """Reconstruct the frames as units; each volume is in a separate file until all are finished and ``saved``."""
         if self.warm and run.executor != "threads":
             raise InputError.expected(
-                "--warm",
-                "--executor threads",
+                "frames that start from the previous volume (--warm)",
+                "threads in one process (--executor threads)",
                 run.executor,
-                "leave --warm out, because each frame needs the previous one",
+                "choose threads, or start each frame from the beginning (without --warm)",
             )
         # each process has its own H
         share = 1 if run.executor == "threads" else worker_count(run.workers)

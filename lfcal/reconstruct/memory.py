@@ -101,7 +101,7 @@ def room_for_projections(
         return most - needed
     remedies = ["reconstruct a smaller image or fewer planes"]
     if share > 1:
-        remedies.append(f"use fewer than {share} --workers")
+        remedies.append(f"use fewer than {share} threads (--workers)")
     leanest = min(SOLVERS, key=lambda solver: (max(_held(SolverChoice(solver.name), warm)), solver.rank))
     if (least := max(_held(SolverChoice(leanest.name), warm))) < (own := max(_held(choice, warm))):
         remedies.append(f"choose {leanest.name}, which needs {least} volumes in memory instead of {own}")

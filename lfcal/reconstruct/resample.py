@@ -344,7 +344,7 @@ def resampling_for(
         )
     elif not quiet:
         remedy = f"frames whose position on the sensor comes from {placed} are not resampled" if placed else ""
-        remedy = remedy or "to resample frames, leave --resample never out"
+        remedy = remedy or "to remove them, let frames be resampled (leave --resample never out)"
         warn(f"{drift_words(view, shape)}, so volumes show ghosts; {remedy}")
     return None if as_they_are else view
 
@@ -382,7 +382,10 @@ def resampling_of(H: Any, light_field: LightFieldSettings) -> Resampling:
         return Resampling.of_camera(H.camera, H.period, lattice_anchor_of(H))
     else:
         raise InputError.expected(
-            "--resample", "a white frame, a lattice, or a camera with H", "none", "give --white or --lattice"
+            "--resample",
+            "a white frame, a lattice, or a camera with H",
+            "none",
+            "give a white image or a measured lattice (--white or --lattice)",
         )
     if H.camera is None or len(H.camera.lattice.types) == 1:
         return Resampling.of_fit(fit, H.period, lattice_anchor_of(H))

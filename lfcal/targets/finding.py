@@ -58,7 +58,7 @@ def refined_basis(pixels: Array, basis: Array) -> Array:
         apart = np.linalg.norm(basis, axis=1)
         nearest = np.asarray(tree.query(pixels, 2)[0])[:, 1]
         raise InputError.expected(
-            "distance of neighbouring points in the frame",
+            "distance between neighbouring points in the frame",
             f"{apart[0]:.1f} or {apart[1]:.1f} px, with a rotation of at most 15°",
             f"{np.median(nearest):.1f} px",
             "check the pitch, the depth and the rotation of the target",

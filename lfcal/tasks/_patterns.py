@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from lfcal.base import FileFormatError, InputError, LfcalError, Work, check_number, note, read_text
 from lfcal.records import CorrectionRecipe, opt, read_orientation
-from lfcal.tasks._scan_frames import ScanFrames, find_plan, orientations
+from lfcal.tasks._scan_frames import TURNS, ScanFrames, find_plan, orientations
 from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.matrices import open_matrix
 
@@ -85,7 +85,7 @@ def positions_field(help: str) -> int | None:
 
 def orientation_field() -> str:
     """Declare the field ``orientation`` of a task that reads frames."""
-    words = "How to turn the frames upright, as in lfcal assemble."
+    words = f"{TURNS} auto: find the orientation. check: as-is, but stop if that is clearly wrong."
     return opt("check", words, choices=orientations, read=read_orientation)
 
 
@@ -134,7 +134,7 @@ class PatternReading:
         if matrix.camera is not None:
             if self.recipe is None:
                 got = f"{source.name}, which contains its camera"
-                raise InputError.expected("--plan", "an H without a camera", got, "leave --plan out")
+                raise InputError.expected("--plan", "an H without a camera", got, "leave the plan out (--plan)")
             return matrix
         plan = ScanPlan.from_json(read_text(self.plan))
         if plan.shape != matrix.shape:
@@ -221,7 +221,7 @@ def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dic
         camera = how.camera or matrix.camera or (how.fit.setup.camera if how.fit else None)
         if camera is None:
             raise InputError.expected(
-                str(source), "an H with its camera", "an H without one", "state the camera with --camera"
+                str(source), "an H with its camera", "an H without one", "state the camera (--camera)"
             )
         check_optics(matrix)
         noise, words = _noise_of(matrix, source, how.noise)
@@ -282,12 +282,15 @@ def _noise_of(
     if stated is not None and np.isfinite(stated).all():
         # with the black level, the variance is smallest at that level; extrapolated to 0 it would be negative
         if (stated[:, 0] < 0).any():
-            wanted, remedy = "samples without the black level", "subtract it with --dark or --black-level"
+            wanted, remedy = (
+                "samples without the black level",
+                "subtract dark frames or the black level (--dark or --black-level)",
+            )
             raise InputError.expected(f"{source}, samples", wanted, "samples that include it", remedy)
         return None, words
     if found is not None:
         return (found.floor, found.slope), words
-    got, remedy = "none", "state it with --noise CONSTANT,SLOPE"
+    got, remedy = "none", "state the noise (--noise CONSTANT,SLOPE)"
     marks = None if matrix.camera is None else matrix.camera.marks
     if marks is not None and "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"]):
         got = "a sensor whose read noise or full well is assumed"

@@ -15,7 +15,14 @@ if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan
     from lfcal.frames import Frames
 
-__all__ = ["ScanFrames", "find_plan", "no_plan", "orientations", "origin_field", "tell_size"]
+__all__ = ["TURNS", "ScanFrames", "find_plan", "no_plan", "orientations", "origin_field", "tell_size"]
+
+
+TURNS = (
+    "How to turn the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), mirror-y, "
+    "transpose, anti-transpose."
+)
+"""Help of an orientation."""
 
 
 def orientations() -> tuple[str, ...]:
@@ -95,7 +102,7 @@ class ScanFrames:
                 f"plan {plan}",
                 f"the plan of these frames, with {own.shape[:3]} positions",
                 f"one with {found.shape[:3]} positions",
-                "leave --plan out",
+                "leave the plan out (--plan)",
             )
         return source, found
 
@@ -135,7 +142,7 @@ def _folder(frames: Path) -> Path:
 def no_plan(folder: Path) -> InputError:
     """Return the error for frames in ``folder`` without a plan, with the command that makes a plan."""
     words = shlex.join(["lfcal", "plan", "CAMERA.json", "--virtual-depths", "3,4", "-o", str(folder / "plan.json")])
-    remedy = f"run {words}, or give a plan with --plan"
+    remedy = f"make a plan ({words}), or choose one (--plan)"
     return InputError.expected("scan plan", f"plan.json in {folder} or the folder above", "none", remedy)
 
 
@@ -154,13 +161,13 @@ def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the fram
     if times:
         sensor = f"{tall // times}x{wide // times},{camera.sensor.pixel_um * times:g}"
         warn(
-            f"{what}, as after binning {times} x {times}; if they are binned, make a camera with the binned "
-            f"pixels: lfcal camera import CAMERA --sensor {sensor} --pitch {camera.lattice.pitch_um:g}um -o "
-            "BINNED; then measure its array with lfcal camera check BINNED WHITE"
+            f"{what}, as after binning {times} x {times}; if they are binned, make a camera with the binned pixels "
+            f"and measure its array (lfcal camera import CAMERA --sensor {sensor} "
+            f"--pitch {camera.lattice.pitch_um:g}um -o BINNED, then lfcal camera check BINNED WHITE)"
         )
         return
     warn(
         f"{what}; the centre of the frames is taken as the centre of the sensor; if the frames show a part of "
-        "the sensor, give its first pixel with --origin ROW,COLUMN, else correct the size of the sensor with "
-        "lfcal camera import CAMERA --frame FRAME"
+        "the sensor, state its first pixel (--origin ROW,COLUMN), else correct the size of the sensor "
+        "(lfcal camera import CAMERA --frame FRAME)"
     )

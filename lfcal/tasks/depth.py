@@ -126,7 +126,11 @@ class Depth(Task):
         file="in",
     )
     psf: Path | None = opt(
-        None, "H of the same camera. The depths of its planes correct the scale.", label="H", file="in", empty="none"
+        None,
+        "H of the same camera, to correct the depth scale: the depths of its planes are known.",
+        label="H",
+        file="in",
+        empty="none",
     )
     method: str = opt(
         "auto",

@@ -284,7 +284,9 @@ class FitMatrix(_Fit):
         if len(self.sources) == 1:
             if not self.write_h and matrix.exists():
                 remedy = "choose another folder"
-                raise InputError.expected(str(matrix), "no file of H with --no-h", "H of an earlier fit", remedy)
+                raise InputError.expected(
+                    str(matrix), "no file of H, because none is written now (--no-h)", "H of an earlier fit", remedy
+                )
             return
         others = [matrix, self.out / NUMBERS]
         others += [] if self.write_h else self._places

@@ -109,7 +109,7 @@ class ValidateFit(Task):
             return [(names[0], self.fit, there)]
         wrong = next((name for name in names if name not in fits), None)
         if wrong is not None:
-            remedy = "give the source of a region, or add --other for another recording"
+            remedy = "give the source of a region, or state that it is another recording (--other)"
             raise InputError.expected("sources", f"the regions of the fit: {', '.join(fits)}", wrong, remedy)
         return [(name, self.fit / name, fits[name]) for name in names]
 

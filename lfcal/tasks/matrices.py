@@ -72,7 +72,7 @@ class CopyTask(MatrixTask):
         from lfcal.psf import regions_of
 
         if not self.region and len(names := regions_of(self.source)) > 1:
-            raise InputError.expected(f"{self.source.name}, region", any_of(names), "none", "choose one with --region")
+            raise InputError.expected(f"{self.source.name}, region", any_of(names), "none", "choose one (--region)")
         return open_matrix(self.source, region=self.region, mat_order=self.mat_order, quiet=quiet)
 
 
@@ -122,7 +122,7 @@ def report_missing(matrix: PSFMatrix) -> int:
     from lfcal.psf import empty_positions, empty_words
 
     if words := empty_words(matrix):
-        note(f"{words}; their entries are zero; fill them from a fit with lfcal assemble --fill")
+        note(f"{words}; their entries are zero; fill them from a fit (lfcal assemble --fill)")
     return len(empty_positions(matrix))
 
 
@@ -145,7 +145,7 @@ def check_mat_files(mat_order: str, *paths: Path | None) -> None:
     given = [path for path in paths if path is not None]
     if mat_order and not any(_is_mat(path) for path in given):
         names = ", ".join(path.name for path in given)
-        raise InputError.expected("--mat-order", "a .mat file", names, "leave --mat-order out")
+        raise InputError.expected("order of the axes", "a .mat file", names, "leave the order out (--mat-order)")
 
 
 def _is_mat(path: Path) -> bool:

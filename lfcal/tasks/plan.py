@@ -21,7 +21,7 @@ from lfcal.records import (
     show_pair,
     show_planes,
 )
-from lfcal.tasks._scan_frames import origin_field, tell_size
+from lfcal.tasks._scan_frames import TURNS, origin_field, tell_size
 from lfcal.tasks.cameras import is_camera_file, load_camera, preset_names
 from lfcal.tasks.planned import Planned, PlanTask, write_plan
 from lfcal.tasks.task import RunSettings, Task, TaskSet
@@ -242,7 +242,7 @@ class PlanRecorded(_Plan):
     origin: str = origin_field("the whole sensor")
     orientation: str = opt(
         "as-is",
-        "How to turn the frames upright, as in lfcal assemble.",
+        TURNS,
         read=read_orientation,
         more=True,
     )
@@ -264,13 +264,13 @@ class PlanRecorded(_Plan):
         except StorageError as error:
             if self.frames is not None:
                 raise
-            note(f"frames were not found ({error}); give their folder with --frames")
+            note(f"frames were not found ({error}); choose their folder (--frames)")
         else:
             _check_size(turn.shape(shape), camera, roi, place, str(root))
             if colour is not None:
                 note(
-                    f"only the colour {colour} of the colour images is used; choose another with lfcal "
-                    "assemble --channel"
+                    f"only the colour {colour} of the colour images is used; choose another "
+                    "when you assemble H (lfcal assemble --channel)"
                 )
         depths: Any = self.depths or tuple(camera.depth_of(float(v)) for v in self.virtual_depths) or None
         part = None if place is None else Part(place, turn.name)

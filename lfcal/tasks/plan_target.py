@@ -52,9 +52,9 @@ class _PlanTarget(PlanTask):
 
     plan: Path = required("Scan plan (.json), made by lfcal plan.", argument=True, file="in")
     source: str = required(
-        "Points in one frame. array:12x12@1.2mm,hole=20um: pinholes (hex for a hexagonal array; ROWxCOLUMN "
-        "for two pitches). array alone: choose the pitch that needs the fewest frames. display:2160x3840@8um: "
-        "pixels of a display. Or a file of a target (.json).",
+        "File of a target (.json), or its description. array:12x12@1.2mm,hole=20um: 12 x 12 pinholes of 20 µm with a "
+        "pitch of 1.2 mm (hex for a hexagonal array; ROWxCOLUMN for two pitches). array: an array with the pitch that "
+        "needs the fewest frames. display:2160x3840@8um: a display of 2160 x 3840 pixels of 8 µm.",
         argument=True,
         label="Target",
         file="in",
@@ -86,8 +86,8 @@ class _PlanTarget(PlanTask):
     regions: str = opt("", "Regions of the field to cover, ROWSxCOLUMNS over the sensor, e.g. 3x3.", empty="one region")
     signal: float | None = opt(
         None,
-        "Electrons in the brightest pixel of a point. This number determines whether coded frames, which show "
-        "several points together, have less noise. If so, a display shows coded frames.",
+        "Signal in the brightest pixel of a single point. With it, lfcal predicts whether coded frames, in which "
+        "several points are lit together, give less noise. If so, the plan of a display uses coded frames.",
         unit="e⁻",
         above=0,
         empty="0.8 of the full well",
@@ -147,7 +147,9 @@ class _PlanTarget(PlanTask):
         verdict = coding_verdict(plan, signal_e=self.signal)
         if verdict is None and self.signal is not None:
             wanted = "at least two points, and enough frames to show some of them together"
-            raise InputError.expected("--signal", wanted, "a target with too few", "leave --signal out")
+            raise InputError.expected(
+                "signal for coded frames", wanted, "a target with too few", "leave the signal out (--signal)"
+            )
         if self.display is not None:
             plan = planned_for_display(plan, self.display, verdict)
         return self.planned(plan, verdict)

@@ -110,8 +110,8 @@ def planned_scan(
         )
     if depths or virtual_depths or cutout:
         raise InputError(
-            "planes and cutout: expected those of the plan, got options as well; leave --depths, --virtual-depths and "
-            "--cutout out"
+            "planes and cutout: expected those of the plan, got options as well; leave the options out (--depths, "
+            "--virtual-depths, --cutout)"
         )
     tell_assumed(ready.scan.camera, Path(camera).name)
     return ready.scan

@@ -201,7 +201,10 @@ class _Reconstruct(Task):
             tell_opened(one)
         if not self.regions and len(names := regions_of(self.psf)) > 1:
             named = matrices[0].region or "the first"
-            note(f"of {len(names)} regions of the field, only {named} is used; --region all uses all")
+            note(
+                f"of {len(names)} regions of the field, only {named} is used; choose all regions to use all "
+                "(--region all)"
+            )
         for one in matrices:
             report_missing(one)
         return FrameRun.of(self.frames, matrices, optics, choice, self.grid, warm=warm, workers=workers)
@@ -318,7 +321,12 @@ class ReconstructSeries(Reconstruct):
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:
         """Reconstruct frame by frame, with one volume in memory at a time."""
         if self.format != ".tif" and self._whole():
-            raise InputError.expected("--format", "a folder as --out", self.out.name, "leave --format out")
+            raise InputError.expected(
+                "output for separate volumes",
+                "a folder",
+                self.out.name,
+                "choose a folder (--out), or leave the format out (--format)",
+            )
         return self._iter_volumes(run or RunSettings(), "" if self._whole() else self.format, warm=self.warm)
 
 

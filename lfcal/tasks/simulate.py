@@ -419,14 +419,14 @@ class SimulatePasses(_OfOnePlan):
 
         def tell(matrix: PSFMatrix) -> None:
             worst = 100 * max(float(error) for error in matrix.facts.known()["error"])
-            whole.append(f"{self.out}, complete to within {worst:.2g} %")
-            note(f"{whole[-1]}; Ctrl-C stops here and keeps this file")
+            whole.append(f"{self.out} is complete with errors of at most {worst:.2g} %")
+            note(f"{whole[-1]}; you can stop now and keep this file")
 
         try:
             return (yield from self.iter_matrix(plan, self.out, run, on_pass=tell))
         except BaseException:
             if whole:
-                note(f"kept: {whole[-1]}")
+                note(f"stopped; {whole[-1]}")
             raise
 
 
@@ -565,8 +565,8 @@ def _tell(plan: ScanPlan, found: EffectSelection | None = None) -> None:
         own = f"{py * plan.cells[0]:.5g} x {px * plan.cells[1]:.5g} px"
         note(
             f"the period of H, {ny} x {nx} px, does not match that of the lattice, {own}: they drift apart by "
-            f"{plan.drift_px:.3g} px over the sensor; `lfcal plan --resample` removes the drift, and `lfcal "
-            "reconstruct` resamples frames to the period of H"
+            f"{plan.drift_px:.3g} px over the sensor; resample the pixels in the plan to remove the drift (lfcal "
+            "plan --resample); a reconstruction resamples frames to the period of H"
         )
 
 
@@ -576,7 +576,7 @@ def _warn(made: SimulatedH, *, finest: bool) -> None:
     over = [z for z, error in enumerate(errors) if error > made.limit]
     if over:
         worst = max(over, key=lambda z: errors[z])
-        more = "no more accurate level exists" if finest else "choose --level auto"
+        more = "no more accurate level exists" if finest else "choose the level auto (--level)"
         warn(
             f"the error of {len(over)} of {len(errors)} planes exceeds the allowed {100 * made.limit:.3g} %; "
             f"it is {100 * errors[worst]:.2g} % in plane {worst} at {depths[worst]:g} µm; {more}"
@@ -588,5 +588,5 @@ def _warn(made: SimulatedH, *, finest: bool) -> None:
         warn(
             f"the cutout of {rows} x {columns} px contains less than {100 * LEAST_LIGHT:g} % of the light in "
             f"{len(low)} of {len(light)} planes; plane {worst} at {depths[worst]:g} µm has "
-            f"{100 * light[worst]:.3g} %; choose a larger --cutout"
+            f"{100 * light[worst]:.3g} %; choose a larger cutout (--cutout)"
         )

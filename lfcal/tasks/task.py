@@ -83,7 +83,10 @@ class RunSettings:
         if not (asked or seconds > LONG or folder.exists()):
             return None
         if not asked and seconds > LONG:
-            note(f"intermediate results are kept in {folder.name} {units}; --resume continues after a stop")
+            note(
+                f"intermediate results are kept in {folder.name} {units}; a stopped run can continue from "
+                "them (--resume)"
+            )
         return choice
 
 

@@ -70,7 +70,7 @@ def check_begun(folder: Path, *, resume: bool) -> None:
     state = read_run(folder)
     raise InputError(
         f"{folder}: an earlier run left {state.count('done')} of {len(state.units)} units; "
-        "--resume continues with them, --force starts again"
+        "continue with them (--resume), or start again (--force)"
     )
 
 

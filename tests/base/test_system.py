@@ -150,7 +150,9 @@ def test_a_target_that_is_open_elsewhere_is_one_line_on_windows(
     with pytest.raises(PermissionError):
         replace(tmp_path / "a", tmp_path / "b")
     monkeypatch.setattr(sys, "platform", "win32")
-    with pytest.raises(StorageError, match=r"b: is open in another program; close it there and start again"):
+    with pytest.raises(
+        StorageError, match=r"b: expected a file that can be replaced, got one that is open in another program; close"
+    ):
         replace(tmp_path / "a", tmp_path / "b")
 
 

@@ -288,7 +288,7 @@ def test_depths_near_the_focus_are_taken_by_the_objective_s_focal_length() -> No
 
 
 def test_a_wavelength_of_another_unit_is_refused_with_both() -> None:
-    with pytest.raises(InputError, match=r"0\.00052; give it in µm, or in nm with --wavelength"):
+    with pytest.raises(InputError, match=r"0\.00052; give it in µm \(--wavelength takes nm\)"):
         replace(preset("lfm_20x05"), wavelength_um=0.00052)
 
 

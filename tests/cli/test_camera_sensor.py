@@ -108,7 +108,7 @@ def test_doubtful_figures_are_shown_and_not_written(folders: Path, tmp_path: Pat
 def test_mistakes_are_one_line(folders: Path, tmp_path: Path) -> None:
     flats, darks = folders / "flats", folders / "darks"
     for words, said in (
-        ((flats, flats), "different files"),
+        ((flats, flats), "no file that is in both"),
         ((darks, flats), "exchange flats and darks"),
         ((flats, darks, "-o", tmp_path / "c.json"), "--camera"),
         ((flats, darks, "--figure", tmp_path / "ptc.xyz"), ".png"),

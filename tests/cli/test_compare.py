@@ -67,7 +67,7 @@ def test_regions_of_files_of_several_are_compared(lfcal: Lfcal, place: Path) -> 
     none = lfcal("compare", "all.h5", "may/H.h5", "--region", "rim")
     assert none.code == 2 and "centre or edge" in none.err
     single = lfcal("compare", "may/H.h5", "may/H.h5", "--region", "edge")
-    assert single.code == 2 and "one region of the field, which has no name; omit --region" in single.err
+    assert single.code == 2 and "one region of the field, which has no name; leave the region out" in single.err
     many = lfcal("compare", "all.h5", "all.h5", *("--region", "edge") * 3)
     assert many.code == 2 and "--region" in many.err
 

@@ -157,7 +157,7 @@ def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: lis
     again = lfcal("fit", "scan/frames", *more[:2], "--dark", "none", "--unknowns", "geometry", "--no-h", "-o", "b")
     assert (
         again.code == 2
-        and "samples: expected samples without the black level, got samples that include it; subtract it with --dark"
+        and "samples: expected samples without the black level, got samples that include it; subtract dark frames"
         in again.err
     )
     assert not (place / "b").exists()
@@ -331,7 +331,7 @@ def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: 
     assert data.camera is not None
     (place / "c.json").write_text(data.camera.to_json())
     run = lfcal("fit", "bare.h5", "--camera", "c.json")
-    assert run.code == 2 and "state it with --noise CONSTANT,SLOPE" in run.err, run.err
+    assert run.code == 2 and "state the noise (--noise CONSTANT,SLOPE)" in run.err, run.err
     guessed = replace(data.camera, marks=data.camera.marks.marked(["sensor.read_noise_e"], "assumed"))
     save(PSFMatrix(values, depths=data.depths, camera=guessed, anchor=data.anchor, facts=plain), place / "guess.h5")
     assert "got a sensor whose read noise or full well is assumed; state these values" in lfcal("fit", "guess.h5").err
@@ -344,7 +344,10 @@ def test_an_h_without_camera_or_noise_is_told_what_to_name(lfcal: Lfcal, place: 
     assert again.code == 2 and "exists; add --force to replace it" in again.err
     (place / "fit" / "H.h5").write_text("of another camera")
     mixed = lfcal("fit", "bare.h5", *words, "--force")
-    assert mixed.code == 2 and "H.h5: expected no file of H with --no-h, got H of an earlier fit" in mixed.err
+    assert (
+        mixed.code == 2
+        and "H.h5: expected no file of H, because none is written now (--no-h), got H of an earlier fit" in mixed.err
+    )
 
 
 @pytest.mark.usefixtures("plain_pages")

@@ -73,7 +73,7 @@ CASES: dict[str, tuple[Spoil, str]] = {
         saved(lambda: h_of(facts={"recorded": recorded()})),
         "recorded patterns: expected at least 3, got 0",
     ),
-    "noise unknown": (saved(lambda: h_of(facts={"noise": no_noise()})), "state it with --noise CONSTANT,SLOPE"),
+    "noise unknown": (saved(lambda: h_of(facts={"noise": no_noise()})), "state the noise (--noise CONSTANT,SLOPE)"),
     "all saturated": (
         saved(lambda: h_of(facts={"valid": np.zeros((1, 2, 4, 29), np.uint8)})),
         "patterns: expected pixels that carry a measurement, got none; reduce the exposure",
@@ -190,4 +190,4 @@ def test_frames_of_fewer_bits_than_described_have_no_known_noise(lfcal: Lfcal, t
     plan = replace(small_plan(15, (2.2,)), period=(2, 4))
     (tmp_path / "frames" / "plan.json").write_text(plan.to_json())
     run = lfcal("fit", tmp_path / "frames", "--orientation", "as-is", "--no-h", "-o", tmp_path / "fit")
-    assert run.code == 2 and "state it with --noise CONSTANT,SLOPE" in run.err, run.err
+    assert run.code == 2 and "state the noise (--noise CONSTANT,SLOPE)" in run.err, run.err

@@ -120,7 +120,7 @@ def test_a_reconstruction_with_one_of_several_regions_says_so(lfcal: Lfcal, plac
     H = PSFMatrix(np.ones((1, 2, 2, 3, 3), np.float32))
     save_regions({"middle": H, "edge": H}, "R.h5")
     done = lfcal("reconstruct", "R.h5", "frame.tif", "-o", "v.npy", "-n", "1")
-    assert done.code == 0 and "only middle is used; --region all uses all" in done.err
+    assert done.code == 0 and "only middle is used; choose all regions to use all (--region all)" in done.err
 
 
 @pytest.mark.parametrize("text", ["9x11", "9,11", "9×11"])

@@ -106,7 +106,11 @@ def test_what_goes_wrong_is_one_line(lfcal: Callable[..., Run], folder: Path, tm
     done = lfcal("plan", folder / "camera.json", "--positions", folder / "stage.csv")
     assert done.code == 2 and "column of file" in done.err and "--columns file=COLUMN" in done.err
     done = lfcal("plan", folder / "camera.json", "--positions", folder / "stage.csv", "--columns", "file=Bild")
-    assert done.code == 0 and "give their folder with --frames" in done.err and "state them with --stage" in done.err
+    assert (
+        done.code == 0
+        and "choose their folder (--frames)" in done.err
+        and "state the stage axes if they differ (--stage)" in done.err
+    )
     missing = tmp_path / "none"
     done = lfcal(
         "plan",
@@ -150,7 +154,7 @@ def test_left_aligned_samples(lfcal: Callable[..., Run], session: Path, tmp_path
         cv2.imwrite(str(path), (frame // 16).astype(np.uint16) << 4)
     arguments = ("assemble", session / "frames", "--dark", session / "dark")
     proposed = lfcal(*arguments, "-o", tmp_path / "a.h5")
-    assert proposed.code == 0 and "multiples of 16; --shift auto" in proposed.err
+    assert proposed.code == 0 and "multiples of 16; shift them down (--shift auto)" in proposed.err
     done = lfcal(*arguments, "-o", tmp_path / "b.h5", "--shift", "auto")
     assert done.code == 0 and "left-aligned, shifted down to 12 bits" in done.err
     wrong = lfcal(*arguments, "-o", tmp_path / "c.h5", "--shift", "high")

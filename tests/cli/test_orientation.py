@@ -133,7 +133,7 @@ def test_auto_does_not_guess(lfcal: Callable[..., Run], tmp_path: Path) -> None:
     folder = deliver(tmp_path / "s", frames.astype(np.uint16), names, "mirror x", plan)
     done = lfcal(*arguments(folder, tmp_path / "H.h5", "--orientation", "auto"))
     assert done.code == 2
-    assert "state the orientation with --orientation" in done.err
+    assert "state the orientation (--orientation)" in done.err
     told = lfcal(*arguments(folder, tmp_path / "H.h5"))
     assert told.code == 0, told.err
     assert "cannot be determined" in told.err

@@ -177,8 +177,8 @@ def test_h_in_passes(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "H.h5"
     run = lfcal("simulate", plan_file, "-o", out, "--tolerance", "0.1", "--progressive")
     assert run.code == 0, run.err
-    passes = [line for line in run.err.splitlines() if "complete to within" in line]
-    shares = [float(line.split("complete to within")[1].split("%")[0]) for line in passes]
+    passes = [line for line in run.err.splitlines() if "complete with errors of at most" in line]
+    shares = [float(line.split("complete with errors of at most")[1].split("%")[0]) for line in passes]
     assert len(shares) == 3 and shares == sorted(shares, reverse=True) and shares[-1] <= 10
     with open_psf(out) as matrix:
         assert 100 * float(np.max(matrix.facts.known()["error"])) == pytest.approx(shares[-1], rel=0.1)

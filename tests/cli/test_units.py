@@ -95,7 +95,7 @@ def test_reconstruct(lfcal: Lfcal, place: Path, executor: str, warm: bool) -> No
     assert lfcal(*words, "one").code == 0
     run = lfcal(*words, "two", "--executor", executor)
     if warm and executor == "processes":
-        assert run.code == 2 and "each frame needs the previous one" in run.err
+        assert run.code == 2 and "start each frame from the beginning" in run.err
         return
     assert run.code == 0 and run.out.count("3 iterations") == 3
     for name in ("frames_0000.tif", "frames_0001.tif", "frames_0002.tif"):
@@ -213,7 +213,10 @@ def test_what_an_earlier_run_left(lfcal: Lfcal, place: Path, command: str, out: 
     words = command.split()
     interrupted(place / out)
     refused = lfcal(*words)
-    assert refused.code == 2 and "left 1 of 2 units; --resume continues with them, --force starts again" in refused.err
+    assert (
+        refused.code == 2
+        and "left 1 of 2 units; continue with them (--resume), or start again (--force)" in refused.err
+    )
     status = lfcal("status", out)
     assert status.code == 0 and f"make {out}: 1 of 2 units done; not running" in status.out
     assert "open the shutter" in status.out and "--resume" in status.out
@@ -308,7 +311,8 @@ def test_long_work_is_kept_without_being_asked(lfcal: Lfcal, place: Path, monkey
     run = lfcal("simulate", "plan.json", "--level", "geometric", "-o", "out.h5")
     assert (
         run.code == 0
-        and "intermediate results are kept in out.h5.parts plane by plane; --resume continues after a stop" in run.err
+        and "intermediate results are kept in out.h5.parts plane by plane; a stopped run can continue from them (--res"
+        in run.err
     )
 
 

@@ -145,16 +145,17 @@ def test_the_light_tells_the_part_and_what_was_stated_wrongly(tmp_path: Path) ->
     write_part(tmp_path / "f")
     with opened(tmp_path / "f") as source:
         with pytest.raises(
-            InputError, match=r"row 5, column 6 of it, according to the position of the light .* --origin 5,6"
+            InputError, match=r"row 5, column 6 of it, according to the position of the light .*--origin 5,6"
         ):
             drain(iter_upright(source, PLAN))
         # an orientation that is stated is not looked for in the light, and the place is missing all the same
-        with pytest.raises(InputError, match=r"got 33 x 42 px; state .* --origin ROW,COLUMN"):
+        with pytest.raises(InputError, match=r"got 33 x 42 px; state .*--origin ROW,COLUMN"):
             drain(iter_upright(source, PLAN, "as-is"))
     with opened(tmp_path / "f", origin=(1, 6)) as source:
         found = FoundOrientation("as is", residual_px=0.1, offset_px=(-4.2, 0.1))
         with pytest.raises(
-            InputError, match="expected about 5,6, according to the position of the light, got 1,6; correct --origin"
+            InputError,
+            match="expected about 5,6, according to the position of the light, got 1,6; correct the first pixel",
         ):
             check_place(found, source, PLAN)
         check_place(replace(found, offset_px=(1.0, 0.5)), source, PLAN)

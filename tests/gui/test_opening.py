@@ -290,6 +290,6 @@ def test_a_refusal_goes_when_what_it_was_said_beside_goes(window: MainWindow, qt
     window.project.update("assembly", psf=str(tmp_path / "other.h5"))
     idle(window.jobs, qtbot)
     assert not page.notice.isVisible()
-    page.notice.offer("lies on its side", "Turn", lambda: None)
+    page.notice.offer("lies on its side", "Turn", lambda: None, tip="Turn the frames")
     window.project.update("camera", camera=preset("r29"))
     assert page.notice.isVisible(), "an offer waits for its answer"

@@ -146,7 +146,9 @@ def test_single_and_double_precision_agree() -> None:
 def test_what_no_grid_holds_is_refused() -> None:
     with pytest.raises(InputError, match="samples per pixel of a grid: expected a whole number"):
         GridPlane(camera_scene(3.0), Sampling(samples_per_px=4.5))
-    with pytest.raises(InputError, match="grid of a position: expected at most 4096 samples on each side"):
+    with pytest.raises(
+        InputError, match="sampling grid of one position of the source: expected at most 4096 samples on each side"
+    ):
         GridPlane(camera_scene(3.0), Sampling(samples_per_px=64, margin_px=500))
 
 

@@ -240,7 +240,9 @@ def test_what_an_earlier_run_left_is_asked_about(folder: Path) -> None:
     check_begun(folder, resume=False)
     with pytest.raises(InputError):
         drain(iter_run([unit("a"), unit("b", "refuse")], folder, Threads(1)))
-    with pytest.raises(InputError, match="left 1 of 2 units; --resume continues with them, --force starts again"):
+    with pytest.raises(
+        InputError, match=r"left 1 of 2 units; continue with them \(--resume\), or start again \(--force\)"
+    ):
         check_begun(folder, resume=False)
     check_begun(folder, resume=True)
     discard(folder)

@@ -232,7 +232,8 @@ class RecordedFile:
         """Raise `FileFormatError` if the file itself is damaged or missing."""
         if self.fault:
             raise FileFormatError(
-                f"{self._path}: {self.fault}; lfcal verify lists lost frames, --skip-damaged excludes them"
+                f"{self._path}: {self.fault}; copy the file again, or leave out lost frames (--skip-damaged), which "
+                "lfcal verify lists"
             )
 
     def read(self, slot: int) -> NDArray[Any]:

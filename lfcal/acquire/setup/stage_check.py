@@ -332,7 +332,8 @@ def _check_repeat(repeat: float, still: float, notes: list[str]) -> None:
         f"image at one position, visited {VISITS} times",
         f"within {REPEAT_PX:g} px rms",
         f"{repeat:.2f} px rms ({still:.2f} px without a move)",
-        "the stage is not repeatable: check coupling, load and encoder, or record with --no-check-stage",
+        "the stage is not repeatable: check coupling, load and encoder, or record without this check "
+        "(--no-check-stage)",
     )
 
 

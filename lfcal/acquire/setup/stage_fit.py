@@ -430,7 +430,10 @@ def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
     what = f"depth axis {axis} of the stage"
     if off > (GROWTH_OFF if fit.by == "growth" else SPREAD_OFF) + 3 * fit.error:
         got = f"{fit.scale:.3f} times that, inferred from {by} grows"
-        remedy = f"correct the scale of axis {axis}, or the camera's working distance, or record with --no-check-stage"
+        remedy = (
+            f"correct the scale of axis {axis}, or the camera's working distance, or record without this check "
+            "(--no-check-stage)"
+        )
         if abs(fit.scale) < STILL + 3 * fit.error:
             got, remedy = "the image of one plane in both", f"axis {axis} does not move: check its drive"
         elif fit.scale < 0:

@@ -86,7 +86,9 @@ def _chosen(presets: dict[str, _Preset], name: str, source: Path) -> tuple[float
         )
     if name not in presets and (name or len(presets) > 1):
         got = repr(name) if name else f"{len(presets)} of them"
-        raise InputError.expected(f"{source}: resolution preset", f"one of {names}", got, "add --resolution NAME")
+        raise InputError.expected(
+            f"{source}: resolution preset", f"one of {names}", got, "choose one (--resolution NAME)"
+        )
     preset = presets[name or next(iter(presets))]
     assert preset.pixel_um is not None
     return preset.pixel_um, preset.label

@@ -57,7 +57,7 @@ def _notes(entries: Mapping[str, Any], what: str) -> tuple[str, ...]:
         return ()
     return (
         f"the file states that lenslets fill a fraction of {fill:g}, but not whether of their area or of their "
-        "width; their diameter is assumed to be the pitch; state it with --set lattice.clear_um=…",
+        "width; their diameter is assumed to be the pitch; state it if it differs (--set lattice.clear_um=…)",
     )
 
 

@@ -266,7 +266,8 @@ def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | Non
             "recorded dark frames",
             f"an intact frame of {', '.join(f'{seconds:g}' for seconds in lost)} s",
             "damaged ones",
-            "record them again (lfcal acquire --resume), or give --dark or --black-level",
+            "record them again (lfcal acquire --resume), or give other dark frames or the black level "
+            "(--dark, --black-level)",
         )
     if darks and recipe.black_level is None:
         return DarkSet(darks)

@@ -81,7 +81,10 @@ def find_depths(
     """
     if given is not None and len(given) != len(planes.heights):
         raise InputError.expected(
-            "planes", f"{len(planes.heights)} as in the list", len(given), "correct --depths or --virtual-depths"
+            "planes",
+            f"{len(planes.heights)} as in the list",
+            len(given),
+            "correct the depths (--depths or --virtual-depths)",
         )
     rising = camera.step_um(1.0) - camera.step_um(0.0)
     if planes.counted:
@@ -105,7 +108,7 @@ def find_depths(
     apart, note = _differences(by_steps - depths, errors, float(np.ptp(depths)), (scale, error))
     words = (
         "depths: inferred from the steps, which are one pixel (uncertainty from scatter and rounding: ± "
-        f"{common:.4g} µm for all{apart}); state more accurate depths with --depths"
+        f"{common:.4g} µm for all{apart}); state the depths if you know them more accurately (--depths)"
     )
     return _found(axes, None, depths, (words, *note))
 
@@ -148,10 +151,11 @@ def _scale(planes: ListedPlanes, rising: float) -> tuple[float, float]:
             _remedy(abs(scale)),
         )
     raise InputError.expected(
-        "steps of the list's planes",
-        "longer steps in farther planes, one pixel each",
+        f"{planes.name}, steps of its planes",
+        "steps that move the image by one pixel, which are longer in farther planes",
         f"{planes.sizes.min():.5g} … {planes.sizes.max():.5g} µm",
-        "check camera and columns; a scan with the same step in all planes does not move by whole pixels",
+        "check the camera and the columns; if all planes have the same step, record them again with the "
+        "steps of a plan",
     )
 
 
@@ -196,7 +200,7 @@ def _of_numbers(
         return Depths(axes, tuple(ordered), ("depths: as given, one for each plane number",))
     if rising <= 0:
         raise InputError.expected(
-            f"{planes.name}, depths", "lengths", "plane numbers", "state them with --depths, one for each number"
+            f"{planes.name}, depths", "lengths", "plane numbers", "state one depth for each number (--depths)"
         )
     depths = (planes.sizes - camera.step_um(0.0)) / rising
     errors = planes.errors / rising
@@ -206,11 +210,11 @@ def _of_numbers(
             f"{planes.name}, steps of its planes",
             "longer steps from each plane to the next, one pixel each",
             ", ".join(f"{size:.5g}" for size in planes.sizes) + " µm",
-            "state the depths with --depths, or give z as a length",
+            "state the depths (--depths), or give z as a length",
         )
     words = (
         "depths: inferred from the steps, which are one pixel (uncertainty from scatter and rounding: up to ± "
-        f"{float(errors.max()):.4g} µm for each); state more accurate depths with --depths"
+        f"{float(errors.max()):.4g} µm for each); state the depths if you know them more accurately (--depths)"
     )
     return Depths(axes, _rounded(depths), (words,))
 
@@ -231,11 +235,14 @@ def with_depths(listing: Listing, depths: tuple[float, ...], axes: StageAxes) ->
             f"{listing.name}, plane of {listing.label(k)}",
             f"one of {len(depths)} planes, counted from 0 or 1",
             f"{listing.places[k, 2]:g}",
-            "correct the list, or make the plan of this scan with lfcal plan CAMERA --positions LIST",
+            "correct the list, or make the plan of the scan in the list (lfcal plan CAMERA --positions LIST)",
         )
     if axes.away[1] != "z":
         raise InputError.expected(
-            f"{listing.name}, depth axis", "z, because the list numbers its planes", axes.away, "correct --stage"
+            f"{listing.name}, depth axis",
+            "z, because the list numbers its planes",
+            axes.away,
+            "correct the stage axes (--stage)",
         )
     places = listing.places.copy()
     places[:, 2] = np.array(depths)[numbers] * (1 if axes.away[0] == "+" else -1)

@@ -68,7 +68,8 @@ def plan_of_list(
             f"list {listing.name}",
             "stage coordinates",
             "position numbers",
-            "give the depths of the planes with --depths or --virtual-depths instead of --positions",
+            "plan the scan by the depths of its planes instead of this list (--depths or --virtual-depths "
+            "instead of --positions)",
         )
     stated = stage or StageAxes()
     grid, lateral = grid_of(listing, stated)
@@ -134,7 +135,7 @@ def _unit_of(listing: Listing, grid: ScanGrid, camera: Camera) -> tuple[str, lis
     if listing.unit and (listing.unit in likely or not likely):
         return listing.unit, []  # if no unit fits, the planes are far from the working plane
     if listing.unit or len(likely) != 1:
-        remedy = "state the unit: --columns x_mm=COLUMN,y_mm=COLUMN,z_mm=COLUMN"
+        remedy = "state the unit in the contents of the columns (--columns x_mm=COLUMN,y_mm=COLUMN,z_mm=COLUMN)"
         if listing.unit:  # the micrometre fits, even if the list states another unit
             remedy = f"lengths that are {LENGTHS[likely[0]]:g} times as large would fit; {remedy}"
         raise InputError.expected(
@@ -165,10 +166,14 @@ def _lateral_axes(
     ]
     own = (AXES.index(stated.right[1]), AXES.index(stated.down[1]))
     if not fitting or own in fitting:
-        return stated, "assumed, because neither the list nor the frames show their signs; state them with --stage"
+        return (
+            stated,
+            "assumed, because neither the list nor the frames show their signs; state the stage axes if they "
+            "differ (--stage)",
+        )
     first, second = (AXES[axis] for axis in fitting[0])
     axes = StageAxes(stated.right[0] + first, stated.down[0] + second, stated.away)
-    return axes, "inferred from the numbers of steps, with assumed signs; state them with --stage"
+    return axes, "inferred from the numbers of steps, with assumed signs; state the stage axes if they differ (--stage)"
 
 
 def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
@@ -180,7 +185,7 @@ def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
             "shape of the frames",
             f"{camera.sensor.shape} as the camera's sensor",
             f"{light.shape}, rotated by 90°",
-            f"turn them upright with --orientation (one of {sides}), or correct the camera's sensor",
+            f"turn them upright (--orientation {sides}), or correct the camera's sensor",
         )
 
 
@@ -202,7 +207,9 @@ def _anchor(
     light: CentroidMotion | None, axes: StageAxes, lateral: tuple[int, int], period: tuple[int, int]
 ) -> tuple[tuple[float, float] | None, list[str]]:
     if light is None or light.axes() is None:
-        return None, ["anchor: assumed at the sensor's centre, because no frames show it; state it with --anchor"]
+        return None, [
+            "anchor: assumed at the sensor's centre, because no frames show it; state it if it is elsewhere (--anchor)"
+        ]
     row, column = anchor_of(light, axes, lateral, period)
     where = (float(round(row)), float(round(column)))
     return where, [f"anchor: row {where[0]:g}, column {where[1]:g}, the centroid of the light at y = x = 0"]

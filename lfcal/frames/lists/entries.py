@@ -99,7 +99,7 @@ def manifest_of(
             f"{listing.name}, stage coordinates",
             "the plan of the scan",
             "none",
-            "name it with --plan, or make it with lfcal plan CAMERA --positions LIST",
+            "choose it (--plan), or make it (lfcal plan CAMERA --positions LIST)",
         )
     found = place(listing, plan, read, orientation, part)
     drift = found.drift if listing.drift is None else found.drift + listing.drift
@@ -114,7 +114,10 @@ def _counted(
     absent = ~np.isfinite(places).all(axis=0)
     if (places[:, ~absent] != np.round(places[:, ~absent])).any():
         raise FileFormatError.expected(
-            f"{listing.name}, positions", "whole numbers", "fractions", "state their unit: --columns y_um=…,x_um=…"
+            f"{listing.name}, positions",
+            "whole numbers",
+            "fractions",
+            "state their unit in the contents of the columns (--columns y_um=…,x_um=…)",
         )
     numbers = np.where(absent, 0, np.nan_to_num(places)).astype(np.intp)
     begin = (
@@ -129,7 +132,7 @@ def _counted(
             f"{listing.name}, position of {listing.label(k)}",
             f"numbers from {begin}",
             "a smaller one",
-            "correct --first",
+            "correct the number of the first position (--first)",
         )
     note = ("positions: counted from 1 in the list",) if begin == 1 and first is None else ()
     return numbers, note

@@ -250,7 +250,10 @@ def read_micromanager(path: Path, channel: str = "") -> tuple[Listing, dict[str,
     entries = list(_frames(body))
     if not entries:
         raise FileFormatError.expected(
-            str(path), "Micro-Manager's metadata of each frame", "none", "name a list of the frames with --manifest"
+            str(path),
+            "Micro-Manager's metadata of each frame",
+            "none",
+            "choose another list of the frames (--manifest)",
         )
     entries, dark, notes = _of_channel(path, entries, channel)
     listing = _listing(path, entries, (f"positions: stage coordinates that Micro-Manager wrote to {path.name}", *notes))
@@ -299,7 +302,10 @@ def _of_channel(
     if chosen not in names:
         listed = ", ".join(map(repr, names))
         raise FileFormatError.expected(
-            f"{path}, channel", "one", listed, f"choose one with --columns 'channel={(light or names)[0]}'"
+            f"{path}, channel",
+            "one",
+            listed,
+            f"choose one in the contents of the columns (--columns 'channel={(light or names)[0]}'",
         )
     of = {name: [entry for entry in entries if str(entry.get("Channel", "")) == name] for name in (chosen, *dark)}
     used = of[dark[0]] if len(dark) == 1 and chosen not in dark else []

@@ -157,7 +157,7 @@ def _unit(
             f"{table.name}, positions",
             "position numbers throughout, or lengths along x and y",
             names,
-            "state which: --columns y_index=…,x_index=…,z_index=… or y_um=…,x_um=…",
+            "state which in the contents of the columns (--columns y_index=…,x_index=…,z_index=… or y_um=…,x_um=…)",
         )
     if "" in stated:
         if len(stated) == 1:
@@ -211,10 +211,13 @@ def _exposures(table: Table, column: Column | None) -> tuple[tuple[float, ...] |
         )
     if not column.unit and np.median(values) >= 1000:
         # microseconds, as written by machine-vision cameras, or milliseconds for a faint source
-        remedy = f"give --columns exposure_us={column.name} or exposure_ms={column.name}"
+        remedy = (
+            f"state the unit in the contents of the columns (--columns exposure_us={column.name} or "
+            f"exposure_ms={column.name})"
+        )
         raise InputError.expected(name, "a unit of such large times", f"{np.median(values):g} without a unit", remedy)
     if (longest := float(values.max() * TIMES[unit])) > MAX_EXPOSURE_S:
-        remedy = f"correct its unit, for example --columns exposure_us={column.name}"
+        remedy = f"correct its unit (for example --columns exposure_us={column.name})"
         raise InputError.expected(name, f"exposures of at most {MAX_EXPOSURE_S:g} s", f"{longest:g} s", remedy)
     shown = Column("exposure", column.name, unit if column.unit else f"taken as {unit}")
     return tuple(float(v) for v in values * TIMES[unit]), shown

@@ -146,7 +146,10 @@ def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[Sca
     lateral = tuple(k for k in range(3) if k != depth)
     if not listing.has_depth and (planes > 1 or depth != 2):
         raise InputError.expected(
-            f"list {listing.name}", f"a z column for {planes} planes", "none", "name it: --columns z_um=COLUMN"
+            f"list {listing.name}",
+            f"a z column for {planes} planes",
+            "none",
+            "state which column is z (--columns z_um=COLUMN)",
         )
     places = np.where(np.isfinite(listing.places), listing.places, 0.0)
     grid = find_grid(places[:, lateral], places[:, depth], listing.name, counted=listing.counted)
@@ -183,7 +186,7 @@ def _another_scan(grid: ScanGrid, plan: ScanPlan, lateral: tuple[int, int]) -> I
         "positions in the list",
         f"{nz} planes of {nx} across and {ny} down, as in the plan",
         f"{len(grid.planes)} planes of {first} along {AXES[lateral[0]]} and {second} along {AXES[lateral[1]]}",
-        "the list is of another scan; make its plan with lfcal plan CAMERA --positions LIST",
+        "the list is of another scan; make its plan (lfcal plan CAMERA --positions LIST)",
     )
 
 
@@ -244,7 +247,7 @@ def _fitted(listing: Listing, plan: ScanPlan, positions: NDArray[np.intp], stage
             f"{listing.name}, position of {listing.label(worst)}",
             "at most half a step from a planned position",
             f"{size[worst]:.2f} px (all frames: {np.sqrt((size**2).mean()):.2f} px rms)",
-            "correct the list, or make the plan of this scan with lfcal plan CAMERA --positions LIST",
+            "correct the list, or make the plan of the scan in the list (lfcal plan CAMERA --positions LIST)",
         )
     _check_once(listing, plan, positions)
     planes = np.abs(np.diff(plan.depths_um))
@@ -294,7 +297,9 @@ def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tupl
         return [], []
     ratio = UNITS[unit] / scale
     notes = (
-        [] if listing.unit else [f"unit: {unit}, inferred from the plan's steps; state it with --columns x_{unit}=…"]
+        []
+        if listing.unit
+        else [f"unit: {unit}, inferred from the plan's steps; state it if it differs (--columns x_{unit}=…)"]
     )
     if not 0.8 < ratio < 1.25 and not listing.unit:
         return [f"unit: 1 in the list is {scale:.4g} µm, inferred from the plan's steps"], []
@@ -303,7 +308,8 @@ def _scale_notes(listing: Listing, affine: NDArray[Any], plan: ScanPlan) -> tupl
             f"{listing.name}, steps",
             "those of the plan",
             f"{ratio:.3g} times as much",
-            "correct the unit (--columns x_mm=…), or make the plan of this scan: lfcal plan CAMERA --positions LIST",
+            "correct the unit (--columns x_mm=…), or make the plan of the scan in the list (lfcal plan "
+            "CAMERA --positions LIST)",
         )
     if abs(ratio - 1) <= SCALE_TOLERANCE:
         return notes, []
@@ -325,8 +331,8 @@ def _depth_notes(listing: Listing, affine: NDArray[Any], rest: NDArray[np.float6
             f"{listing.name}, {what}",
             "the spacing of the planned planes",
             f"{ratio:.3g} times as much",
-            f"correct unit or column (--columns {AXES[axis]}_mm=…), or make the plan of this scan: "
-            "lfcal plan CAMERA --positions LIST",
+            f"correct unit or column (--columns {AXES[axis]}_mm=…), or make the plan of the scan in "
+            "the list (lfcal plan CAMERA --positions LIST)",
         )
     notes = []
     if abs(ratio - 1) > SCALE_TOLERANCE:
@@ -368,7 +374,7 @@ def _light_notes(plan: ScanPlan, light: CentroidMotion | None, stage: StageAxes,
         return []
     return [
         f"light: at y = x = 0 it is near row {where[0]:.0f}, column {where[1]:.0f}, {off:.0f} px from the plan's "
-        "anchor; correct the anchor with lfcal plan --anchor"
+        "anchor; correct the anchor in the plan (lfcal plan --anchor)"
     ]
 
 

@@ -269,7 +269,10 @@ def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = No
     for role, found in doubtful.items():
         names = any_of(repr(column.name) for column in found)
         raise InputError.expected(
-            f"{table.name}, column of {role}", "one", names, f"state which: --columns '{role}={found[-1].name}'"
+            f"{table.name}, column of {role}",
+            "one",
+            names,
+            f"state which in the contents of the columns (--columns '{role}={found[-1].name}')",
         )
     missing = [role for role in ("file", "y", "x") if role not in chosen]
     if missing:

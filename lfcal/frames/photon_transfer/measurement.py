@@ -60,9 +60,10 @@ def iter_measure_sensor(
         If frames differ in shape, are identical, or are dark or saturated everywhere, or if a level has only one frame.
     """
     files = [{frame.source for frame in held if isinstance(frame.source, Path)} for held in (flats, darks)]
-    if files[0] & files[1]:
+    if both := sorted(file.name for file in files[0] & files[1]):
+        got = f"{both[0]} in both" + (f", and {len(both) - 1} more" if len(both) > 1 else "")
         raise InputError.expected(
-            "flats and darks", "different files", "the same ones", "put flats and darks into separate folders"
+            "flats and darks", "no file that is in both", got, "put flats and darks into separate folders"
         )
     clock = Clock("measure the sensor", 2 * (len(flats) + len(darks)))
     yield clock.at(0)

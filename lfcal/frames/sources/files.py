@@ -99,7 +99,7 @@ def _listed(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tu
     if table is not None:
         return *manifest_from(table, root, options), {}
     if options.columns:
-        raise InputError.expected(f"columns of {path}", "a list of frames", "none", "name the list with --manifest")
+        raise InputError.expected(f"columns of {path}", "a list of frames", "none", "choose the list (--manifest)")
     if path.is_dir():
         return *_from_folder(path, options), {}
     return _from_file(path, options, options.plan_shape)
@@ -149,7 +149,7 @@ def _table(path: Path, options: FrameOptions) -> Path | None:
         lists = sorted(p for p in path.iterdir() if p.suffix.lower() in (".csv", ".tsv") and p.is_file())
         if len(lists) > 1:
             names = ", ".join(p.name for p in lists[:4])
-            raise InputError.expected(f"list of frames in {path}", "one", names, "name the right one with --manifest")
+            raise InputError.expected(f"list of frames in {path}", "one", names, "choose the right one (--manifest)")
         found = lists
     return found[0] if found else None
 
@@ -204,7 +204,7 @@ def _by_pattern(
     if first_number(numbers[:, used], wanted) == 0:
         return counted, ()
     form = NamePattern(pattern, first=1)
-    note = "positions: counted from 1 in the names; use --first 0 if they are counted from 0"
+    note = "positions: counted from 1 in the names; if they are counted from 0, state that (--first 0)"
     return Manifest.from_names(names, form, plan_shape=options.plan_shape), (note,)
 
 

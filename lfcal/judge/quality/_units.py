@@ -52,7 +52,7 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
             f"{session}",
             "control frames",
             "none",
-            "record them with lfcal acquire --controls, or leave the session out",
+            "record control positions (lfcal acquire --controls), or leave the session out",
         )
     return {z: (np.stack(frames), np.stack(places)) for z, (frames, places) in found.items()}
 

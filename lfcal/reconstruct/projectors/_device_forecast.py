@@ -128,7 +128,9 @@ def device_forecast(
     known = ("auto", *ON_DEVICES)
     if method not in known:
         what = f"projection method on {device.name}"
-        raise InputError.expected(what, any_of(known), repr(method), "choose one of these, or --device cpu")
+        raise InputError.expected(
+            what, any_of(known), repr(method), "choose one of these, or the device cpu (--device cpu)"
+        )
     rates, free = device_rates(device, problem.dtype.str), device.free_bytes()
     options = [o for name in ON_DEVICES if method in ("auto", name) for o in _options(problem, name, rates, method)]
     # two planes are on the device while one is used and the next is moved
@@ -139,7 +141,8 @@ def device_forecast(
             f"memory of {device.name}",
             f"at least {format_bytes(least)} free for one plane",
             format_bytes(free),
-            "reconstruct a smaller region of the image, or choose --within 0.005 or --device cpu",
+            "reconstruct a smaller region of the image, allow an error of the projection (--within 0.005), "
+            "or choose the device cpu (--device cpu)",
         )
     placed = [(_placed(o, problem, rates, free, memory_limit), o) for o in fitting]
     found = [one for one in placed if one[0][0].memory_bytes <= memory_limit]

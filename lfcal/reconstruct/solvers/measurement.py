@@ -148,7 +148,10 @@ class Measurement:
         # counted after the read noise is added: its square lifts most of them above zero.
         below = int(np.count_nonzero(data < 0))
         if below and not signed:
-            notes.append(f"{below} negative pixels were set to 0; state a background or read noise to keep them")
+            notes.append(
+                f"{format_count(below, 'negative pixel was', 'negative pixels were')} set to 0, because this solver "
+                "needs values of 0 or more; to keep most of them, state the read noise"
+            )
             np.maximum(data, 0, out=data)
         held = None
         if held_out is not None:

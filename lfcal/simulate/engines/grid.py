@@ -105,9 +105,12 @@ class GridPlane:
         self.per_px = _per_px(self.sampling)
         self._n = extent_of(scene).side(self.per_px, self.sampling.margin_px)
         if self._n > MAX_SAMPLES:
-            remedy = "choose another level, or a depth that lights fewer lenslets"
+            remedy = "choose another level, or a depth whose light reaches fewer lenslets"
             raise InputError.expected(
-                "grid of a position", f"at most {MAX_SAMPLES} samples on each side", self._n, remedy
+                "sampling grid of one position of the source",
+                f"at most {MAX_SAMPLES} samples on each side",
+                self._n,
+                remedy,
             )
         self._dtype = np.dtype(np.complex128 if self.sampling.double else np.complex64)
         self._real = np.dtype(np.float64 if self.sampling.double else np.float32)

@@ -357,7 +357,7 @@ class DebyePlane:
         energy_out = float(image.sum(dtype=np.float64))
         ratio = energy_out / self._energy
         if ratio > 1 + 5e-3:  # allows for the node rule's error
-            remedy = f"use --level wave, or in Python set nodes_per_px above {self.rule.per_px}"
+            remedy = f"choose the level wave (--level wave), or in Python set nodes_per_px above {self.rule.per_px}"
             raise EnergyError.expected(
                 "energy on the sensor",
                 "at most the energy that reaches the array",

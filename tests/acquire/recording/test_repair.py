@@ -239,7 +239,9 @@ def test_a_file_of_which_all_was_recorded_again_stands_in_nobodys_way(
 ) -> None:
     folder = copy_of(sessions[how], tmp_path)
     (folder / "recording.h5").write_bytes(b"rotten to the core")
-    with pytest.raises(FileFormatError, match=r"recording\.h5: .*lfcal verify lists lost frames, --skip-damaged"):
+    with pytest.raises(
+        FileFormatError, match=r"recording\.h5: .*copy the file again, or leave out lost frames \(--skip-damaged\)"
+    ):
         matrix(folder)
     everywhere = [Position(z, y, x) for z, y, x in np.ndindex(*PLAN.shape[:3])]
     record(folder, PLAN, rig_for(PLAN), FULL, redo=everywhere)

@@ -107,7 +107,7 @@ def test_numbered_planes_have_the_depths_of_their_steps() -> None:
 
 def test_numbered_planes_of_a_microscope_have_to_be_given() -> None:
     camera = preset("lfm_20x05")
-    with pytest.raises(InputError, match="got plane numbers; state them with --depths"):
+    with pytest.raises(InputError, match="got plane numbers; state one depth for each number"):
         depths_of(planes_of(counted=True), camera)
     found = find_depths(camera, StageAxes(), planes_of(counted=True), (20.0, 10.0, 0.0))
     assert found.depths == (20.0, 10.0, 0.0)

@@ -131,12 +131,14 @@ BAD = {
     "microseconds": (
         "file,x_um,y_um,ExposureTime\na,1,2,20000\n",
         "",
-        "ExposureTime: expected a unit of such large times, got 20000 without a unit; give --columns exposure_us=Ex",
+        "ExposureTime: expected a unit of such large times, got 20000 without a unit; state the unit in the "
+        "contents of the "
+        "columns (--columns exposure_us=Ex",
     ),
     "hours": (
         "file,x_um,y_um,exposure_s\na,1,2,20000\n",
         "",
-        "at most 1000 s, got 20000 s; correct its unit, for exam",
+        "at most 1000 s, got 20000 s; correct its unit (for exam",
     ),
     "no rows": ("file,x,y\n", "", "expected a row for each frame, got only a header"),
     "empty": ("# nothing\n", "", "a table with a row for each frame"),
@@ -254,7 +256,7 @@ def test_a_list_with_other_names_opens(tmp_path: Path) -> None:
     rows = [f"z0_y{y}_x{x};{y + 1};{x + 1};20" for y in range(2) for x in range(3)]
     (tmp_path / "scan.csv").write_text("Bild;row;col;Exp\n" + "\n".join(rows))
     with pytest.raises(
-        InputError, match=r"column of file: .*columns Bild, row, col, Exp; state .* --columns file=COLUMN"
+        InputError, match=r"column of file: .*columns Bild, row, col, Exp; state .*--columns file=COLUMN"
     ):
         open_frames(tmp_path)
     source = open_frames(tmp_path, columns="file=Bild")

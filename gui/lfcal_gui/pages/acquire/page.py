@@ -120,7 +120,8 @@ class Page(BasePage):
             self.notice.clear()
             return
         answer, skip = recorder.cover.answer, recorder.cover.skippable
-        self.notice.offer(words, "Continue", answer, (lambda: answer(skip=True)) if skip else None, stay="Skip")
+        leave = (lambda: answer(skip=True)) if skip else None
+        self.notice.offer(words, "Continue", answer, leave, stay="Skip", tip="Continue the recording")
         self.notice.leave.setVisible(skip)
         self.context.message.emit(words)
 
@@ -167,7 +168,8 @@ class Page(BasePage):
             )
             self.setup.when_connected(self.redo)
             forget = partial(self.setup.when_connected, None)
-            self.notice.offer(words, "Connect", self.setup.connect_devices, forget, stay="Not now")
+            tip = "Connect the devices chosen in Record > Rig, and record these positions again"
+            self.notice.offer(words, "Connect", self.setup.connect_devices, forget, stay="Not now", tip=tip)
         else:
             self.notice.clear()
             self.record.start(redo=True)

@@ -44,10 +44,15 @@ class Noticed:
         self.context.message.emit(words)
         leave = (lambda: self._set(advised.leave)) if advised.leave else None
         if advised.apply:
-            button = f"Turn upright ({advised.apply})" if advised.apply in ORIENTATIONS else "Keep orientation"
-            self.notice.offer(words, button, lambda: self._set(advised.apply), leave)
+            turns = advised.apply in ORIENTATIONS
+            button = f"Turn upright ({advised.apply})" if turns else "Keep orientation"
+            tip = "Turn all frames in this way" if turns else "Use the frames as they are"
+            self.notice.offer(
+                words, button, lambda: self._set(advised.apply), leave, tip=f"{tip}. Undo (Ctrl+Z) reverts it"
+            )
         else:
-            self.notice.offer(words, "Plan", lambda: self.context.go.emit("setup", None), leave)
+            tip = "Open Set up, to correct the axes of the stage or the plan"
+            self.notice.offer(words, "Plan", lambda: self.context.go.emit("setup", None), leave, tip=tip)
 
     def _tell(self, words: str) -> None:
         self.context.message.emit(words)
@@ -63,7 +68,8 @@ class Noticed:
 
     def offer_without(self, words: str, leave_out: Callable[[], None]) -> None:
         """Offer to leave out damaged frames; ``words`` describe the damage of the frame that is shown."""
-        self.notice.offer(words, "Leave out damaged frames", leave_out)
+        tip = "Assemble H without the frames that cannot be read"
+        self.notice.offer(words, "Leave out damaged frames", leave_out, tip=tip)
         self._damage = words
 
     def forget_damage(self) -> None:

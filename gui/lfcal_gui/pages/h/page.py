@@ -308,6 +308,7 @@ class Page(BasePage):
             lambda: self._state_order(path, other),
             lambda: self._state_order(path, taken),
             stay=f"Keep {_plain(taken)}",
+            tip="Open the file again with this order of the axes. Undo (Ctrl+Z) restores the other",
         )
 
     def _state_order(self, path: str, order: str) -> None:

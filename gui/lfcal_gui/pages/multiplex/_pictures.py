@@ -49,8 +49,8 @@ class MultiplexPictures(QWidget):
             self.right.addItem(text, key)
         self.right.setAccessibleName("third image")
         self.right.setToolTip(
-            "Third image, below on the left: the spatial minus the Fourier route, or the true scene, "
-            "which is unknown for recorded frames"
+            "Image below on the left: the difference between the results of the spatial and the Fourier route, or the "
+            "true scene. The true scene is unknown for recorded frames"
         )
         self.right.currentIndexChanged.connect(lambda _: self.right_chosen.emit(self.right.currentData()))
         self.readout = QLabel("")

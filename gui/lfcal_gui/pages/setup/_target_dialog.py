@@ -189,7 +189,7 @@ class TargetDialog(QDialog):
             "Number of frames that show each position. Crossed out: none within the tolerance. Click "
             "a position to read its number"
         )
-        self.map.setAccessibleName("phases of the period that are covered")
+        self.map.setAccessibleName("number of frames at each position")
         self.map.chosen.connect(self._read)
         self.read = WrappedLabel("")
         self.read.setProperty("role", "hint")

@@ -276,7 +276,8 @@ class Page(BasePage):
         if before is not None and self.context.state.plan is None:
             words = "The plan belonged to the previous camera and was removed. Undo restores both."
             self.context.message.emit(words)
-            self.notice.offer(words, "Undo", lambda: self._take_back(label), stay="Leave it")
+            tip = "Restore the previous camera and its plan"
+            self.notice.offer(words, "Undo", lambda: self._take_back(label), stay="Leave it", tip=tip)
         return True
 
     def _take_back(self, label: str) -> None:

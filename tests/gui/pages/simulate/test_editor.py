@@ -327,7 +327,7 @@ def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
     passes: list[str] = []
 
     def held(words: str) -> None:
-        passes.extend([words] if "complete to within" in words else [])
+        passes.extend([words] if "complete with errors" in words else [])
         if len(passes) == 2:
             second.set()
             assert go_on.wait(GUARD_MS / 1000)
