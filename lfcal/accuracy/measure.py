@@ -24,7 +24,7 @@ FOR_POINTS = 0.4
 
 @dataclass(frozen=True, slots=True)
 class CurveProgress(Progress):
-    """Progress of a measurement, with its results so far.
+    """Progress of the measurement of a curve, with its results so far.
 
     Attributes
     ----------

@@ -137,7 +137,7 @@ class Subject:
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
-        """Shape ``(nz, ny, nx, nt, ns)`` of the whole H."""
+        """Shape ``(nz, ny, nx, nt, ns)`` of H, or of the H that the plan describes."""
         return self.planned.shape if self.matrix is None else self.matrix.shape
 
     @property

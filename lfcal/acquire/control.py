@@ -22,7 +22,7 @@ class Aborted(Cancelled):
 
 
 class Control:
-    """Requests to pause, stop or abort, passed from any thread to the recording thread.
+    """Channel for requests to pause, stop or abort, from any thread to the recording thread.
 
     Examples
     --------

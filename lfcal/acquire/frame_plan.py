@@ -31,7 +31,7 @@ class FramePlan(Protocol):
 
     @property
     def lit(self) -> object:
-        """Offset numbers shown by each frame, if a display switches the points; None if the stage moves the target."""
+        """For each plane and frame, the numbers of the offsets that a display shows; None for a moving target."""
         ...
 
     def stage_um(self) -> NDArray[np.float64]:

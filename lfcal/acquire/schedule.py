@@ -325,7 +325,7 @@ class Schedule:
         return position_at(flat, self.grid[1:])
 
     def steps(self, todo: NDArray[np.bool_] | None = None) -> Iterator[ScheduledFrame]:
-        """Iterate over the steps in order; with a mask ``todo`` ``(N,)``, only over those where it is true."""
+        """Yield the steps in order; with a mask ``todo`` ``(N,)``, only those where it is True."""
         which = np.arange(len(self)) if todo is None else np.flatnonzero(todo)
         kinds = list(Kind)
         for start in range(0, len(which), 4096):  # a block at a time, to avoid a list of all steps

@@ -64,7 +64,7 @@ _REMEDIES = {
 
 @contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Convert errors of the operating system about ``path`` to a one-line `StorageError`, within the context.
+    """Return a context manager that converts operating-system errors about ``path`` to a one-line `StorageError`.
 
     HDF5 reports a failing disk as an OSError or RuntimeError with the system's error number in its message.
     """

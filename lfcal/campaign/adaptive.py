@@ -138,15 +138,15 @@ class AdaptiveStep:
     positions
         Number of positions recorded so far.
     expected_error
-        Relative error (L2) of H due to the standard deviations of the unknowns.
+        Expected relative error (L2) of H due to the uncertainties of the fitted unknowns.
     held_out_error
-        Relative error of H from held-out patterns: a value or a limit.
+        Relative error (L2) of H, estimated from held-out patterns; if noise hides it, an upper limit.
     chi2, complete
         Chi-square of the fit, and whether the model is complete.
     groups
-        Groups of unknowns that were fitted.
+        Names of the groups of unknowns that were fitted.
     outliers
-        Number of patterns that were excluded.
+        Number of patterns that were excluded from the fit.
     """
 
     positions: int
@@ -181,13 +181,13 @@ class Adapted:
     Attributes
     ----------
     how
-        Reason for the end. ``"reached"``: the target error is reached. ``"used up"``: no positions are left.
+        How the session ended. ``"reached"``: the target error is reached. ``"used up"``: no positions are left.
         ``"incomplete"``: the model is incomplete, and more patterns do not help. ``"stopped"`` or ``"aborted"``: the
         user ended the session.
     outcome
-        Outcome of the whole recording.
+        Outcome of the recording.
     steps
-        Results after each fit.
+        State of the session after each fit.
     fit
         The last fit; None if there was none.
     """
@@ -199,7 +199,7 @@ class Adapted:
 
     @property
     def words(self) -> str:
-        """One line that states why the session ended; empty if recording was stopped."""
+        """Line of text that states why the session ended; empty if the user ended it."""
         return ENDS.get(self.how, "")
 
     def to_dict(self) -> dict[str, Any]:
@@ -228,7 +228,7 @@ def iter_adaptive(
     workers: int | None = None,
     task: Mapping[str, Any] | None = None,
 ) -> Work[Adapted]:
-    """Record positions of ``plan`` until the error of H is ``goal.error``; yields the progress of recording and fits.
+    """Record positions of ``plan`` until the error of H is at most ``goal.error``; yields progress.
 
     Parameters
     ----------
@@ -241,15 +241,15 @@ def iter_adaptive(
     resume
         Whether to continue the adaptive session in ``folder``.
     seen
-        Function called with every step after its fit.
+        Function that is called with each `AdaptiveStep` after its fit.
     workers
-        Number of threads for fits and choices.
+        Number of threads for fits and for the choice of positions; None: all processors.
 
     Raises
     ------
     InputError
-        If the noise of the frames will be unknown, if the session to continue is a complete scan, or if no such camera
-        explains the patterns.
+        If the noise of the frames would be unknown, if the session to continue is that of a complete scan, or if no
+        such camera explains the patterns.
     AcquisitionStopped
         If recording had to end early; it can be resumed.
 

@@ -32,14 +32,18 @@ class _Ended(BaseException):
 
 
 def main(command_line: Callable[[], Any] | None = None, program: str = "lfcal") -> None:
-    """Run ``lfcal``. Invalid input ends it with a one-line message and exit code 2, a signal with 128 plus its number.
+    """Run the command line ``lfcal``.
+
+    Invalid input ends the program with a one-line message and exit code 2. A signal ends it with exit code 128 plus the
+    number of the signal.
 
     Parameters
     ----------
     command_line
-        Function that runs the commands. Another program may pass its own function, to report errors in the same way.
+        Function that runs the commands; None: those of lfcal. Another program may pass its own function to report
+        errors in the same way.
     program
-        Name of the program in its help.
+        Name of the program, as shown in its help.
 
     Examples
     --------

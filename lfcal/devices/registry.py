@@ -69,7 +69,7 @@ class BackendStatus:
 
     @property
     def available(self) -> bool:
-        """Whether the backend can be used."""
+        """Whether the backend is available."""
         return not self.reason
 
 
@@ -114,7 +114,7 @@ def get_backend(name: str) -> Backend:
 
 
 def find_backends() -> list[BackendStatus]:
-    """Return the status of every backend, with the reason if it cannot be used.
+    """Return the status of every backend, with the reason if it is unavailable.
 
     Examples
     --------
@@ -217,7 +217,9 @@ def _split(options: Mapping[str, str], stage: str) -> tuple[dict[str, str], dict
 def number_option(
     options: Mapping[str, str], key: str, default: float, *, low: float = -math.inf, high: float = math.inf
 ) -> float:
-    """Return option ``key`` as a number within [``low``, ``high``]; ``default`` if it is missing.
+    """Return option ``key`` as a number; ``default`` if it is missing.
+
+    A text that is not a number from ``low`` to ``high`` raises `InputError`.
 
     Examples
     --------

@@ -19,10 +19,10 @@ __all__ = ["FileGauge", "Rig"]
 class Rig:
     """Camera, stage and, if it can be switched, light source; as a context manager, the rig closes them at the end.
 
-    Every call of the camera, the stage or the light source has a time limit, after which it raises a `DeviceError`.
-    Every answer of a device is checked; see `lfcal.devices.checked`. ``others`` are devices that were opened together
-    with these, and are closed with them. ``gauges`` measure the conditions in the lab. ``switches`` states whether the
-    stage's moves switch the points of a display, as in a simulator.
+    Every call of the camera, the stage or the light source has a time limit; a call that exceeds it raises
+    `DeviceLost`. Every answer of a device is checked; see `lfcal.devices.checked`. ``others`` are devices that were
+    opened together with these, and are closed with them. ``gauges`` measure the conditions in the lab. ``switches``
+    states whether the stage's moves switch the points of a display, as in a simulator.
 
     Examples
     --------

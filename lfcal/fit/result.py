@@ -168,7 +168,7 @@ class Fit:
 
     @property
     def verdict(self) -> str:
-        """Reliability of the fit, as one line."""
+        """Line of text on the reliability of the fit."""
         error = f"error of the model {self.held_out_error}"
         if not math.isfinite(self.chi_square.sigma):
             return f"chi² unknown: the samples do not outnumber the unknowns; {error}"
@@ -222,7 +222,7 @@ class Fit:
 
     @property
     def unseen_words(self) -> str:
-        """One line on how H was determined in planes without a pattern; empty if there are none."""
+        """Line of text on how H was determined in planes without a pattern; empty if there are no such planes."""
         if not self.unseen:
             return ""
         planes = ", ".join(map(str, self.unseen))

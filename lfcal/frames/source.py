@@ -415,7 +415,7 @@ _UNKNOWN = FrameMetadata()
 
 
 class Frames(ABC):
-    """Base class of frame sources, which implement `FrameSource`.
+    """Base class for frame sources that implement the protocol `FrameSource`.
 
     Examples
     --------

@@ -54,7 +54,7 @@ ROUNDS = 3
 
 @dataclass(frozen=True, eq=False)
 class Unlike:
-    """Reason why patterns cannot be compared with a camera.
+    """Reason why the patterns of H cannot be compared with a camera.
 
     Attributes
     ----------

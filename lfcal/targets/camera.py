@@ -75,7 +75,7 @@ class TargetCamera(Frames):
     Raises
     ------
     InputError
-        If the numbers of brightness values and holes differ, or an effect moves the source.
+        If the number of brightness values differs from that of holes, or an effect moves the source.
 
     Examples
     --------

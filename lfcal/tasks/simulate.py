@@ -439,7 +439,7 @@ class SimulateRegions(_Simulate):
     out: Path = required("H file to write (.h5).", **OUT)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[SimulatedRegions, ...]]:
-        """Compute H of each region, and write all of them to one file."""
+        """Compute the H of each region, and write all of them to one file."""
         from lfcal.campaign import save_parts, temporary_parts
 
         run, several, made = run or RunSettings(), ready_regions(self.camera), {}

@@ -146,7 +146,7 @@ def report_files(folder: Path) -> list[Path]:
 
 
 def redo_list(inspection: Inspection) -> dict[str, Any]:
-    """Return the positions to record again, in the form that ``lfcal acquire --redo`` reads.
+    """Return the positions to record again as plain JSON types, in the form that ``lfcal acquire --redo`` reads.
 
     Examples
     --------

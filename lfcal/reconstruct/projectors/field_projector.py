@@ -164,7 +164,7 @@ class _Part:
 
 
 class FieldProjector(Projector):
-    """Operator ``sum_r H_r W_r`` of several regions of the field, and its exact adjoint ``sum_r W_r HT_r``.
+    """Operator ``sum_r H_r W_r`` of several regions r of the field, and its exact adjoint ``sum_r W_r HT_r``.
 
     ``H_r`` is the H of region r. ``W_r`` weights voxels by their position relative to the centres of the regions
     (`field_weights`); the weights of a voxel sum to one. For one region, the operator equals that region's `Projector`
@@ -368,7 +368,7 @@ class FieldProjector(Projector):
         return max(part.projector.rounding for part in self._parts)
 
     def operand_bytes(self) -> int:
-        """Return the size of the stored prepared planes and of the weights (bytes)."""
+        """Return the size of the prepared planes of all H, and of the weights, in memory (bytes)."""
         weights = sum(0 if part.weight is None else part.weight.nbytes for part in self._parts)
         return weights + sum(part.projector.operand_bytes() for part in self._parts)
 

@@ -162,12 +162,12 @@ class Projector:
 
     @property
     def grid(self) -> Grid:
-        """Mapping of pixels to phases and lattice cells."""
+        """Mapping of the pixels of images to phases and periods."""
         return self._grid
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Sample type of computed images and volumes."""
+        """Type of computed images and volumes, float32 or float64."""
         return self._reader.dtype
 
     @property
@@ -201,7 +201,7 @@ class Projector:
         return self._tolerance
 
     def operand_bytes(self) -> int:
-        """Return the size of the stored prepared planes (bytes)."""
+        """Return the size of the prepared planes of H in memory (bytes)."""
         return sum(self._engine.operand_bytes(operand) for operand in self._operands.values())
 
     @property
@@ -300,7 +300,7 @@ class Projector:
         return (_remade, (made,)) if self._reader.denoise else (made, ())
 
     def iter_prepare(self) -> Work[Projector]:
-        """Prepare as many planes as fit into memory, before the first projection does so; return this projector."""
+        """Prepare the planes of H before the first projection, if they fit into memory; return this projector."""
         yield from self._iter_planes()
         return self
 
