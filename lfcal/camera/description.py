@@ -235,10 +235,10 @@ class Camera:
     def image_shift_um(self, z_um: float) -> float:
         """Return the distance a (µm) of the image of the plane at depth ``z_um`` (µm) behind the lenslet array.
 
-        The depth z is positive away from the camera; the image is then in front of the array, and a is negative. For a
-        microscope with the magnification M and the medium index n, ``a = -M² z / n`` (paraxial). For a main lens, a
-        follows from the thin-lens equation. For lenslets in a pupil plane, it is not defined, and `NoLatticeError` is
-        raised.
+        The depth z is relative to the working plane and positive away from the camera; the image is then in front of
+        the array, and a is negative. For a microscope with the magnification M and the medium index n, ``a = -M² z /
+        n`` (paraxial). For a main lens, a follows from the thin-lens equation. For lenslets in a pupil plane, it is not
+        defined, and `NoLatticeError` is raised.
         """
         self._check_lattice("virtual depth")
         if isinstance(self.optics, Microscope):

@@ -137,7 +137,8 @@ class ScanPlan:
     cutout
         Number of rows and columns ``(nt, ns)`` to record around the image (px); both are odd.
     depths_um
-        Object depth of each plane (µm, z > 0 away from the camera), in ascending or descending order.
+        Object depth of each plane (µm, relative to the working plane, positive away from the camera), in ascending or
+        descending order.
     anchor
         Sensor position ``(row, column)`` of the image at y = x = 0 (px); integers are pixel centres.
     stage

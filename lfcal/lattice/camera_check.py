@@ -97,7 +97,7 @@ def check_camera(
         Sensor row and column of the first pixel, if the frames show only a part of the sensor; None: the frames show
         the whole sensor. Positions in the comparison are relative to the frames.
     workers
-        Number of threads; None: all processors.
+        Number of threads; None: one for each available CPU core.
 
     Raises
     ------

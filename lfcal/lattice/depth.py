@@ -224,7 +224,7 @@ def iter_depth_map(
     radius_px
         Radius of the micro-images (px); None: 0.45 of the pitch.
     workers
-        Number of threads; None: all processors.
+        Number of threads; None: one for each available CPU core.
 
     Yields
     ------

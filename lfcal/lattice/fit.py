@@ -77,7 +77,7 @@ def fit_lattice(
     pitch_px
         Nominal pitch along a row (px), accurate to 10 %; None: detected.
     workers
-        Number of threads; None: all processors.
+        Number of threads; None: one for each available CPU core.
 
     Raises
     ------

@@ -134,7 +134,7 @@ def extract_views(
         As in `view_grid`: direction of the rows of a view, whether to return the complete field with a mask instead of
         the largest box, lenslets without light, and the lattice that defines the positions of the samples.
     workers
-        Number of threads; None: all processors.
+        Number of threads; None: one for each available CPU core.
 
     Raises
     ------

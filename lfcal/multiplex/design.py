@@ -247,7 +247,7 @@ def best_printed_mask(
     Parameters
     ----------
     size
-        Side of the mask (pixels).
+        Side of the mask (px).
     chi2
         Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
     levels

@@ -169,7 +169,7 @@ def best_filter_set(
     filters
         Number of filters, that is, of pixels of the super-pixel.
     starts
-        Number of random starts.
+        Number of random starting points.
     rng
         Random number generator for the starting points; None: one with a fixed seed.
 

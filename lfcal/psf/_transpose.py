@@ -248,7 +248,7 @@ def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
     plane
         Depth plane of H, ``(ny, nx, nt, ns)``, any numeric dtype and memory layout.
     workers
-        Number of threads; None: all processors.
+        Number of threads; None: one for each available CPU core.
     """
     _, ny, nx, nt, ns = check_psf_shape((1, *plane.shape))
     _check_dtype(plane.dtype)

@@ -185,7 +185,7 @@ class Assembly:
         values
             Array of zeros ``(ny, nx, nt, ns)`` that is filled with the values of the plane.
         workers
-            Number of threads; None: all processors.
+            Number of threads; None: one for each available CPU core.
 
         Raises
         ------

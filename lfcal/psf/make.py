@@ -92,7 +92,7 @@ class PlaneSource:
         zeros
             Function that returns an array of zeros to compute into, for sources without an array.
         workers
-            Number of threads; None: all processors.
+            Number of threads; None: one for each available CPU core.
         alone
             Whether progress refers to this plane only, as for a unit of a run; otherwise it refers to all planes.
         """

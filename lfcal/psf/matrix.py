@@ -35,7 +35,7 @@ class PSFMatrix:
     data
         Values ``(nz, ny, nx, nt, ns)``: an array, a memory map, an HDF5 dataset, or planes of a file.
     depths
-        Object depth of each plane (µm, positive away from the camera); None: unknown.
+        Object depth of each plane (µm, relative to the working plane, positive away from the camera); None: unknown.
     camera
         Camera to which H belongs, which requires ``depths``; None: unknown.
     anchor

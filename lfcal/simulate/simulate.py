@@ -187,8 +187,8 @@ def iter_simulate_psf(
         unless an effect requires wave optics.
     tolerance
         Allowed relative L1 error, from omitted effects and computation together; None: that of the `EffectSelection` if
-        one is given, otherwise `USUAL_TOLERANCE`. The error that each plane reached is measured at a few positions and
-        stored with the plane.
+        one is given, otherwise 0.03 (`USUAL_TOLERANCE`). The error that each plane reached is measured at a few
+        positions and stored with the plane.
     sampling
         Sampling of the engine; None: chosen for the tolerance.
     out

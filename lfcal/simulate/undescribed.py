@@ -36,7 +36,8 @@ class EffectMeasurement:
     frames
         Number of frames to record.
     z_um
-        Object depth of the point source (µm, z > 0 away from the camera); None if no point source is used.
+        Object depth of the point source (µm, relative to the working plane, positive away from the camera); None if no
+        point source is used.
     commands
         Commands to run, in order; ``CAMERA`` stands for the camera's file or preset.
 

@@ -46,7 +46,7 @@ def expected_aperture(
     camera
         Description of the camera.
     depth_um
-        Object depth of the plane (µm, positive away from the camera).
+        Object depth of the plane (µm, relative to the working plane, positive away from the camera).
     cutout
         Number of rows and columns of the cutout, ``(nt, ns)``, in whose middle pixel the aperture is centred.
     pixel_scale

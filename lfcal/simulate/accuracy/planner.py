@@ -52,7 +52,8 @@ class PlannedEffect:
     estimate
         Estimate at the depth ``z_um``.
     z_um
-        Object depth of the plane where the effect matters most (µm).
+        Object depth of the plane where the effect matters most (µm, relative to the working plane, positive away from
+        the camera).
     reason
         Reason why the effect is on or off at ``z_um``, as one sentence with numbers and units.
     brief
@@ -109,7 +110,7 @@ class EffectSelection:
     rows
         One row for each effect, in the order of the light path.
     depths_um
-        Object depth of each planned plane (µm, z > 0 away from the camera).
+        Object depth of each planned plane (µm, relative to the working plane, positive away from the camera).
     tolerance
         Allowed relative L1 error, from omitted effects and computation together.
     level
@@ -146,11 +147,11 @@ class EffectSelection:
         return tuple(row.effect for row in self.rows if row.on)
 
     def plane(self, z_um: float) -> int:
-        """Return the index of the planned plane that is nearest to the depth ``z_um`` (µm)."""
+        """Return the index of the planned plane that is nearest to the object depth ``z_um`` (µm)."""
         return min(range(len(self.depths_um)), key=lambda k: abs(self.depths_um[k] - z_um))
 
     def at(self, z_um: float) -> tuple[Effect, ...]:
-        """Return the effects that are simulated in the planned plane nearest to the depth ``z_um`` (µm)."""
+        """Return the effects that are simulated in the planned plane nearest to the object depth ``z_um`` (µm)."""
         k = self.plane(z_um)
         return tuple(row.effect for row in self.rows if row.planes[k])
 

@@ -169,15 +169,15 @@ class SensorStrip:
     row
         Index of the strip's first row on the sensor, from 0.
     total_e
-        Total light of the whole frame (electrons).
+        Total light of the frame (electrons).
     rng
         Random number generator for this effect, strip and frame.
     pattern
         Function that returns a random pattern of this strip that is the same in every frame: called with the name of a
         pattern, it returns standard normal deviates in the shape of the strip.
     light_e
-        Light of the whole frame ``(rows, columns)`` before any effect (electrons), for effects that move light within
-        the frame. Read-only.
+        Light of the complete frame, ``(rows, columns)``, before any effect (electrons), for effects that move light
+        within the frame. Read-only.
 
     Examples
     --------
@@ -346,7 +346,7 @@ class SceneEffect(Effect):
 
 
 class LightEffect(Effect):
-    """An effect that replaces monochromatic light from a point by several source points or wavelengths.
+    """An effect that replaces a monochromatic point source by several source points or wavelengths.
 
     Examples
     --------

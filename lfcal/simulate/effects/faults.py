@@ -62,7 +62,7 @@ class SensorNonlinearity(FrameEffect):
         return Estimate(abs(self.share), "of full well", abs(error) / (1.0 - error), "q peak/(2 full well) (w_min/w)²")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Apply the nonlinearity to ``strip`` in place (electrons)."""
+        """Apply the nonlinearity to ``strip`` in place (electrons), and return it."""
         if self.share:
             full = np.float32(view.camera.sensor.full_well_e)
             # clipped, so that more light never gives a lower value
@@ -122,7 +122,7 @@ class Ghost(FrameEffect):
         return Estimate(self.share, "of the light", self.share * seen, formula)
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Add the ghost to ``strip`` in place (electrons)."""
+        """Add the ghost to ``strip`` in place (electrons), and return it."""
         if not self.share:
             return strip
         sensor = view.camera.sensor

@@ -56,7 +56,7 @@ class CosFourth(FrameEffect):
         return ((1.0 + (y * y)[:, None] + x * x) ** -2.0).astype(np.float32)
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Multiply ``strip`` in place by the fall-off (electrons)."""
+        """Multiply ``strip`` in place by the fall-off (electrons), and return it."""
         strip *= self.gain(view.camera, view.row, len(strip))
         return strip
 

@@ -44,7 +44,7 @@ class Outlook:
     camera
         The camera.
     z_um
-        Object depth, z > 0 away from the camera (µm).
+        Object depth (µm, relative to the working plane, positive away from the camera).
     cutout
         Shape ``(rows, columns)`` of the cutout that contains a response (px).
     period

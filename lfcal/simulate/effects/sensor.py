@@ -142,7 +142,7 @@ class ColourFilter(FrameEffect):
         return Estimate(kept, "kept", (1.0 - kept) / kept, "(1 - kept)/kept")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Multiply ``strip`` in place by the transmission of the pattern, which starts at sensor pixel (0, 0)."""
+        """Multiply ``strip`` in place by the pattern's transmission (from sensor pixel (0, 0)), and return it."""
         passed = self.transmission(view.camera)
         side = len(passed)
         for r in range(side):
@@ -197,7 +197,7 @@ class FixedPattern(FrameEffect):
         return Estimate(rms, "relative", MEAN * math.hypot(rms, offsets), "0.8 prnu")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Apply the gain and offset of each pixel to ``strip`` in place (electrons)."""
+        """Apply the gain and offset of each pixel to ``strip`` in place (electrons), and return it."""
         rms = self.gain_rms(view.camera)
         if rms:
             strip *= np.float32(1.0) + np.float32(rms) * view.pattern("gain")
@@ -313,7 +313,7 @@ class Saturation(FrameEffect):
         return Estimate(outlook.peak_e / full, "of full well", min(2.0, share / (1 - share)), "1 - (1 + ln k)/k")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Clip ``strip`` in place at the full-well capacity (electrons)."""
+        """Clip ``strip`` in place at the full-well capacity (electrons), and return it."""
         return np.minimum(strip, np.float32(view.camera.sensor.full_well_e), out=strip)
 
 
@@ -359,7 +359,7 @@ class ReadNoise(FrameEffect):
         return Estimate(rms, "e-", error, "0.8 read * pixels/signal")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Add normally distributed noise to ``strip`` in place (electrons)."""
+        """Add normally distributed noise to ``strip`` in place (electrons), and return it."""
         strip += np.float32(self.rms(view.camera)) * view.rng.standard_normal(strip.shape, np.float32)
         return strip
 
@@ -396,7 +396,7 @@ class Quantisation(FrameEffect):
         return Estimate(lsb / math.sqrt(12), "e-", error, "LSB/sqrt(12); LSB/4 * pixels of the pattern/signal")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Round ``strip`` (counts) in place, and clip it to the range of the converter."""
+        """Round ``strip`` (counts) in place, clip it to the range of the converter, and return it."""
         np.rint(strip, out=strip)
         return np.clip(strip, 0, view.camera.sensor.max_value, out=strip)
 

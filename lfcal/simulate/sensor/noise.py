@@ -81,7 +81,7 @@ def expose(
     Parameters
     ----------
     light_e
-        Photoelectrons ``(rows, columns)`` of the whole sensor before any effect.
+        Photoelectrons at every pixel of the sensor before any effect, ``(rows, columns)``.
     camera
         Camera whose sensor records the light.
     effects
