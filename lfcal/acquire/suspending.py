@@ -89,7 +89,9 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
 
 
 class Suspender:
-    r"""Callable that returns the reason to suspend a session, or an empty text; it reads the gauges once a second.
+    r"""Callable that returns the reason to suspend a session, or an empty text.
+
+    It reads the gauges at most once a second.
 
     Parameters
     ----------

@@ -83,7 +83,7 @@ Work = Generator[Progress, None, R]
 
 
 class Clock:
-    """Creator of the `Progress` records of one stage of ``total`` units, with a common start time."""
+    """Clock that creates the `Progress` records of a stage with ``total`` units, all with the same start time."""
 
     def __init__(self, stage: str, total: int) -> None:
         self.stage = stage

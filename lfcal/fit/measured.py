@@ -53,8 +53,8 @@ class Measured:
         ``(n, nt, ns)``. This light stays constant while the unknowns change, because computing it for every derivative
         would take too long. None: no additional light.
     blur
-        Additional light of each pattern at unit gain per µm² of the squared diameter of the holes of a target
-        (`lfcal.fit.setup.Setup.hole_um`), ``(n, nt, ns)``. None: the diameter is not fitted.
+        Additional light of each pattern at unit gain, ``(n, nt, ns)``, per µm² of squared hole diameter for the holes
+        of a target (`lfcal.fit.setup.Setup.hole_um`). None: the diameter is not fitted.
     blurred_um
         Diameter of the holes whose light ``extra_light`` includes (µm).
 

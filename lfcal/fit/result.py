@@ -100,8 +100,8 @@ class Fit:
     parameters
         Fitted parameters, by name.
     groups, unhelpful
-        Names of the fitted groups of unknowns, and of the groups that were tried but did not lower the error of
-        held-out patterns.
+        Names of the groups of unknowns that were fitted, and of those that were tried but did not improve the
+        prediction of held-out patterns.
     chi_square
         Chi-square of the fitted patterns.
     held_out_error
@@ -119,7 +119,7 @@ class Fit:
     answers
         Answers to discrete questions, by question, where they differ from the description.
     spread
-        Rms scatter of the positions of the sources (px), of the lamp and of the response of the pixels (fractions).
+        Rms scatter of the source positions (px), the lamp and the pixel response (fractions).
     residuals
         Measured minus predicted values ``(nt, ns)`` in standard deviations of the noise, by position (z, y, x).
     levels

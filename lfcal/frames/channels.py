@@ -36,7 +36,7 @@ def are_cutouts(source: FrameSource) -> bool:
 
 
 class ChannelSource(SourceView):
-    """Source of frames with only the pixels at one position of the colour filter pattern.
+    """View of a source of mosaics, with only the pixels at one position of the colour filter pattern.
 
     Pixel ``(r, c)`` is pixel ``(r0 + step r, c0 + step c)`` of the mosaic. The metadata contain (r0, c0) as
     ``channel_phase`` and the step as ``pixel_step`` (2 for a Bayer pattern). Drifts are in pixels of the channel.
@@ -126,7 +126,7 @@ class ChannelSource(SourceView):
 
 
 class BalancedSource(SourceView):
-    """Source of float32 mosaics with balanced colours; use it on dark-corrected frames.
+    """View of a source of mosaics, with balanced colours as float32; use it on dark-corrected frames.
 
     Each position of the colour filter pattern is multiplied by its gain. ``gains`` lists the gains by rows of the
     pattern; None: those of the camera's white balance.
@@ -176,7 +176,7 @@ class BalancedSource(SourceView):
 
 
 def channel_source(source: FrameSource, channel: str) -> ChannelSource:
-    """Return one colour of a mosaic, such as ``"R"``, ``"G1"``, ``"G2"`` or ``"B"``, as a frame source.
+    """Return a view of ``source`` with one colour of the mosaic, such as ``"R"``, ``"G1"``, ``"G2"`` or ``"B"``.
 
     The greens are numbered by rows of the pattern: in ``GRBG``, G1 is the first pixel.
 
@@ -199,7 +199,7 @@ def channel_source(source: FrameSource, channel: str) -> ChannelSource:
 
 
 def balanced_source(source: FrameSource, gains: Sequence[float] | None = None) -> BalancedSource:
-    """Return a source of the mosaics with their colours multiplied by ``gains``, listed by rows of the pattern.
+    """Return a view of ``source`` with its colours multiplied by ``gains``, listed by rows of the pattern.
 
     Without ``gains``, those of the camera's white balance are used.
 

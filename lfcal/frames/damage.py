@@ -67,7 +67,7 @@ class SelectedSource(SourceView):
 
 
 def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[SelectedSource]:
-    """Read every frame once, in several threads, and return a source without the unreadable frames.
+    """Read every frame once, in several threads, and return a view of ``source`` without the unreadable frames.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[S
 
 
 def without_positions(source: FrameSource, positions: Collection[tuple[int, int, int]]) -> FrameSource:
-    """Return a source of the frames of ``source`` without those at ``positions``.
+    """Return a view of ``source`` without the frames at ``positions``.
 
     Parameters
     ----------

@@ -168,7 +168,7 @@ def named_orientation(name: str) -> Orientation:
 
 
 class OrientedSource(SourceView):
-    """Source of the frames of ``source`` turned upright; reading a region reads only that region.
+    """View of ``source`` whose frames are turned upright; reading a region reads only that region.
 
     Apply this view last. The frames, dark frames and white images of a camera have the same orientation and are
     combined as delivered; only the corrected result is turned. The positions of cutouts are turned together with the
@@ -247,7 +247,7 @@ class OrientedSource(SourceView):
 
 
 def oriented(source: FrameSource, turn: Orientation, sensor: tuple[int, int]) -> FrameSource:
-    """Return a source of the frames of ``source`` turned upright, or ``source`` itself if they are upright.
+    """Return a view of ``source`` whose frames are turned upright, or ``source`` itself if they are upright.
 
     Parameters
     ----------

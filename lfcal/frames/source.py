@@ -172,7 +172,7 @@ class DarkNoise:
 class FrameMetadata:
     """Metadata common to all frames of a source. None, an empty value, or the default means unknown.
 
-    A source that processes the frames of another source returns a modified copy of its metadata.
+    A view of a source returns a modified copy of the metadata of the source.
 
     Attributes
     ----------
@@ -342,7 +342,7 @@ class FrameMetadata:
 
 
 class Samples(NamedTuple):
-    """Samples of a frame or of a part of it, with their validity and noise.
+    """Samples of a frame, or of a part of it, with their validity and noise.
 
     Attributes
     ----------

@@ -87,7 +87,7 @@ class Unlike:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Comparison of some patterns of H with the predictions of its camera.
+    """Some patterns of H, compared with the predictions of its camera.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ class FindingSource:
     name
         Name of the kind of problem that the source finds.
     of
-        Names of the classes of measurements that the source accepts.
+        Names of the measurement classes that the source accepts.
     find
         Function that takes an object of one of these classes, and yields findings.
 
@@ -65,8 +65,8 @@ def judgement_of(measured: Judged) -> Judgement:
     Parameters
     ----------
     measured
-        Result of `inspect`, `iter_inspection` or `check` for an H, of ``verify`` for a file or a session, of
-        ``check_camera`` for a camera, or the report of an assembly.
+        Result of `inspect`, `iter_inspection` or `check` (for an H), ``verify`` (for a file or a session) or
+        ``check_camera`` (for a camera), or the report of an assembly.
 
     Examples
     --------

@@ -19,7 +19,7 @@ BEGUN = ("refuse", "resume", "discard")
 
 @dataclass(frozen=True)
 class RunChoice:
-    """Choice of the executor of a run, and of the treatment of finished units left by an earlier run.
+    """Choice of an executor for a run, and of how to treat finished units left by an earlier run.
 
     Attributes
     ----------

@@ -116,7 +116,7 @@ def _whole(
 
 
 class RecordingSource(Frames):
-    """Source of the acknowledged frames of a session; a later recording of a position replaces an earlier one.
+    """Frame source for the acknowledged frames of a session; of repeated positions, the latest recording is used.
 
     Frames are cutouts, and `info` states their position on the sensor. ``metadata`` contains the session's ``plan``,
     the camera's bit depth and saturation, and the recorded ``darks``, by exposure time (s).
@@ -335,11 +335,11 @@ def _part_of(plan: ScanPlan, planes: Sequence[int]) -> ScanPlan:
 class CheckFrame(NamedTuple):
     """A reference or control frame of a session.
 
-    ``kind`` distinguishes reference from control frames. ``position`` (z, y, x) is the planned position with whose
-    frame it is compared. ``periods`` (y, x) is the displacement of the source from that position, in whole periods.
-    ``elapsed_s`` is the recording time so far, without pauses (s). ``energy`` is the sum of all samples, including the
-    background (counts). ``origin`` is the (row, column) of the first pixel on the sensor (px), and ``frame`` contains
-    the samples, ``(rows, columns)``.
+    ``kind`` distinguishes reference from control frames. The frame is compared with that of the planned ``position``
+    (z, y, x), from which the source is displaced by ``periods`` (y, x), in whole periods. ``elapsed_s`` is the
+    recording time so far, without pauses (s). ``energy`` is the sum of all samples, including the background (counts).
+    ``origin`` is the (row, column) of the first pixel on the sensor (px), and ``frame`` contains the samples,
+    ``(rows, columns)``.
     """
 
     kind: Kind
@@ -396,7 +396,7 @@ def _devices(devices: Devices) -> dict[str, Any]:
 
 
 class TargetRecording(RecordingSource):
-    """Source of the acknowledged frames of a session with a target, in the plan's order.
+    """Frame source for the acknowledged frames of a session with a target, in the plan's order.
 
     In a complete session, frame ``k`` is frame ``k`` of the plan; otherwise, `frames` states the plane and the offset
     number of each frame. The ``points`` of each frame are the positions nearest to its holes at the planned pose, in

@@ -30,7 +30,7 @@ __all__ = ["CorrectedSource", "corrected", "corrected_noise"]
 
 
 class CorrectedSource(SourceView):
-    """Source of the corrected frames of ``source`` as float32; reading a region processes only it and its margin.
+    """View of ``source`` with corrected float32 frames; reading a region processes only the region and its margin.
 
     Calibration frames are in sensor coordinates, so a frame that is a cutout is corrected at its position on the
     sensor. If the background is measured on each frame, the complete frame is read.
@@ -183,7 +183,7 @@ class CorrectedSource(SourceView):
 
 
 def corrected(source: FrameSource, chain: CorrectionChain) -> CorrectedSource:
-    """Return a source of the frames of ``source``, corrected by ``chain`` when they are read.
+    """Return a view of ``source`` whose frames are corrected by ``chain`` when they are read.
 
     Raises
     ------

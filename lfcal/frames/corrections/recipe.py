@@ -39,7 +39,7 @@ __all__ = ["build_chain", "check_turned_colours", "corrected_view", "first_image
 
 
 def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan | None = None) -> CorrectedSource:
-    """Return a source of the frames of ``source`` with the corrections of ``recipe``, applied when a frame is read.
+    """Return a view of ``source`` whose frames are corrected as ``recipe`` states when they are read.
 
     Parameters
     ----------

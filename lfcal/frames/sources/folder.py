@@ -106,7 +106,7 @@ def without_nan(frame: NDArray[Any], cfa: str = "") -> NDArray[Any]:
 
 
 class FolderSource(Frames):
-    """Source of the frames in the files of a folder, as listed by a manifest.
+    """Frame source for the files of a folder, as listed by a manifest.
 
     Files are opened on demand; multi-page files stay open until `close`. All frames must have the shape, dtype and
     colour filter that the manifest states; if it states none, those of the first frame.

@@ -81,7 +81,7 @@ def periodicity(
     plane
         Depth plane of H in which they were recorded, ``(ny, nx, nt, ns)``; read on demand.
     anchor
-        Position (row, column) on the sensor of the image of source position (0, 0) (px).
+        Sensor position (row, column) onto which source position (0, 0) is imaged (px).
     search
         Search range around the nominal position of a frame (px).
 

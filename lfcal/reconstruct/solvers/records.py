@@ -68,8 +68,8 @@ class SolverProgress(Progress):
     iteration
         Number of iterations done, including those before a resume.
     residual
-        Weighted rms of the difference between the image and that of the volume at the start of the iteration, relative
-        to the rms of the image.
+        Weighted rms difference between the image and the projection of the volume at the start of the iteration,
+        relative to the rms of the image.
     likelihood
         Poisson log-likelihood of the same volume minus the largest possible value; at most 0 (a perfect fit).
     change
