@@ -29,7 +29,7 @@ class CurveProgress(Progress):
     Attributes
     ----------
     curve
-        The current curve, with the points measured so far.
+        The current curve, with the points measured so far. The other attributes are those of `lfcal.base.Progress`.
 
     Examples
     --------

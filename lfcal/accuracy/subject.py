@@ -117,7 +117,8 @@ class Subject:
     def of_matrix(cls, matrix: PSFMatrix, name: str, workers: int | None = None) -> Subject:
         """Return the subject for H; for a transposed matrix, its H is measured.
 
-        The plan is read from the provenance of H, or else derived from its camera.
+        The plan is read from the provenance of H, or else derived from its camera. ``name`` is used in titles, and
+        ``workers`` is the number of threads (None: all processors).
         """
         H = matrix.T if matrix.is_transposed else matrix
         plan, reason = _plan_of(H)

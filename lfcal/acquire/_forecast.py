@@ -69,8 +69,14 @@ def forecast(
 ) -> SessionForecast:
     """Predict the cost of a session after checking devices, limits, light and disk space; nothing moves.
 
-    With ``only``, the session records only these positions (z, y, x). ``frames_per_s`` is the camera's highest frame
-    rate for the region that is read (frames/s); None: unknown.
+    Parameters
+    ----------
+    plan, rig, options, only
+        As in `iter_record`.
+    folder
+        Folder of the session, whose disk must have enough free space.
+    frames_per_s
+        Highest frame rate of the camera for the region that is read (frames/s); None: unknown.
 
     Raises
     ------

@@ -83,9 +83,10 @@ class Packed(NamedTuple):
 
 
 def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
-    """Compress all finished recordings of a session; return the number of bytes saved and the files left unchanged.
+    """Compress all finished recordings of a session; return the number of bytes saved, and the files left unchanged.
 
-    A recording with missing or damaged frames is not changed, so that it can be resumed.
+    A recording with missing or damaged frames is not changed, so that it can be resumed. ``folder`` is that of the
+    session, and ``workers`` the number of threads (None: all processors).
 
     Examples
     --------

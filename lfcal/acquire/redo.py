@@ -21,9 +21,10 @@ LARGEST = 1 << 28
 
 @dataclass(frozen=True, slots=True)
 class RedoList:
-    """List of positions (z, y, x) to record, each with a reason.
+    """List of positions to record.
 
-    ``kept_aside`` contains the positions (z, y, x) whose patterns are held out from a fit to measure its quality.
+    ``positions`` are (z, y, x), and ``reasons`` contains a text for each of them. ``kept_aside`` contains the positions
+    whose patterns are held out from a fit to measure its quality.
 
     Examples
     --------
@@ -47,7 +48,7 @@ class RedoList:
         *,
         kept_aside: Sequence[tuple[int, int, int]] = (),
     ) -> RedoList:
-        """Return the list of ``positions`` (z, y, x); missing reasons are empty."""
+        """Return the list of ``positions`` and ``kept_aside`` (z, y, x); reasons that are missing are empty."""
         given = tuple(reasons) + ("",) * (len(positions) - len(reasons))
         return cls(tuple(Position(*p) for p in positions), given, tuple(Position(*p) for p in kept_aside))
 
@@ -64,7 +65,7 @@ class RedoList:
         return json.dumps(data)
 
     def write(self, path: Path) -> None:
-        """Write the list as JSON; a failed write leaves no partial file."""
+        """Write the list to the file ``path`` as JSON; a failed write leaves no partial file."""
         write_text(path, self.to_json())
 
     @classmethod

@@ -157,7 +157,9 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
 
 
 def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
-    """Return the odd numbers of rows and columns that are stored for each frame (px): the cutout with its margin.
+    """Return the odd numbers of rows and columns that are stored for each frame (px).
+
+    They are those of the cutout of ``plan`` with the margin of ``options``.
 
     Examples
     --------
@@ -352,7 +354,10 @@ class Schedule:
         *,
         only: Sequence[Position] = (),
     ) -> Schedule:
-        """Return the schedule for ``plan``, for its positions ``redo``, or for a session of the positions ``only``.
+        """Return the schedule for all positions of ``plan``, or for some of them.
+
+        ``redo`` are the positions (z, y, x) to record again, without dark and control frames. ``only`` are the
+        positions of a session that records no others. ``options`` are the settings of the recording.
 
         Raises
         ------
@@ -377,7 +382,10 @@ class Schedule:
 
     @classmethod
     def of_frames(cls, plan: FramePlan, options: Options, redo: Sequence[Position] | None = None) -> Schedule:
-        """Return the schedule for a plan's whole frames, or for its frames ``redo``; raises as `frame_blocks` does."""
+        """Return the schedule for all frames of ``plan``, or for its frames ``redo``, with the settings ``options``.
+
+        The frames ``redo`` are positions (z, 0, k). Errors are those of `frame_blocks`.
+        """
         found = _Joined.of(frame_blocks(plan, options, redo))
         number = {frame: k for k, frame in enumerate(plan.frames)}
         places = plan.stage_um()[[number.get((z, k), 0) for z, _, k in found.positions.tolist()]]

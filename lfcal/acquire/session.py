@@ -224,7 +224,7 @@ record = drained(
 
 
 def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
-    """Return the properties reported by the devices; raises `InputError` if the sensor's shape differs from the plan's.
+    """Return the properties of the devices of ``rig``; raises `InputError` if the sensor's shape is not the plan's.
 
     Examples
     --------

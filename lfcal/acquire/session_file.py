@@ -222,7 +222,10 @@ class SessionFile:
         return replace(part, roi=whole.roi)
 
     def attributes(self, run: int, schedule: Schedule) -> dict[str, Any]:
-        """Return the attributes of the files of recording ``run`` (an index): identity, sensor region, and number."""
+        """Return the attributes of the files of the recording with index ``run``, which has the steps ``schedule``.
+
+        They state the identity of the session, the region of the sensor, and the number of the recording.
+        """
         roi = schedule.roi
         # the region is needed to place dark frames on the sensor
         return {"session": self.identity, "roi": [roi.row, roi.column, roi.rows, roi.columns], "run": run}

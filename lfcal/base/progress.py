@@ -92,7 +92,7 @@ class Clock:
         self._start = time.perf_counter()
 
     def at(self, done: int, note: str = "") -> Progress:
-        """Return the `Progress` record for ``done`` finished units."""
+        """Return the `Progress` record for ``done`` finished units, with the remark ``note``."""
         return Progress(done, self.total, self.stage, time.perf_counter() - self._start, note)
 
 

@@ -164,11 +164,11 @@ class CameraDevice(Protocol):
         ...
 
     def set_exposure(self, seconds: float) -> Setting[float]:
-        """Set the exposure time; return the requested and the actual value (s)."""
+        """Set the exposure time to ``seconds``; return the requested and the actual value (s)."""
         ...
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Set the region of interest; return the requested region and the actual one, which may be larger."""
+        """Set the region of interest to ``roi``; return the requested and the actual region, which may be larger."""
         ...
 
     def grab(self, timeout_s: float) -> Frame:

@@ -54,13 +54,17 @@ class Backend(Protocol):
         ...
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Open the devices, and return them ready to record ``plan``."""
+        """Open the devices with ``options`` (texts by name), and return them ready to record ``plan``."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class BackendStatus:
-    """Availability of a backend: the version of its driver library, or the reason why it is unavailable."""
+    """Availability of a backend.
+
+    ``name`` is its name in commands, and ``title`` its display name. ``version`` is the version of its driver library,
+    or ``reason`` states why it is unavailable; the other one is empty.
+    """
 
     name: str
     title: str
@@ -141,7 +145,7 @@ def _probed(backend: Backend) -> BackendStatus:
 def open_rig(
     plan: ScanPlan, backend: str | Backend, options: Mapping[str, str] | None = None, *, stage: str = ""
 ) -> Rig:
-    """Open the devices of ``backend``; with ``stage``, the name of another backend, use the stage of that backend.
+    """Open the devices of ``backend`` for ``plan``; with ``stage``, the name of a backend, use the stage of that one.
 
     The keys of ``options`` for the stage's backend begin with its name, such as ``micromanager.config``.
 
@@ -217,7 +221,7 @@ def _split(options: Mapping[str, str], stage: str) -> tuple[dict[str, str], dict
 def number_option(
     options: Mapping[str, str], key: str, default: float, *, low: float = -math.inf, high: float = math.inf
 ) -> float:
-    """Return option ``key`` as a number; ``default`` if it is missing.
+    """Return ``options[key]`` as a number; ``default`` if it is missing.
 
     A text that is not a number from ``low`` to ``high`` raises `InputError`.
 
@@ -242,7 +246,7 @@ def number_option(
 
 
 def limits_option(options: Mapping[str, str], key: str = "limits") -> Limits | None:
-    """Return the stage's limits (µm) from option ``key``, a text ``x0:x1,y0:y1,z0:z1``; None if it is missing.
+    """Return the stage's limits (µm) from the text ``x0:x1,y0:y1,z0:z1`` in ``options[key]``; None if it is missing.
 
     Examples
     --------

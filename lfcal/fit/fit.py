@@ -64,6 +64,8 @@ DETECTION_SIGMAS = 2.0
 class FitProgress(Progress):
     """Progress at the start or the end of a round of derivatives; the number of rounds is not known in advance.
 
+    The other attributes are those of `lfcal.base.Progress`.
+
     Attributes
     ----------
     chi2

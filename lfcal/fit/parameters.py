@@ -191,11 +191,17 @@ class Group(ABC):
 
     @abstractmethod
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns of the group for ``setup``; empty if its camera does not have them."""
+        """Return the unknowns of the group for ``setup``; empty if its camera does not have them.
+
+        ``frame`` contains properties of the scan that set their scales.
+        """
 
     @abstractmethod
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return a copy of ``setup``, from which the fit started, with the unknowns set to ``values`` (by name)."""
+        """Return a copy of ``setup``, from which the fit started, with the unknowns set to ``values`` (by name).
+
+        ``frame`` contains the properties of the scan, as in `unknowns`.
+        """
 
 
 def check_group(group: Group) -> None:

@@ -63,6 +63,7 @@ class Outlier:
     """A pattern that was excluded from the fit because it differs from the others.
 
     ``z``, ``y`` and ``x`` are the indices of its position, and ``region`` is the index of its region of the field.
+    ``reason`` describes the difference.
 
     Examples
     --------
@@ -181,7 +182,7 @@ class Fit:
         return f"model incomplete: {more}; {error}; more patterns do not help"
 
     def residual(self, z: int, y: int, x: int) -> NDArray[np.float32]:
-        """Return the measured minus the predicted pattern ``(nt, ns)``, in standard deviations of the noise.
+        """Return the measured minus the predicted pattern at position (z, y, x), ``(nt, ns)``, in standard deviations.
 
         Raises
         ------
@@ -205,6 +206,8 @@ class Fit:
 
     def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
         """Return the H of the fitted camera for all positions and depths, without noise, in counts as the data.
+
+        ``workers`` is the number of threads; None: all processors.
 
         Yields
         ------

@@ -66,7 +66,7 @@ class ChannelSource(SourceView):
         return -(-(rows - r0) // self._step), -(-(columns - c0) // self._step)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the mosaic, changed to those of the channel."""
+        """Return the metadata ``known`` of the mosaic, changed to those of the channel."""
         black, gains, place = known.black_level, known.gains, known.origin
         return replace(
             known,
@@ -155,7 +155,7 @@ class BalancedSource(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the mosaic with the gains, and without the saturation, which now differs by colour."""
+        """Return the metadata ``known`` with the gains, and without the saturation, which now differs by colour."""
         return replace(known, saturation=None, bit_depth=None, gains=None, balanced_by=self.gains)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
@@ -171,7 +171,10 @@ class BalancedSource(SourceView):
         return part
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the balanced samples; saturation is determined from the values before balancing."""
+        """Return the balanced samples of frame ``index`` or of its rows and columns ``region``.
+
+        Saturation is determined from the values before balancing.
+        """
         return self.source.samples(index, region)._replace(values=self.read(index, region), noise=None)
 
 

@@ -192,6 +192,8 @@ class Manifest:
     ) -> Manifest:
         """Return the manifest of the relative paths ``names`` that match ``pattern``; other paths are ignored.
 
+        ``plan_shape`` is the number of positions of the scan, ``(nz, ny, nx)``; None: unknown.
+
         Raises
         ------
         InputError
@@ -215,7 +217,8 @@ class Manifest:
     ) -> Manifest:
         """Return the manifest of ``pages``, which are pairs (file, page index) in the scan order ``order``.
 
-        If ``early`` is true, there may be fewer pages than positions, because the scan stopped early.
+        ``plan_shape`` is the number of positions of the scan, ``(nz, ny, nx)``. If ``early`` is True, there may be
+        fewer pages than positions, because the scan stopped before its end.
 
         Raises
         ------
@@ -347,7 +350,7 @@ _EXPECTED = ("plan_shape", "shape", "dtype", "bit_depth", "cfa")
 
 
 def read_manifest(path: str | os.PathLike[str]) -> Manifest:
-    """Read a manifest from ``.csv`` (frames only) or ``.json`` (frames and their common properties).
+    """Read a manifest from ``path``: ``.csv`` (frames only) or ``.json`` (frames and their common properties).
 
     A CSV file has a header with ``file, z, y, x`` and any of ``page, exposure_s, dy, dx``, followed by one row per
     frame (as in `FrameEntry`). A JSON file is an object with the entry ``frames``, a list of objects with the same
@@ -380,7 +383,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
 
 
 def write_manifest(path: str | os.PathLike[str], manifest: Manifest) -> None:
-    """Write ``manifest`` to a ``.csv`` or ``.json`` file atomically; a CSV file contains only the frames.
+    """Write ``manifest`` atomically to ``path`` (``.csv`` or ``.json``); a CSV file contains only the frames.
 
     Raises
     ------

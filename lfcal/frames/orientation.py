@@ -195,7 +195,7 @@ class OrientedSource(SourceView):
         return self.turn.shape(self.source.shape)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the turned frames, without entries that refer to pixels as delivered."""
+        """Return the metadata ``known`` for the turned frames, without entries that refer to pixels as delivered."""
         origin = self.info(0).origin if known.origin is not None and len(self.source) else known.origin
         return replace(known, cfa="", channel_phase=None, darks={}, origin=origin, orientation=self.turn.name)
 

@@ -31,7 +31,7 @@ _FIELD = re.compile(r"\{([^{}]*)\}|\*")
 
 
 def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list[Position]:
-    """Return all positions (z, y, x) of a scan of shape ``(nz, ny, nx)`` in the order in which they are recorded.
+    """Return all positions (z, y, x) of a scan of shape ``plan_shape`` (nz, ny, nx) in the order of recording.
 
     In ``"raster"`` order, x varies fastest, then y, then z, always in the same direction. ``"serpentine"`` order
     reverses the direction after each row and each plane, so that every move is a single step, as in
@@ -213,7 +213,7 @@ class NamePattern:
         return Position(z, y, x), found.get("page", 0)
 
     def name(self, position: Position, page: int = 0) -> str:
-        """Return the relative path of the frame at ``position`` (z, y, x).
+        """Return the relative path of the frame at ``position`` (z, y, x); ``page`` is the index of its page.
 
         Raises
         ------

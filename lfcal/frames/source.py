@@ -455,7 +455,7 @@ class Frames(ABC):
         """Return frame ``index``, or the rows and columns ``region`` of it, as a new array of `dtype`."""
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the result of `read` and its validity: saturated and masked samples are invalid."""
+        """Return the result of `read` with its validity: saturated and masked samples are invalid."""
         known = FrameMetadata.of(self.metadata)  # sources of earlier plug-ins return a mapping
         found = observed(self.read(index, region), known.saturation, known.noise)
         mask = self.info(index).mask

@@ -166,9 +166,9 @@ class Evidence:
         return max(among, len(which) / max(1, int((self.matrix.recorded > 0).sum())))
 
     def likely_extent(self, which: NDArray[np.intp]) -> float:
-        """Return the fraction of `extent` with the suspect positions that were not compared taken into account.
+        """Return the result of `extent` for ``which``, corrected for suspect positions that were not compared.
 
-        Of these, the same fraction is assumed to be affected as of the suspect positions that were compared.
+        The fraction affected among them is assumed to equal that among the suspect positions that were compared.
         """
         asked = np.flatnonzero(self.asked)
         others = self.more_suspected * int(np.isin(asked, which).sum()) / max(1, asked.size)

@@ -227,8 +227,9 @@ class Resampling:
     def apply(self, frame: ArrayLike, *, order: int = 3, workers: int | None = None) -> NDArray[np.float32]:
         """Return ``frame`` ``(rows, columns)`` resampled with splines of ``order`` (0 to 5), as float32.
 
-        Light is conserved: values are multiplied by the area of a pixel of the result in the frame. Pixels of the
-        result outside the frame are 0. Pixels of the result that depend on a NaN or infinite pixel are NaN.
+        ``workers`` is the number of threads (None: all processors). Light is conserved: values are multiplied by the
+        area of a pixel of the result in the frame. Pixels of the result outside the frame are 0. Pixels of the result
+        that depend on a NaN or infinite pixel are NaN.
         """
         from scipy.ndimage import distance_transform_edt, map_coordinates, spline_filter
 

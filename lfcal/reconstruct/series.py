@@ -51,7 +51,10 @@ class FrameResult:
 
     @classmethod
     def without_volume(cls, name: str, why: str, seconds: float) -> FrameResult:
-        """Return the result for a frame that has no volume, because of ``why``."""
+        """Return the result for the frame ``name``, which has no volume because of ``why``.
+
+        ``seconds`` is the time spent on it (s).
+        """
         return cls(name, 0, float("nan"), seconds, (), failed=why)
 
 

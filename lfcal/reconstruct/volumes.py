@@ -485,7 +485,7 @@ def _h5(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Ca
 
 
 def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
-    """Read the volume ``(nz, Y, X)`` in a file written by `save_volume`, or in another stack of the same format.
+    """Read the volume ``(nz, Y, X)`` in ``path``, a file written by `save_volume` or a stack of the same format.
 
     Raises
     ------

@@ -253,7 +253,7 @@ class TargetCamera(Frames):
         return out
 
     def exposed(self, light_e: NDArray[np.float32], index: int) -> NDArray[Any]:
-        """Return frame ``index`` in counts, from its photoelectrons as returned by `light` or `iter_lights`."""
+        """Return frame ``index`` in counts, from its photoelectrons ``light_e``, as returned by `light`."""
         z, _ = self._at(index)
         return self.single.expose(light_e, self.plan.scan.exposures[z], FrameKind.LIGHT, index)
 
@@ -335,7 +335,8 @@ class TargetCamera(Frames):
 def uneven(target: Target, spread: float, seed: int = 0) -> NDArray[np.float64]:
     """Return random brightness values of the n holes of ``target``, ``(n,)``, normally distributed around 1.
 
-    ``spread`` is the standard deviation; brightness values below 0 are set to 0.
+    ``spread`` is the standard deviation, and ``seed`` that of the random numbers. Brightness values below 0 are set to
+    0.
 
     Examples
     --------

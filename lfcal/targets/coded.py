@@ -73,7 +73,7 @@ class DecodedFrames(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the recorded frames without saturation and bit depth, which no longer apply."""
+        """Return the metadata ``known`` without saturation and bit depth, which do not apply to decoded frames."""
         return replace(known, saturation=None, bit_depth=None, decoded=True)
 
     def info(self, index: int) -> FrameInfo:
@@ -94,7 +94,10 @@ class DecodedFrames(SourceView):
         return sum(np.float32(w) * np.asarray(self.source.read(k, region), np.float32) for k, w, _ in parts)  # type: ignore[return-value]
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the decoded frame with its noise; a sample is valid if it is valid in all summed frames."""
+        """Return the decoded samples of frame ``index`` or of its rows and columns ``region``, with their noise.
+
+        A sample is valid if it is valid in all summed frames.
+        """
         parts = [(self.source.samples(k, region), w, shown) for k, w, shown in self._parts(index)]
         values = sum(w * np.asarray(one.values, np.float64) for one, w, _ in parts)
         masks = [one.valid for one, _, _ in parts if one.valid is not None]
@@ -124,7 +127,7 @@ def _noise(parts: Sequence[tuple[Samples, float, float]], values: F8) -> Noise |
 
 
 def decoded(source: FrameSource, plan: TargetPlan) -> FrameSource:
-    """Return a source of frames of single offsets; ``source`` itself if its frames already show single offsets.
+    """Return a source of frames of single offsets; ``source`` itself if frames of ``plan`` show single offsets.
 
     Examples
     --------

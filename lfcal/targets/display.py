@@ -95,7 +95,8 @@ def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = 
     """Plan which pixels of a display are lit in each frame, so that few frames show all phases of a scan.
 
     Points and offsets are whole pixels of the display. If the image of a pixel is large compared with the tolerance,
-    some phases cannot be shown; `TargetPlan.coverage` returns the fraction shown.
+    some phases cannot be shown; `TargetPlan.coverage` returns the fraction shown. ``wishes`` are the limits for the
+    plan (None: the defaults).
 
     Raises
     ------
@@ -184,9 +185,9 @@ def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> 
 
 
 def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray[np.uint8]:
-    """Return the image on the display in frame ``k`` of plane ``z``, ``(rows, columns)`` uint8, as seen by the camera.
+    """Return the image on the display in frame ``k`` of plane ``z`` of ``plan``, as seen by the camera.
 
-    Lit pixels are 255, and all others 0.
+    The image is ``(rows, columns)`` uint8. Lit pixels are 255, and all others 0.
 
     Raises
     ------

@@ -319,7 +319,7 @@ class Wishes:
 
 
 def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: float = 0.0) -> Target:
-    """Return the array of holes with diameter ``hole_um`` (µm) that shows all phases in the fewest frames.
+    """Return the array of holes, of diameter ``hole_um`` (µm), that shows all phases of ``scan`` in the fewest frames.
 
     The number of frames is that of the middle plane. The holes are as close together as the limit of the crosstalk in
     ``wishes`` allows in all planes.
@@ -349,7 +349,7 @@ def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = Non
     """Plan positions of ``target`` at which its holes show all phases of ``scan`` in few frames.
 
     Each plane is planned separately, because its magnification differs. The stated pose is assumed to be exact; for an
-    uncertain pose, see `shown_within`.
+    uncertain pose, see `shown_within`. ``wishes`` are the limits for the plan (None: the defaults).
 
     Raises
     ------

@@ -97,7 +97,10 @@ class Pose:
         return ",".join(one for one in (*turns, *places) if not one.endswith("=0"))
 
     def points(self, flat_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the object points (right, down, away) (µm) of points (right, down) ``(..., 2)`` on the target."""
+        """Return the object points (right, down, away) ``(..., 3)`` (µm) of points ``flat_um`` on the target.
+
+        ``flat_um`` contains coordinates (right, down) relative to the middle of the target (µm), ``(..., 2)``.
+        """
         middle = np.array([self.right_um, self.down_um, self.away_um])
         placed: NDArray[np.float64] = flat_um @ self.turn()[:, :2].T + middle
         return placed

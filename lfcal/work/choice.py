@@ -76,7 +76,8 @@ def iter_begun(
 
     The files stay in `parts_folder` until the caller discards it.
 
-    Parameters and errors are those of `iter_made` and `iter_run`.
+    ``units``, ``out``, ``run`` and the errors are those of `iter_made`; ``title``, ``following`` and ``joined`` are
+    those of `iter_run`.
 
     Examples
     --------

@@ -211,7 +211,10 @@ def read_notes(folder: Path, event: str) -> list[dict[str, Any]]:
 
 
 def read_run(folder: Path, now: float | None = None) -> RunState:
-    """Return the state of the run in ``folder``.
+    """Read the state of the run whose units are in ``folder``.
+
+    ``now`` is the current time (s since 1970), from which the durations of unfinished units are computed; None: that of
+    the computer.
 
     Raises
     ------

@@ -12,7 +12,9 @@ __all__ = ["SOURCE", "open_session"]
 
 
 def open_session(folder: Path, *, skip_damaged: bool = False) -> RecordingSource:
-    """Open a session, and return the source of its frames: cutouts of a single point, or whole frames of a target.
+    """Open the session in ``folder``, and return the source of its frames.
+
+    The frames are cutouts of a single point, or whole frames of a target. ``skip_damaged`` is as in `RecordingSource`.
 
     Examples
     --------

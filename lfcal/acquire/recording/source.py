@@ -352,7 +352,9 @@ class CheckFrame(NamedTuple):
 
 
 def read_checks(folder: Path) -> list[CheckFrame]:
-    """Return the reference frames (for lamp drift) and the control frames (for periodicity) in the order of recording.
+    """Return the reference frames (for lamp drift) and control frames (for periodicity) of the session in ``folder``.
+
+    They are in the order of recording.
 
     Examples
     --------

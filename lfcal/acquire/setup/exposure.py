@@ -58,6 +58,15 @@ def iter_exposures(
     brightest of these positions (corner, middle, and half-way along either side) is at the fraction ``target`` of the
     range from the black level to saturation.
 
+    Parameters
+    ----------
+    rig, plan, options, control
+        As in `lfcal.acquire.iter_record`.
+    target
+        Fraction of the range that the brightest peak uses.
+    longest_s
+        Longest exposure time (s).
+
     Raises
     ------
     InputError

@@ -149,6 +149,17 @@ def iter_live(
     ``send`` a number to the generator to change the exposure time (s). A missing or incomplete frame is reported in
     `LiveState.trouble`, and the view continues.
 
+    Parameters
+    ----------
+    rig, preview, control
+        Devices, queue of frames to display, and requests from other threads.
+    exposure_s
+        Initial exposure time (s).
+    plan
+        Plan that predicts the position of the image; None: no prediction.
+    timeout_s
+        Longest wait for a frame beyond its exposure (s).
+
     Raises
     ------
     DeviceLost

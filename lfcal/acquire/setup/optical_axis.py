@@ -107,9 +107,16 @@ def iter_optical_axis(
     options: Options | None = None,
     control: Control | None = None,
 ) -> Work[OpticalAxis]:
-    """Measure the optical axis with images at 45 lateral positions in each of ``planes`` (None: first and last).
+    """Measure the optical axis with images at 45 lateral positions in each of several depth planes.
 
     Nothing is recorded, and the stage returns to its previous position.
+
+    Parameters
+    ----------
+    rig, plan, options, control
+        As in `lfcal.acquire.iter_record`.
+    planes
+        Indices of the depth planes; None: first and last.
 
     Raises
     ------

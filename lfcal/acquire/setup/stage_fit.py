@@ -244,6 +244,13 @@ def iter_stage_fit(
     The corners are whole periods away from the middle of the plane's cell, as in `places_about`. Nothing is recorded,
     and the stage returns to its previous position.
 
+    Parameters
+    ----------
+    rig, plan, options, control
+        As in `lfcal.acquire.iter_record`.
+    z
+        Index of the depth plane.
+
     Examples
     --------
     >>> from lfcal.camera import ScanPlan, preset

@@ -71,7 +71,7 @@ class CorrectedSource(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the raw frames with a description of the corrections added."""
+        """Return the metadata ``known`` of the raw frames with a description of the corrections added."""
         chain, dark = self.chain, self.chain.only_dark()
         noise = known.dark_noise
         if dark is not None and dark.count:
@@ -91,7 +91,9 @@ class CorrectedSource(SourceView):
         return values
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the corrected samples; saturation is determined from the raw values.
+        """Return the corrected samples of frame ``index`` or of its rows and columns ``region``.
+
+        Saturation is determined from the raw values.
 
         Raises
         ------

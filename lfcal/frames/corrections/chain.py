@@ -217,7 +217,7 @@ class CorrectionChain:
         """Return a frame's background for `apply_region`: its level at pixel (0, 0), and slopes per row and per column.
 
         ``read`` is a function that returns raw regions of the frame, whose rows and columns are ``shape``. Only the
-        border of the frame is read, or nothing if the background is constant.
+        border of the frame is read, or nothing if the background is constant. ``exposure_s`` is as in `apply`.
         """
         background: Background | None = self._find(Background)
         if background is None:
@@ -238,7 +238,7 @@ class CorrectionChain:
         return not any(isinstance(step, Dark | DarkSet | Background) for step in self.steps)
 
     def factor(self, exposure_s: float | None) -> float:
-        """Return the factor of the `Exposure` step for a frame with this exposure time (s); 1 without that step."""
+        """Return the factor of the `Exposure` step for a frame exposed for ``exposure_s`` (s); 1 without that step."""
         step: Exposure | None = self._find(Exposure)
         return 1.0 if step is None else step.factor(exposure_s)
 
@@ -260,7 +260,10 @@ class CorrectionChain:
         return found
 
     def level(self, plane: Plane, exposure_s: float | None, place: tuple[float, float]) -> float:
-        """Return a frame's background at the sensor position ``place`` (row, column; px), in corrected counts."""
+        """Return a frame's background at the sensor position ``place`` (row, column; px), in corrected counts.
+
+        ``plane`` is the result of `measure`, and ``exposure_s`` the exposure time of the frame (s).
+        """
         _, offset = self._affine(plane, exposure_s)
         return float(offset[0] + offset[1] * place[0] + offset[2] * place[1])
 

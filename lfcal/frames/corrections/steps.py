@@ -187,7 +187,7 @@ class Dark:
         return self.frame.shape[0], self.frame.shape[1]
 
     def at(self, exposure_s: float | None) -> Dark:
-        """Return this object, which applies to every exposure time."""
+        """Return the dark step for frames exposed for ``exposure_s`` (s): this object, for every exposure time."""
         return self
 
     def part(self, region: Region) -> NDArray[np.float32] | None:

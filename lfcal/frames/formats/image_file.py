@@ -264,7 +264,9 @@ def split_dataset(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
 
 
 def read_image(path: str | os.PathLike[str], page: int = 0, *, colour: str | None = None) -> NDArray[Any]:
-    """Read one page of an image file as an array ``(rows, columns)``; raises the same errors as `open_image`.
+    """Read the page with index ``page`` of an image file, ``(rows, columns)``.
+
+    ``path`` and ``colour``, and the errors raised, are those of `open_image`.
 
     Examples
     --------

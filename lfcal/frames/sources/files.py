@@ -57,7 +57,7 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
 
 
 def open_unplaced(path: Path) -> FolderSource:
-    """Open all pages of an image file, or of all images in a folder, as frames without known positions.
+    """Open all pages of the image file ``path``, or all images in that folder, as frames without known positions.
 
     Raises
     ------

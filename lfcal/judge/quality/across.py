@@ -79,7 +79,7 @@ class MatrixMeasures:
 
     @classmethod
     def of(cls, matrix: PSFMatrix, planes: Sequence[PlaneMeasures]) -> MatrixMeasures:
-        """Return the measurements of H as a whole, from those of its planes in the order of H."""
+        """Return the measurements of ``matrix`` as a whole, from those of its ``planes``, in order."""
         energy = np.array([p.energy if p.lit else 0.0 for p in planes])
         usual = float(np.median(energy[energy > 0])) if (energy > 0).any() else 0.0
         dark = energy < DARK_PLANE * usual if usual else np.ones(len(planes), bool)

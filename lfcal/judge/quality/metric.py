@@ -121,7 +121,10 @@ class CostModel:
     per_frame: bool = False
 
     def of(self, value: float, limits: Limits, frames: int = 1) -> float:
-        """Return the cost of ``value`` for an H of ``frames`` frames: 0 for a good value, NaN for an unknown one."""
+        """Return the cost of ``value`` for an H of ``frames`` frames: 0 for a good value, NaN for an unknown one.
+
+        ``limits`` are the limits of good and bad values.
+        """
         merit = limits.merit(value)
         if merit in ("good", "unknown"):
             return 0.0 if merit == "good" else math.nan

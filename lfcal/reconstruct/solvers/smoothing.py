@@ -114,7 +114,10 @@ class DepthSmoothing:
 
     @classmethod
     def for_camera(cls, camera: Any, depths: ArrayLike, lobes: int = 4) -> DepthSmoothing:
-        """Return the smoothing for planes at ``depths`` (µm, ``(nz,)``) of ``camera``, a `lfcal.camera.Camera`."""
+        """Return the smoothing for planes at ``depths`` (µm, ``(nz,)``) of ``camera``, a `lfcal.camera.Camera`.
+
+        ``lobes`` is the number of lobes of the Lanczos window.
+        """
         return cls(tuple(smoothing_widths(camera, depths)), lobes)
 
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:

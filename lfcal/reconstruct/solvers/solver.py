@@ -147,7 +147,10 @@ class SolverRun(SolverSettings):
     noise: tuple[float, float] | None = None
 
     def measure(self, P: Projector, image: ArrayLike, *, signed: bool = False) -> Measurement:
-        """Return ``image`` ``(Y, X)`` with weights, background and noise; with ``signed``, negative values are kept."""
+        """Return ``image`` ``(Y, X)`` with weights, background and noise, for the projector ``P``.
+
+        With ``signed``, negative values are kept.
+        """
         if self.measured is not None and not signed:
             return self.measured
         return self.measurement(P, image, read_noise=self.read_noise, held_out=self.held_out, signed=signed)
