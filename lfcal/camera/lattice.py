@@ -349,7 +349,11 @@ class LensletLattice:
     def lenslets_within(
         self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Return centres (x, y), ``(n, 2)`` (µm), and types, ``(n,)``, of the lenslets in a box about ``about_um``."""
+        """Return centres (x, y), ``(n, 2)`` (µm), and types, ``(n,)``, of the lenslets in a box about ``about_um``.
+
+        The box extends from the point ``about_um`` (x, y) by ``half_width_um`` to each side, and by ``half_height_um``
+        up and down. All coordinates are in µm relative to the sensor's centre.
+        """
         # the box's outline in lattice indices, with a margin of one cell: a rotated lattice's index range is larger
         # than the box, and that of a distorted one is not largest at the corners
         side = np.linspace(-1, 1, 9)

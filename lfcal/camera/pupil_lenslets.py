@@ -169,7 +169,11 @@ class PupilLenslets:
     def lenslets_within(
         self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Return centres (x, y), ``(n, 2)`` (µm), and types (all 0) of elemental images in a box about ``about_um``."""
+        """Return centres (x, y), ``(n, 2)`` (µm), and types (all 0) of elemental images in a box about ``about_um``.
+
+        The box extends from the point ``about_um`` (x, y) by ``half_width_um`` to each side, and by ``half_height_um``
+        up and down. All coordinates are in µm relative to the sensor's centre.
+        """
         centres = np.array(self.lens_centres_um) + np.array(self.offset_um)
         inside = (np.abs(centres - np.array(about_um)) <= (half_width_um, half_height_um)).all(-1)
         return centres[inside], np.zeros(int(inside.sum()), np.intp)

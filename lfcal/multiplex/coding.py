@@ -256,7 +256,7 @@ class CodingVerdict:
 
     @property
     def frames_words(self) -> str:
-        """Sentence that states whether, up to which signal and why showing several points together is better."""
+        """Clause that states whether showing several frames together is better, up to which signal, and why."""
         gain, does = self.gain, "pays" if self.pays else "does not pay"
         return (
             f"showing {gain.points} frames together, coded: {does} at {float(f'{gain.signal_e:.3g}'):g} electrons in a "
@@ -303,13 +303,13 @@ def overlapping_patterns(
     step
         Distance between adjacent points, in source positions (px in the image).
     first
-        Source position (y, x) of the first point, in source positions.
+        Indices (y, x) of the source position of the first point.
 
     Returns
     -------
     tuple
         Patterns ``(points, rows, columns)`` in the units of ``plane``, NaN outside the cutout of each point, and
-        positions (y, x) of the points, ``(points, 2)``.
+        indices (y, x) of the source positions of the points, ``(points, 2)``.
 
     Raises
     ------

@@ -105,7 +105,7 @@ class Cutout:
 
     @classmethod
     def for_plan(cls, plan: ScanPlan, *, interpolation: str = "", outside: str = "error") -> Cutout:
-        """Return the cutout of a scan plan; interpolation defaults to ``cubic`` if it resamples, or to ``nearest``."""
+        """Return the cutout of a plan; interpolation defaults to ``cubic`` if the plan resamples, else ``nearest``."""
         default = "cubic" if plan.resample else "nearest"
         return cls(plan.cutout, plan.anchor, interpolation or default, outside, plan.resample_factors)
 

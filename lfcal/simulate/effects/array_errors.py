@@ -38,7 +38,7 @@ class Telecentricity(SceneEffect):
     rank: ClassVar[int] = 50
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the relative increase B/b of the pitch, and the relative error due to the rms spot shift."""
+        """Return the increase of the pattern's period (px), and the relative error due to the rms spot shift."""
         optics = outlook.camera.optics
         if optics.telecentric:
             return Estimate(0.0, "px", 0.0, "telecentric")

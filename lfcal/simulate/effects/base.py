@@ -274,7 +274,7 @@ class Effect(ABC):
             check_number(f"{self.title}: {field.name}", value, at_least=low, at_most=high)
 
     def spectrum_um(self) -> float | None:
-        """Return the full width of the spectrum given to the effect (µm), or None if none is given or none matters."""
+        """Return the full width of the spectrum given to the effect (µm); None if it is not given or irrelevant."""
         return None
 
     def applies_to(self, camera: Camera) -> bool:

@@ -116,7 +116,7 @@ class Distortion(SceneEffect):
         return share * y, share * x
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the displacement of images in the region, and the relative error due to the resulting spot shift."""
+        """Return the displacement of images in the region (px), and the relative error due to the spot shift."""
         shift = math.hypot(*self.at(outlook)) / outlook.pixel_um
         return Estimate(
             shift, "px", outlook.source_moved(shift), "k h³; spots move by 1/v of it, the shadow by all of it"

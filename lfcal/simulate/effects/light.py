@@ -183,7 +183,7 @@ class Bandwidth(LightEffect):
         return most * -math.expm1(-steep * x * x / most)
 
     def count(self, outlook: Outlook, least: int = 1) -> int:
-        """Return the number of wavelengths to simulate: 3 to 9, depending on the bandwidth, but at least ``least``."""
+        """Return the number of wavelengths: 1 without bandwidth, otherwise 3 to 9, and at least ``least``."""
         width = self.width(outlook)
         if width == 0:
             return 1

@@ -328,7 +328,7 @@ class LensLaw(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the change of sin theta of the marginal ray, and the relative error due to a smaller shadow."""
+        """Return the relative change of the marginal ray's sine, and the relative error due to a smaller shadow."""
         if not outlook.has_lens:
             return Estimate(0.0, "of the rim's sine", 0.0, "an objective obeys the sine condition")
         square = abs(self.tangent) / (2 * outlook.f_number) ** 2
