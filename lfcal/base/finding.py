@@ -142,7 +142,7 @@ class Judgement:
 
     @classmethod
     def of(cls, data: str, findings: Iterable[Finding], known: str) -> Judgement:
-        """Return the judgement of ``data`` with the findings sorted, the worst first; ``known`` is as in the class."""
+        """Return the judgement of ``data`` with the findings sorted, worst first; ``known`` sums up what is good."""
         return cls(data, tuple(sorted(findings, key=lambda one: WORST.index(one.merit))), known)
 
     @property

@@ -232,7 +232,7 @@ class Light(Protocol):
     """Protocol for the lamp of the point source, or for a shutter in front of it."""
 
     def switch(self, on: bool) -> None:
-        """Switch the light on or off, and return when it is switched."""
+        """Switch the light on or off, and wait until it is switched."""
         ...
 
 

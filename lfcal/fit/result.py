@@ -205,7 +205,7 @@ class Fit:
         return ModelPlanes(header or self.header, self.ideal_places, self.planned, self.levels.gains.tolist())
 
     def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
-        """Return the H of the fitted camera for all positions and depths, without noise, in counts as the data.
+        """Return the H of the fitted camera for all positions and depths, without noise, in counts.
 
         ``workers`` is the number of threads; None: all processors.
 

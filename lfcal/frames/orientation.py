@@ -73,7 +73,10 @@ class Orientation:
         return (shape[1], shape[0]) if self.transposed else shape
 
     def places(self, places: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
-        """Return the positions (row, column) ``(..., 2)`` after `apply` of ``places`` in a frame of ``shape`` (px)."""
+        """Return the positions after `apply` of the positions ``places`` in a frame of ``shape`` (px).
+
+        Positions are (row, column), ``(..., 2)``.
+        """
         at = np.array(places, np.float64)
         if self.transposed:
             at = at[..., ::-1].copy()

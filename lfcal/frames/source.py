@@ -127,7 +127,7 @@ class Noise(NamedTuple):
         return Noise(self.constant / count, self.slope / count, self.black)
 
     def moved(self, move: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Noise:
-        """Return the noise of samples that the function ``move`` rearranges; only arrays of the noise are changed."""
+        """Return the noise of samples that the function ``move`` rearranges; single numbers stay unchanged."""
         constant, slope = (move(n) if isinstance(n, np.ndarray) and n.ndim else n for n in (self.constant, self.slope))
         return Noise(constant, slope, self.black)
 
@@ -138,10 +138,10 @@ class Noise(NamedTuple):
         return found
 
     def typical(self, values: NDArray[Any]) -> Noise:
-        """Return the noise with single numbers and a black level of 0 that best describes all ``values``.
+        """Return the noise with a single constant and slope, and a black level of 0, that best describes ``values``.
 
-        If constant or slope differs between samples, as after division by a white image, single numbers are fitted by
-        least squares. The fit preserves the mean variance, and approximates its growth with the signal.
+        If constant or slope differs between samples, as after division by a white image, both are fitted by least
+        squares. The fit preserves the mean variance, and approximates its growth with the signal.
         """
         if not isinstance(self.constant, np.ndarray) and not isinstance(self.slope, np.ndarray):
             if not self.black:

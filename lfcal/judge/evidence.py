@@ -176,7 +176,10 @@ class Evidence:
         return max(self.extent(which), min(most, 1.0))
 
     def column(self, name: str) -> tuple[F8, F8]:
-        """Return the values of parameter ``name`` of `COLUMNS`, relative to the plan, and their standard deviations."""
+        """Return the values of parameter ``name`` of `COLUMNS`, relative to the plan, and their standard deviations.
+
+        Both are ``(n,)``, in the unit of the parameter.
+        """
         k = COLUMNS.index(name)
         return self.values[:, k] + self.starts.column(name, self.index[:, 0]), self.sigmas[:, k]
 

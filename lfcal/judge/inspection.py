@@ -135,7 +135,7 @@ class Inspection:
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
-        """Shape of H ``(nz, ny, nx, nt, ns)``."""
+        """Shape ``(nz, ny, nx, nt, ns)`` of H."""
         return self.quality.shape
 
     @property

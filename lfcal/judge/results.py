@@ -558,12 +558,14 @@ def detailed(result: StoredResult) -> StoredResult:
 
 
 def picture_of(result: StoredResult) -> NDArray[Any] | None:
-    """Return an image ``(rows, columns)`` of a result, such as a frame, or the middle plane of H summed; None if none.
+    """Return an image of a result, such as a frame or the sum of the patterns in the middle plane of H.
+
+    The image is ``(rows, columns)``; None if the result has no image.
 
     Raises
     ------
     LfcalError
-        If it cannot be read.
+        If the result cannot be read.
 
     Examples
     --------

@@ -149,7 +149,7 @@ class Resampling:
     def of_camera(
         cls, camera: Any, period: tuple[int, int] | None = None, lattice_anchor: Pair = (0.0, 0.0)
     ) -> Resampling:
-        """Return the map for the lattice of a `lfcal.camera.Camera`; other arguments as in `of_fit`."""
+        """Return the map for the lattice of ``camera``; ``period`` and ``lattice_anchor`` are as in `of_fit`."""
         lattice, sensor = camera.lattice, camera.sensor
         x, y = lattice.offset_um
         origin = (sensor.centre_px[0] + y / sensor.pixel_um, sensor.centre_px[1] + x / sensor.pixel_um)

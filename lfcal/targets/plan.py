@@ -283,7 +283,7 @@ class TargetPlan:
 
     # -- what is shown ---------------------------------------------------------------------------------
     def points_a_frame(self, z: int) -> tuple[int, int]:
-        """Return the smallest and the largest number of complete cutouts in a frame of plane ``z``."""
+        """Return the smallest and the largest number of complete cutouts in the frames of plane ``z``."""
         counts = [len(self.points(z, k)) for k in range(len(self.offsets_px[z]))]
         return (min(counts), max(counts)) if counts else (0, 0)
 

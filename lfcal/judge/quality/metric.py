@@ -231,7 +231,7 @@ class MetricSpec:
 
     @property
     def name(self) -> str:
-        """The key; the registry requires this name."""
+        """Same as ``key``; the registry requires this attribute."""
         return self.key
 
 

@@ -27,7 +27,7 @@ class QualityReport:
     Attributes
     ----------
     shape
-        Shape of H ``(nz, ny, nx, nt, ns)``.
+        Shape ``(nz, ny, nx, nt, ns)`` of H.
     depths
         Depth of each plane (µm), ``(nz,)``; NaN if H states none.
     metrics

@@ -247,7 +247,10 @@ class Projector:
         return self.forward_planes(enumerate(data))
 
     def forward_planes(self, planes: Iterable[tuple[int, NDArray[Any]]]) -> NDArray[Any]:
-        """Return the image ``(Y, X)`` of ``planes``, pairs of an index and a volume plane ``(Y, X)``, one at a time."""
+        """Return the image ``(Y, X)`` of a volume given plane by plane, with one plane in memory at a time.
+
+        ``planes`` yields pairs of a plane index and a plane ``(Y, X)``; planes that are missing are zero.
+        """
         return self._engine.forward((self._operand(z), plane) for z, plane in planes if plane.any())
 
     def adjoint(self, image: ArrayLike) -> NDArray[Any]:

@@ -20,8 +20,8 @@ def iter_isra(P: Projector, image: ArrayLike, settings: IsraSettings) -> SolverW
     """Deconvolve ``image`` ``(Y, X)`` by the image-space reconstruction algorithm (ISRA).
 
     The update of the volume g is ``g <- g * HT(w f) / HT(w (Hg + b))``, where f is the image, w its weights, and b the
-    background (Daube-Witherspoon & Muehllehner 1986). Parameters and errors are those of `richardson_lucy`, except the
-    read noise, because the algorithm minimizes squared differences without a noise model.
+    background (Daube-Witherspoon & Muehllehner 1986). Parameters and errors are those of `richardson_lucy`, except for
+    the read noise, because the algorithm minimizes squared differences without a noise model.
 
     Yields
     ------
