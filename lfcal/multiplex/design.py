@@ -257,7 +257,7 @@ def best_printed_mask(
     least_light, most_light
         Smallest and largest mean transmission of the mask, 0 to 1.
     starts
-        Number of random starts.
+        Number of random starting points.
     rng
         Random number generator for the starting points; None: one with a fixed seed.
 

@@ -47,7 +47,8 @@ def mask(kind: str, size: int) -> Modulator:
     Parameters
     ----------
     kind
-        ``"MURA"``, ``"pinhole"``, ``"lenslet"`` or ``"sum_of_sinusoids"``.
+        Kind of modulator: ``"MURA"`` (modified uniformly redundant array), ``"pinhole"``, ``"lenslet"`` or
+        ``"sum_of_sinusoids"``.
     size
         Side of the mask (px): an odd prime for MURA, an odd number for the sum of sinusoids, any number for the others.
 

@@ -32,7 +32,7 @@ def transpose(
     out: NDArray[Any] | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Return the transposed matrix HT of H as a new array, with the shape and dtype of H.
+    """Return the transposed matrix HT of H, with the shape and dtype of H.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ def read_raytrix_xml(
     sensor
         Image sensor; None: that of the R29, with 4384 x 6576 pixels of 5.5 µm.
     optics
-        Main lens; None: a lens with 200 mm and f/4, focused at 1 m.
+        Main lens; None: a 200 mm f/4 lens focused at 1 m.
     gap_um
         Distance from the lenslets to the sensor (µm); None: the pitch times the working f-number of the main lens, at
         which adjacent micro-images just touch.

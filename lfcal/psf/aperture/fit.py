@@ -40,8 +40,8 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
 
     Background and noise are measured at the border of the cutout. Vignetting and the ripple of the lenslet lattice are
     removed, and the radius of the edge is measured as a function of angle. Four kinds of outline are fitted to the
-    edge: a circle, regular irises, irises with a blade out of place, and each of these clipped by a second rim. The
-    noise for comparing the fits is measured at the edge and within the lit area.
+    edge: a circle, regular irises, irises with a displaced blade, and each of these clipped by a second rim. The noise
+    for comparing the fits is measured at the edge and within the lit area.
 
     Parameters
     ----------

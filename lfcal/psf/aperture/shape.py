@@ -206,7 +206,8 @@ class Aperture:
     snr
         Signal-to-noise ratio: level of the lit area divided by the rms noise of a pixel.
     confidence
-        Significance of the selected shape compared with the next best one, from 0 to 1; NaN if unknown.
+        Probability that the selected shape is correct, from 0 to 1, estimated from its margin over the next best shape;
+        NaN if unknown.
     confident
         Whether ``kind``, ``blades`` and the outline are reliable.
     refusal
@@ -216,7 +217,7 @@ class Aperture:
     curvature_sigma
         Standard error of ``curvature``, including the error due to blur, which also rounds corners; NaN if unknown.
     stuck
-        Blade that is out of place; None if there is none.
+        Displaced blade; None if there is none.
     rim
         Second rim that clips the aperture: direction of its nearest point from the centre (rad), distance of this point
         from the centre divided by the apothem, and curvature of the rim times the apothem.
@@ -354,7 +355,7 @@ class Aperture:
         return np.stack([self.centre[0] + radius * v, self.centre[1] + radius * u], axis=-1)
 
     def describe(self) -> str:
-        """Return a one-line description of the aperture: kind, blades, size and orientation."""
+        """Return a one-line description of the aperture: kind, blades, centre, size and orientation."""
         if not self.seen:
             return f"no aperture: {self.reason}"
         size = with_error(self.diameter_px, self.diameter_sigma_px, 1)
@@ -380,7 +381,7 @@ class Aperture:
 
     @property
     def fault(self) -> str:
-        """Description of a stuck blade or an obstruction; empty if there is neither."""
+        """Description of a displaced blade or an obstruction; empty if there is neither."""
         if self.stuck is not None:
             way, far = "out" if self.stuck.out_px > 0 else "in", abs(self.stuck.out_px)
             at = math.degrees(self.stuck.direction_rad)

@@ -96,7 +96,7 @@ class LensletGap(SceneEffect):
 
 @dataclass(frozen=True, slots=True)
 class ArrayRotation(SceneEffect):
-    """A rotation of the lenslet array relative to its description, about the lenslet of the region.
+    """A rotation of the lenslet array relative to its description, about a type-0 lenslet of the region.
 
     Attributes
     ----------
