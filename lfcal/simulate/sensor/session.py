@@ -70,7 +70,7 @@ def iter_write_session(
     resume: bool = False,
     provenance: Mapping[str, Any] | None = None,
 ) -> Work[int]:
-    """Write a simulated session to a folder, and return the number of scan frames written.
+    """Write a simulated session to a folder, and return the number of its scan frames.
 
     The session contains 16-bit PNG frames in ``frames/``, listed in ``manifest.csv`` (file, z, y, x), dark frames in
     ``dark/`` and white frames in ``white/``. It also contains ``camera.json``, ``plan.json`` and ``truth.json``, which
