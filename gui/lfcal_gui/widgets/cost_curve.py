@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise, product
 from typing import Any
 
 import pyqtgraph as pg
-from PySide6.QtCore import QPointF, QRectF, Qt, Signal
+from PySide6.QtCore import QLineF, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent
 from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout
 
@@ -32,6 +33,10 @@ NOT_MEASURED = "Measure to see error and cost of each setting."
 
 ANCHORS = ((0.0, 1.0), (1.0, 0.0), (0.0, 0.0), (1.0, 1.0))
 """Corner of a name that lies at its point, best first: right above, left below, right below, left above."""
+
+BOUNDED = QLineF.IntersectionType.BoundedIntersection
+PLACES = ((0.02, (0.0, 1.0)), (0.98, (1.0, 1.0)), (0.02, (0.0, 0.0)), (0.98, (1.0, 0.0)))
+"""Positions along the line of its label, and the label's corner there, best first: left and right above, then below."""
 
 
 def _rank(point: ChartPoint) -> tuple[bool, bool, bool]:
@@ -69,9 +74,9 @@ class CostCurve(LinePlot):
         self.blank.words = NOT_MEASURED
         self._points: tuple[ChartPoint, ...] = ()
         self._reached: int | None = None
+        self._asked = ""
         self.front = pg.PlotDataItem(antialias=True)
-        words = {"position": 0.02, "anchors": [(0.0, 1.0), (0.0, 1.0)]}  # usually left of all points
-        self.limit = pg.InfiniteLine(angle=0, movable=True, bounds=(LEAST, MOST), label="", labelOpts=words)
+        self.limit = pg.InfiniteLine(angle=0, movable=True, bounds=(LEAST, MOST), label="")
         self.limit.sigDragged.connect(lambda line: self._move(line.value()))
         self.ring = pg.ScatterPlotItem(symbol="o", size=RING, brush=None)
         self.scatter = pg.ScatterPlotItem(hoverable=True, tip=lambda x, y, data: self._points[data].words)
@@ -111,7 +116,7 @@ class CostCurve(LinePlot):
         self.blank.show_blank(not points)
         if not self.limit.moving:
             self.limit.setValue(log_percent)
-        self.limit.label.setFormat(f"{asked} {10**log_percent:.2g} %")
+        self._asked = f"{asked} {10**log_percent:.2g} %"
         self.limit.setVisible(bool(points))
         front = [point for point in points if point.efficient]
         self.front.setData([p.x for p in front], [p.y for p in front])
@@ -172,9 +177,7 @@ class CostCurve(LinePlot):
         at = [box.mapViewToScene(QPointF(point.x, point.y)) for point in self._points]
         taken = [QRectF(p.x() - SIZE / 2, p.y() - SIZE / 2, SIZE, SIZE) for p in at]
         if self.limit.isVisible():
-            self.limit.boundingRect()  # computes the ends of the line, which place its label
-            self.limit.label.updatePosition()
-            taken.append(self.limit.label.mapRectToScene(self.limit.label.boundingRect()))
+            taken.append(self._place_label(taken))
             height = box.mapViewToScene(QPointF(0, self.limit.value())).y()
             taken.append(QRectF(inside.left(), height - 1, inside.width(), 2))
         for k in sorted(range(len(at)), key=lambda k: (*_rank(self._points[k]), k)):
@@ -193,6 +196,27 @@ class CostCurve(LinePlot):
             item.setPos(box.mapSceneToView(QPointF(x, y)))
             self.plot.addItem(item, ignoreBounds=True)
             self.names.append(item)
+
+    def _place_label(self, points: Sequence[QRectF]) -> QRectF:
+        """Write the label of the line where neither points nor the curve cross it, and return its area.
+
+        Where there is no room for its words, the number alone is shown.
+        """
+        label, area = self.limit.label, QRectF()
+        front = [self.plot.vb.mapViewToScene(QPointF(p.x, p.y)) for p in self._points if p.efficient]
+        curve = [QLineF(*ends) for ends in pairwise(front)]
+        self.limit.boundingRect()  # computes the ends of the line, which place its label
+        for words, (position, corner) in product((self._asked, self._asked.partition(" ")[2]), PLACES):
+            label.setFormat(words)
+            label.anchors = [corner, corner]
+            label.setPosition(position)
+            area = label.mapRectToScene(label.boundingRect())
+            # a line that crosses the area crosses a diagonal
+            across = QLineF(area.topLeft(), area.bottomRight()), QLineF(area.topRight(), area.bottomLeft())
+            crossed = any(a.intersects(b)[0] == BOUNDED for a, b in product(curve, across))
+            if not crossed and not any(area.intersects(point) for point in points):
+                break
+        return area
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

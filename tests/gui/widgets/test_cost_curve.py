@@ -69,6 +69,31 @@ def test_the_point_in_use_has_a_square_and_is_named(curve: CostCurve) -> None:
     assert [line.split(",")[2:5] for line in list(curve.table_lines(","))[2:4]] == [["1", "0", "1"], ["0", "1", "0"]]
 
 
+@pytest.mark.parametrize(
+    ("width", "xs", "words"),
+    [
+        (400, (0.3, 0.9, 1.0), "tolerance 3.2 %"),
+        (400, (0.0, 0.1, 1.0), "tolerance 3.2 %"),
+        (250, (0.0, 0.1, 0.12), "3.2 %"),  # no room left or right of the curve
+    ],
+)
+def test_the_curve_does_not_cross_the_label_of_the_line(
+    curve: CostCurve, width: int, xs: tuple[float, ...], words: str
+) -> None:
+    curve.resize(width, 400)
+    ys = (1.0, 0.45, -0.5)
+    points = [ChartPoint(x, y, True, False, False, "p", "p") for x, y in zip(xs, ys, strict=True)]
+    curve.show_points(points, 0.5)
+    QApplication.processEvents()
+    label, box = curve.limit.label, curve.plot.vb
+    area = label.mapRectToScene(label.boundingRect())
+    for t in np.linspace(0, 2, 4000):
+        at = box.mapViewToScene(QPointF(float(np.interp(t, range(3), xs)), float(np.interp(t, range(3), ys))))
+        assert not area.contains(at)
+    assert box.sceneBoundingRect().contains(area)
+    assert label.toPlainText() == words
+
+
 def test_the_keyboard_suffices(curve: CostCurve, qtbot: QtBot) -> None:
     used: list[int] = []
     asked: list[float] = []
