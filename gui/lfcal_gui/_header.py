@@ -9,7 +9,7 @@ from PySide6.QtGui import QAction, QCursor, QKeySequence, QShortcut
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QMenu, QPushButton, QToolButton, QVBoxLayout, QWidget
 
 from lfcal_gui.models import Step
-from lfcal_gui.widgets import ElidedLabel
+from lfcal_gui.widgets import ElidedLabel, row_of
 
 NEAR_PX, HELD_S, POLL_MS = 24, 0.4, 100
 """The button stays while the pointer is so near, and so long after a change; how often it is tried again."""
@@ -40,11 +40,7 @@ class NextLine(QWidget):
         self.stop, self.other, self.button = QPushButton("Stop"), QPushButton(), QPushButton()
         self.stop.setToolTip("Finish the current position, then stop the recording")
         self.button.setProperty("role", "primary")
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addWidget(self.lead)
-        row.addWidget(self.words, 1)
+        row = row_of(self.lead, self.words, of=self, spacing=8, stretch=1)
         for button in (self.stop, self.other, self.button):
             row.addWidget(button)
         self.stop.clicked.connect(lambda: self.step and self.pressed.emit(self.step.stop))

@@ -15,7 +15,7 @@ from lfcal.base import read_text
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import ATLAS, PageSpec, doctor_html, doctor_text, manual_folder, section_of
 from lfcal_gui.theme import style_sheet
-from lfcal_gui.widgets import line
+from lfcal_gui.widgets import button, line
 
 _KEYS = (
     ("Ctrl+1 … Ctrl+4, Alt+1 … Alt+3", "open Set up, Record, H or Use; switch its view"),
@@ -132,12 +132,10 @@ class Manual(QDialog):
         self.browser.setAccessibleName("manual")
         self.browser.setToolTip("Links open other pages of the manual, or web pages")
         self.browser.anchorClicked.connect(self._follow)
-        self.whole = QPushButton("Full page")
-        self.whole.setToolTip("Show the complete page that contains this section")
-        self.whole.clicked.connect(lambda: self.show_page(self._page))
-        close = QPushButton("Close")
-        close.setToolTip("Close the manual. Help > Fault atlas opens it again")
-        close.clicked.connect(self.close)
+        self.whole = button(
+            "Full page", "Show the complete page that contains this section", lambda: self.show_page(self._page)
+        )
+        close = button("Close", "Close the manual. Help > Fault atlas opens it again", self.close)
         buttons = QHBoxLayout()
         buttons.addWidget(self.whole)
         buttons.addStretch()

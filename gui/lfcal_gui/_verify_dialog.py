@@ -12,7 +12,7 @@ from lfcal.judge import judgement_of
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.theme import style_sheet
-from lfcal_gui.widgets import heading, line
+from lfcal_gui.widgets import button, heading, line
 
 FILES = "H files (*.h5)"
 SIZE = (640, 380)
@@ -52,9 +52,11 @@ class VerifyDialog(QDialog):
         self.start.setProperty("role", "primary")
         self.start.clicked.connect(self.check)
         self.stop.clicked.connect(lambda: context.jobs.cancel(self._number))
-        self.again = QPushButton("Record damaged positions again")
-        self.again.setToolTip("Add the damaged positions to the positions to record again, on Record > Rig")
-        self.again.clicked.connect(self._send)
+        self.again = button(
+            "Record damaged positions again",
+            "Add the damaged positions to the positions to record again, on Record > Rig",
+            self._send,
+        )
         self.found = QPlainTextEdit()
         self.found.setReadOnly(True)
         self.found.setAccessibleName("result of the check")

@@ -12,7 +12,7 @@ from lfcal.base import Work, sample_session
 from lfcal.camera import ScanPlan
 from lfcal_gui.models import ProjectState
 from lfcal_gui.theme import style_sheet
-from lfcal_gui.widgets import heading, line
+from lfcal_gui.widgets import button, heading, line
 
 WORDS = (
     "lfcal measures the point spread function of a plenoptic camera: describe the camera, "
@@ -59,12 +59,11 @@ class Welcome(QDialog):
         column.addWidget(words)
         self.buttons: dict[str, QPushButton] = {}
         for key, text, tip in STARTS:
-            button = QPushButton(text)
-            button.setToolTip(tip)
-            button.setAccessibleDescription(tip)
-            button.clicked.connect(lambda _=False, key=key: self._choose(key))
-            self.buttons[key] = button
-            column.addWidget(button)
+            one = button(text, tip)
+            one.setAccessibleDescription(tip)
+            one.clicked.connect(lambda _=False, key=key: self._choose(key))
+            self.buttons[key] = one
+            column.addWidget(one)
         self.buttons["sample"].setProperty("role", "primary")
         column.addWidget(heading("Recent projects"))
         self.list = QListWidget()

@@ -16,7 +16,7 @@ from lfcal_gui.context import Context
 from lfcal_gui.models import PageSpec, PageState, ProjectState
 from lfcal_gui.notice import Notice
 from lfcal_gui.theme import current_theme, style_sheet
-from lfcal_gui.widgets import INSPECTOR, ElidedLabel, WrappedLabel, toggle_in, whole_page
+from lfcal_gui.widgets import INSPECTOR, ElidedLabel, WrappedLabel, button, column_of, toggle_in, whole_page
 
 Deed = tuple[str, Callable[[], object]]
 """What a button of an empty state does: when one would press it (its tip), and the action."""
@@ -38,17 +38,15 @@ class EmptyState(QWidget):
         super().__init__(parent)
         layout = QVBoxLayout(self)
         layout.addStretch()
-        self.label = WrappedLabel(text)
-        self.label.setProperty("role", "hint")
+        self.label = WrappedLabel(text, role="hint")
         self.label.setAlignment(Qt.AlignmentFlag.AlignCenter)
         layout.addWidget(self.label)
         row = QHBoxLayout()
         row.addStretch()
         for title, (tip, action) in (buttons or {}).items():
-            button = QPushButton(title)
-            button.setToolTip(tip)
-            button.clicked.connect(lambda _=False, action=action: action())
-            row.addWidget(button)
+            one = button(title, tip)
+            one.clicked.connect(lambda _=False, action=action: action())
+            row.addWidget(one)
         row.addStretch()
         layout.addLayout(row)
         layout.addStretch()
@@ -93,8 +91,7 @@ class BasePage(QWidget):
         self.views: dict[PageSpec, QPushButton] = {}
         self.segments = QHBoxLayout()
         self.segments.setSpacing(0)
-        self.hint = ElidedLabel(self.spec.hint, sentence=True)
-        self.hint.setProperty("role", "hint")
+        self.hint = ElidedLabel(self.spec.hint, sentence=True, role="hint")
         self.tools = QHBoxLayout()
         self.header = header = QHBoxLayout()
         header.addStrut(HEADER)
@@ -107,22 +104,22 @@ class BasePage(QWidget):
     def set_views(self, views: Sequence[PageSpec]) -> None:
         """Offer the views of the place that this page is one of, at the left of the header."""
         for number, spec in enumerate(views if len(views) > 1 else (), 1):
-            button = QPushButton(spec.title)
-            button.setProperty("role", "segment")
-            button.setCheckable(True)
-            button.setChecked(spec is self.spec)
-            button.setToolTip(f"{spec.hint} (Alt+{number})")
-            button.clicked.connect(lambda _=False, b=button, own=spec is self.spec: b.setChecked(own))
-            button.clicked.connect(lambda _=False, key=spec.key: self.context.go.emit(key, None))
-            self.segments.insertWidget(number - 1, button)
-            self.views[spec] = button
+            one = QPushButton(spec.title)
+            one.setProperty("role", "segment")
+            one.setCheckable(True)
+            one.setChecked(spec is self.spec)
+            one.setToolTip(f"{spec.hint} (Alt+{number})")
+            one.clicked.connect(lambda _=False, b=one, own=spec is self.spec: b.setChecked(own))
+            one.clicked.connect(lambda _=False, key=spec.key: self.context.go.emit(key, None))
+            self.segments.insertWidget(number - 1, one)
+            self.views[spec] = one
         if self.views and self.segments.count() > len(self.views):
             self.segments.insertSpacing(len(self.views), 12)  # the views of the page
 
     def mark_views(self, states: Mapping[str, PageState]) -> None:
         """Show at the names of the views which are at work, or need to be looked at."""
-        for spec, button in self.views.items():
-            button.setText(spec.title + MARKS.get(states[spec.key], ""))
+        for spec, one in self.views.items():
+            one.setText(spec.title + MARKS.get(states[spec.key], ""))
 
     def _theme_changed(self) -> None:
         # an open dialog is seen without its page
@@ -218,26 +215,24 @@ class BasePage(QWidget):
 
     def tool_button(self, text: str, tip: str, action: Any) -> QPushButton:
         """Add a button to the header."""
-        button = QPushButton(text)
-        button.setToolTip(tip)
-        button.clicked.connect(lambda _=False: action())
-        self.tools.addWidget(button)
-        return button
+        one = button(text, tip, lambda: action())
+        self.tools.addWidget(one)
+        return one
 
     def stop_tool(self, tip: str) -> QPushButton:
         """Add the button Stop (Esc): it stops every job of this page, and can be pressed while there is one."""
-        button, jobs = self.tool_button("Stop", f"{tip} (Esc)", self.stop), self.context.jobs
-        button.setEnabled(False)
-        jobs.changed.connect(lambda _: self._show_stop(button))
+        one, jobs = self.tool_button("Stop", f"{tip} (Esc)", self.stop), self.context.jobs
+        one.setEnabled(False)
+        jobs.changed.connect(lambda _: self._show_stop(one))
         self.shortcut("Escape", self.stop)
-        return button
+        return one
 
-    def _show_stop(self, button: QPushButton) -> None:
+    def _show_stop(self, one: QPushButton) -> None:
         """Show on the button immediately that the running job was asked to stop."""
         active = [job for job in self.context.jobs.jobs() if job.active and job.page == self.spec.key]
         stopping = bool(active) and all(job.stopping for job in active)
-        button.setEnabled(bool(active))
-        button.setText("Stopping …" if stopping else "Stop")
+        one.setEnabled(bool(active))
+        one.setText("Stopping …" if stopping else "Stop")
 
     def stop(self) -> None:
         """Stop every job of this page; what they made so far stays."""
@@ -247,9 +242,7 @@ class BasePage(QWidget):
 
     def set_panel(self, panel: QWidget) -> None:
         """Make ``panel`` the body."""
-        layout = QVBoxLayout(self.body)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(panel)
+        column_of(panel, of=self.body)
 
     def shortcut(self, keys: str, action: Callable[[], object]) -> None:
         """Do ``action`` when ``keys`` are pressed while the page is looked at."""

@@ -17,7 +17,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QPlainTextEdit,
-    QPushButton,
     QVBoxLayout,
     QWidget,
 )
@@ -25,7 +24,7 @@ from PySide6.QtWidgets import (
 from lfcal_gui.log import system_line
 from lfcal_gui.models import Mishap, Mishaps
 from lfcal_gui.theme import style_sheet
-from lfcal_gui.widgets import lines_px
+from lfcal_gui.widgets import button, lines_px
 from lfcal_gui.workers import LOG
 
 WIDTH = 560
@@ -70,24 +69,20 @@ class CrashDialog(QDialog):
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
-        self.more = QPushButton("Details")
-        self.more.setToolTip("Show the traceback, for a bug report")
+        self.more = button("Details", "Show the traceback, for a bug report")
         self.more.setCheckable(True)
         self.more.toggled.connect(self._show_details)
-        self.copy = QPushButton("Copy text")
-        self.copy.setToolTip("Copy the message and the traceback, for a bug report")
-        self.copy.clicked.connect(self.copy_text)
-        self.folder = QPushButton("Open log folder")
-        self.folder.setToolTip("The log of this session shows what happened before the error")
+        self.copy = button("Copy text", "Copy the message and the traceback, for a bug report", self.copy_text)
+        self.folder = button("Open log folder", "The log of this session shows what happened before the error")
         self.folder.setEnabled(self._log is not None)
         self.folder.clicked.connect(lambda _=False: self._log is not None and open_folder(self._log.parent))
-        close = QPushButton("Close")
-        close.setToolTip("Close this message and continue to work. The text above says what is safe")
-        close.setProperty("role", "primary")
+        close = button(
+            "Close", "Close this message and continue to work. The text above says what is safe", role="primary"
+        )
         close.setDefault(True)
         close.clicked.connect(self.close)
-        for button in (self.more, self.copy, self.folder):
-            row.addWidget(button)
+        for one in (self.more, self.copy, self.folder):
+            row.addWidget(one)
         row.addStretch()
         row.addWidget(close)
         return row

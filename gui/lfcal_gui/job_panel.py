@@ -32,7 +32,7 @@ from lfcal_gui.jobs import Jobs, JobState, WindowJob
 from lfcal_gui.models import JobLog, rough_seconds
 from lfcal_gui.saving import ask_target, write_file
 from lfcal_gui.theme import style_sheet
-from lfcal_gui.widgets import HeadedCard, RowsTable, WrappedLabel, line, lines_px, set_role
+from lfcal_gui.widgets import HeadedCard, RowsTable, WrappedLabel, button, line, lines_px, set_role
 
 LOOK_MS = 1000
 """Between two looks at the journal of a run (ms)."""
@@ -206,8 +206,7 @@ class JobRow(HeadedCard):
         self.go_on = self._button("Resume", GO_ON, lambda: jobs.go_on(number))
         self.log = self._button("Log", "Show the steps and warnings of the job, to copy or save them", self.show_log)
         self.button = self._button("Stop", "", self._pressed)
-        self.error = WrappedLabel()
-        self.error.setProperty("role", "error")
+        self.error = WrappedLabel(role="error")
         self.error.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         self.error.hide()
         self.column.addWidget(self.error)
@@ -334,9 +333,11 @@ class JobPanel(QWidget):
             part.setAutoFillBackground(False)
         self.area.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         outer.addWidget(self.area, 1)
-        watch = QPushButton("Watch a run …")
-        watch.setToolTip("Watch a run of lfcal on this machine or on a cluster: choose the folder of its parts")
-        watch.clicked.connect(self._ask)
+        watch = button(
+            "Watch a run …",
+            "Watch a run of lfcal on this machine or on a cluster: choose the folder of its parts",
+            self._ask,
+        )
         side = QVBoxLayout()
         side.setContentsMargins(0, 4, 0, 4)
         side.addWidget(watch)

@@ -8,7 +8,7 @@ from PySide6.QtCore import QPoint, Qt, QTimer
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QPushButton, QWidget
 
 from lfcal_gui.theme import style_sheet
-from lfcal_gui.widgets import ElidedLabel, WrappedLabel, column_of, set_role
+from lfcal_gui.widgets import ElidedLabel, WrappedLabel, button, column_of, set_role
 
 WAIT_MS = 300
 """Work that is done sooner is not announced."""
@@ -33,23 +33,19 @@ class Notice(QFrame):
         row = QHBoxLayout(self)
         row.setContentsMargins(6, 0, 0, 0)
         self.label = ElidedLabel(sentence=True)
-        self.more = QPushButton("Show all")
-        self.more.setToolTip("Open the full message, to read or copy it")
-        self.more.clicked.connect(lambda _=False: self.show_whole())
+        self.more = button("Show all", "Open the full message, to read or copy it", self.show_whole)
         self.more.hide()
         self.label.elided.connect(self.more.setVisible)
         self.button = QPushButton()
         self.button.setAccessibleName("reply to the notice")
         self.button.setToolTip(DISMISS)
         self.button.clicked.connect(self._pressed)
-        self.leave = QPushButton("Leave as it is")
-        self.leave.setToolTip("Hide this message without any change")
-        self.leave.clicked.connect(self._leave)
+        self.leave = button("Leave as it is", "Hide this message without any change", self._leave)
         row.addWidget(self.label)
-        for button in (self.more, self.leave, self.button):
-            button.setProperty("role", "tight")
-            button.setFixedHeight(HEIGHT)
-            row.addWidget(button)
+        for one in (self.more, self.leave, self.button):
+            one.setProperty("role", "tight")
+            one.setFixedHeight(HEIGHT)
+            row.addWidget(one)
         row.addStretch(1)
         self._cancel: Callable[[], None] | None = None
         self._left: Callable[[], None] | None = None

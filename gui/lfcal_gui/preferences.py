@@ -46,8 +46,9 @@ class Preferences(QDialog):
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setWindowTitle("Preferences")
         self.setStyleSheet(style_sheet())
-        self.theme = choice_box(THEMES, "Use dark or night in a dark lab. Ctrl+T switches between light and dark")
-        self.theme.setAccessibleName("theme")
+        self.theme = choice_box(
+            THEMES, "Use dark or night in a dark lab. Ctrl+T switches between light and dark", "theme"
+        )
         self.threads = QSpinBox()
         self.threads.setRange(0, processors())
         self.threads.setSpecialValueText("all processors")
@@ -57,8 +58,7 @@ class Preferences(QDialog):
         )
         self.welcome = QCheckBox("Show the welcome dialog at startup")
         self.welcome.setToolTip("Off: the window starts with an empty project")
-        self.hint = WrappedLabel()
-        self.hint.setProperty("role", "hint")
+        self.hint = WrappedLabel(role="hint")
         self.reset, close = QPushButton("Reset all"), QPushButton("Close")
         self.reset.setToolTip("Reset theme, threads, welcome dialog, panels and window size to the defaults")
         close.setToolTip("Close. Changes are already saved")

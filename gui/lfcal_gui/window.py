@@ -15,7 +15,6 @@ from PySide6.QtWidgets import (
     QHBoxLayout,
     QMainWindow,
     QStackedWidget,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -37,7 +36,7 @@ from lfcal_gui.jobs import JOBS_S, Jobs, JobState, WindowJob
 from lfcal_gui.models import PAGES, PageSpec, Project, ProjectState, Sitting, available_pages, page_states, rail_words
 from lfcal_gui.palette import Palette, doable
 from lfcal_gui.theme import DARK, LIGHT, THEMES, Themed, apply_theme, current_theme, style_sheet
-from lfcal_gui.widgets import ElidedLabel, name_controls, toggle_in
+from lfcal_gui.widgets import ElidedLabel, column_of, name_controls, row_of, toggle_in
 from lfcal_gui.workers import LOG
 
 LOOK_MS = 20
@@ -142,11 +141,7 @@ class MainWindow(QMainWindow):
         below.addWidget(self.rail)
         below.addWidget(self.stack, 1)
         centre = QWidget()
-        column = QVBoxLayout(centre)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(0)
-        column.addWidget(self.header)
-        column.addLayout(below, 1)
+        column_of(self.header, below, of=centre, spacing=0, stretch=1)
         self.setCentralWidget(centre)
         self.rail.chosen.connect(self.go_place)
 
@@ -157,8 +152,7 @@ class MainWindow(QMainWindow):
         self.resizeDocks([self.log_dock], [110], Qt.Orientation.Vertical)
         self.log_dock.hide()
         self.job_line = JobsLine(self.jobs, self)
-        self.message = ElidedLabel(sentence=True)
-        self.message.setProperty("role", "hint")
+        self.message = ElidedLabel(sentence=True, role="hint")
         self.message.setContentsMargins(6, 0, 0, 0)
         self._silence = QTimer(self)
         self._silence.setSingleShot(True)
@@ -464,7 +458,5 @@ class MainWindow(QMainWindow):
 def _held(notice: QWidget) -> QWidget:
     """Return ``notice`` in a widget that a stack may show, while the notice is hidden."""
     holder = QWidget()
-    row = QHBoxLayout(holder)
-    row.setContentsMargins(0, 0, 0, 0)
-    row.addWidget(notice)
+    row_of(notice, of=holder)
     return holder

@@ -17,6 +17,7 @@ from lfcal_gui.widgets.cards import (
     heading,
     inspector_width,
     line,
+    row_of,
     scrolling,
     split,
     told_or_shown,

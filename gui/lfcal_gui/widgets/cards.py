@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import (
@@ -29,6 +30,8 @@ NARROW, WIDE, ROOMY = 304, 368, 1380
 
 SPACING = 5
 """Between the parts of a card (px)."""
+
+Box = TypeVar("Box", QVBoxLayout, QHBoxLayout)
 
 
 def inspector_width(room: int) -> int:
@@ -83,28 +86,30 @@ def scrolling(inner: QWidget) -> QScrollArea:
     return area
 
 
-def choice_box(choices: Sequence[tuple[str, str]], tip: str = "") -> QComboBox:
-    """Return a list to choose from: pairs of value (the data of an item) and shown text."""
+def choice_box(choices: Sequence[tuple[str, str]], tip: str = "", name: str = "") -> QComboBox:
+    """Return a list to choose from: pairs of value (the data of an item) and shown text; ``name``: accessible name."""
     box = QComboBox()
+    box.setAccessibleName(name)
     for value, text in choices:
         box.addItem(text, value)
     box.setToolTip(tip)
     return box
 
 
-def button(text: str, tip: str, action: Callable[[], object]) -> QPushButton:
-    """Return a button that does ``action`` when it is clicked."""
+def button(text: str, tip: str, action: Callable[[], object] | None = None, role: str = "") -> QPushButton:
+    """Return a button in the look of a role that does ``action`` when it is clicked."""
     made = QPushButton(text)
     made.setToolTip(tip)
-    made.clicked.connect(lambda _=False: action())
+    if role:
+        made.setProperty("role", role)
+    if action is not None:
+        made.clicked.connect(lambda _=False: action())
     return made
 
 
 def wrapped(role: str = "hint", text: str = "") -> QLabel:
     """Return a label whose words are wrapped, in the look of a role."""
-    label = WrappedLabel(text, rich=True)
-    label.setProperty("role", role)
-    return label
+    return WrappedLabel(text, rich=True, role=role)
 
 
 def told_or_shown(words: str, content: QWidget) -> tuple[QLabel, QStackedWidget]:
@@ -133,7 +138,15 @@ def column_of(
     stretch
         Number of the part that takes the room that is left; -1: none does.
     """
-    made = QVBoxLayout() if of is None else QVBoxLayout(of)
+    return _filled(QVBoxLayout() if of is None else QVBoxLayout(of), parts, spacing, stretch)
+
+
+def row_of(*parts: QWidget | QLayout, of: QWidget, spacing: int = SPACING, stretch: int = -1) -> QHBoxLayout:
+    """Return parts side by side, without margins, as `column_of` those below each other."""
+    return _filled(QHBoxLayout(of), parts, spacing, stretch)
+
+
+def _filled(made: Box, parts: Sequence[QWidget | QLayout], spacing: int, stretch: int) -> Box:
     made.setContentsMargins(0, 0, 0, 0)
     made.setSpacing(spacing)
     for k, part in enumerate(parts):

@@ -29,7 +29,7 @@ from lfcal_gui.models import (
     Symbols,
 )
 from lfcal_gui.widgets._blank import NOTHING
-from lfcal_gui.widgets.cards import button, card, choice_box, line, told_or_shown
+from lfcal_gui.widgets.cards import button, card, choice_box, column_of, line, told_or_shown
 from lfcal_gui.widgets.picture import Picture, link, share_contrast
 from lfcal_gui.widgets.rows_table import RowsTable
 from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel
@@ -75,11 +75,11 @@ class ComparedNumbers(QWidget):
 
     def __init__(self, *, whole: bool = True) -> None:
         super().__init__()
-        self.second = ElidedLabel("Second H: none")
-        self.second.setProperty("role", "value")
+        self.second = ElidedLabel("Second H: none", role="value")
         self.choose_button = button("Choose …", "Choose the H with which this one is compared", self.choose_asked.emit)
-        self.pairing = choice_box(PAIRING, "Compare planes of the same depth, or of the same number")
-        self.pairing.setAccessibleName("pairing of the planes")
+        self.pairing = choice_box(
+            PAIRING, "Compare planes of the same depth, or of the same number", "pairing of the planes"
+        )
         self.pairing.currentIndexChanged.connect(
             lambda: self.pairing_chosen.emit(self.pairing.currentData() == "number")
         )
@@ -89,8 +89,9 @@ class ComparedNumbers(QWidget):
         self.verdict, self.notes = WrappedLabel(), WrappedLabel()
         self.verdict.setProperty("role", "value")
         self.notes.setProperty("role", "hint")
-        self.worst = choice_box([], "Show one of the positions (z, y, x) that differ most")
-        self.worst.setAccessibleName("positions that differ most")
+        self.worst = choice_box(
+            [], "Show one of the positions (z, y, x) that differ most", "positions that differ most"
+        )
         self.worst.activated.connect(lambda k: self.place_chosen.emit(self.worst.itemData(k)))
         self.table = RowsTable(COMPARED_COLUMNS, 0, NUMBERS, spare=SPARE, whole=whole)
         self.table.setAccessibleName("numbers of the comparison")
@@ -101,9 +102,7 @@ class ComparedNumbers(QWidget):
         self.table.verticalHeader().setDefaultSectionSize(24)
         self.table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
         self.table.itemSelectionChanged.connect(self._row_chosen)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(6)
+        column = column_of(of=self, spacing=6)
         self.message, self.stack = told_or_shown("", self._content())
         self._arrange(column)
 
@@ -129,9 +128,8 @@ class ComparedNumbers(QWidget):
     def show_second(self, name: str, *, by_number: bool) -> None:
         """Show which H is the second; empty: none."""
         self.second.setText(f"Second H: {name or 'none'}")
-        blocker = QSignalBlocker(self.pairing)
-        self.pairing.setCurrentIndex(int(by_number))
-        blocker.unblock()
+        with QSignalBlocker(self.pairing):
+            self.pairing.setCurrentIndex(int(by_number))
 
     def show_message(self, words: str) -> None:
         """Show words in place of a comparison: what to do, how far it is, or why there is none."""
@@ -149,9 +147,8 @@ class ComparedNumbers(QWidget):
         """Show the numbers of a comparison; ``words`` are its verdict and what was left out."""
         self.verdict.setText(words[0])
         self.notes.setText(words[1])
-        blocker = QSignalBlocker(self.table)
-        self.table.show_rows(rows, numbers)
-        blocker.unblock()
+        with QSignalBlocker(self.table):
+            self.table.show_rows(rows, numbers)
         self.worst.clear()
         for text, place in worst:
             self.worst.addItem(text, place)
@@ -216,13 +213,14 @@ class ComparePanel(ComparedNumbers):
         self.mode = choice_box(
             COMPARED_MODES,
             "Show the images alternating to see shifts, their difference to see missing light, or side by side",
+            "display of both H",
         )
-        self.mode.setAccessibleName("display of both H")
         self.mode.currentIndexChanged.connect(lambda: self._show_mode())
         self.scaling = choice_box(
-            [(scale, scale) for scale in SCALES], "Gamma and log show faint light. Both patterns have the same scale"
+            [(scale, scale) for scale in SCALES],
+            "Gamma and log show faint light. Both patterns have the same scale",
+            "scaling",
         )
-        self.scaling.setAccessibleName("scaling")
         self.scaling.currentIndexChanged.connect(lambda: self._show_scaling())
         self.worst.setMinimumWidth(190)
         self.readout = QLabel(" ")

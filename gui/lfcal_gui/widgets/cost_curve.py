@@ -9,11 +9,12 @@ from typing import Any
 import pyqtgraph as pg
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QFocusEvent, QKeyEvent
-from PySide6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout
+from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout
 
 from lfcal_gui.models import ChartPoint
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets._axes import DecadeAxis
+from lfcal_gui.widgets.cards import button
 from lfcal_gui.widgets.plots import LinePlot, line_px
 from lfcal_gui.widgets.words import ElidedLabel
 
@@ -94,12 +95,13 @@ class CostCurve(LinePlot):
         self._add_foot()
 
     def _add_foot(self) -> None:
-        self.status = ElidedLabel()
-        self.status.setProperty("role", "hint")
-        self.measure_button = QPushButton("Measure")
-        self.measure_button.setProperty("role", "tight")
-        self.measure_button.setToolTip("Measure error and cost of each setting for this camera and plan (F5)")
-        self.measure_button.clicked.connect(lambda _=False: self.measure_asked.emit())
+        self.status = ElidedLabel(role="hint")
+        self.measure_button = button(
+            "Measure",
+            "Measure error and cost of each setting for this camera and plan (F5)",
+            self.measure_asked.emit,
+            "tight",
+        )
         foot = QHBoxLayout()
         foot.addWidget(self.status, 1)
         foot.addWidget(self.measure_button)

@@ -6,7 +6,9 @@ from collections.abc import Iterator
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt
 from PySide6.QtGui import QCursor, QKeyEvent
-from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QSplitter, QVBoxLayout, QWidget
+
+from lfcal_gui.widgets.cards import button
 
 PICTURE, PAGE = "picture", "page"
 """Properties of widgets: can be enlarged; is filled by what is enlarged in it."""
@@ -60,9 +62,7 @@ class Enlarged(QFrame):
         _exchange(part, self._kept)
         part.setMinimumSize(0, 0)
         part.setMaximumSize(UNLIMITED, UNLIMITED)
-        self.back = QPushButton("Back (Esc)")
-        self.back.setToolTip("Return the image to its position on the page")
-        self.back.clicked.connect(lambda _=False: self.put_back())
+        self.back = button("Back (Esc)", "Return the image to its position on the page", self.put_back)
         row = QHBoxLayout()
         row.addStretch()
         row.addWidget(self.back)

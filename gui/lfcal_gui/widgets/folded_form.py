@@ -28,7 +28,7 @@ from PySide6.QtWidgets import (
 
 from lfcal.base import InputError
 from lfcal_gui.models import UNKNOWN, Field, means, parse, rounded, same, text_of
-from lfcal_gui.widgets.cards import card, heading, line
+from lfcal_gui.widgets.cards import card, column_of, heading, line
 from lfcal_gui.widgets.words import set_look
 
 CLOSED, OPENED = "▸", "▾"
@@ -94,9 +94,7 @@ class Folded(QFrame):
         super().__init__()
         self.head = FoldHead(title, tip)
         self.body = QWidget()
-        self.column = QVBoxLayout(self.body)
-        self.column.setContentsMargins(0, 0, 0, 0)
-        self.column.setSpacing(5)
+        self.column = column_of(of=self.body)
         outer = QVBoxLayout(self)
         outer.setContentsMargins(0, 0, 0, 0)
         inner = outer
@@ -610,16 +608,15 @@ class FoldedForm(QFrame):
             if key not in self._rows:
                 continue
             editor = self._rows[key].editor
-            blocker = QSignalBlocker(editor)
-            if isinstance(editor, QLineEdit):
-                self._set_text(key, editor, value)
-            elif isinstance(editor, QComboBox):
-                editor.setCurrentIndex(max(0, editor.findData(value)))
-            elif isinstance(editor, QCheckBox):
-                editor.setChecked(bool(value))
-            elif isinstance(editor, QLabel):
-                editor.setText(str(value))
-            blocker.unblock()
+            with QSignalBlocker(editor):
+                if isinstance(editor, QLineEdit):
+                    self._set_text(key, editor, value)
+                elif isinstance(editor, QComboBox):
+                    editor.setCurrentIndex(max(0, editor.findData(value)))
+                elif isinstance(editor, QCheckBox):
+                    editor.setChecked(bool(value))
+                elif isinstance(editor, QLabel):
+                    editor.setText(str(value))
             self._values[key] = value
         self._show_error()
         self._tell()
@@ -628,12 +625,11 @@ class FoldedForm(QFrame):
         """Offer other choices of a field."""
         editor = self._rows[key].editor
         assert isinstance(editor, QComboBox)
-        blocker = QSignalBlocker(editor)
-        editor.clear()
-        for value, text in choices:
-            editor.addItem(text, value)
-        editor.setCurrentIndex(max(0, editor.findData(self._values.get(key))))
-        blocker.unblock()
+        with QSignalBlocker(editor):
+            editor.clear()
+            for value, text in choices:
+                editor.addItem(text, value)
+            editor.setCurrentIndex(max(0, editor.findData(self._values.get(key))))
 
     def _set_text(self, key: str, editor: QLineEdit, value: Any) -> None:
         unchanged = self._stands_for(key, value)

@@ -65,10 +65,15 @@ class WrappedLabel(QLabel):
         What is shown.
     rich
         Whether a text may be HTML, which is shown as it is.
+    role
+        Its look.
     """
 
-    def __init__(self, text: str = "", parent: QWidget | None = None, *, rich: bool = False) -> None:
+    def __init__(
+        self, text: str = "", parent: QWidget | None = None, *, rich: bool = False, role: str | None = None
+    ) -> None:
         super().__init__(parent)
+        self.setProperty("role", role)
         self._whole = ""
         self.setTextFormat(Qt.TextFormat.AutoText if rich else Qt.TextFormat.PlainText)
         self.setWordWrap(True)
@@ -118,6 +123,8 @@ class ElidedLabel(QLabel):
         Whether the end is left out, as of a sentence, and not the middle, as of a name.
     lines
         Most lines.
+    role
+        Its look.
 
     Signals
     -------
@@ -128,9 +135,16 @@ class ElidedLabel(QLabel):
     elided = Signal(bool)
 
     def __init__(
-        self, text: str = "", parent: QWidget | None = None, *, sentence: bool = False, lines: int = 1
+        self,
+        text: str = "",
+        parent: QWidget | None = None,
+        *,
+        sentence: bool = False,
+        lines: int = 1,
+        role: str | None = None,
     ) -> None:
         super().__init__(parent)
+        self.setProperty("role", role)
         self._whole, self._brief, self._lines = "", "", lines
         self._mode = Qt.TextElideMode.ElideRight if sentence else Qt.TextElideMode.ElideMiddle
         self.setTextFormat(Qt.TextFormat.PlainText)

@@ -6,12 +6,12 @@ import math
 from collections.abc import Collection, Mapping
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QComboBox, QFrame, QHBoxLayout, QLabel, QListWidget, QListWidgetItem, QSizePolicy, QWidget
+from PySide6.QtWidgets import QComboBox, QFrame, QLabel, QListWidget, QListWidgetItem, QSizePolicy, QWidget
 
 from lfcal.accuracy import PARTS, CostPoint, Curve
 from lfcal_gui.models import axis_labels, points_of
 from lfcal_gui.pages.accuracy.model import FIELDS, AccuracySettings, words_of
-from lfcal_gui.widgets import CostCurve, FoldedForm, card, column_area
+from lfcal_gui.widgets import CostCurve, FoldedForm, card, column_area, row_of
 
 
 class AccuracyPanel(QWidget):
@@ -30,11 +30,13 @@ class AccuracyPanel(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addWidget(column_area(300, self._parts_card(), self._settings_card()))
-        row.addWidget(self._chart_card(), 1)
+        row_of(
+            column_area(300, self._parts_card(), self._settings_card()),
+            self._chart_card(),
+            of=self,
+            spacing=8,
+            stretch=1,
+        )
 
     # -- building --------------------------------------------------------------------------------------
     def _parts_card(self) -> QFrame:
@@ -88,11 +90,10 @@ class AccuracyPanel(QWidget):
             for k in range(box.count()):
                 item = box.model().item(k)  # type: ignore[attr-defined]
                 item.setEnabled(box.itemData(k) in open_to)
-        blocker = QSignalBlocker(self.parts)
-        for k in range(self.parts.count()):
-            if self.parts.item(k).data(Qt.ItemDataRole.UserRole) == settings.part:
-                self.parts.setCurrentRow(k)
-        blocker.unblock()
+        with QSignalBlocker(self.parts):
+            for k in range(self.parts.count()):
+                if self.parts.item(k).data(Qt.ItemDataRole.UserRole) == settings.part:
+                    self.parts.setCurrentRow(k)
 
     def show_measured(self, curves: Mapping[str, Curve], running: str) -> None:
         """Mark the parts that have measurements, and the part that is being measured."""

@@ -247,8 +247,7 @@ class FaultPanel(QWidget):
         super().__init__(parent)
         self._faults: list[DeviceFault] = []
         self._connected = False
-        self.kind = choice_box(KINDS, "Fault to simulate, to rehearse how a recording handles it")
-        self.kind.setAccessibleName("kind of fault")
+        self.kind = choice_box(KINDS, "Fault to simulate, to rehearse how a recording handles it", "kind of fault")
         self.kind.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.kind.currentIndexChanged.connect(lambda _: self._count())
         self.at, self.times = QSpinBox(), QSpinBox()

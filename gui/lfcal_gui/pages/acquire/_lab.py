@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSizePolicy, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
 
 from lfcal.acquire import still_files
 from lfcal_gui.context import Context
@@ -15,7 +15,7 @@ from lfcal_gui.pages.acquire.panel import AcquirePanel
 from lfcal_gui.pages.acquire.record_tab import RecordTab
 from lfcal_gui.pages.acquire.setup_tab import SetupTab
 from lfcal_gui.theme import NIGHT, current_theme
-from lfcal_gui.widgets import card
+from lfcal_gui.widgets import card, column_of
 
 KEYS = (("next", "F9"), ("start", "F6"), ("pause", "F7"), ("stop", "F8"), ("abort", "Shift+F8"))
 """Buttons and their keys, in their order."""
@@ -103,11 +103,7 @@ class Lab(QWidget):
         self.status.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         column.addWidget(self.status)
         column.addLayout(self._buttons())
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.setSpacing(8)
-        outer.addWidget(tabs, 1)
-        outer.addWidget(self.bar)
+        column_of(tabs, self.bar, of=self, spacing=8, stretch=0)
         self.bar.hide()
         toggle.setCheckable(True)
         toggle.toggled.connect(self._switch)

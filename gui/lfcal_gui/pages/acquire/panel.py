@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_panel import SetupPanel
-from lfcal_gui.widgets import Folded, column_area, column_of, inspector_width, line
+from lfcal_gui.widgets import Folded, button, column_area, column_of, inspector_width, line, row_of
 
 SESSION = "Progress of the session: depth-plane sum, error of H, curves"
 
@@ -19,24 +19,20 @@ class AcquirePanel(QWidget):
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
         self.setup, self.record = SetupPanel(jobs), RecordPanel()
-        self.session = QPushButton("Session")
-        self.session.setToolTip(SESSION)
+        self.session = button("Session", SESSION)
         self.views, self.bars = QStackedWidget(), QStackedWidget()
         for view in (self.setup, self.record):
             self.views.addWidget(view)
             self.bars.addWidget(view.tools)
         choices = (self.setup.near, self.setup.whole, self.session)
-        for button in choices:
-            button.setCheckable(True)
-            button.setAutoExclusive(True)
+        for one in choices:
+            one.setCheckable(True)
+            one.setAutoExclusive(True)
         self.setup.whole.setChecked(True)
         self.session.toggled.connect(lambda on: self._show(int(on)))
         above = line(*choices, self.bars, stretch=len(choices))
         left = column_of(above, self.views, self.record.strip, spacing=4, stretch=1)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addLayout(left, 1)
+        row = row_of(left, of=self, spacing=8, stretch=0)
         parts = (self.setup.pair, self.setup.stage, self.record.progress, self.record.map_box)
         self.inspector = inspector = column_area(inspector_width(0), *parts, *self._folds(), dense=True)
         column = inspector.widget().layout()

@@ -163,11 +163,9 @@ class RecordPanel(QWidget):
 
     def _map_box(self) -> QWidget:
         """Make the map of the plane that is looked at, with what it shows as its title."""
-        self.quantity = choice_box(QUANTITIES, "Quantity that the map shows for each position")
-        self.quantity.setAccessibleName("quantity of the map")
+        self.quantity = choice_box(QUANTITIES, "Quantity that the map shows for each position", "quantity of the map")
         self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
-        self.map_words = ElidedLabel()
-        self.map_words.setProperty("role", "hint")
+        self.map_words = ElidedLabel(role="hint")
         widget = QWidget()
         column_of(line(self.quantity, self.map_words, stretch=1), of=widget, spacing=4)
         widget.hide()
@@ -218,8 +216,7 @@ class RecordPanel(QWidget):
         self.source, self.choose_target = ElidedLabel(SINGLE), QPushButton("Target …")
         self.source.setProperty("role", "hint")
         self.show_target("")
-        self.extent = choice_box(EXTENTS, EXTENT_TIP)
-        self.extent.setAccessibleName("positions to record")
+        self.extent = choice_box(EXTENTS, EXTENT_TIP, "positions to record")
         where = (self.folder, self.folder_words, self._button_grid(), self.why)
         source = line(self.source, self.choose_target, stretch=0)
         widget = QWidget()
@@ -229,8 +226,7 @@ class RecordPanel(QWidget):
     def _tools(self) -> QWidget:
         bar = QWidget()
         self.plane_label = ElidedLabel()
-        self.open_plane = QPushButton("Open plane")
-        self.open_plane.setToolTip(OPEN_PLANE)
+        self.open_plane = button("Open plane", OPEN_PLANE)
         row = line(self.plane_label, self.open_plane, stretch=0)
         row.setContentsMargins(0, 0, 0, 0)
         bar.setLayout(row)
@@ -249,9 +245,8 @@ class RecordPanel(QWidget):
 
     def set_values(self, values: Mapping[str, Any], extent: str) -> None:
         """Show the settings; the goal of the error of H only if the recording ends by it."""
-        blocker = QSignalBlocker(self.extent)
-        self.extent.setCurrentIndex([key for key, _ in EXTENTS].index(extent))
-        blocker.unblock()
+        with QSignalBlocker(self.extent):
+            self.extent.setCurrentIndex([key for key, _ in EXTENTS].index(extent))
         for form in self.forms:
             form.set_values(values)
         self.until.setVisible(extent == "error")

@@ -126,8 +126,7 @@ class SetupPanel(QWidget):
         self.looked_at = self.whole
         for one in (self.near, self.whole):
             one.toggled.connect(lambda on, one=one: self._look_at(one) if on else None)
-        self.readout = ElidedLabel()
-        self.readout.setProperty("role", "hint")
+        self.readout = ElidedLabel(role="hint")
         self.exposure = QDoubleSpinBox()
         self.exposure.setRange(0.01, 60_000)
         self.exposure.setMinimumWidth(EXPOSURE)  # the longest exposures are rare, and widen the window
@@ -230,9 +229,8 @@ class SetupPanel(QWidget):
 
     def set_exposure(self, seconds: float) -> None:
         """Show the exposure without reporting it (s)."""
-        blocker = QSignalBlocker(self.exposure)
-        self.exposure.setValue(1e3 * seconds)
-        blocker.unblock()
+        with QSignalBlocker(self.exposure):
+            self.exposure.setValue(1e3 * seconds)
 
     def show_live(self, picture: LivePicture, plan: ScanPlan, note: str = "") -> None:
         """Show a frame with all that belongs to it; ``note`` is put after the correlation."""

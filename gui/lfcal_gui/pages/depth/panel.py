@@ -7,7 +7,7 @@ from html import escape
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QPushButton, QSlider, QWidget
+from PySide6.QtWidgets import QLabel, QProgressBar, QPushButton, QSlider, QWidget
 
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import unbroken
@@ -26,6 +26,7 @@ from lfcal_gui.widgets import (
     column_of,
     heading,
     line,
+    row_of,
     set_role,
     wrapped,
 )
@@ -73,16 +74,17 @@ class DepthPanel(QWidget):
         super().__init__()
         self.view = Picture(FRAME, jobs=jobs, legend=False)
         self.contrast = Contrast(self.view)
-        self.readout = ElidedLabel(" ")
-        self.readout.setProperty("role", "hint")
+        self.readout = ElidedLabel(" ", role="hint")
         self._facts: Sequence[tuple[str, str]] = ()
         self._make_segments()
         self.area = column_area(NARROW, self._measuring(), self._showing(), dense=True)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addLayout(column_of(self.view, self.contrast, self.readout, spacing=2, stretch=0), 1)
-        row.addWidget(self.area)
+        row_of(
+            column_of(self.view, self.contrast, self.readout, spacing=2, stretch=0),
+            self.area,
+            of=self,
+            spacing=8,
+            stretch=0,
+        )
         self.show_facts(())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -107,8 +109,7 @@ class DepthPanel(QWidget):
         self.took = ElidedLabel()
         self.took.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         column.addLayout(line(heading("Measure depth"), self.took, stretch=1))
-        self.file = WrappedLabel("none yet")
-        self.file.setProperty("role", "hint")
+        self.file = WrappedLabel("none yet", role="hint")
         self.open = button("Open frame …", OPEN, lambda: self.pressed.emit("open"))
         column.addLayout(line(self.open))
         column.addWidget(self.file)
@@ -133,8 +134,9 @@ class DepthPanel(QWidget):
 
     def _showing(self) -> QWidget:
         frame, column = card("Depth map")
-        self.quantity = choice_box([*QUANTITIES.items()], "Choose depth, slope or disparity for the colours")
-        self.quantity.setAccessibleName("quantity of the colours")
+        self.quantity = choice_box(
+            [*QUANTITIES.items()], "Choose depth, slope or disparity for the colours", "quantity of the colours"
+        )
         self.quantity.currentIndexChanged.connect(lambda _: self.chosen.emit())
         self.least, self.percent = QSlider(Qt.Orientation.Horizontal), QLabel()
         self.least.setRange(0, 100)

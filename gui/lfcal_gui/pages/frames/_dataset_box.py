@@ -38,13 +38,12 @@ class DatasetBox(QComboBox):
 
     def offer(self, found: tuple[tuple[str, str], ...], frames: str) -> None:
         """Show the datasets to choose from, each with its words; ``frames`` may be one of them."""
-        blocker = QSignalBlocker(self)
-        self.clear()
-        for path, words in found:
-            self.addItem(words, path)
-        file, name = split_dataset(frames)
-        self.setPlaceholderText("choose one")
-        self.setCurrentIndex(self.findData(f"{file}::/{name}"))
-        blocker.unblock()
+        with QSignalBlocker(self):
+            self.clear()
+            for path, words in found:
+                self.addItem(words, path)
+            file, name = split_dataset(frames)
+            self.setPlaceholderText("choose one")
+            self.setCurrentIndex(self.findData(f"{file}::/{name}"))
         for widget in (self._label, self):
             widget.setVisible(bool(found))

@@ -268,8 +268,7 @@ class ImportDialog(QDialog):
         self.pattern.setPlaceholderText("z{z}_y{y}_x{x}.tif")
         self.pattern.setToolTip("Pattern that reads positions from file names; {z}, {y} and {x} are the numbers")
         self.pattern.editingFinished.connect(self._typed)
-        self.order = choice_box(ORDERS, ORDER)
-        self.order.setAccessibleName("Order")
+        self.order = choice_box(ORDERS, ORDER, "Order")
         order = QFormLayout()
         order.addRow("Order", self.order)
         grid.addWidget(QLabel("Names"), row, 0)
@@ -436,11 +435,10 @@ class ImportDialog(QDialog):
 
 
 def _offer(box: QComboBox, colours: tuple[str, ...], chosen: str) -> None:
-    blocker = QSignalBlocker(box)
-    while box.count() > 1:
-        box.removeItem(1)
-    for name in colours:
-        box.addItem(name, name)
-    box.setCurrentIndex(max(0, box.findData(chosen)))
-    box.setEnabled(bool(colours))
-    blocker.unblock()
+    with QSignalBlocker(box):
+        while box.count() > 1:
+            box.removeItem(1)
+        for name in colours:
+            box.addItem(name, name)
+        box.setCurrentIndex(max(0, box.findData(chosen)))
+        box.setEnabled(bool(colours))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QTimer
-from PySide6.QtWidgets import QFileDialog, QPushButton
+from PySide6.QtWidgets import QFileDialog
 
 from lfcal.base import InputError
 from lfcal.frames import Position
@@ -40,6 +40,7 @@ from lfcal_gui.pages.frames.model_import import open_choice
 from lfcal_gui.pages.frames.orientation import refusal
 from lfcal_gui.pages.frames.panel import FramesPanel
 from lfcal_gui.saving import ask_target
+from lfcal_gui.widgets import button
 
 PLAY_MS = 60
 
@@ -82,9 +83,7 @@ class Page(BasePage):
         self.play_timer.setInterval(PLAY_MS)
         self.play_timer.timeout.connect(lambda: self._step(0, 1))
         self.panel = FramesPanel(context.jobs)
-        self.list_button = QPushButton("File or list …")
-        self.list_button.setToolTip(FILE)
-        self.list_button.clicked.connect(lambda: self.start_import())
+        self.list_button = button("File or list …", FILE, self.start_import)
         self.panel.choices.fold_line(self.list_button)
         self.set_panel(self.panel)
         self._connect_panel()

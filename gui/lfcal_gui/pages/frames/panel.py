@@ -41,6 +41,7 @@ from lfcal_gui.widgets import (
     inspector_width,
     line,
     name_controls,
+    row_of,
     share_contrast,
     wrapped,
 )
@@ -94,11 +95,13 @@ class FramesPanel(QWidget):
         self.pictures = QStackedWidget()
         self.pictures.addWidget(self.view)
         below = line(self.numbers, self.readout, stretch=1)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addLayout(column_of(self._bar(), self.pictures, self.contrast, below, spacing=2, stretch=1), 1)
-        row.addWidget(self._inspector())
+        row_of(
+            column_of(self._bar(), self.pictures, self.contrast, below, spacing=2, stretch=1),
+            self._inspector(),
+            of=self,
+            spacing=8,
+            stretch=0,
+        )
 
     @cached_property
     def three(self) -> ImportPreviews:
@@ -137,8 +140,7 @@ class FramesPanel(QWidget):
         self.found.setTextFormat(Qt.TextFormat.RichText)
         within.addWidget(self.found)
         place, column = card()
-        self.position_label = WrappedLabel()
-        self.position_label.setProperty("role", "heading")
+        self.position_label = WrappedLabel(role="heading")
         column.addWidget(self.position_label)
         column.addLayout(self._plane_line())
         column.addWidget(self.map)
@@ -178,9 +180,8 @@ class FramesPanel(QWidget):
 
     def show_position(self, z: int, y: int, x: int) -> None:
         """Show which position is looked at."""
-        blocker = QSignalBlocker(self.plane_slider)
-        self.plane_slider.setValue(z)
-        blocker.unblock()
+        with QSignalBlocker(self.plane_slider):
+            self.plane_slider.setValue(z)
         self.map.set_position(y, x)
 
     def show_map(self, there: NDArray[np.bool_], energy: NDArray[np.float64] | None = None, words: str = "") -> None:

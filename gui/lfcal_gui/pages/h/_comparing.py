@@ -39,8 +39,9 @@ class ProjectComparing(Comparing):
         self.view = ComparedNumbers()
         super().__init__(self.view, page.context, page.spec.key)
         self._host = page
-        self.shown = choice_box(SHOWN, "Alternating images show shifts; the view Difference shows missing light")
-        self.shown.setAccessibleName("H that is shown")
+        self.shown = choice_box(
+            SHOWN, "Alternating images show shifts; the view Difference shows missing light", "H that is shown"
+        )
         self.shown.currentIndexChanged.connect(lambda _: self._show_other())
         column = self.view.layout()
         assert isinstance(column, QVBoxLayout)

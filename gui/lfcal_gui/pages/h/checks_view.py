@@ -29,6 +29,7 @@ from lfcal_gui.widgets import (
     Picture,
     RowsTable,
     WrappedLabel,
+    button,
     clear,
     column_of,
     line,
@@ -74,10 +75,7 @@ class ChecksView(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.message, self.stack = told_or_shown("", self._content())
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(6)
-        column.addWidget(self.stack, 1)
+        column = column_of(self.stack, of=self, spacing=6, stretch=0)
         column.addWidget(self._details(), 1)
 
     # -- building --------------------------------------------------------------------------------------
@@ -151,16 +149,13 @@ class ChecksView(QWidget):
         return line(self.measure_button, self.report_button)
 
     def _settings(self) -> QWidget:
-        self.summary = WrappedLabel()
-        self.summary.setProperty("role", "hint")
+        self.summary = WrappedLabel(role="hint")
         self.every = QCheckBox("List all metrics")
         self.every.setToolTip("Also list metrics that do not apply to this H")
         self.every.toggled.connect(self.every_toggled.emit)
         tip = "Camera, session, number of patterns and time of the inspection"
         self.form = FoldedForm(more=FIELDS, title="Inspection settings", tip=tip, framed=True)
-        folder = QPushButton("Fit folder …")
-        folder.setToolTip("Compare with the camera of a saved fit")
-        folder.clicked.connect(lambda: self.folder_asked.emit())
+        folder = button("Fit folder …", "Compare with the camera of a saved fit", self.folder_asked.emit)
         for part in (folder, self.every):
             self.form.fold_line(part)
         return self.form
@@ -185,13 +180,12 @@ class ChecksView(QWidget):
         """Show the checks in their order, and look at one of them."""
         colours = _colours()
         self.counts.setText(counts)
-        blocker = QSignalBlocker(self.table)
-        self.table.show_rows(
-            [(MARKS[one.merit], one.title, one.value, one.good, one.bad, one.rating, one.cost) for one in checks],
-            colour=lambda row, column: colours[checks[row].merit] if column in (0, 5) else "",
-        )
-        self.table.clearSelection()
-        blocker.unblock()
+        with QSignalBlocker(self.table):
+            self.table.show_rows(
+                [(MARKS[one.merit], one.title, one.value, one.good, one.bad, one.rating, one.cost) for one in checks],
+                colour=lambda row, column: colours[checks[row].merit] if column in (0, 5) else "",
+            )
+            self.table.clearSelection()
         self.stack.setCurrentIndex(1)
         self.table.choose(min(chosen, len(checks) - 1))
 

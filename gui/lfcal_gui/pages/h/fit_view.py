@@ -53,7 +53,9 @@ from lfcal_gui.widgets import (
     Picture,
     RowsTable,
     WrappedLabel,
+    button,
     choice_box,
+    column_of,
     line,
     line_px,
     link,
@@ -97,10 +99,7 @@ class ChoicesPanel(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(6)
-        column.addWidget(self._start())
+        column = column_of(self._start(), of=self, spacing=6)
         self.unknowns = self._unknowns()
         column.addWidget(self.unknowns)
 
@@ -124,8 +123,11 @@ class ChoicesPanel(QWidget):
     def _unknowns(self) -> Folded:
         frame = Folded("Unknowns", "Groups of camera values that the fit may change")
         column = frame.column
-        self.way = choice_box(WAYS, "Automatic: the fit chooses the groups that lower the error of held-out patterns")
-        self.way.setAccessibleName("choice of unknowns")
+        self.way = choice_box(
+            WAYS,
+            "Automatic: the fit chooses the groups that lower the error of held-out patterns",
+            "choice of unknowns",
+        )
         self.way.currentIndexChanged.connect(lambda _: self.edited.emit("auto", self.way.currentData() == "auto"))
         self.groups = _Groups()
         self.groups.setAccessibleName("groups of unknowns")
@@ -218,8 +220,7 @@ def _say(label: QLabel, words: str, role: str) -> None:
 
 
 def _wrapped() -> QLabel:
-    label = WrappedLabel()
-    label.setProperty("role", "hint")
+    label = WrappedLabel(role="hint")
     return label
 
 
@@ -247,11 +248,7 @@ class FitPictures(QWidget):
         for view in self.views:
             view.hovered.connect(self._hovered)
             row.addWidget(view, 1)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(2)
-        column.addLayout(row, 1)
-        column.addWidget(self.contrast)
+        column_of(row, self.contrast, of=self, spacing=2, stretch=0)
 
     def show_fit(self, found: FoundFit | None) -> None:
         """Show the patterns of a fit, from the first; None: nothing, and nothing of the fit is kept."""
@@ -432,9 +429,7 @@ class FitView(QWidget):
         super().__init__()
         self._found: FoundFit | None = None
         self.choices = ChoicesPanel()
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(6)
+        column = column_of(of=self, spacing=6)
         self._make_buttons()
         self.verdict, self.detail, self.sums = QLabel(), QLabel(), QLabel()
         for label, role in ((self.verdict, "value"), (self.detail, "hint"), (self.sums, "hint")):
@@ -455,17 +450,15 @@ class FitView(QWidget):
     def _make_buttons(self) -> None:
         self.fit_button, self.use_button = QPushButton("Fit"), QPushButton("Use camera")
         self.fit_button.setToolTip("Fit the recorded positions of H (F5)")
-        self.worst_button = QPushButton("Worst")
-        self.worst_button.setToolTip("Show the pattern with the largest χ² (W)")
+        self.worst_button = button("Worst", "Show the pattern with the largest χ² (W)")
         self.model_button, self.save_button = QPushButton("Compute H …"), QPushButton("Save fit …")
         self.model_button.setToolTip("Compute H of the fitted camera at all positions and depths, without noise")
         self.save_button.setToolTip(
             "Write camera, effects, H, results and report into a folder, as the command lfcal fit does"
         )
-        self.report_button = QPushButton("Report")
-        self.report_button.setToolTip("Open the HTML report of the fit")
-        for button in (self.model_button, self.save_button, self.report_button):
-            button.setProperty("role", "tight")
+        self.report_button = button("Report", "Open the HTML report of the fit")
+        for one in (self.model_button, self.save_button, self.report_button):
+            one.setProperty("role", "tight")
 
     def _results(self) -> QWidget:
         self.results = QWidget()

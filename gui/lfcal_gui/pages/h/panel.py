@@ -47,8 +47,10 @@ from lfcal_gui.widgets import (
     PlaneTile,
     Strip,
     VerdictCard,
+    button,
     card,
     clear,
+    column_of,
     heading,
     inspector_width,
     legend_words,
@@ -56,6 +58,7 @@ from lfcal_gui.widgets import (
     link,
     name_controls,
     outline_tones,
+    row_of,
     scrolling,
     share_contrast,
     shown_tone,
@@ -185,11 +188,7 @@ class HPanel(QWidget):
         left.addWidget(self.contrast)
         left.addWidget(self.strip)
         self.inspector = self._inspector()
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addLayout(left, 1)
-        row.addWidget(self.inspector)
+        row_of(left, self.inspector, of=self, spacing=8, stretch=0)
         self._colour()
         self._show_view(HIntent())
 
@@ -231,8 +230,7 @@ class HPanel(QWidget):
             self.view_buttons[title] = button
         for title in ("Difference", "Fit"):  # until there is another H, or a fit
             self.view_buttons[title].hide()
-        self.readout = ElidedLabel(sentence=True)
-        self.readout.setProperty("role", "hint")
+        self.readout = ElidedLabel(sentence=True, role="hint")
         self.own_scale = QCheckBox("Own scale")
         self.own_scale.setToolTip(
             "Each image uses the full colour scale. Off: all positions of a plane share one scale"
@@ -256,12 +254,7 @@ class HPanel(QWidget):
         self.row_holder.setLayout(rows)
         rows.setContentsMargins(0, 0, 0, 0)
         inspector = QWidget()
-        column = QVBoxLayout(inspector)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.setSpacing(6)
-        column.addWidget(self.levels, 1)
-        column.addWidget(self._position())
-        column.addWidget(self.row_holder)
+        column_of(self.levels, self._position(), self.row_holder, of=inspector, spacing=6, stretch=0)
         inspector.setFixedWidth(inspector_width(0))
         inspector.setProperty(INSPECTOR, True)
         return inspector
@@ -274,10 +267,7 @@ class HPanel(QWidget):
         for label in (self.map_range, self.place_label, self.position_label):
             label.setProperty("role", "hint")
         self.place_label.setWordWrap(True)
-        self.frame_button = QPushButton("Frame")
-        self.frame_button.setProperty("role", "tight")
-        self.frame_button.setToolTip("Show the recorded frame of this position")
-        self.frame_button.clicked.connect(lambda: self.frame_asked.emit())
+        self.frame_button = button("Frame", "Show the recorded frame of this position", self.frame_asked.emit, "tight")
         self.map = PeriodMap()
         self.map.set_axes("", "")
         self.map.chosen.connect(lambda y, x: self.asked.emit({"y": y, "x": x}))
@@ -299,10 +289,12 @@ class HPanel(QWidget):
 
     def add_level(self, name: str, view: QWidget, *, scrolled: bool = True) -> None:
         """Make a level of the inspector from what it shows; ``scrolled``: as a whole, not its parts."""
-        back = QPushButton("‹ Verdict")
-        back.setProperty("role", "link")
-        back.setToolTip("Back to the verdict, the aperture and the other levels (Backspace)")
-        back.clicked.connect(lambda: self.level_asked.emit(""))
+        back = button(
+            "‹ Verdict",
+            "Back to the verdict, the aperture and the other levels (Backspace)",
+            lambda: self.level_asked.emit(""),
+            "link",
+        )
         title = self.level_titles[name] = ElidedLabel(LEVELS[name][0])
         title.setProperty("role", "heading")
         title.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
@@ -357,9 +349,7 @@ class HPanel(QWidget):
         # what is below does not move when the aperture is known
         self.aperture_text.setMinimumHeight(LINES_OF_APERTURE * self.aperture_text.fontMetrics().height())
         self.sum_place = QWidget()
-        inside = QVBoxLayout(self.sum_place)
-        inside.setContentsMargins(0, 0, 0, 0)
-        inside.addWidget(self.sum_view)
+        column_of(self.sum_view, of=self.sum_place)
         column.addLayout(line(heading("Aperture"), self.legend, larger, stretch=1))
         column.addWidget(self.sum_place)
         column.addWidget(self.aperture_text)

@@ -100,23 +100,21 @@ class MultiplexPictures(QWidget):
 
     def show_right(self, name: str) -> None:
         """Choose what the third picture shows, without reporting it."""
-        blocker = QSignalBlocker(self.right)
-        self.right.setCurrentIndex(max(0, self.right.findData(name)))
-        blocker.unblock()
+        with QSignalBlocker(self.right):
+            self.right.setCurrentIndex(max(0, self.right.findData(name)))
 
     def show_samples(self, names: tuple[str, ...], coloured: bool) -> None:
         """Offer the samples; a new set begins with all colours or with the middle view."""
         if names == self.names:
             return
         self.names = names
-        blocker = QSignalBlocker(self.sample)
-        self.sample.clear()
-        if coloured:
-            self.sample.addItem("all colours", -1)
-        for k, name in enumerate(names):
-            self.sample.addItem(name, k)
-        self.sample.setCurrentIndex(0 if coloured else len(names) // 2)
-        blocker.unblock()
+        with QSignalBlocker(self.sample):
+            self.sample.clear()
+            if coloured:
+                self.sample.addItem("all colours", -1)
+            for k, name in enumerate(names):
+                self.sample.addItem(name, k)
+            self.sample.setCurrentIndex(0 if coloured else len(names) // 2)
 
     def show_reconstructions(self, found: Reconstructions, right: str) -> None:
         """Draw both routes and the third picture with the same zoom."""

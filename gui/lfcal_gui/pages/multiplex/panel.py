@@ -18,7 +18,6 @@ from PySide6.QtWidgets import (
     QLabel,
     QListWidget,
     QListWidgetItem,
-    QPushButton,
     QSizePolicy,
     QTableWidget,
     QTableWidgetItem,
@@ -40,10 +39,12 @@ from lfcal_gui.widgets import (
     FoldedForm,
     LinePlot,
     Picture,
+    button,
     card,
     column_area,
     line,
     name_controls,
+    row_of,
     set_role,
     shown_tone,
 )
@@ -104,23 +105,18 @@ class MultiplexPanel(QWidget):
         tabs = (*tabs, (self.figures, "Figures of the paper", FIGURES), (self.search, "Search", SEARCH))
         for tab, title, tip in tabs:
             self.tabs.setTabToolTip(self.tabs.addTab(tab, title), tip)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addWidget(column_area(286, self._settings_card(), self._compare_card()))
-        row.addWidget(self.tabs, 1)
+        row_of(column_area(286, self._settings_card(), self._compare_card()), self.tabs, of=self, spacing=8, stretch=1)
 
     # -- building --------------------------------------------------------------------------------------
     def _settings_card(self) -> QWidget:
         frame, column = card("Modulator and scene")
-        self.open = QPushButton("Open image …")
-        self.open.setToolTip(
+        self.open = button(
+            "Open image …",
             "RAW, TIFF, PNG and others. A grey image is used as a frame recorded behind this "
-            "modulator, a colour image as a scene. You can also drop a file here"
+            "modulator, a colour image as a scene. You can also drop a file here",
+            self.open_asked.emit,
         )
-        self.open.clicked.connect(lambda: self.open_asked.emit())
-        self.file = ElidedLabel()
-        self.file.setProperty("role", "hint")
+        self.file = ElidedLabel(role="hint")
         column.addLayout(line(self.open, self.file, stretch=1))
         column.addWidget(self.form)
         return frame
@@ -252,13 +248,12 @@ class MultiplexPanel(QWidget):
         self.compare_card.setVisible(bool(names))
         if tuple(name for name in names if name in ticked) == self.ticked() and len(names) == self.others.count():
             return
-        blocker = QSignalBlocker(self.others)
-        self.others.clear()
-        for name in names:
-            item = QListWidgetItem(name.replace("_", " "), self.others)
-            item.setData(NAME, name)
-            item.setCheckState(Qt.CheckState.Checked if name in ticked else Qt.CheckState.Unchecked)
-        blocker.unblock()
+        with QSignalBlocker(self.others):
+            self.others.clear()
+            for name in names:
+                item = QListWidgetItem(name.replace("_", " "), self.others)
+                item.setData(NAME, name)
+                item.setCheckState(Qt.CheckState.Checked if name in ticked else Qt.CheckState.Unchecked)
         self.others.setFixedHeight(len(names) * self.others.sizeHintForRow(0) + 2 * self.others.frameWidth() + 2)
 
     # -- modulator -------------------------------------------------------------------------------------

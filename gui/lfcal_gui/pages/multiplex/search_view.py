@@ -18,7 +18,7 @@ from lfcal_gui.models import ProjectState, Shot
 from lfcal_gui.pages.multiplex.model import SEARCH_FIELDS, TYPED, MultiplexSettings
 from lfcal_gui.pages.multiplex.model_compare import FoundDesign, iter_search
 from lfcal_gui.saving import ask_target
-from lfcal_gui.widgets import FoldedForm, Picture, card, name_controls, set_role
+from lfcal_gui.widgets import FoldedForm, Picture, button, card, name_controls, set_role
 
 
 class SearchView(QWidget):
@@ -57,11 +57,10 @@ class SearchView(QWidget):
             ),
         )
         for title, tip, signal in tips:
-            button = QPushButton(title)
-            button.setToolTip(tip)
-            button.clicked.connect(lambda _=False, signal=signal: signal.emit())
-            column.addWidget(button)
-            self.buttons[title] = button
+            one = button(title, tip)
+            one.clicked.connect(lambda _=False, signal=signal: signal.emit())
+            column.addWidget(one)
+            self.buttons[title] = one
         self.buttons["Search"].setProperty("role", "primary")
         column.addStretch(1)
         row.addWidget(frame)

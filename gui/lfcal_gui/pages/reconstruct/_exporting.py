@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QButtonGroup, QGridLayout, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QButtonGroup, QGridLayout, QHBoxLayout, QLabel, QPushButton, QWidget
 
 from lfcal.base import format_bytes
 from lfcal.psf import CODES, PSFMatrix
@@ -17,7 +17,18 @@ from lfcal_gui.models import KeptRun, exported_to, said_in_window, stamp_of, sta
 from lfcal_gui.pages.reconstruct.export_model import KINDS, OPTIONS, ExportSettings, facts_of, iter_exported
 from lfcal_gui.pages.reconstruct.step import export_step, quality_in
 from lfcal_gui.saving import ask_target
-from lfcal_gui.widgets import ElidedLabel, Folded, FoldedForm, WrappedLabel, card, choice_box, line, set_role
+from lfcal_gui.widgets import (
+    ElidedLabel,
+    Folded,
+    FoldedForm,
+    WrappedLabel,
+    button,
+    card,
+    choice_box,
+    column_of,
+    line,
+    set_role,
+)
 
 LEAST = 100
 """Least width of the kind of file (px): its entries are long."""
@@ -62,9 +73,9 @@ class ExportCard(QWidget):
         column.addLayout(self._facts())
         self.note = _note()
         column.addWidget(self.note)
-        self.go = QPushButton("Export …")
-        self.go.setToolTip("Choose a file to write. The export runs as a job")
-        self.go.clicked.connect(lambda: self.asked.emit(self._code))
+        self.go = button(
+            "Export …", "Choose a file to write. The export runs as a job", lambda: self.asked.emit(self._code)
+        )
         column.addLayout(line(self.go))
         self.result = QLabel()
         self.result.setWordWrap(True)
@@ -73,11 +84,7 @@ class ExportCard(QWidget):
         self.result.linkActivated.connect(lambda _: self.folder_asked.emit())
         self.result.hide()
         column.addWidget(self.result)
-        outer = QVBoxLayout(self)
-        outer.setContentsMargins(0, 0, 0, 0)
-        outer.setSpacing(6)
-        outer.addWidget(frame)
-        outer.addWidget(self._other())
+        column_of(frame, self._other(), of=self, spacing=6)
 
     def _facts(self) -> QGridLayout:
         grid = QGridLayout()
@@ -106,16 +113,16 @@ class ExportCard(QWidget):
         self.kind = choice_box(
             [(suffix, f"{words} ({suffix})") for suffix, (_, words) in KINDS.items()],
             "Choose by the program that reads the file",
+            "file format",
         )
-        self.kind.setAccessibleName("file format")
         self.kind.setMinimumWidth(LEAST)
         self.kind.currentIndexChanged.connect(lambda _: self.edited.emit("suffix", self.kind.currentData()))
         self.form = FoldedForm(tuple(OPTIONS.values()))
         self.form.own_line("interpolation")
         self.other_note = _note()
-        self.other_go = QPushButton("Export …")
-        self.other_go.setToolTip("Choose a file to write. The export runs as a job")
-        self.other_go.clicked.connect(lambda: self.asked.emit(""))
+        self.other_go = button(
+            "Export …", "Choose a file to write. The export runs as a job", lambda: self.asked.emit("")
+        )
         for part in (self.kind, self.form, self.other_note):
             self.other.column.addWidget(part)
         self.other.column.addLayout(line(self.other_go))
@@ -138,9 +145,8 @@ class ExportCard(QWidget):
         self._show_other(settings, H)
 
     def _show_other(self, settings: ExportSettings, H: PSFMatrix) -> None:
-        blocker = QSignalBlocker(self.kind)
-        self.kind.setCurrentIndex(self.kind.findData(settings.suffix))
-        blocker.unblock()
+        with QSignalBlocker(self.kind):
+            self.kind.setCurrentIndex(self.kind.findData(settings.suffix))
         shown, names, free = settings.shown(), settings.names, settings.open_to(H)
         self.form.set_values(shown)
         for key in OPTIONS:
@@ -157,8 +163,7 @@ class ExportCard(QWidget):
 
 
 def _note() -> WrappedLabel:
-    label = WrappedLabel()
-    label.setProperty("role", "hint")
+    label = WrappedLabel(role="hint")
     return label
 
 

@@ -18,7 +18,7 @@ from lfcal_gui.models import BEGIN, CUTOUT, Levels, Outline, Shot, plane_words, 
 from lfcal_gui.pages.reconstruct._solid_picture import Newest, SolidPicture, View
 from lfcal_gui.pages.reconstruct.model_volume import MODES, Prepared, Side, VolumeIntent, prepare, sides
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import Contrast, Picture, PlaneTile, Strip, link, name_controls, share_contrast, split
+from lfcal_gui.widgets import Contrast, Picture, PlaneTile, Strip, column_of, link, name_controls, share_contrast, split
 
 VALUE = "brightness (counts)"
 
@@ -72,9 +72,7 @@ class VolumePanes(QWidget):
         self._stack = QStackedWidget()
         self._stack.addWidget(self.solid)
         self._stack.addWidget(self._grid_widget)
-        column = QVBoxLayout(self)
-        column.setContentsMargins(0, 0, 0, 0)
-        column.addWidget(self._stack)
+        column_of(self._stack, of=self)
 
     def make_sides(self) -> None:
         """Make the pictures from three sides."""

@@ -9,7 +9,6 @@ from typing import Any
 from PySide6.QtCore import QPoint, Qt, Signal
 from PySide6.QtGui import QCursor, QResizeEvent
 from PySide6.QtWidgets import (
-    QHBoxLayout,
     QLabel,
     QMenu,
     QProgressBar,
@@ -33,6 +32,7 @@ from lfcal_gui.widgets import (
     FoldedForm,
     LinePlot,
     WrappedLabel,
+    button,
     card,
     choice_box,
     clear,
@@ -40,6 +40,7 @@ from lfcal_gui.widgets import (
     inspector_width,
     line,
     name_controls,
+    row_of,
     scrolling,
     set_role,
 )
@@ -109,11 +110,7 @@ class ReconstructPanel(QWidget):
         self.area = scrolling(self._inspector())
         self.area.setProperty(INSPECTOR, True)
         clear(self.area)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addWidget(self.view, 1)
-        row.addWidget(self.area)
+        row_of(self.view, self.area, of=self, spacing=8, stretch=0)
         self.view.show_none(light_field=False)
 
     def _show_phantoms(self) -> None:
@@ -137,10 +134,7 @@ class ReconstructPanel(QWidget):
         return inner
 
     def _button(self, key: str, words: str, tip: str) -> QPushButton:
-        button = QPushButton(words)
-        button.setToolTip(tip)
-        button.clicked.connect(lambda _=False: self.pressed.emit(key))
-        return button
+        return button(words, tip, lambda: self.pressed.emit(key))
 
     def _reconstruction(self) -> QWidget:
         frame, column = card()
@@ -148,12 +142,10 @@ class ReconstructPanel(QWidget):
         self.took.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         column.addLayout(line(heading("Reconstruct"), self.took, stretch=1))
         self.open = self._button("open", "Open light field …", OPEN)
-        self.make = QPushButton("Make one …")
-        self.make.setToolTip(MAKE)
+        self.make = button("Make one …", MAKE)
         self.make.setMenu(self.phantoms)
         column.addLayout(line(self.open, self.make, stretch=0))
-        self.file = WrappedLabel("none yet")
-        self.file.setProperty("role", "hint")
+        self.file = WrappedLabel("none yet", role="hint")
         column.addWidget(self.file)
         column.addWidget(self.form)
         tip = (
@@ -180,11 +172,11 @@ class ReconstructPanel(QWidget):
 
     def _fill_more(self) -> None:
         """Add to the folded settings what the solver does, and what accuracy costs."""
-        self.solver_words = WrappedLabel()
-        self.solver_words.setProperty("role", "hint")
+        self.solver_words = WrappedLabel(role="hint")
         self.again = self._button("again", "Start again", "Reconstruct from the first iteration with these settings")
-        self.part = choice_box(PARTS, "What the chart compares: solvers and iterations, or ways to apply H")
-        self.part.setAccessibleName("what the chart compares")
+        self.part = choice_box(
+            PARTS, "What the chart compares: solvers and iterations, or ways to apply H", "what the chart compares"
+        )
         costs = QWidget()
         self._costs_column = column = QVBoxLayout(costs)
         column.setContentsMargins(0, 0, 0, 0)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QPushButton, QSplitter, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSplitter, QVBoxLayout, QWidget
 
 from lfcal_gui.context import Context
 from lfcal_gui.pages.sessions.model_trend import (
@@ -22,7 +22,7 @@ from lfcal_gui.pages.sessions.model_trend import (
 )
 from lfcal_gui.saving import ask_target
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import LINES, LinePlot, RowsTable, WrappedLabel, card, split, told_or_shown
+from lfcal_gui.widgets import LINES, LinePlot, RowsTable, WrappedLabel, button, card, split, told_or_shown
 
 if TYPE_CHECKING:
     from lfcal.judge import StoredResult, Trend
@@ -60,9 +60,11 @@ class TrendPanel(QWidget):
         words.setSpacing(2)
         words.addWidget(self.verdict)
         words.addWidget(self.notes)
-        self.picture_button = QPushButton("Save image …")
-        self.picture_button.setToolTip("Save the curves of all checks that were not good in every session (.png, .svg)")
-        self.picture_button.clicked.connect(lambda: self.picture_asked.emit())
+        self.picture_button = button(
+            "Save image …",
+            "Save the curves of all checks that were not good in every session (.png, .svg)",
+            self.picture_asked.emit,
+        )
         self.picture_button.setEnabled(False)
         row = QHBoxLayout()
         row.addLayout(words, 1)
@@ -98,10 +100,9 @@ class TrendPanel(QWidget):
         colours = {"good": theme.good, "fair": theme.fair, "bad": theme.bad, "unknown": theme.muted}
         self.verdict.setText(words[0])
         self.notes.setText(words[1])
-        blocker = QSignalBlocker(self.table)
-        self.table.show_rows(rows, colour=lambda row, column: colours[merits[row]] if column == 2 else "")
-        self.table.clearSelection()
-        blocker.unblock()
+        with QSignalBlocker(self.table):
+            self.table.show_rows(rows, colour=lambda row, column: colours[merits[row]] if column == 2 else "")
+            self.table.clearSelection()
         self.picture_button.setEnabled(True)
         self.stack.setCurrentIndex(1)
         self.table.selectRow(0)

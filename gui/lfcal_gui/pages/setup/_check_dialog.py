@@ -36,8 +36,9 @@ class CheckDialog(QDialog):
         super().__init__(parent)
         self.setWindowTitle("Camera compared with a white image")
         self.resize(*SIZE)
-        self.choice = choice_box(SHOWN, "Image with both lattices, or deviation of the micro-images from a lattice")
-        self.choice.setAccessibleName("image of the lattice")
+        self.choice = choice_box(
+            SHOWN, "Image with both lattices, or deviation of the micro-images from a lattice", "image of the lattice"
+        )
         self.choice.currentIndexChanged.connect(lambda _: self._show())
         self.legend = wrapped()
         self.image = Picture(legend=False, colour_map="gray")

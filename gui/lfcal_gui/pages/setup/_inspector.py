@@ -145,8 +145,7 @@ class Inspector(QWidget):
 
     def _start(self) -> QWidget:
         frame, column = card("Start from")
-        self.presets = choice_box((("", "Preset …"), *((name, name) for name in PRESETS)), PRESET)
-        self.presets.setAccessibleName("preset")
+        self.presets = choice_box((("", "Preset …"), *((name, name) for name in PRESETS)), PRESET, "preset")
         self.presets.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.presets.setMinimumContentsLength(7)
         self.presets.activated.connect(self._preset)

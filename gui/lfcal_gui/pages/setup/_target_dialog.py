@@ -155,8 +155,7 @@ class TargetDialog(QDialog):
         self.costs.setToolTip(COSTS)
         self.costs.setTextFormat(Qt.TextFormat.RichText)
         self.costs.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.note = WrappedLabel("")
-        self.note.setProperty("role", "hint")
+        self.note = WrappedLabel("", role="hint")
         column.addWidget(self.form)
         column.addLayout(line(self.plan_button, self.stop_button))
         column.addWidget(self.costs)
@@ -191,8 +190,7 @@ class TargetDialog(QDialog):
         )
         self.map.setAccessibleName("number of frames at each position")
         self.map.chosen.connect(self._read)
-        self.read = WrappedLabel("")
-        self.read.setProperty("role", "hint")
+        self.read = WrappedLabel("", role="hint")
 
     def _results(self) -> QWidget:
         self.plane = QComboBox()
@@ -200,8 +198,7 @@ class TargetDialog(QDialog):
         self.plane.setAccessibleName("plane")
         self.plane.currentIndexChanged.connect(lambda _: self._draw())
         images, left = card("Images on the sensor")
-        self.legend = WrappedLabel("")
-        self.legend.setProperty("role", "hint")
+        self.legend = WrappedLabel("", role="hint")
         left.addLayout(line("Plane", self.plane))
         left.addWidget(self.graphics, 1)
         left.addWidget(self.legend)
@@ -243,11 +240,10 @@ class TargetDialog(QDialog):
         if found is None:
             return
         self.table.show_rows(*table_rows(found))
-        blocker = QSignalBlocker(self.plane)
-        self.plane.clear()
-        self.plane.addItems([format_length(depth) for depth in found.plan.scan.depths_um])
-        self.plane.setCurrentIndex(len(found.planes) // 2)
-        blocker.unblock()
+        with QSignalBlocker(self.plane):
+            self.plane.clear()
+            self.plane.addItems([format_length(depth) for depth in found.plan.scan.depths_um])
+            self.plane.setCurrentIndex(len(found.planes) // 2)
         self._draw()
 
     @property

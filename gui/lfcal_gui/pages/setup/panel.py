@@ -9,10 +9,8 @@ from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
 from PySide6.QtGui import QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QGridLayout,
-    QHBoxLayout,
     QLabel,
     QMenu,
-    QPushButton,
     QSlider,
     QStackedWidget,
     QWidget,
@@ -39,6 +37,7 @@ from lfcal_gui.widgets import (
     inspector_width,
     line,
     outline_tones,
+    row_of,
     scrolling,
     table_entries,
     wrapped,
@@ -158,10 +157,9 @@ class CostRow(QWidget):
             return
         self._show_title()
         self.slider.setEnabled(costs.own >= 0)
-        blocker = QSignalBlocker(self.slider)
-        self.slider.setMaximum(max(0, len(costs.choices) - 1))
-        self.slider.setValue(max(0, costs.own))
-        blocker.unblock()
+        with QSignalBlocker(self.slider):
+            self.slider.setMaximum(max(0, len(costs.choices) - 1))
+            self.slider.setValue(max(0, costs.own))
         self._shown = costs.choices
         self.slider.setToolTip(_effort_tip(costs))
 
@@ -227,11 +225,7 @@ class PlanningPanel(QWidget):
         self.area = scrolling(self.inspector)
         self.area.setProperty(INSPECTOR, True)
         clear(self.area)
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.setSpacing(8)
-        row.addLayout(left, 1)
-        row.addWidget(self.area)
+        row_of(left, self.area, of=self, spacing=8, stretch=0)
 
     def _tools(self) -> None:
         self.segments = []
@@ -242,8 +236,7 @@ class PlanningPanel(QWidget):
             made.setAutoExclusive(True)
             made.setChecked(k == 0)
             self.segments.append(made)
-        self.overlay = QPushButton("Overlay")
-        self.overlay.setToolTip("Choose what is drawn over the image")
+        self.overlay = button("Overlay", "Choose what is drawn over the image")
         menu = QMenu(self.overlay)
         self.overlays = {name: menu.addAction(name) for name in OVERLAYS}
         for action in self.overlays.values():

@@ -17,7 +17,6 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QTableWidget,
     QTableWidgetItem,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -108,11 +107,10 @@ class TermsTable(QWidget):
                 return
         except InputError:
             pass
-        blocker = QSignalBlocker(self.cells)
-        self.cells.setRowCount(0)
-        for n, m, waves in terms:
-            self._append(str(n), str(m), f"{waves:.10g}")
-        blocker.unblock()
+        with QSignalBlocker(self.cells):
+            self.cells.setRowCount(0)
+            for n, m, waves in terms:
+                self._append(str(n), str(m), f"{waves:.10g}")
 
     def _read(self) -> tuple[tuple[int, int, float], ...]:
         return read_terms(self._effect, self._magnitude, self.words())
@@ -125,9 +123,8 @@ class TermsTable(QWidget):
 
     def add(self) -> None:
         """Add a row and begin to type in it."""
-        blocker = QSignalBlocker(self.cells)
-        self._append("", "", "")
-        blocker.unblock()
+        with QSignalBlocker(self.cells):
+            self._append("", "", "")
         self.cells.setCurrentCell(self.cells.rowCount() - 1, 0)
         self.cells.edit(self.cells.currentIndex())
 
@@ -207,18 +204,17 @@ class MagnitudeEditor(QWidget):
         self._say("")
 
     def _show_source(self) -> None:
-        blocker = QSignalBlocker(self.source)
-        self.source.clear()
-        self.source.addItem(self._default_words(), NOT_GIVEN)
-        for mark in GIVEN:
-            self.source.addItem(mark, mark)
-        mark = self.magnitude.mark if self.magnitude.source == "given" else NOT_GIVEN
-        self.source.setCurrentIndex(self.source.findData(mark))
-        self.source.setToolTip(
-            "stated or measured: given by you. camera: from the camera description. typical: a "
-            "typical value, not specific to this camera"
-        )
-        blocker.unblock()
+        with QSignalBlocker(self.source):
+            self.source.clear()
+            self.source.addItem(self._default_words(), NOT_GIVEN)
+            for mark in GIVEN:
+                self.source.addItem(mark, mark)
+            mark = self.magnitude.mark if self.magnitude.source == "given" else NOT_GIVEN
+            self.source.setCurrentIndex(self.source.findData(mark))
+            self.source.setToolTip(
+                "stated or measured: given by you. camera: from the camera description. typical: a "
+                "typical value, not specific to this camera"
+            )
 
     def _default_words(self) -> str:
         source, mark = self.magnitude.otherwise
@@ -286,8 +282,7 @@ class MagnitudeForm(QWidget):
 
     def __init__(self) -> None:
         super().__init__()
-        self._column = QVBoxLayout(self)
-        self._column.setContentsMargins(0, 0, 0, 0)
+        self._column = column_of(of=self)
         self._body: QWidget | None = None
         self._shown: tuple[str, tuple[str, ...]] = ("", ())
         self.editors: dict[str, MagnitudeEditor] = {}

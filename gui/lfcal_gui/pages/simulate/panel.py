@@ -18,7 +18,6 @@ from PySide6.QtWidgets import (
     QSpinBox,
     QStackedWidget,
     QTabWidget,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -233,9 +232,7 @@ class SimulatePanel(QWidget):
             form.edited.connect(self.edited.emit)
         left, column = card("What accuracy costs")
         column.addWidget(self.curve)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addWidget(split(left, self._pictures(), self._inspector(), sizes=(40, 34, 28)))
+        column_of(split(left, self._pictures(), self._inspector(), sizes=(40, 34, 28)), of=self)
 
     def _asking(self, what: str) -> Callable[[], object]:
         return lambda: self.asked.emit(what)
