@@ -17,22 +17,12 @@ from lfcal.frames import Position
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import Hold, ProjectState, kept_verdict, plane_words, said_in_window
+from lfcal_gui.pages.acquire import model_recorder
 from lfcal_gui.pages.acquire._after import Afterwards
 from lfcal_gui.pages.acquire._choices import FolderChoice, TargetChoice
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
-from lfcal_gui.pages.acquire.model_recorder import (
-    Recorder,
-    RecordPicture,
-    advice_words,
-    asked_words,
-    automatic_words,
-    check_goal,
-    end_words,
-    error_curve,
-    picture_of,
-    progress_words,
-)
+from lfcal_gui.pages.acquire.model_recorder import Recorder, RecordPicture
 from lfcal_gui.pages.acquire.model_station import Station
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.pages.acquire.setup_tab import SetupTab
@@ -241,9 +231,9 @@ class RecordTab(QObject):
         self._show_error()
         backend = settings.backend if station is None else ""
         measured = "stage" in self.setup.measuring.found
-        words = advice_words(self.folder, recording=recording, backend=backend, measured=measured)
+        words = model_recorder.advice_words(self.folder, recording=recording, backend=backend, measured=measured)
         if station is not None and not (recording or there):
-            words = automatic_words(station.devices, settings.options()) or words
+            words = model_recorder.automatic_words(station.devices, settings.options()) or words
         self.panel.why.setText(words)
         self._tell()
         self.shown.emit()
@@ -349,7 +339,7 @@ class RecordTab(QObject):
         known = now.known([Position(*p) for p in again])
         made = Recorder(task, plan, options, resume=resume, redo=again, known=known)
         if made.goal is not None:
-            check_goal(state.plan, options, now)
+            model_recorder.check_goal(state.plan, options, now)
         return made
 
     def _set_job(self, number: int) -> None:
@@ -435,7 +425,7 @@ class RecordTab(QObject):
         self._read_earlier(made, z)
         self.context.jobs.compute(
             "acquire quality",
-            lambda: picture_of(made, z, quantity, earlier),
+            lambda: model_recorder.picture_of(made, z, quantity, earlier),
             lambda picture: self._show_picture(picture, z, depths),
         )
 
@@ -481,11 +471,11 @@ class RecordTab(QObject):
         job, recorder = self._under_way, self.recorder
         if job is None or recorder is None or not self.recording:
             return
-        asked = asked_words(recorder.control, stopping=job.stopping) or self._asked
+        asked = model_recorder.asked_words(recorder.control, stopping=job.stopping) or self._asked
         if job.progress is None or asked == self._asked != "":
             self.panel.show_status(asked or "Starting …", "", None)
             return
-        words, detail, fraction = progress_words(recorder, job.progress, self._lamp)
+        words, detail, fraction = model_recorder.progress_words(recorder, job.progress, self._lamp)
         said = (asked, words) if asked else (words, detail)
         self.panel.show_status(*said, fraction)
 
@@ -493,7 +483,9 @@ class RecordTab(QObject):
         """Show the error of H if the recording ends by it, else the depth-plane sum."""
         recorder, settings = self.recorder, AcquireSettings.of(self.context.state)
         goal = settings.goal() if recorder is None else recorder.goal
-        self.panel.show_error(None if goal is None else error_curve(recorder.steps if recorder else (), goal))
+        self.panel.show_error(
+            None if goal is None else model_recorder.error_curve(recorder.steps if recorder else (), goal)
+        )
 
     def _fit_of_folder(self) -> Any:
         """Return the last fit of the session in the folder, None where this window made none."""
@@ -534,7 +526,7 @@ class RecordTab(QObject):
         self._poll()
         self.folder_choice.look()
         ended = ("",) if self.recorder is None else (self.recorder.ended, self.recorder.counted)
-        words, fraction = end_words(job, *ended)
+        words, fraction = model_recorder.end_words(job, *ended)
         curve = self.panel.error_curve()
         known = curve.words if self.recorder is not None and self.recorder.steps and curve is not None else ""
         # shown with the status, which remains when the folder has been read and the advice is updated

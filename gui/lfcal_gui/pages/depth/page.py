@@ -17,21 +17,8 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, Shot, Taken, described, said_in_window, shown_of
-from lfcal_gui.pages.depth.model import (
-    NO_CAMERA,
-    NO_H,
-    DepthSettings,
-    Looked,
-    Shade,
-    camera_of,
-    forecast_words,
-    frame_picture,
-    iter_looked,
-    readout,
-    shot_of,
-    takes,
-    task_of,
-)
+from lfcal_gui.pages.depth import model
+from lfcal_gui.pages.depth.model import DepthSettings, Looked, Shade
 from lfcal_gui.pages.depth.panel import DepthPanel
 from lfcal_gui.pages.depth.step import step
 from lfcal_gui.saving import ask_target
@@ -114,8 +101,8 @@ class Page(BasePage):
             return
         self.show_body()
         self.panel.show_settings(settings, shown_of(Depth, {**settings.option_values, "frame": "", "out": ""}))
-        form.set_enabled("use_camera", described(state), "" if described(state) else NO_CAMERA)
-        form.set_enabled("use_h", bool(state.psf), "" if state.psf else NO_H)
+        form.set_enabled("use_camera", described(state), "" if described(state) else model.NO_CAMERA)
+        form.set_enabled("use_h", bool(state.psf), "" if state.psf else model.NO_H)
         self._show_controls()
 
     def _show_controls(self) -> None:
@@ -141,11 +128,11 @@ class Page(BasePage):
             if self._ready is not None:  # same path as before: the project did not change
                 self._load()
 
-        self.load(Path(path).name, lambda: frame_picture(path), read)
+        self.load(Path(path).name, lambda: model.frame_picture(path), read)
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Take a dropped image."""
-        if len(paths) == 1 and takes(paths[0]):
+        if len(paths) == 1 and model.takes(paths[0]):
             self.open_frame(paths[0])
             return True
         return False
@@ -163,7 +150,10 @@ class Page(BasePage):
         elif path:
             self.panel.view.blank.wait(f"Opening {Path(path).name} …")
             self.context.jobs.load(
-                "depth load", lambda: frame_picture(path), lambda image: self._loaded(path, image), self._not_loaded
+                "depth load",
+                lambda: model.frame_picture(path),
+                lambda image: self._loaded(path, image),
+                self._not_loaded,
             )
 
     def _loaded(self, path: str, image: NDArray[Any]) -> None:
@@ -182,7 +172,7 @@ class Page(BasePage):
     def _asked(self) -> tuple[Depth, Camera | None]:
         """Return what is to be measured; raises `InputError` where something is missing."""
         state, settings = self.context.state, self.settings
-        return task_of(settings, state, state.light_field), camera_of(settings, state)
+        return model.task_of(settings, state, state.light_field), model.camera_of(settings, state)
 
     def _forecast(self) -> None:
         self._turn += 1
@@ -213,7 +203,7 @@ class Page(BasePage):
         if not self._job:
             pace = self.context.paces.seconds("depth", 1.0)
             self.panel.show_took(f"about {format_seconds(self._seconds * pace)}")
-            self.panel.show_status(forecast_words(found, workers))
+            self.panel.show_status(model.forecast_words(found, workers))
         self._show_controls()
 
     def _refused(self, words: str) -> None:
@@ -245,7 +235,7 @@ class Page(BasePage):
         self._job = jobs.start(
             title,
             "depth",
-            lambda: iter_looked(task, camera),
+            lambda: model.iter_looked(task, camera),
             self._measured,
             kind="depth",
             abandon=True,
@@ -298,13 +288,13 @@ class Page(BasePage):
             if made is self.made and panel.shows_map:
                 panel.view.set_shot(shot)
 
-        self.context.jobs.compute("depth picture", lambda: shot_of(made.found, shade, least), shown)
+        self.context.jobs.compute("depth picture", lambda: model.shot_of(made.found, shade, least), shown)
 
     def _hovered(self, row: int, column: int, value: float) -> None:
         if row < 0:
             self.panel.readout.setText(" ")
         elif self.panel.shows_map and self.made is not None and self.panel.view.shot.tint is not None:
-            self.panel.readout.setText(readout(self.made.found, self._shades, row, column))
+            self.panel.readout.setText(model.readout(self.made.found, self._shades, row, column))
         else:
             self.panel.readout.setText(f"row {row}, column {column}: {value:.5g} counts")
 

@@ -21,15 +21,8 @@ from lfcal.frames.lists import (
     read_table,
     reader,
 )
-from lfcal_gui.pages.frames.import_choice import (
-    ImportChoice,
-    check_ways,
-    choices_of_dataset,
-    columns_used,
-    list_of,
-    root_of,
-    said_in_dialog,
-)
+from lfcal_gui.pages.frames import import_choice
+from lfcal_gui.pages.frames.import_choice import ImportChoice
 from lfcal_gui.pages.frames.model import (
     FrameSettings,
     ImportedFrames,
@@ -103,8 +96,8 @@ def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -
     """
     found = Survey(choice)
     try:
-        found = replace(found, datasets=choices_of_dataset(choice.frames))
-        check_ways(choice)
+        found = replace(found, datasets=import_choice.choices_of_dataset(choice.frames))
+        import_choice.check_ways(choice)
         found = _with_table(found)
         if found.problem:
             return found
@@ -112,7 +105,7 @@ def survey(choice: ImportChoice, plan: ScanPlan | None, camera: Camera | None) -
     except LfcalError as error:
         # only colour pictures have components
         colours = COMPONENTS if isinstance(error, FileFormatError) and "--channel" in str(error) else ()
-        return replace(found, problem=said_in_dialog(str(error)), colours=colours)
+        return replace(found, problem=import_choice.said_in_dialog(str(error)), colours=colours)
 
 
 def _with_any_plan(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Survey:
@@ -130,7 +123,7 @@ def _with_any_plan(found: Survey, plan: ScanPlan | None, camera: Camera | None) 
 
 
 def _with_table(found: Survey) -> Survey:
-    choice, path = found.choice, list_of(found.choice)
+    choice, path = found.choice, import_choice.list_of(found.choice)
     told = path is not None and path.suffix.lower() in TABLE_SUFFIXES and not path.name.endswith("metadata.txt")
     table = read_table(path) if path is not None and told else None
     if choice.columns and (table is None or choice.header not in ((), table.columns)):
@@ -142,8 +135,8 @@ def _with_table(found: Survey) -> Survey:
         found = replace(found, choice=replace(choice, columns="", header=()), notes=(note,))
     if table is None:
         return found
-    used, problem = columns_used(table, found.choice.columns)
-    return replace(found, table=table, used=used, problem=said_in_dialog(problem))
+    used, problem = import_choice.columns_used(table, found.choice.columns)
+    return replace(found, table=table, used=used, problem=import_choice.said_in_dialog(problem))
 
 
 def settings_of(choice: ImportChoice, shift: int) -> Callable[[FrameSettings], FrameSettings]:
@@ -200,8 +193,8 @@ def _opened(found: Survey, plan: ScanPlan | None, camera: Camera | None) -> Surv
 
 def _imported(choice: ImportChoice, shift: int, plan: ScanPlan | None) -> ImportedFrames:
     """Return the open frames. Raise `InputError` for problems of the frames first, then if there is no plan."""
-    listed = list_of(choice)
-    if listed is not None and not choice.place.is_file() and listed.parent != root_of(choice):
+    listed = import_choice.list_of(choice)
+    if listed is not None and not choice.place.is_file() and listed.parent != import_choice.root_of(choice):
         choice = replace(choice, listed=str(listed))
     chosen = settings_of(choice, shift)
     imported = import_folder(choice.frames, chosen(FrameSettings()), plan, keep=True)
@@ -225,13 +218,13 @@ def _own_plan(choice: ImportChoice) -> ScanPlan | None:
 
 def _derived(choice: ImportChoice, camera: Camera) -> tuple[ScanPlan | None, list[str]]:
     """Return the plan derived from a list of stage coordinates; None if there is no such list."""
-    path = list_of(choice)
+    path = import_choice.list_of(choice)
     if path is None or is_plain(path):
         return None, []
     listing = any_listing(path, choice.columns)
     if listing.unit == "index":
         return None, []
-    root = root_of(choice)
+    root = import_choice.root_of(choice)
     listing = located(listing, root)
     turn = named_orientation(choice.orientation) if choice.orientation else None
     plan, notes = plan_of_list(listing, camera, read=reader(listing, root, turn=turn))
@@ -240,7 +233,7 @@ def _derived(choice: ImportChoice, camera: Camera) -> tuple[ScanPlan | None, lis
 
 def _range_notes(found: Survey, plan: ScanPlan) -> list[str]:
     """Return a note that compares the depth range of the list with that of the plan."""
-    axis, listed = plan.stage.away[1], list_of(found.choice)
+    axis, listed = plan.stage.away[1], import_choice.list_of(found.choice)
     column = next((column for column in found.used if column.role == axis), None)
     if listed is None or column is None or is_plain(listed):
         return []

@@ -20,22 +20,10 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import Filling, PageSpec, ProjectState, options_in
+from lfcal_gui.pages.frames import model
 from lfcal_gui.pages.frames._import_dialog import ImportDialog
 from lfcal_gui.pages.frames._noticed import Noticed
-from lfcal_gui.pages.frames.model import (
-    FrameSettings,
-    ImportedFrames,
-    Loaded,
-    Opened,
-    facts_of,
-    first_middle_last,
-    import_folder,
-    iter_assembly,
-    load_frame,
-    notes_of,
-    open_imported,
-    understood,
-)
+from lfcal_gui.pages.frames.model import FrameSettings, ImportedFrames, Loaded, Opened
 from lfcal_gui.pages.frames.model_import import open_choice
 from lfcal_gui.pages.frames.orientation import refusal
 from lfcal_gui.pages.frames.panel import FramesPanel
@@ -212,7 +200,7 @@ class Page(BasePage):
             self.start_import(path)
 
         name = Path(path).name
-        self.load(name, lambda: import_folder(path, settings, plan), self._imported, ImportedFrames.close, failed)
+        self.load(name, lambda: model.import_folder(path, settings, plan), self._imported, ImportedFrames.close, failed)
 
     def start_import(self, frames: str = "", listed: str = "") -> None:
         """Open the dialog that imports frames from other programs."""
@@ -285,7 +273,7 @@ class Page(BasePage):
         self.notice.wait(f"Opening {Path(folder).name} …", self._stop_opening)
         self.context.jobs.load(
             "frames open",
-            lambda: open_imported(folder, settings, plan),
+            lambda: model.open_imported(folder, settings, plan),
             self._opened,
             self._failed,
             lambda opened: opened.close(),
@@ -353,15 +341,15 @@ class Page(BasePage):
 
     def _show_found(self) -> None:
         if self.opened is not None:
-            mark, head, words = understood(self.opened, self.found, self.settings.orientation)
-            self.panel.show_found(mark, head, words, facts_of(self.opened))
+            mark, head, words = model.understood(self.opened, self.found, self.settings.orientation)
+            self.panel.show_found(mark, head, words, model.facts_of(self.opened))
 
     def _show_three(self, on: bool) -> None:
         opened = self.opened
         if on and opened is not None:
             self.context.jobs.compute(
                 "frames three",
-                lambda: first_middle_last(opened),
+                lambda: model.first_middle_last(opened),
                 lambda shown: self.panel.three.show_frames(shown) if opened is self.opened else None,
                 self.context.message.emit,
             )
@@ -399,7 +387,7 @@ class Page(BasePage):
                     self.noticed.offer_without(words, lambda: self._edited("skip_damaged", True))
 
         self.panel.show_reading("Reading the frame …")
-        self.context.jobs.compute("frames load", lambda: load_frame(opened, where), loaded, failed)
+        self.context.jobs.compute("frames load", lambda: model.load_frame(opened, where), loaded, failed)
 
     def _step(self, dy: int, dx: int) -> None:
         if self.opened is not None:
@@ -450,7 +438,7 @@ class Page(BasePage):
             title,
             "frames",
             path,
-            lambda: iter_assembly(opened, path),
+            lambda: model.iter_assembly(opened, path),
             self._assembled,
             self._not_assembled,
             taken=self.context.taken("frames", title, path),
@@ -468,7 +456,7 @@ class Page(BasePage):
 
     def _assembled(self, report: Any) -> None:
         path = report.matrix.path
-        notes = notes_of(report)
+        notes = model.notes_of(report)
         report.matrix.close()
         for note in notes:
             self.context.message.emit(f"{Path(path).name}: {note}")

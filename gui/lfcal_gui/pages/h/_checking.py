@@ -22,27 +22,10 @@ from lfcal_gui.models import (
     stated_order,
     with_verdict,
 )
+from lfcal_gui.pages.h import model_checks
 from lfcal_gui.pages.h.checks_view import ChecksView
 from lfcal_gui.pages.h.model import PositionMap
-from lfcal_gui.pages.h.model_checks import (
-    CheckRow,
-    InspectionRequest,
-    InspectionRun,
-    QualitySettings,
-    asked_of,
-    checks_of,
-    count_words,
-    error_map,
-    iter_judge,
-    iter_write_report,
-    judged,
-    kept_of,
-    map_of,
-    picture_of,
-    report_files,
-    summary_of,
-    worst_positions,
-)
+from lfcal_gui.pages.h.model_checks import CheckRow, InspectionRequest, InspectionRun, QualitySettings
 from lfcal_gui.pages.h.step_checks import step
 from lfcal_gui.saving import may_replace
 
@@ -165,14 +148,14 @@ class Checking:
             self.follow()
         if self._stamp is None:
             return
-        asked = asked_of(self._stamp, self.settings, self.context.fitted, self._order)
+        asked = model_checks.asked_of(self._stamp, self.settings, self.context.fitted, self._order)
         self._kept, self._asked = InspectionRun(), asked
         kept = self._kept
         self._page.notice.clear()
         self._job = self.context.jobs.start(
             f"Inspect {asked.name}",
             self._page.spec.key,
-            lambda: iter_judge(asked, kept),
+            lambda: model_checks.iter_judge(asked, kept),
             kind="judge",
             abandon=True,
             leave=True,
@@ -203,7 +186,7 @@ class Checking:
             return
         self._job = 0
         why = "it was omitted" if job.state is JobState.DONE else job.error or "it was stopped"
-        found = judged(self._kept, why)
+        found = model_checks.judged(self._kept, why)
         self._kept = InspectionRun()
         if found is not None:
             self.inspection, self._question = found, self._asked
@@ -224,14 +207,14 @@ class Checking:
             failed = "not inspected" if kept is None else f"{kept.failed} failed" if kept.failed else "none failed"
             return self.title, "inspecting …" if self._job else failed
         count = sum(metric.applies for metric in found.quality.metrics)
-        return f"{count} checks", count_words(found).partition(";")[0].rstrip(".")
+        return f"{count} checks", model_checks.count_words(found).partition(";")[0].rstrip(".")
 
     def _show_buttons(self) -> None:
         self._page.show_levels()
         view, free = self.view, self._stamp is not None and not self._job
         if view is None:
             return
-        redo = () if self.inspection is None else worst_positions(self.inspection)
+        redo = () if self.inspection is None else model_checks.worst_positions(self.inspection)
         view.redo.setText(f"Record {format_count(len(redo), 'position', 'positions')} again")
         view.redo.setVisible(bool(redo))
         view.report_button.setEnabled(free and not self._report)
@@ -241,15 +224,15 @@ class Checking:
         found, asked = self.inspection, self._question
         if found is None or asked is None:
             return
-        self.context.project.note(settings=with_verdict(self.context.state, asked.stamp, kept_of(found)))
+        self.context.project.note(settings=with_verdict(self.context.state, asked.stamp, model_checks.kept_of(found)))
         self._page.show_map()
         view, before = self.view, self.chosen
         if view is None:
             return
-        self.checks = checks_of(found, every=view.every.isChecked())
+        self.checks = model_checks.checks_of(found, every=view.every.isChecked())
         names = [check.title for check in self.checks]
         again = names.index(before.title) if before is not None and before.title in names else 0
-        view.show_checks(count_words(found), self.checks, again)
+        view.show_checks(model_checks.count_words(found), self.checks, again)
         self._show_state()
 
     def _show_state(self) -> None:
@@ -260,8 +243,8 @@ class Checking:
         view.show_settings(self.settings)
         if found is None or asked is None or self._stamp is None:
             return
-        words = summary_of(found, asked.source)
-        now = asked_of(self._stamp, self.settings, self.context.fitted, self._order)
+        words = model_checks.summary_of(found, asked.source)
+        now = model_checks.asked_of(self._stamp, self.settings, self.context.fitted, self._order)
         if now.choices != asked.choices:
             words += " The settings changed since then; press Inspect again to use them."
         view.summary.setText(words)
@@ -272,18 +255,22 @@ class Checking:
         if view is None or found is None or not 0 <= row < len(self.checks):
             return
         self.chosen = check = self.checks[row]
-        view.show_check(check.words, picture_of(found, check))
+        view.show_check(check.words, model_checks.picture_of(found, check))
         if check.plane is not None:
             self._page.set_intent(z=check.plane)
         self._page.show_map()
 
     def map_at(self, z: int) -> PositionMap | None:
         """Return what the chosen check says of the positions of a plane."""
-        return None if self.chosen is None or self.inspection is None else map_of(self.inspection, self.chosen, z)
+        return (
+            None
+            if self.chosen is None or self.inspection is None
+            else model_checks.map_of(self.inspection, self.chosen, z)
+        )
 
     def error_at(self, z: int, worst: Iterable[Place], missing: NDArray[Any]) -> PositionMap | None:
         """Return how far the positions of a plane are off, see `error_map`; None where that is not known."""
-        return None if self.inspection is None else error_map(self.inspection, z, worst, missing)
+        return None if self.inspection is None else model_checks.error_map(self.inspection, z, worst, missing)
 
     # -- doing -----------------------------------------------------------------------------------------
     def deeds(self) -> dict[str, Callable[[], object]]:
@@ -299,14 +286,14 @@ class Checking:
     def redo(self) -> None:
         """Record the bad positions again in Record > Rig, which also makes and judges the new H."""
         if self.inspection is not None:
-            self.context.project.update("positions to record again", redo=worst_positions(self.inspection))
+            self.context.project.update("positions to record again", redo=model_checks.worst_positions(self.inspection))
             self.context.go.emit("acquire", "redo")
 
     def write_report(self, folder: str = "") -> None:
         """Write the report as a job."""
         psf, asked = self.context.state.psf, not folder
         folder = folder or QFileDialog.getExistingDirectory(self._page, "Folder for the report")
-        if not folder or not psf or (asked and not may_replace(self._page, report_files(folder))):
+        if not folder or not psf or (asked and not may_replace(self._page, model_checks.report_files(folder))):
             return
         order, asked_before = self._order, self._question
         same = stamp_of(psf) == self._stamp and asked_before is not None and asked_before.mat_order == order
@@ -314,7 +301,7 @@ class Checking:
         self._report = self.context.jobs.start(
             "Report",
             self._page.spec.key,
-            lambda: iter_write_report(psf, folder, found, order),
+            lambda: model_checks.iter_write_report(psf, folder, found, order),
             lambda page: self.context.message.emit(f"report written: {page}"),
             lambda job: self._page.notice.refuse(job.error),
             abandon=True,

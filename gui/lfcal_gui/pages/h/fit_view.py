@@ -27,21 +27,9 @@ from lfcal.base import Progress
 from lfcal.fit import Fit, FitProgress
 from lfcal.tasks import FitMatrix
 from lfcal_gui.models import DisplaySettings, ProjectState, Shot, check_of, fields_of, levels_of, shown_of, typeset
+from lfcal_gui.pages.h import model_fit_run
 from lfcal_gui.pages.h.model_fit import HELD, START, FitSettings, Offer, group_rows
-from lfcal_gui.pages.h.model_fit_run import (
-    COLUMNS,
-    NUMBERS,
-    SPARE,
-    FoundFit,
-    Place,
-    chi2_words,
-    detail_of,
-    findings_of,
-    merit_of,
-    parameter_rows,
-    place_words,
-    verdict_of,
-)
+from lfcal_gui.pages.h.model_fit_run import FoundFit, Place
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
     LINES,
@@ -265,7 +253,7 @@ class FitPictures(QWidget):
             return
         own = [one for one in found.places if one[0] == place[0]] or found.places
         self.place = nearest = min(own, key=lambda one: math.dist(one, place))
-        self.words = place_words(found, nearest)
+        self.words = model_fit_run.place_words(found, nearest)
         measured, model = found.patterns[nearest], found.model[nearest]
         levels = levels_of(np.stack([measured, model]))
         name = "z{}_y{}_x{}".format(*nearest)
@@ -469,7 +457,9 @@ class FitView(QWidget):
         self.findings.setWordWrap(True)
         self.findings.itemSelectionChanged.connect(self._finding_chosen)
         self.findings.cellClicked.connect(lambda *_: self._finding_chosen())  # also where it is selected already
-        self.parameters = RowsTable(COLUMNS, 0, NUMBERS, spare=SPARE, whole=True)
+        self.parameters = RowsTable(
+            model_fit_run.COLUMNS, 0, model_fit_run.NUMBERS, spare=model_fit_run.SPARE, whole=True
+        )
         self.parameters.setAccessibleName("parameters")
         legend = QLabel(LEGEND)
         legend.setWordWrap(True)
@@ -514,10 +504,14 @@ class FitView(QWidget):
         """Show what a fit found; ``note``: what was done or chosen since."""
         if found is not self._found:
             self._found = found
-            self.sums.setText(chi2_words(found))
+            self.sums.setText(model_fit_run.chi2_words(found))
             self._show_rows(found)
         self.rounds.show_rounds(rounds, NO_ROUNDS)
-        self._say(verdict_of(found.fit), "\n".join(filter(None, (detail_of(found), note))), merit_of(found.fit))
+        self._say(
+            model_fit_run.verdict_of(found.fit),
+            "\n".join(filter(None, (model_fit_run.detail_of(found), note))),
+            model_fit_run.merit_of(found.fit),
+        )
         self.results.show()
 
     def _say(self, words: str, detail: str, merit: str) -> None:
@@ -528,19 +522,19 @@ class FitView(QWidget):
         self.bar.hide()
 
     def _show_rows(self, found: FoundFit) -> None:
-        rows = parameter_rows(found.fit)
+        rows = model_fit_run.parameter_rows(found.fit)
         theme = current_theme()
         self.parameters.show_rows(
             [row.texts for row in rows],
             [row.numbers for row in rows],
             lambda k, column: theme.accent if column == 5 and rows[k].far else "",
         )
-        self.findings.show_rows([(f"{one.kind}: {one.text}",) for one in findings_of(found.fit)])
+        self.findings.show_rows([(f"{one.kind}: {one.text}",) for one in model_fit_run.findings_of(found.fit)])
 
     def _finding_chosen(self) -> None:
         found, row = self._found, self.findings.chosen()
         if found is not None and row >= 0:
-            place = findings_of(found.fit)[row].place
+            place = model_fit_run.findings_of(found.fit)[row].place
             if place is not None:
                 self.place_asked.emit(place)
 

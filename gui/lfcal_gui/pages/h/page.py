@@ -24,21 +24,10 @@ from lfcal_gui.models import (
     kept_verdict,
     stated_order,
 )
-from lfcal_gui.pages.h import takes
+from lfcal_gui.pages.h import model, takes
 from lfcal_gui.pages.h._checking import Checking
 from lfcal_gui.pages.h._comparing import ProjectComparing
-from lfcal_gui.pages.h.model import (
-    HIntent,
-    LoadedPlane,
-    PlaneData,
-    expected_in,
-    light_map,
-    place_words,
-    read_plane,
-    resolve,
-    shown_unit,
-    unit_of,
-)
+from lfcal_gui.pages.h.model import HIntent, LoadedPlane, PlaneData
 from lfcal_gui.pages.h.model_checks import QualitySettings
 from lfcal_gui.pages.h.panel import LEVELS, HPanel
 
@@ -165,8 +154,8 @@ class Page(BasePage):
             kept = kept_verdict(self.context.state)
             worst, missing = () if kept is None else kept.redo, matrix.recorded[z] == 0
             shown = self.checking.error_at(z, worst, missing)
-            unit = "counts" if "counts" in unit_of(matrix) else ""
-            shown = shown or light_map(data, worst, missing, unit)
+            unit = "counts" if "counts" in model.unit_of(matrix) else ""
+            shown = shown or model.light_map(data, worst, missing, unit)
         self.panel.show_map(shown)
 
     @property
@@ -281,7 +270,7 @@ class Page(BasePage):
         self.show_body()
         self._show_hint(matrix)
         pixel = None if matrix.camera is None else matrix.camera.sensor.pixel_um
-        self.panel.show_matrix(matrix.known_depths, unit_of(matrix), pixel, reference=self.reference is not None)
+        self.panel.show_matrix(matrix.known_depths, model.unit_of(matrix), pixel, reference=self.reference is not None)
         self._summed = None
         if matrix is before:
             self.set_intent()
@@ -436,7 +425,7 @@ class Page(BasePage):
             return
         there = self.reference is not None
         self.intent = replace(self.intent, **changes).clamped(self.matrix.shape, reference=there)
-        self.panel.show_intent(self.intent, *place_words(self.matrix, self.intent))
+        self.panel.show_intent(self.intent, *model.place_words(self.matrix, self.intent))
         if self.plane is None or self.plane.z != self.intent.z:
             self._load_plane()
             self.show_map()
@@ -493,7 +482,7 @@ class Page(BasePage):
                 self.panel.show_no_plane(words)
             self._load_sums(matrix)
 
-        self.context.jobs.compute("psf plane", lambda: read_plane(matrix, both, z), self._plane_read, failed)
+        self.context.jobs.compute("psf plane", lambda: model.read_plane(matrix, both, z), self._plane_read, failed)
 
     def _plane_read(self, loaded: PlaneData) -> None:
         self.plane, self.reference_plane, self._levels = loaded.plane, loaded.reference, loaded.levels
@@ -528,8 +517,8 @@ class Page(BasePage):
             return
         assert self.matrix is not None
         intent = self.intent
-        picture = resolve(intent, self.plane, self.reference_plane)
-        unit = shown_unit(intent, self.matrix, self.reference)
+        picture = model.resolve(intent, self.plane, self.reference_plane)
+        unit = model.shown_unit(intent, self.matrix, self.reference)
         show = intent.show if intent.view != "difference" else "measured"
         own = self.panel.own_scale.isChecked()
         ends = (None, None) if own else (self._levels.get(show), self._levels.get("difference"))
@@ -554,7 +543,7 @@ def _sum_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
 
 
 def _apertures_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
-    found = {"fitted": matrix.aperture(z), "expected": expected_in(matrix, z)}
+    found = {"fitted": matrix.aperture(z), "expected": model.expected_in(matrix, z)}
     for one in found.values():
         if one is not None:
             one.outline()  # loads what draws it: that held the window's thread for 25 ms

@@ -16,20 +16,10 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, capital, stated_order
+from lfcal_gui.pages.sessions import model
 from lfcal_gui.pages.sessions._looking import Looking
 from lfcal_gui.pages.sessions._pairing import Pairing
-from lfcal_gui.pages.sessions.model import (
-    PROJECT,
-    SessionsSettings,
-    Verdict,
-    can_judge,
-    fact_rows,
-    how_opened,
-    own_folders,
-    recent_with,
-    shown,
-    verdict_on,
-)
+from lfcal_gui.pages.sessions.model import SessionsSettings, Verdict
 from lfcal_gui.pages.sessions.model_kept import JudgedResult, KeptResults, iter_judged
 from lfcal_gui.pages.sessions.panel import SessionsPanel
 from lfcal_gui.pages.sessions.trend_panel import Trending
@@ -110,7 +100,9 @@ class Page(BasePage):
     def folders(self) -> tuple[str, ...]:
         """The folders that are looked through."""
         chosen = self.settings.folder
-        return (chosen,) if chosen != PROJECT else own_folders(self.context.state, self.context.project.path)
+        return (
+            (chosen,) if chosen != model.PROJECT else model.own_folders(self.context.state, self.context.project.path)
+        )
 
     def let_go(self) -> None:
         """Forget what was compared in another project."""
@@ -132,7 +124,7 @@ class Page(BasePage):
         state = self.context.state
         for one in self.results:
             if state.psf and str(one.path) == str(Path(state.psf).absolute()):
-                found = verdict_on(one, state)
+                found = model.verdict_on(one, state)
                 if found is not None and found != self.verdicts.get(one.path):
                     self.verdicts[one.path] = found
                     self._show()
@@ -156,7 +148,7 @@ class Page(BasePage):
         """Look through another folder; without one it is asked for."""
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder to search")
         if folder:
-            self._recent = recent_with(folder, self._recent)
+            self._recent = model.recent_with(folder, self._recent)
             self.context.keep_texts(RECENT, self._recent)
             self._set(folder=folder)
             self.panel.show_settings(self.settings, self._recent)
@@ -192,7 +184,7 @@ class Page(BasePage):
 
     # -- showing ---------------------------------------------------------------------------------------
     def _show(self) -> None:
-        found = shown(self.results, self.settings, self.panel.words.text(), self.verdicts)
+        found = model.shown(self.results, self.settings, self.panel.words.text(), self.verdicts)
         self.panel.tiles.show_results(found, self.verdicts)
         total = len(self.results)
         self.panel.counted.setText(
@@ -212,18 +204,20 @@ class Page(BasePage):
     def _show_chosen(self) -> None:
         chosen = self.panel.tiles.selected()
         one = chosen[0] if len(chosen) == 1 else None
-        refused = how_opened(one) if one is not None and how_opened(one).endswith(".") else ""
+        refused = model.how_opened(one) if one is not None and model.how_opened(one).endswith(".") else ""
         self.open_button.setEnabled(one is not None and not refused)
         self.open_button.setToolTip(refused or "Open the selected result on its page (Return)")
         self.compare_button.setEnabled(len(chosen) == 2)
         busy = {result.path for result, _ in self._judging.values()}
-        self.judge_button.setEnabled(one is not None and can_judge(one) and one.path not in busy)
-        self.panel.show_facts("" if one is None else one.name, [] if one is None else fact_rows(one, self.verdicts))
+        self.judge_button.setEnabled(one is not None and model.can_judge(one) and one.path not in busy)
+        self.panel.show_facts(
+            "" if one is None else one.name, [] if one is None else model.fact_rows(one, self.verdicts)
+        )
 
     def _show_trend(self) -> None:
         if self.panel.currentWidget() is self.panel.trend and not self.looking.active:
             self.trending.show_results(
-                shown(self.results, replace(self.settings, kind="report"), self.panel.words.text())
+                model.shown(self.results, replace(self.settings, kind="report"), self.panel.words.text())
             )
 
     def _apply_theme(self) -> None:
@@ -237,7 +231,7 @@ class Page(BasePage):
         chosen = self.panel.tiles.selected()
         if len(chosen) != 1:
             return
-        one, how = chosen[0], how_opened(chosen[0])
+        one, how = chosen[0], model.how_opened(chosen[0])
         if how.endswith("."):
             self.refuse(how)
         elif how == "browser":
@@ -257,7 +251,7 @@ class Page(BasePage):
     def judge(self) -> None:
         """Judge the selected H as a job."""
         chosen = self.panel.tiles.selected()
-        if len(chosen) != 1 or not can_judge(chosen[0]):
+        if len(chosen) != 1 or not model.can_judge(chosen[0]):
             return
         one, kept = chosen[0], JudgedResult()
         path, order = str(one.path), stated_order(self.context.state, str(one.path))

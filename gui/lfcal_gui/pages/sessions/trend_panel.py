@@ -11,15 +11,8 @@ from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QSplitter, QVBoxLayout, QWidget
 
 from lfcal_gui.context import Context
-from lfcal_gui.pages.sessions.model_trend import (
-    TREND_COLUMNS,
-    TrendCurve,
-    curve_of,
-    merits_of,
-    rows_of,
-    trend_of,
-    trend_words,
-)
+from lfcal_gui.pages.sessions import model_trend
+from lfcal_gui.pages.sessions.model_trend import TrendCurve
 from lfcal_gui.saving import ask_target
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import LINES, LinePlot, RowsTable, WrappedLabel, button, card, split, told_or_shown
@@ -73,7 +66,7 @@ class TrendPanel(QWidget):
 
     def _content(self) -> QSplitter:
         left, column = card("Faults and metrics")
-        self.table = RowsTable(TREND_COLUMNS, 0)
+        self.table = RowsTable(model_trend.TREND_COLUMNS, 0)
         self.table.setAccessibleName("faults and metrics over time")
         self.table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
         self.table.verticalHeader().setDefaultSectionSize(24)
@@ -157,7 +150,9 @@ class Trending:
         folders = [Path(one.path) for one in reports]
         self._panel.show_message("Reading …")
         self._context.jobs.drop("sessions trend")
-        self._context.jobs.load("sessions trend", lambda: trend_of(folders), self._read, self._panel.show_message)
+        self._context.jobs.load(
+            "sessions trend", lambda: model_trend.trend_of(folders), self._read, self._panel.show_message
+        )
 
     def _read(self, found: Trend) -> None:
         self.found = found
@@ -166,11 +161,13 @@ class Trending:
     def show(self) -> None:
         """Show what was read."""
         if self.found is not None:
-            self._panel.show_rows(trend_words(self.found), rows_of(self.found), merits_of(self.found))
+            self._panel.show_rows(
+                model_trend.trend_words(self.found), model_trend.rows_of(self.found), model_trend.merits_of(self.found)
+            )
 
     def _row_chosen(self, row: int) -> None:
         if self.found is not None and row >= 0:
-            self._panel.show_curve(curve_of(self.found, row))
+            self._panel.show_curve(model_trend.curve_of(self.found, row))
 
     def save_picture(self, path: str = "") -> None:
         """Draw all courses into a file; without one it is asked for."""

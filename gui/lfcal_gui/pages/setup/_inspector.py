@@ -12,19 +12,7 @@ from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QPushButton, QTool
 from lfcal.camera import NOISE, PRESETS, Camera, Microscope, ScanPlan
 from lfcal.tasks import PlanScan
 from lfcal_gui.models import fields_of
-from lfcal_gui.pages.setup.model import (
-    BASIC,
-    LATTICE,
-    LIGHT,
-    MAIN_LENS,
-    MICROSCOPE,
-    SENSOR,
-    TIPS,
-    mark_of,
-    name_at,
-    path_of,
-    values_of,
-)
+from lfcal_gui.pages.setup import model
 from lfcal_gui.pages.setup.model_scan import BASIC_OF_SCAN, HELD, suggested_values
 from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
 from lfcal_gui.pages.setup.model_target import PlanSettings
@@ -46,10 +34,10 @@ if TYPE_CHECKING:
     from lfcal.simulate import AssumedEffect
 
 GROUPS = (
-    ("Main optics", (*MAIN_LENS, *MICROSCOPE[1:])),
-    ("Lenslet array", LATTICE),
-    ("Sensor", SENSOR),
-    ("Light", LIGHT),
+    ("Main optics", (*model.MAIN_LENS, *model.MICROSCOPE[1:])),
+    ("Lenslet array", model.LATTICE),
+    ("Sensor", model.SENSOR),
+    ("Light", model.LIGHT),
 )
 FIELDS = {field.key: replace(field, group=title) for title, fields in GROUPS for field in fields}
 ALL_VALUES = "All values of optics, lenslets, sensor and light, and their source"
@@ -161,11 +149,11 @@ class Inspector(QWidget):
 
     def _camera(self, check: Callable[[str, Any], str]) -> QWidget:
         frame, column = card("Camera")
-        rest = tuple(field for key, field in FIELDS.items() if key not in BASIC)
-        self.values = FoldedForm(tuple(FIELDS[key] for key in BASIC), rest, "All values", ALL_VALUES)
+        rest = tuple(field for key, field in FIELDS.items() if key not in model.BASIC)
+        self.values = FoldedForm(tuple(FIELDS[key] for key in model.BASIC), rest, "All values", ALL_VALUES)
         self.values.check = check
         self.values.edited.connect(self.edited)
-        self.values.confirmed.connect(lambda key: self.confirmed.emit((path_of(key),)))
+        self.values.confirmed.connect(lambda key: self.confirmed.emit((model.path_of(key),)))
         self.assumed_list = AssumedList()
         self.assumed_list.confirmed.connect(lambda path: self.confirmed.emit((path,)))
         assumed = QWidget()
@@ -209,9 +197,9 @@ class Inspector(QWidget):
     # -- showing ---------------------------------------------------------------------------------------
     def show_camera(self, camera: Camera) -> None:
         """Show the values of a camera, and where they come from."""
-        values = values_of(camera)
-        marks = {key: mark_of(camera, key) for key in values}
-        self.values.set_state(values, {key: (mark, TIPS[mark]) for key, mark in marks.items()})
+        values = model.values_of(camera)
+        marks = {key: model.mark_of(camera, key) for key in values}
+        self.values.set_state(values, {key: (mark, model.TIPS[mark]) for key, mark in marks.items()})
         self._assumed = camera.marks.paths("assumed")
         self.values.head.name(f"All {len(values)} values")
         self.buttons["confirm"].setEnabled(bool(self._assumed))
@@ -223,7 +211,7 @@ class Inspector(QWidget):
             known |= {path: "noise of H" for path in NOISE if path in self._assumed}
         order = sorted(self._assumed, key=lambda path: list(known).index(path) if path in known else len(known))
         self.assumed_list.show_values(
-            [(path, name_at(path)[:1].upper() + name_at(path)[1:], known.get(path, "")) for path in order]
+            [(path, model.name_at(path)[:1].upper() + model.name_at(path)[1:], known.get(path, "")) for path in order]
         )
 
     @property
@@ -295,7 +283,7 @@ class AssumedList(QWidget):
             tick.setProperty("role", "mark")
             tick.setProperty("mark", "assumed")
             tick.setAccessibleName(f"confirm {label}")
-            tick.setToolTip(TIPS["assumed"])
+            tick.setToolTip(model.TIPS["assumed"])
             tick.clicked.connect(lambda _=False, path=path: self.confirmed.emit(path))
             self.ticks[path] = tick
             for column, part in enumerate((name, effect, tick)):

@@ -18,17 +18,8 @@ from lfcal.tasks import PlanTarget
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import ProjectState, fields_of, rounded
-from lfcal_gui.pages.setup.model_target import (
-    HELD_OF_TARGET,
-    TABLE,
-    PlaneDrawing,
-    PlannedTarget,
-    PlanSettings,
-    iter_target,
-    point_lines,
-    refused_setting,
-    table_rows,
-)
+from lfcal_gui.pages.setup import model_target
+from lfcal_gui.pages.setup.model_target import PlaneDrawing, PlannedTarget, PlanSettings
 from lfcal_gui.pages.setup.step import target_step
 from lfcal_gui.saving import ask_target, write_file
 from lfcal_gui.theme import current_theme
@@ -123,17 +114,17 @@ class TargetDialog(QDialog):
         self.found: PlannedTarget | None = None
         self._job = 0
         self._asked: tuple[ScanPlan, PlanSettings] | None = None
-        some, rare = (fields_of(PlanTarget, without=HELD_OF_TARGET, more=more) for more in (False, True))
+        some, rare = (fields_of(PlanTarget, without=model_target.HELD_OF_TARGET, more=more) for more in (False, True))
         some = tuple(replace(one, empty=NO_TARGET) if one.key == "source" else one for one in some)
         self.form = FoldedForm(some, rare, tip="Limits of the pose, and light level for coded frames")
         self.form.set_defaults(PlanSettings().shown())
         self.form.own_line("source")
         self.form.own_line("pose")
-        self.form.check = lambda *given: refused_setting(context.project, *given)
+        self.form.check = lambda *given: model_target.refused_setting(context.project, *given)
         self.form.edited.connect(lambda *given: context.edit(PlanSettings.of(context.state), *given))
         self._build_images()
         self._build_map()
-        self.table = RowsTable(TABLE, 0, range(1, len(TABLE)), spare=(2,))
+        self.table = RowsTable(model_target.TABLE, 0, range(1, len(model_target.TABLE)), spare=(2,))
         self.table.setAccessibleName("planes of the target's plan")
         self.table.setToolTip(PLANES)
         self.message, self.stack = told_or_shown(POINT_WORDS, self._results())
@@ -239,7 +230,7 @@ class TargetDialog(QDialog):
         self.note.setToolTip("" if found is None else found.coding)
         if found is None:
             return
-        self.table.show_rows(*table_rows(found))
+        self.table.show_rows(*model_target.table_rows(found))
         with QSignalBlocker(self.plane):
             self.plane.clear()
             self.plane.addItems([format_length(depth) for depth in found.plan.scan.depths_um])
@@ -288,7 +279,11 @@ class TargetDialog(QDialog):
 
     def _entries(self) -> list[tuple[str, Any]]:
         plane = self.shown
-        return [] if plane is None else table_entries(self, "target", lambda between: point_lines(plane, between))
+        return (
+            []
+            if plane is None
+            else table_entries(self, "target", lambda between: model_target.point_lines(plane, between))
+        )
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""
@@ -328,7 +323,12 @@ class TargetDialog(QDialog):
                 self.show_planned(found)
 
         self._job = self.context.jobs.start(
-            f"Plan {settings.source}", "setup", lambda: iter_target(plan, settings), done, leave=True, at_once=True
+            f"Plan {settings.source}",
+            "setup",
+            lambda: model_target.iter_target(plan, settings),
+            done,
+            leave=True,
+            at_once=True,
         )
         self._show()
 

@@ -19,16 +19,8 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, Shot, asked_seconds, iter_measure, rough_seconds, subject_of
-from lfcal_gui.pages.simulate.model import (
-    SimulateSettings,
-    frames_task,
-    kept_pass,
-    matrix_task,
-    pattern_of,
-    read_settings,
-    settings_text,
-    used_point,
-)
+from lfcal_gui.pages.simulate import model
+from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 from lfcal_gui.pages.simulate.model_frames import (
     FrameBench,
@@ -178,7 +170,7 @@ class Page(BasePage):
         if verdict.settings.level == "auto":
             self._forecasted(verdict, verdict.found.seconds)
             return
-        task = matrix_task(verdict.settings, "")
+        task = model.matrix_task(verdict.settings, "")
         self.context.jobs.compute(
             "simulate seconds",
             lambda: task.timed(verdict.plan, verdict.found).seconds,
@@ -216,7 +208,7 @@ class Page(BasePage):
         effects = verdict.found if fine and verdict is not None else ()
         self.context.jobs.compute(
             "simulate preview",
-            lambda: pattern_of(plan, place, effects, level, settings.tolerance),
+            lambda: model.pattern_of(plan, place, effects, level, settings.tolerance),
             lambda shot: self._previewed(shot, plan, settings, fine),
             self.context.message.emit,
         )
@@ -303,7 +295,7 @@ class Page(BasePage):
         path = path or QFileDialog.getOpenFileName(self, "Import magnitudes", "", "effects (*.json)")[0]
         if path:
             settings = self.settings
-            self.load(Path(path).name, lambda: read_settings(Path(path), settings), self._imported)
+            self.load(Path(path).name, lambda: model.read_settings(Path(path), settings), self._imported)
 
     def _imported(self, found: tuple[SimulateSettings, str]) -> None:
         settings, words = found
@@ -313,7 +305,7 @@ class Page(BasePage):
 
     def export_magnitudes(self, path: str = "") -> None:
         """Write magnitudes and settings to a JSON file for the command line."""
-        text = settings_text(self.settings)
+        text = model.settings_text(self.settings)
         path = path or ask_target(self, "Export magnitudes", "effects.json", "effects (*.json)")
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
             self.context.message.emit(f"written: {path}; lfcal simulate … --effect {Path(path).name} reads it")
@@ -332,10 +324,10 @@ class Page(BasePage):
         path = path or ask_target(self, "Compute H", "simulated.h5", "H file (*.h5)")
         if not path:
             return
-        title, task = f"Simulate {Path(path).name}", matrix_task(settings, path)
+        title, task = f"Simulate {Path(path).name}", model.matrix_task(settings, path)
 
         def ended(job: WindowJob) -> None:
-            if job.state is not JobState.DONE and (whole := kept_pass(path)):  # the last whole pass stays
+            if job.state is not JobState.DONE and (whole := model.kept_pass(path)):  # the last whole pass stays
                 self._take(path, f"kept {path}, {whole}")
 
         self.context.start_writing(
@@ -368,7 +360,7 @@ class Page(BasePage):
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder for the frames (new or empty)")
         if not folder:
             return
-        task = frames_task(settings, folder)
+        task = model.frames_task(settings, folder)
         try:
             check_session_folder(folder, resume=True)
         except LfcalError as error:
@@ -415,7 +407,7 @@ class Page(BasePage):
         self._curve = curves.of(key).get(PART)
         paced = partial(self.context.paces.seconds, "compute")
         self.panel.show_cost(self._curve, self.settings, self._seconds, paced)
-        point = used_point(self._curve, self.settings)
+        point = model.used_point(self._curve, self.settings)
         # the line of the next step corrects the time in the same way
         facts = {"compute_s": self._seconds} if point is None else {"compute_s": point.cost, "error": point.error}
         self.context.tell(self.spec.key, **facts)

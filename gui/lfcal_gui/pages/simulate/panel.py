@@ -26,17 +26,10 @@ from lfcal.base import format_length
 from lfcal.camera import ScanPlan
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import Shot, axis_labels, cutout_of, points_of
+from lfcal_gui.pages.simulate import model
 from lfcal_gui.pages.simulate._effect_panel import EffectPanel
 from lfcal_gui.pages.simulate._effects_table import EffectsTable
-from lfcal_gui.pages.simulate.model import (
-    FIELDS,
-    SimulateSettings,
-    better_words,
-    numbers_of,
-    refusal,
-    shown,
-    used_point,
-)
+from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
 from lfcal_gui.pages.simulate.model_frames import SimulatedFrame, write_frame
 from lfcal_gui.saving import ask_target, write_file
@@ -222,13 +215,13 @@ class SimulatePanel(QWidget):
         self.table.edit_asked.connect(self.show_effect)
         of_frames = "Sensor frames with noise, as a camera would record them on this plan"
         self.forms = (
-            FoldedForm(FIELDS[0]),
-            FoldedForm((), FIELDS[1], tip="Level, passes, and lossy storage of H", framed=True),
-            FoldedForm((), FIELDS[2], "Frames instead of H", of_frames, framed=True),
+            FoldedForm(model.FIELDS[0]),
+            FoldedForm((), model.FIELDS[1], tip="Level, passes, and lossy storage of H", framed=True),
+            FoldedForm((), model.FIELDS[2], "Frames instead of H", of_frames, framed=True),
         )
         for form in self.forms:
-            form.check = refusal
-            form.set_defaults({key: shown(key, SimulateSettings()) for key in form.fields})
+            form.check = model.refusal
+            form.set_defaults({key: model.shown(key, SimulateSettings()) for key in form.fields})
             form.edited.connect(self.edited.emit)
         left, column = card("What accuracy costs")
         column.addWidget(self.curve)
@@ -291,7 +284,7 @@ class SimulatePanel(QWidget):
     def show_settings(self, settings: SimulateSettings) -> None:
         """Show the fields of the tasks."""
         for form in self.forms:
-            form.set_values({key: shown(key, settings) for key in form.fields})
+            form.set_values({key: model.shown(key, settings) for key in form.fields})
         self.forms[1].set_enabled(
             "store_tolerance", not settings.progressive, "H computed in passes is stored without loss"
         )
@@ -317,17 +310,17 @@ class SimulatePanel(QWidget):
         forecast
             Processor time of H (s) where it was not measured.
         """
-        point = used_point(curve, settings)
+        point = model.used_point(curve, settings)
         if curve is not None:
             self.curve.set_labels(*axis_labels(curve))
         points = () if curve is None else points_of(curve, point)
         self.curve.show_points(points, math.log10(100 * settings.tolerance))
         seconds = forecast if point is None else point.cost
-        numbers = numbers_of(point, settings, None if seconds is None else paced(seconds))
+        numbers = model.numbers_of(point, settings, None if seconds is None else paced(seconds))
         labels = (self.seconds, self.seconds_words, self.error, self.error_words)
         for label, text in zip(labels, numbers, strict=True):
             label.setText(text)
-        self.better.setText(better_words(curve, point, paced))
+        self.better.setText(model.better_words(curve, point, paced))
         self.better.setVisible(bool(self.better.text()))
 
     def apply_theme(self) -> None:
