@@ -16,18 +16,12 @@ NEAR_PX, HELD_S, POLL_MS = 24, 0.4, 100
 
 
 class NextLine(QWidget):
-    """Shows a `Step`, and a second button for an optional one. They wait while the user is about to press the others.
+    """Shows a `Step`, and a second button for an optional one. They wait while the user is about to press others."""
 
-    Signals
-    -------
-    pressed(action)
-        The button, or Stop next to it, was pressed.
-    declined(action, place)
-        The user leaves out an optional step.
-    """
-
-    pressed = Signal(str)
-    declined = Signal(str, str)
+    pressed = Signal(str, arguments=["action"])
+    """The button, or Stop next to it, was pressed."""
+    declined = Signal(str, str, arguments=["action", "place"])
+    """The user leaves out an optional step."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

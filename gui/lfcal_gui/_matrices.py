@@ -18,17 +18,12 @@ class Matrices(QObject):
     """Open H files, without waiting for them. A file that is not open yet is None; `changed` reports when it is.
 
     ``order_of`` returns the order of the axes of H that the project states for a file; empty: none.
-
-    Signals
-    -------
-    changed(path)
-        A matrix was opened or closed, or could not be opened.
-    failed(words)
-        Why a file of the project could not be opened.
     """
 
-    changed = Signal(str)
-    failed = Signal(str)
+    changed = Signal(str, arguments=["path"])
+    """A matrix was opened or closed, or could not be opened."""
+    failed = Signal(str, arguments=["words"])
+    """Why a file of the project could not be opened."""
 
     def __init__(self, jobs: Jobs, order_of: Callable[[str], str], parent: QObject | None = None) -> None:
         super().__init__(parent)

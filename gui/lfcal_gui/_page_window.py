@@ -12,15 +12,10 @@ from lfcal_gui.theme import style_sheet
 
 
 class PageWindow(QMainWindow):
-    """Holds one page, with the actions of the main window, and is kept when it is closed.
-
-    Signals
-    -------
-    activated()
-        The window came to the front.
-    """
+    """Holds one page, with the actions of the main window, and is kept when it is closed."""
 
     activated = Signal()
+    """The window came to the front."""
 
     def __init__(self, page: BasePage, main: QMainWindow, settings: QSettings) -> None:
         super().__init__(main)

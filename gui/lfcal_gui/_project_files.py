@@ -52,21 +52,14 @@ def stop_words(jobs: Jobs) -> str:
 
 
 class ProjectFiles(QObject):
-    """What the menu does with project files; ``folder`` keeps recent projects and copies of unsaved work.
+    """What the menu does with project files; ``folder`` keeps recent projects and copies of unsaved work."""
 
-    Signals
-    -------
-    message(text)
-        A line for the log.
-    saved()
-        The project has no unsaved changes any more.
-    begun()
-        An empty project was begun.
-    """
-
-    message = Signal(str)
+    message = Signal(str, arguments=["text"])
+    """A line for the log."""
     saved = Signal()
+    """The project has no unsaved changes any more."""
     begun = Signal()
+    """An empty project was begun."""
 
     def __init__(self, project: Project, jobs: Jobs, folder: Path, window: QWidget) -> None:
         super().__init__(window)

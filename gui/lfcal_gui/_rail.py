@@ -23,15 +23,10 @@ MARKS = {"good": "✓ ", "fair": "▲ ", "bad": "▲ "}
 
 
 class Rail(QFrame):
-    """Buttons of the places, one of them checked.
+    """Buttons of the places, one of them checked."""
 
-    Signals
-    -------
-    chosen(place)
-        Key of a place that was clicked.
-    """
-
-    chosen = Signal(str)
+    chosen = Signal(str, arguments=["place"])
+    """Key of a place that was clicked."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

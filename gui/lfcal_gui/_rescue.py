@@ -20,17 +20,10 @@ WIDTH = 540
 
 
 class RestoreDialog(QDialog):
-    """Names the project, the copy's time and what it holds; closing it means later.
+    """Names the project, the copy's time and what it holds; closing it means later."""
 
-    Signals
-    -------
-    restore_asked(), discard_asked(), later_asked()
-        One of them, once.
-    """
-
-    restore_asked = Signal()
-    discard_asked = Signal()
-    later_asked = Signal()
+    restore_asked, discard_asked, later_asked = Signal(), Signal(), Signal()
+    """One of them, once."""
 
     def __init__(self, kept: UnsavedCopy, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -101,18 +94,12 @@ AUTOSAVE_MS = 30_000
 
 
 class Rescue(QObject):
-    """Keep a copy of unsaved work in ``folder``; offer those of windows that ended without being closed.
+    """Keep a copy of unsaved work in ``folder``; offer those of windows that ended without being closed."""
 
-    Signals
-    -------
-    message(text)
-        A line for the log.
-    restored(kept)
-        The user wants this copy back; `finish` ends what is done with it.
-    """
-
-    message = Signal(str)
-    restored = Signal(object)
+    message = Signal(str, arguments=["text"])
+    """A line for the log."""
+    restored = Signal(object, arguments=["kept"])
+    """The user wants this copy back; `finish` ends what is done with it."""
 
     def __init__(self, project: Project, jobs: Jobs, folder: Path, window: QWidget) -> None:
         super().__init__(window)

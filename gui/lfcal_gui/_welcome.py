@@ -28,21 +28,14 @@ SIZE = (560, 420)
 
 
 class Welcome(QDialog):
-    """Choices to start with, and recent projects.
+    """Choices to start with, and recent projects."""
 
-    Signals
-    -------
-    chosen(key)
-        One of `STARTS`.
-    project_chosen(path)
-        A recent project was chosen.
-    kept(on)
-        Whether to show this dialog at the next start.
-    """
-
-    chosen = Signal(str)
-    project_chosen = Signal(str)
-    kept = Signal(bool)
+    chosen = Signal(str, arguments=["key"])
+    """One of `STARTS`."""
+    project_chosen = Signal(str, arguments=["path"])
+    """A recent project was chosen."""
+    kept = Signal(bool, arguments=["on"])
+    """Whether to show this dialog at the next start."""
 
     def __init__(self, recent: list[Path], shown: bool, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -53,15 +53,10 @@ class EmptyState(QWidget):
 
 
 class BasePage(QWidget):
-    """A page: a header with title, hint and tools, and a body that is replaced by an empty state if need be.
-
-    Signals
-    -------
-    theme_changed()
-        Colours changed, and the page is seen; plots redraw.
-    """
+    """A page: a header with title, hint and tools, and a body that is replaced by an empty state if need be."""
 
     theme_changed = Signal()
+    """Colours changed, and the page is seen; plots redraw."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__()

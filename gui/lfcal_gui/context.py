@@ -43,52 +43,35 @@ def results() -> Path:
 
 
 class Context(QObject):
-    """Handed to every page; the only thing pages share.
+    """Handed to every page; the only thing pages share."""
 
-    Signals
-    -------
-    state_changed(old, new)
-        The project changed (`lfcal_gui.models.project.ProjectState` before and after).
-    go(page, payload)
-        A page requests another page by its key, with something to show there, e.g. ``("frames", (z, y, x))``.
-    files_offered(paths)
-        Files to open in the page that accepts them, as if they were dropped.
-    help_asked(page, name)
-        A page of the manual is wanted, such as ``faults.md``, or its section about ``name``.
-    message(text)
-        A line for the log and the status bar.
-    refused(text)
-        Why a change of the project was refused; the current page shows it, too.
-    attention(page, flag)
-        A page found something that needs the user.
-    theme_asked(name)
-        A page wants another theme.
-    theme_changed()
-        Colours changed; plots redraw.
-    frame_seen(frame, first)
-        A frame of the camera is shown: ``(rows, columns)``, not to be changed, and which of the sensor's pixels
-        (row, column) its first one is.
-    made(page, payload)
-        Something was made that page ``page`` shows; the window goes there unless the person is at work elsewhere.
-    told_changed()
-        A page reported a change for the next step.
-    fitted_changed()
-        A fit found another camera, or the fitted camera is no longer valid.
-    """
-
-    state_changed = Signal(object, object)
-    go = Signal(str, object)
-    files_offered = Signal(object)
-    help_asked = Signal(str, str)
-    message = Signal(str)
-    refused = Signal(str)
-    attention = Signal(str, bool)
-    theme_asked = Signal(str)
+    state_changed = Signal(object, object, arguments=["old", "new"])
+    """The project changed (`lfcal_gui.models.project.ProjectState` before and after)."""
+    go = Signal(str, object, arguments=["page", "payload"])
+    """A page requests another page by its key, with something to show there, e.g. ``("frames", (z, y, x))``."""
+    files_offered = Signal(object, arguments=["paths"])
+    """Files to open in the page that accepts them, as if they were dropped."""
+    help_asked = Signal(str, str, arguments=["page", "name"])
+    """A page of the manual is wanted, such as ``faults.md``, or its section about ``name``."""
+    message = Signal(str, arguments=["text"])
+    """A line for the log and the status bar."""
+    refused = Signal(str, arguments=["text"])
+    """Why a change of the project was refused; the current page shows it, too."""
+    attention = Signal(str, bool, arguments=["page", "flag"])
+    """A page found something that needs the user."""
+    theme_asked = Signal(str, arguments=["name"])
+    """A page wants another theme."""
     theme_changed = Signal()
-    frame_seen = Signal(object, object)
-    made = Signal(str, object)
+    """Colours changed; plots redraw."""
+    frame_seen = Signal(object, object, arguments=["frame", "first"])
+    """A frame of the camera is shown: ``(rows, columns)``, not to be changed, and which of the sensor's pixels (row,
+    column) its first one is."""
+    made = Signal(str, object, arguments=["page", "payload"])
+    """Something was made that page ``page`` shows; the window goes there unless the person is at work elsewhere."""
     told_changed = Signal()
+    """A page reported a change for the next step."""
     fitted_changed = Signal()
+    """A fit found another camera, or the fitted camera is no longer valid."""
 
     def __init__(self, project: Project, jobs: Jobs, parent: QObject | None = None) -> None:
         super().__init__(parent)

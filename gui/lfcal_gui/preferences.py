@@ -27,18 +27,12 @@ def apply_threads(settings: QSettings) -> None:
 
 
 class Preferences(QDialog):
-    """Theme, threads, welcome; and a button for what they were at first, with the window's layout.
+    """Theme, threads, welcome; and a button for what they were at first, with the window's layout."""
 
-    Signals
-    -------
-    theme_asked(name)
-        Of one of the themes.
-    layout_reset()
-        Docks and size as at first.
-    """
-
-    theme_asked = Signal(str)
+    theme_asked = Signal(str, arguments=["name"])
+    """Of one of the themes."""
     layout_reset = Signal()
+    """Docks and size as at first."""
 
     def __init__(self, settings: QSettings, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -250,15 +250,10 @@ LONGEST = 200
 
 
 class VerdictCard(QFrame):
-    """Whether something is good: mark, colour and sentence. A tooltip has the rest of a long one.
-
-    Signals
-    -------
-    why_asked()
-        The reasons are wanted.
-    """
+    """Whether something is good: mark, colour and sentence. A tooltip has the rest of a long one."""
 
     why_asked = Signal()
+    """The reasons are wanted."""
 
     def __init__(self, why: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -53,25 +53,16 @@ class ComparedNumbers(QWidget):
     ----------
     whole
         Whether the table of numbers is as high as its rows.
-
-    Signals
-    -------
-    choose_asked(), compare_asked(), report_asked()
-        A second H is wanted; compare them; write what was found.
-    pairing_chosen(by_number)
-        How planes belong together.
-    row_chosen(row)
-        A row of the table of numbers is looked at.
-    place_chosen(place)
-        A position is looked at.
     """
 
-    choose_asked = Signal()
-    compare_asked = Signal()
-    report_asked = Signal()
-    pairing_chosen = Signal(bool)
-    row_chosen = Signal(int)
-    place_chosen = Signal(tuple)
+    choose_asked, compare_asked, report_asked = Signal(), Signal(), Signal()
+    """A second H is wanted; compare them; write what was found."""
+    pairing_chosen = Signal(bool, arguments=["by_number"])
+    """How planes belong together."""
+    row_chosen = Signal(int, arguments=["row"])
+    """A row of the table of numbers is looked at."""
+    place_chosen = Signal(tuple, arguments=["place"])
+    """A position is looked at."""
 
     def __init__(self, *, whole: bool = True) -> None:
         super().__init__()

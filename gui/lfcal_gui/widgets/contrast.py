@@ -46,14 +46,10 @@ class Contrast(QWidget):
     picture
         A `lfcal_gui.widgets.picture.Picture`, which gives the histogram; what is chosen holds for those that share its
         contrast, too.
-
-    Signals
-    -------
-    display_asked(changes)
-        Entries of `lfcal_gui.models.display.DisplaySettings` were chosen in the menu; they are shown already.
     """
 
-    display_asked = Signal(dict)
+    display_asked = Signal(dict, arguments=["changes"])
+    """Entries of `lfcal_gui.models.display.DisplaySettings` were chosen in the menu; they are shown already."""
 
     def __init__(self, picture: Any, parent: QWidget | None = None) -> None:
         super().__init__(parent)

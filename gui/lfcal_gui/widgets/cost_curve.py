@@ -50,20 +50,14 @@ class CostCurve(LinePlot):
 
     A click on a point uses its setting; the line is the error asked for. By keyboard: Left and Right go from point to
     point, Return uses the one reached, Up and Down move the line.
-
-    Signals
-    -------
-    chosen(number)
-        Use the point of this number.
-    moved(error)
-        Another error is asked for (a share).
-    measure_asked()
-        Measure, or measure again.
     """
 
-    chosen = Signal(int)
-    moved = Signal(float)
+    chosen = Signal(int, arguments=["number"])
+    """Use the point of this number."""
+    moved = Signal(float, arguments=["error"])
+    """Another error is asked for (a share)."""
     measure_asked = Signal()
+    """Measure, or measure again."""
 
     def __init__(self) -> None:
         super().__init__("cost", "error (%)")

@@ -255,17 +255,12 @@ class FoldedForm(QFrame):
         Name of the fold, and what is in it.
     framed
         Whether the form is a card.
-
-    Signals
-    -------
-    edited(key, value)
-        The user changed a value, and it passes.
-    confirmed(key)
-        The user confirms an assumed value.
     """
 
-    edited = Signal(str, object)
-    confirmed = Signal(str)
+    edited = Signal(str, object, arguments=["key", "value"])
+    """The user changed a value, and it passes."""
+    confirmed = Signal(str, arguments=["key"])
+    """The user confirms an assumed value."""
 
     def __init__(
         self,

@@ -25,15 +25,10 @@ UNKNOWN = "#222831"
 
 
 class PeriodMap(Picture):
-    """Show one value per source position ``(ny, nx)`` and let the user drag over it.
+    """Show one value per source position ``(ny, nx)`` and let the user drag over it."""
 
-    Signals
-    -------
-    chosen(y, x)
-        The pointer is held on another position.
-    """
-
-    chosen = Signal(int, int)
+    chosen = Signal(int, int, arguments=["y", "x"])
+    """The pointer is held on another position."""
 
     def __init__(self, quantity: str = "value", parent: QWidget | None = None) -> None:
         axes = "position x (px)", "position y (px)"

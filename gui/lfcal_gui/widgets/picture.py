@@ -95,32 +95,22 @@ class Picture(QWidget):
         Show colours and values below it: where no `Contrast` does.
     colour_map
         Its colours until others are set; empty: those of intensity.
-
-    Signals
-    -------
-    hovered(row, column, value)
-        The pixel under the pointer, emitted again when the picture changes; row -1 when it left.
-    clicked(row, column)
-        A pixel was clicked.
-    steered_to(row, column)
-        The pointer is held on a pixel, the nearest one where it is outside.
-    dragged(rows, columns)
-        The `grip` was moved by so many pixels since this was emitted last: by the pointer, or by arrow keys.
-    changed()
-        Another picture is on the screen, or none.
-    readout_clicked()
-        The numbers in the upper right corner were clicked.
-    moved()
-        The user panned, zoomed or asked for the whole picture.
     """
 
-    hovered = Signal(int, int, float)
-    clicked = Signal(int, int)
-    steered_to = Signal(int, int)
-    dragged = Signal(int, int)
+    hovered = Signal(int, int, float, arguments=["row", "column", "value"])
+    """The pixel under the pointer, emitted again when the picture changes; row -1 when it left."""
+    clicked = Signal(int, int, arguments=["row", "column"])
+    """A pixel was clicked."""
+    steered_to = Signal(int, int, arguments=["row", "column"])
+    """The pointer is held on a pixel, the nearest one where it is outside."""
+    dragged = Signal(int, int, arguments=["rows", "columns"])
+    """The `grip` was moved by so many pixels since this was emitted last: by the pointer, or by arrow keys."""
     changed = Signal()
-    moved = Signal()
+    """Another picture is on the screen, or none."""
     readout_clicked = Signal()
+    """The numbers in the upper right corner were clicked."""
+    moved = Signal()
+    """The user panned, zoomed or asked for the whole picture."""
 
     def __init__(
         self,

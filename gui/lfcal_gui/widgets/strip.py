@@ -144,14 +144,10 @@ class Strip(QListWidget):
         Whether there are several rows.
     worded
         Whether there is a word of the state below each depth.
-
-    Signals
-    -------
-    chosen(z)
-        Another plane was clicked.
     """
 
-    chosen = Signal(int)
+    chosen = Signal(int, arguments=["z"])
+    """Another plane was clicked."""
 
     def __init__(
         self, tip: Callable[[int, PlaneTile, int], str], side: int = 76, *, wrapping: bool = False, worded: bool = False

@@ -125,14 +125,10 @@ class ElidedLabel(QLabel):
         Most lines.
     role
         Its look.
-
-    Signals
-    -------
-    elided(part)
-        Whether a part is left out now.
     """
 
-    elided = Signal(bool)
+    elided = Signal(bool, arguments=["part"])
+    """Whether a part is left out now."""
 
     def __init__(
         self,

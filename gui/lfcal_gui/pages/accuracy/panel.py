@@ -15,18 +15,12 @@ from lfcal_gui.widgets import CostCurve, FoldedForm, card, column_area, row_of
 
 
 class AccuracyPanel(QWidget):
-    """The page's widgets.
+    """The page's widgets."""
 
-    Signals
-    -------
-    part_asked(name)
-        Another part is looked at.
-    point_chosen(number)
-        Use the point of this number.
-    """
-
-    part_asked = Signal(str)
-    point_chosen = Signal(int)
+    part_asked = Signal(str, arguments=["name"])
+    """Another part is looked at."""
+    point_chosen = Signal(int, arguments=["number"])
+    """Use the point of this number."""
 
     def __init__(self) -> None:
         super().__init__()

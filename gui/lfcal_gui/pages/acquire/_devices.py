@@ -68,19 +68,12 @@ LET_GO = "Release camera and stage, for another program or other settings; the s
 
 
 class DevicePanel(QWidget):
-    """Choose a backend and connect.
+    """Choose a backend and connect."""
 
-    Signals
-    -------
-    connect_asked(), disconnect_asked()
-        A button was pressed; the choice is in the project by then.
-    edited(backend, options, stage)
-        The choice changed: name, pairs of name and text, name of the stage's backend or empty.
-    """
-
-    connect_asked = Signal()
-    disconnect_asked = Signal()
-    edited = Signal(str, object, str)
+    connect_asked, disconnect_asked = Signal(), Signal()
+    """A button was pressed; the choice is in the project by then."""
+    edited = Signal(str, object, str, arguments=["backend", "options", "stage"])
+    """The choice changed: name, pairs of name and text, name of the stage's backend or empty."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -230,18 +223,12 @@ NOW = "The simulator is connected: a fault occurs after this number of calls, al
 
 
 class FaultPanel(QWidget):
-    """A list of faults, and a line to add one.
+    """A list of faults, and a line to add one."""
 
-    Signals
-    -------
-    edited(text)
-        The faults changed; ``text`` is the simulator's option ``faults``.
-    injected(fault)
-        Make the connected simulator fail in this way; calls are counted from now.
-    """
-
-    edited = Signal(str)
-    injected = Signal(object)
+    edited = Signal(str, arguments=["text"])
+    """The faults changed; ``text`` is the simulator's option ``faults``."""
+    injected = Signal(object, arguments=["fault"])
+    """Make the connected simulator fail in this way; calls are counted from now."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

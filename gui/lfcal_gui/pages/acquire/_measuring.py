@@ -44,14 +44,10 @@ class SetupMeasuring(QObject):
         Where it is measured in the background, and shown.
     station
         Returns the devices, None while they are not connected, or at work.
-
-    Signals
-    -------
-    changed()
-        The devices were taken or given back.
     """
 
     changed = Signal()
+    """The devices were taken or given back."""
 
     def __init__(
         self, context: Context, panel: SetupPanel, station: Callable[[], Station | None], parent: QObject | None = None

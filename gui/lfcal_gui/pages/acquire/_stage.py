@@ -22,16 +22,10 @@ FARTHEST_UM = 1e9
 
 
 class _AxisField(QDoubleSpinBox):
-    """Position of one axis (µm): arrows move by a step, Return goes to what is typed.
+    """Position of one axis (µm): arrows move by a step, Return goes to what is typed."""
 
-    Signals
-    -------
-    stepped(steps), asked(um)
-        Move by so many steps; go there.
-    """
-
-    stepped = Signal(int)
-    asked = Signal(float)
+    stepped, asked = Signal(int, arguments=["steps"]), Signal(float, arguments=["um"])
+    """Move by so many steps; go there."""
 
     def __init__(self, name: str) -> None:
         super().__init__()
@@ -81,21 +75,14 @@ class _AxisField(QDoubleSpinBox):
 
 
 class StagePanel(QWidget):
-    """Position, limits, and moves.
+    """Position, limits, and moves."""
 
-    Signals
-    -------
-    jogged(axis, um)
-        Move axis 0, 1, 2 (x, y, z) by so many µm.
-    target_asked(words)
-        Go to the position that was typed.
-    stop_asked()
-        Stop the move under way.
-    """
-
-    jogged = Signal(int, float)
-    target_asked = Signal(str)
+    jogged = Signal(int, float, arguments=["axis", "um"])
+    """Move axis 0, 1, 2 (x, y, z) by so many µm."""
+    target_asked = Signal(str, arguments=["words"])
+    """Go to the position that was typed."""
     stop_asked = Signal()
+    """Stop the move under way."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -191,20 +178,14 @@ class StageMoves(QObject):
         Where moves are made in the background, and shown.
     station
         Returns the devices, None while they are not connected.
-
-    Signals
-    -------
-    refused(words)
-        Why a move was not made, or not to its end.
-    plane_reached(z)
-        The way to the middle of a depth plane was begun.
-    placed(stage_um)
-        The position (um) was read.
     """
 
-    refused = Signal(str)
-    plane_reached = Signal(int)
-    placed = Signal(object)
+    refused = Signal(str, arguments=["words"])
+    """Why a move was not made, or not to its end."""
+    plane_reached = Signal(int, arguments=["z"])
+    """The way to the middle of a depth plane was begun."""
+    placed = Signal(object, arguments=["stage_um"])
+    """The position (um) was read."""
 
     def __init__(
         self, context: Context, panel: StagePanel, station: Callable[[], Station | None], parent: QObject | None = None

@@ -82,25 +82,16 @@ SIDE, MAP, LEAST_MAP = 52, 104, 90
 
 
 class RecordPanel(QWidget):
-    """The session as it grows; ``strip``, ``progress``, ``map_box`` and ``how`` are placed next to it.
+    """The session as it grows; ``strip``, ``progress``, ``map_box`` and ``how`` are placed next to it."""
 
-    Signals
-    -------
-    pressed(key)
-        One of `BUTTONS`.
-    folder_edited(path), folder_asked()
-        Another session folder; the dialog to choose one.
-    view_changed()
-        Show another plane or quantity.
-    told()
-        Status, details, alarms or values changed.
-    """
-
-    pressed = Signal(str)
-    folder_edited = Signal(str)
-    folder_asked = Signal()
+    pressed = Signal(str, arguments=["key"])
+    """One of `BUTTONS`."""
+    folder_edited, folder_asked = Signal(str, arguments=["path"]), Signal()
+    """Another session folder; the dialog to choose one."""
     view_changed = Signal()
+    """Show another plane or quantity."""
     told = Signal()
+    """Status, details, alarms or values changed."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -36,21 +36,14 @@ HELD = "a session is being recorded: camera, plan and devices cannot change unti
 
 
 class RecordTab(QObject):
-    """Run sessions on the devices of a `SetupTab`; frames and quality are fetched by a timer, never pushed.
-
-    Signals
-    -------
-    ended()
-        A recording ended, in whatever way.
-    shown()
-        What can be pressed, or the advice, is another.
-    asked(words)
-        A person is asked to do something before the recording continues; empty: no longer.
-    """
+    """Run sessions on the devices of a `SetupTab`; frames and quality are fetched by a timer, never pushed."""
 
     ended = Signal()
+    """A recording ended, in whatever way."""
     shown = Signal()
-    asked = Signal(str)
+    """What can be pressed, or the advice, is another."""
+    asked = Signal(str, arguments=["words"])
+    """A person is asked to do something before the recording continues; empty: no longer."""
 
     def __init__(self, context: Context, setup: SetupTab, panel: RecordPanel, parent: QObject | None = None) -> None:
         super().__init__(parent)

@@ -77,24 +77,16 @@ UNCONNECTED = "No camera connected. Connect one, or use the simulated rig to pra
 
 
 class SetupPanel(QWidget):
-    """The live view; ``devices``, ``stage``, ``faults``, ``pair`` and ``adjust`` are parts of the inspector.
+    """The live view; ``devices``, ``stage``, ``faults``, ``pair`` and ``adjust`` are parts of the inspector."""
 
-    Signals
-    -------
-    plane_asked(z)
-        Go to a plane of the plan, where something is expected.
-    find_asked(key)
-        Measure one of `FINDINGS`, or record one of `STILLS`.
-    connect_asked(simulated)
-        Connect the chosen devices, or the simulated ones.
-    results_changed()
-        Something was found or forgotten, connected or released.
-    """
-
-    plane_asked = Signal(int)
-    find_asked = Signal(str)
-    connect_asked = Signal(bool)
+    plane_asked = Signal(int, arguments=["z"])
+    """Go to a plane of the plan, where something is expected."""
+    find_asked = Signal(str, arguments=["key"])
+    """Measure one of `FINDINGS`, or record one of `STILLS`."""
+    connect_asked = Signal(bool, arguments=["simulated"])
+    """Connect the chosen devices, or the simulated ones."""
     results_changed = Signal()
+    """Something was found or forgotten, connected or released."""
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -37,15 +37,10 @@ QUICK = "the simulator's quick pattern has no lenslets: set optics=auto under Op
 
 
 class SetupTab(QObject):
-    """Own the devices, and show what they see.
-
-    Signals
-    -------
-    changed()
-        Devices were connected, released, taken or given back.
-    """
+    """Own the devices, and show what they see."""
 
     changed = Signal()
+    """Devices were connected, released, taken or given back."""
 
     def __init__(self, context: Context, panel: SetupPanel, parent: QObject | None = None) -> None:
         super().__init__(parent)

@@ -57,18 +57,12 @@ USUAL = 50
 
 
 class DepthPanel(QWidget):
-    """The page's widgets.
+    """The page's widgets."""
 
-    Signals
-    -------
-    pressed(key)
-        A button: ``"open"``, ``"measure"``, ``"stop"``, ``"map"`` or ``"points"``.
-    chosen()
-        Another view, quantity or confidence was chosen.
-    """
-
-    pressed = Signal(str)
+    pressed = Signal(str, arguments=["key"])
+    """A button: ``"open"``, ``"measure"``, ``"stop"``, ``"map"`` or ``"points"``."""
     chosen = Signal()
+    """Another view, quantity or confidence was chosen."""
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()

@@ -13,15 +13,10 @@ TIP = (
 
 
 class DatasetBox(QComboBox):
-    """Combo box of the datasets of a file, with its label; both are hidden unless there are several.
+    """Combo box of the datasets of a file, with its label; both are hidden unless there are several."""
 
-    Signals
-    -------
-    chosen(path)
-        The user chooses a dataset: the file with it, ``scan.h5::/entry/data/data``.
-    """
-
-    chosen = Signal(str)
+    chosen = Signal(str, arguments=["path"])
+    """The user chooses a dataset: the file with it, ``scan.h5::/entry/data/data``."""
 
     def __init__(self) -> None:
         super().__init__()

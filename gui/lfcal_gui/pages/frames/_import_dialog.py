@@ -56,15 +56,10 @@ SHOWN_ROWS = 3
 
 
 class ColumnsTable(QTableWidget):
-    """A row of choices over a row of units over the first rows of the list.
+    """A row of choices over a row of units over the first rows of the list."""
 
-    Signals
-    -------
-    changed(text)
-        What the columns hold, as ``lfcal assemble --columns`` takes it.
-    """
-
-    changed = Signal(str)
+    changed = Signal(str, arguments=["text"])
+    """What the columns hold, as ``lfcal assemble --columns`` takes it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -190,15 +185,10 @@ SHIFTS = (("auto", "found"), ("0", "unchanged"), *((str(n), f"{16 - n} of 16 bit
 
 
 class ImportDialog(QDialog):
-    """Dialog that imports frames. It inspects them in the background after each change of the choices.
+    """Dialog that imports frames. It inspects them in the background after each change of the choices."""
 
-    Signals
-    -------
-    accepted_frames(survey)
-        The user accepts the import: a `Survey` whose frames are open.
-    """
-
-    accepted_frames = Signal(object)
+    accepted_frames = Signal(object, arguments=["survey"])
+    """The user accepts the import: a `Survey` whose frames are open."""
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -59,15 +59,10 @@ MAP, CROP = 112, 112
 
 
 class FramesPanel(QWidget):
-    """The page's widgets.
+    """The page's widgets."""
 
-    Signals
-    -------
-    three_toggled(on)
-        Show first, middle and last frame in place of one.
-    """
-
-    three_toggled = Signal(bool)
+    three_toggled = Signal(bool, arguments=["on"])
+    """Show first, middle and last frame in place of one."""
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()

@@ -53,24 +53,16 @@ LEAST_DETAILS = 72
 
 
 class ChecksView(QWidget):
-    """List of the checks of H, with meaning and remedy of the selected check.
-
-    Signals
-    -------
-    folder_asked()
-        The camera of a saved fit is wanted.
-    fault_asked(name)
-        The section of the atlas about a fault is wanted.
-    every_toggled(on)
-        List all metrics, or those that apply.
-    chosen(row)
-        Another check is looked at: its number in the rows that were given.
-    """
+    """List of the checks of H, with meaning and remedy of the selected check."""
 
     folder_asked = Signal()
-    fault_asked = Signal(str)
-    every_toggled = Signal(bool)
-    chosen = Signal(int)
+    """The camera of a saved fit is wanted."""
+    fault_asked = Signal(str, arguments=["name"])
+    """The section of the atlas about a fault is wanted."""
+    every_toggled = Signal(bool, arguments=["on"])
+    """List all metrics, or those that apply."""
+    chosen = Signal(int, arguments=["row"])
+    """Another check is looked at: its number in the rows that were given."""
 
     def __init__(self) -> None:
         super().__init__()

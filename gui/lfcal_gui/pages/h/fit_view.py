@@ -72,18 +72,12 @@ class _Groups(QListWidget):
 
 
 class ChoicesPanel(QWidget):
-    """Folded form of the fit: its settings and groups of unknowns.
+    """Folded form of the fit: its settings and groups of unknowns."""
 
-    Signals
-    -------
-    edited(key, value)
-        The user changed a value of `FitSettings`.
-    group_toggled(name, on)
-        The user switched the fit of a group of unknowns on or off.
-    """
-
-    edited = Signal(str, object)
-    group_toggled = Signal(str, bool)
+    edited = Signal(str, object, arguments=["key", "value"])
+    """The user changed a value of `FitSettings`."""
+    group_toggled = Signal(str, bool, arguments=["name", "on"])
+    """The user switched the fit of a group of unknowns on or off."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -403,15 +397,10 @@ NO_ROUNDS = "This fit was made during the recording, so its rounds were not kept
 
 
 class FitView(QWidget):
-    """A fit, and what it is asked.
+    """A fit, and what it is asked."""
 
-    Signals
-    -------
-    place_asked(place)
-        Show the pattern of a position (z, y, x).
-    """
-
-    place_asked = Signal(tuple)
+    place_asked = Signal(tuple, arguments=["place"])
+    """Show the pattern of a position (z, y, x)."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -80,15 +80,10 @@ def tip_of(z: int, tile: PlaneTile, count: int) -> str:
 
 
 class Apertures(QDialog):
-    """The apertures of all planes, large, in a separate window; it follows the strip while it is open.
+    """The apertures of all planes, large, in a separate window; it follows the strip while it is open."""
 
-    Signals
-    -------
-    chosen(z)
-        A plane was clicked.
-    """
-
-    chosen = Signal(int)
+    chosen = Signal(int, arguments=["z"])
+    """A plane was clicked."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -148,31 +143,23 @@ LINES_OF_APERTURE = 6
 
 
 class HPanel(QWidget):
-    """The page's widgets.
+    """The page's widgets."""
 
-    Signals
-    -------
-    asked(changes)
-        Entries of `lfcal_gui.pages.h.model.HIntent` that are to change.
-    display_asked(changes)
-        Entries of `lfcal_gui.models.display.DisplaySettings` that are to change.
-    own_scale_toggled()
-        Each picture is to fill the scale, or all are to share one.
-    hovered(row, column, value), clicked(row, column)
-        The pointer in the main picture; row -1: outside.
-    level_asked(name)
-        A level of the inspector is wanted: one of `LEVELS`, or the verdict (empty).
-    frame_asked()
-        The recorded frame of the position is wanted.
-    """
-
-    asked = Signal(dict)
-    display_asked = Signal(dict)
+    asked = Signal(dict, arguments=["changes"])
+    """Entries of `lfcal_gui.pages.h.model.HIntent` that are to change."""
+    display_asked = Signal(dict, arguments=["changes"])
+    """Entries of `lfcal_gui.models.display.DisplaySettings` that are to change."""
     own_scale_toggled = Signal()
-    hovered = Signal(int, int, float)
-    clicked = Signal(int, int)
-    level_asked = Signal(str)
+    """Each picture is to fill the scale, or all are to share one."""
+    hovered, clicked = (
+        Signal(int, int, float, arguments=["row", "column", "value"]),
+        Signal(int, int, arguments=["row", "column"]),
+    )
+    """The pointer in the main picture; row -1: outside."""
+    level_asked = Signal(str, arguments=["name"])
+    """A level of the inspector is wanted: one of `LEVELS`, or the verdict (empty)."""
     frame_asked = Signal()
+    """The recorded frame of the position is wanted."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -19,18 +19,12 @@ HEADS = ("Spatial", "Fourier", "Difference", "Recorded frame")
 
 
 class MultiplexPictures(QWidget):
-    """Four pictures with one zoom; all axes are in pixels of the frame.
+    """Four pictures with one zoom; all axes are in pixels of the frame."""
 
-    Signals
-    -------
-    right_chosen(name)
-        What the third picture shows: ``"difference"`` or ``"truth"``.
-    sample_chosen(index)
-        Which sample is shown; -1 all colours.
-    """
-
-    right_chosen = Signal(str)
-    sample_chosen = Signal(int)
+    right_chosen = Signal(str, arguments=["name"])
+    """What the third picture shows: ``"difference"`` or ``"truth"``."""
+    sample_chosen = Signal(int, arguments=["index"])
+    """Which sample is shown; -1 all colours."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

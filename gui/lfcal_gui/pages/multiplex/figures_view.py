@@ -43,18 +43,12 @@ TITLES = {
 
 
 class FiguresView(QWidget):
-    """Figures 3, 5, 6 and 7 of the paper, of scenes made here.
+    """Figures 3, 5, 6 and 7 of the paper, of scenes made here."""
 
-    Signals
-    -------
-    figure_chosen(number)
-        Another figure is wanted.
-    camera_chosen(own)
-        The project's camera in place of the paper's.
-    """
-
-    figure_chosen = Signal(int)
-    camera_chosen = Signal(bool)
+    figure_chosen = Signal(int, arguments=["number"])
+    """Another figure is wanted."""
+    camera_chosen = Signal(bool, arguments=["own"])
+    """The project's camera in place of the paper's."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -74,18 +74,12 @@ SEARCH = "Search for the filters or the mask with the largest gain among those t
 
 
 class MultiplexPanel(QWidget):
-    """The page's widgets.
+    """The page's widgets."""
 
-    Signals
-    -------
-    compared(names)
-        Modulators ticked for the gain curves.
-    open_asked()
-        Choose an image.
-    """
-
-    compared = Signal(tuple)
+    compared = Signal(tuple, arguments=["names"])
+    """Modulators ticked for the gain curves."""
     open_asked = Signal()
+    """Choose an image."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -22,17 +22,10 @@ from lfcal_gui.widgets import FoldedForm, Picture, button, card, name_controls, 
 
 
 class SearchView(QWidget):
-    """Constraints left, the design right.
+    """Constraints left, the design right."""
 
-    Signals
-    -------
-    search_asked(), use_asked(), save_asked()
-        Search; take the design as the page's modulator; write it as ``.npy``.
-    """
-
-    search_asked = Signal()
-    use_asked = Signal()
-    save_asked = Signal()
+    search_asked, use_asked, save_asked = Signal(), Signal(), Signal()
+    """Search; take the design as the page's modulator; write it as ``.npy``."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

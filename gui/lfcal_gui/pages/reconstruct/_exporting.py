@@ -37,21 +37,14 @@ FACTS = ("H and Ht", "Order", "Quality")
 
 
 class ExportCard(QWidget):
-    """Shows `ExportSettings` and changes them.
+    """Shows `ExportSettings` and changes them."""
 
-    Signals
-    -------
-    edited(key, value)
-        The user chose a code, or another kind of file.
-    asked(code)
-        Export for a code; empty: as the options say.
-    folder_asked()
-        The folder of the exported file is wanted.
-    """
-
-    edited = Signal(str, object)
-    asked = Signal(str)
+    edited = Signal(str, object, arguments=["key", "value"])
+    """The user chose a code, or another kind of file."""
+    asked = Signal(str, arguments=["code"])
+    """Export for a code; empty: as the options say."""
     folder_asked = Signal()
+    """The folder of the exported file is wanted."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -82,21 +82,14 @@ class View:
 
 
 class SolidPicture(Picture):
-    """Show a volume turned; drag or use the arrow keys to turn it, the wheel to zoom, Shift and drag to move.
+    """Show a volume turned; drag or use the arrow keys to turn it, the wheel to zoom, Shift and drag to move."""
 
-    Signals
-    -------
-    turned(across, down)
-        The user turned it by radians.
-    begun_again()
-        The user asked for the first view.
-    picked(z, y, x)
-        A voxel was clicked.
-    """
-
-    turned = Signal(float, float)
+    turned = Signal(float, float, arguments=["across", "down"])
+    """The user turned it by radians."""
     begun_again = Signal()
-    picked = Signal(int, int, int)
+    """The user asked for the first view."""
+    picked = Signal(int, int, int, arguments=["z", "y", "x"])
+    """A voxel was clicked."""
 
     def __init__(self, quantity: str, name: str, jobs: Jobs | None = None) -> None:
         super().__init__(quantity, legend=False)

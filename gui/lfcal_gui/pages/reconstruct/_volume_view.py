@@ -163,17 +163,12 @@ class VolumeView(QWidget):
     ----------
     jobs
         Draw in the background; None: draw immediately.
-
-    Signals
-    -------
-    moved(z, y, x)
-        The cross is elsewhere.
-    said(words)
-        Place and value of the voxel behind the pointer, or of the cross; empty: there is no volume.
     """
 
-    moved = Signal(int, int, int)
-    said = Signal(str)
+    moved = Signal(int, int, int, arguments=["z", "y", "x"])
+    """The cross is elsewhere."""
+    said = Signal(str, arguments=["words"])
+    """Place and value of the voxel behind the pointer, or of the cross; empty: there is no volume."""
 
     def __init__(self, jobs: Jobs | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)

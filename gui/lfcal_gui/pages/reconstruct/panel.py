@@ -74,18 +74,12 @@ PLOT, CURVE = 120, 240
 
 
 class ReconstructPanel(QWidget):
-    """The page's widgets.
+    """The page's widgets."""
 
-    Signals
-    -------
-    pressed(key)
-        A button: ``"open"``, ``"save"``, ``"again"``, or one of `GO`.
-    make_asked(phantom)
-        Make a light field from a phantom.
-    """
-
-    pressed = Signal(str)
-    make_asked = Signal(str)
+    pressed = Signal(str, arguments=["key"])
+    """A button: ``"open"``, ``"save"``, ``"again"``, or one of `GO`."""
+    make_asked = Signal(str, arguments=["phantom"])
+    """Make a light field from a phantom."""
 
     def __init__(self, jobs: Jobs | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)

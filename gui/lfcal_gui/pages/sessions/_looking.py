@@ -34,26 +34,18 @@ class Looking(QObject):
     ----------
     jobs, kept
         What runs it, and what keeps pictures and verdicts.
-
-    Signals
-    -------
-    began()
-        Other folders are looked through.
-    found(results, words)
-        What was found since the last time, each with its verdict, and where it is looking.
-    ended(listing)
-        All was looked through.
-    failed(words)
-        Why it cannot be.
-    pictured(path, picture)
-        The picture of a result, None: it has none.
     """
 
     began = Signal()
-    found = Signal(object, str)
-    ended = Signal(object)
-    failed = Signal(str)
-    pictured = Signal(object, object)
+    """Other folders are looked through."""
+    found = Signal(object, str, arguments=["results", "words"])
+    """What was found since the last time, each with its verdict, and where it is looking."""
+    ended = Signal(object, arguments=["listing"])
+    """All was looked through."""
+    failed = Signal(str, arguments=["words"])
+    """Why it cannot be."""
+    pictured = Signal(object, object, arguments=["path", "picture"])
+    """The picture of a result, None: it has none."""
 
     def __init__(self, jobs: Jobs, kept: KeptResults, parent: QObject | None = None) -> None:
         super().__init__(parent)

@@ -127,21 +127,14 @@ class TileDelegate(QStyledItemDelegate):
 
 
 class ResultTiles(QListView):
-    """The gallery.
+    """The gallery."""
 
-    Signals
-    -------
-    seen(results)
-        These are in view and have no picture yet.
-    chosen()
-        Others are selected.
-    opened()
-        The user opens the selected one.
-    """
-
-    seen = Signal(object)
+    seen = Signal(object, arguments=["results"])
+    """These are in view and have no picture yet."""
     chosen = Signal()
+    """Others are selected."""
     opened = Signal()
+    """The user opens the selected one."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -22,18 +22,12 @@ if TYPE_CHECKING:
 
 
 class TrendPanel(QWidget):
-    """The tab over time.
-
-    Signals
-    -------
-    picture_asked()
-        A picture of all curves is wanted.
-    row_chosen(row)
-        A row of the table is looked at.
-    """
+    """The tab over time."""
 
     picture_asked = Signal()
-    row_chosen = Signal(int)
+    """A picture of all curves is wanted."""
+    row_chosen = Signal(int, arguments=["row"])
+    """A row of the table is looked at."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -95,24 +95,19 @@ class Inspector(QWidget):
     ----------
     check, check_scan
         Return why a field of the camera, or of the scan, cannot take a value, or an empty string.
-
-    Signals
-    -------
-    preset_chosen(name)
-        A camera that comes with lfcal was picked.
-    edited(key, value), scan_edited(key, value)
-        The user changed a field of the camera, or of the scan, and it passes.
-    confirmed(paths)
-        The user says that the values at these paths are right.
-    asked(what)
-        A button was pressed: its name in `BUTTONS`.
     """
 
-    preset_chosen = Signal(str)
-    edited = Signal(str, object)
-    scan_edited = Signal(str, object)
-    confirmed = Signal(tuple)
-    asked = Signal(str)
+    preset_chosen = Signal(str, arguments=["name"])
+    """A camera that comes with lfcal was picked."""
+    edited, scan_edited = (
+        Signal(str, object, arguments=["key", "value"]),
+        Signal(str, object, arguments=["key", "value"]),
+    )
+    """The user changed a field of the camera, or of the scan, and it passes."""
+    confirmed = Signal(tuple, arguments=["paths"])
+    """The user says that the values at these paths are right."""
+    asked = Signal(str, arguments=["what"])
+    """A button was pressed: its name in `BUTTONS`."""
 
     def __init__(self, check: Callable[[str, Any], str], check_scan: Callable[[str, Any], str]) -> None:
         super().__init__()
@@ -243,15 +238,10 @@ class Inspector(QWidget):
 
 
 class AssumedList(QWidget):
-    """Assumed values, what changes if they are wrong, and a tick to confirm each.
+    """Assumed values, what changes if they are wrong, and a tick to confirm each."""
 
-    Signals
-    -------
-    confirmed(path)
-        The value at this place of the description is right.
-    """
-
-    confirmed = Signal(str)
+    confirmed = Signal(str, arguments=["path"])
+    """The value at this place of the description is right."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -65,15 +65,10 @@ LEAST = 400
 
 
 class CostRow(QWidget):
-    """The big numbers of a scan, and a slider between fast and exact ways to record it.
+    """The big numbers of a scan, and a slider between fast and exact ways to record it."""
 
-    Signals
-    -------
-    chosen(choice)
-        Record it in this way: a `lfcal.simulate.ScanChoice`.
-    """
-
-    chosen = Signal(object)
+    chosen = Signal(object, arguments=["choice"])
+    """Record it in this way: a `lfcal.simulate.ScanChoice`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -186,14 +181,10 @@ class PlanningPanel(QWidget):
     ----------
     check, check_scan
         Return why a field of the camera, or of the scan, cannot take a value, or an empty string.
-
-    Signals
-    -------
-    dragged(rows, columns)
-        The scan is moved by so many pixels.
     """
 
-    dragged = Signal(int, int)
+    dragged = Signal(int, int, arguments=["rows", "columns"])
+    """The scan is moved by so many pixels."""
 
     def __init__(self, check: Callable[[str, Any], str], check_scan: Callable[[str, Any], str]) -> None:
         super().__init__()

@@ -45,15 +45,10 @@ TERM_TIPS = {("n", "m", "waves"): "R(n, |m|) cos(m θ), with sin for m < 0; valu
 
 
 class TermCells(QTableWidget):
-    """The cells; Delete takes the selected row away.
-
-    Signals
-    -------
-    removed()
-        Delete was pressed.
-    """
+    """The cells; Delete takes the selected row away."""
 
     removed = Signal()
+    """Delete was pressed."""
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Take a term away with Delete."""
@@ -70,14 +65,10 @@ class TermsTable(QWidget):
     ----------
     effect, magnitude
         The effect's name and the magnitude that the table holds.
-
-    Signals
-    -------
-    changed(terms, why)
-        The terms after a change, or None and a line that says what is wrong with them.
     """
 
-    changed = Signal(object, str)
+    changed = Signal(object, str, arguments=["terms", "why"])
+    """The terms after a change, or None and a line that says what is wrong with them."""
 
     def __init__(self, effect: str, magnitude: Magnitude) -> None:
         super().__init__()
@@ -154,15 +145,10 @@ NOT_GIVEN = ""
 
 
 class MagnitudeEditor(QWidget):
-    """Value and source of one magnitude.
+    """Value and source of one magnitude."""
 
-    Signals
-    -------
-    given(field, value, mark)
-        A value that passes, and how it is known; None: given no longer.
-    """
-
-    given = Signal(str, object, str)
+    given = Signal(str, object, str, arguments=["field", "value", "mark"])
+    """A value that passes, and how it is known; None: given no longer."""
 
     def __init__(self, effect: str, magnitude: Magnitude) -> None:
         super().__init__()
@@ -270,15 +256,10 @@ class MagnitudeEditor(QWidget):
 
 
 class MagnitudeForm(QWidget):
-    """The magnitudes of the effect that is selected.
+    """The magnitudes of the effect that is selected."""
 
-    Signals
-    -------
-    given(effect, field, value, mark)
-        The user gave a magnitude, or with a value of None takes it back.
-    """
-
-    given = Signal(str, str, object, str)
+    given = Signal(str, str, object, str, arguments=["effect", "field", "value", "mark"])
+    """The user gave a magnitude, or with a value of None takes it back."""
 
     def __init__(self) -> None:
         super().__init__()

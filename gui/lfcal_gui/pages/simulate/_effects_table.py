@@ -86,21 +86,14 @@ NAME = Qt.ItemDataRole.UserRole
 
 
 class EffectsTable(QTreeWidget):
-    """One row an effect, the largest first; a click on its setting, or Space, goes from auto to on to off.
+    """One row an effect, the largest first; a click on its setting, or Space, goes from auto to on to off."""
 
-    Signals
-    -------
-    chosen(name)
-        An effect is selected.
-    choice_asked(name, choice)
-        ``"auto"``, ``"on"`` or ``"off"`` for an effect.
-    edit_asked()
-        The user wants to edit the magnitudes of the selected effect.
-    """
-
-    chosen = Signal(str)
-    choice_asked = Signal(str, str)
+    chosen = Signal(str, arguments=["name"])
+    """An effect is selected."""
+    choice_asked = Signal(str, str, arguments=["name", "choice"])
+    """``"auto"``, ``"on"`` or ``"off"`` for an effect."""
     edit_asked = Signal()
+    """The user wants to edit the magnitudes of the selected effect."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -52,15 +52,10 @@ from lfcal_gui.widgets import (
 
 
 class PlaceLine(QWidget):
-    """A list of planes, and y and x.
-
-    Signals
-    -------
-    changed()
-        Another plane or position was chosen.
-    """
+    """A list of planes, and y and x."""
 
     changed = Signal()
+    """Another plane or position was chosen."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -188,19 +183,13 @@ TAB_TIPS = (
 
 
 class SimulatePanel(QWidget):
-    """The page's widgets.
+    """The page's widgets."""
 
-    Signals
-    -------
-    edited(name, value)
-        A field of the tasks; see `lfcal_gui.pages.simulate.model.FIELDS`.
-    asked(what)
-        A button was pressed: ``"frame"`` of the position, ``"frames"`` of the plan, ``"import"``, ``"export"`` or
-        ``"reset"`` of magnitudes and settings, ``"stop"`` of the pictures of an effect.
-    """
-
-    edited = Signal(str, object)
-    asked = Signal(str)
+    edited = Signal(str, object, arguments=["name", "value"])
+    """A field of the tasks; see `lfcal_gui.pages.simulate.model.FIELDS`."""
+    asked = Signal(str, arguments=["what"])
+    """A button was pressed: ``"frame"`` of the position, ``"frames"`` of the plan, ``"import"``, ``"export"`` or
+    ``"reset"`` of magnitudes and settings, ``"stop"`` of the pictures of an effect."""
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
