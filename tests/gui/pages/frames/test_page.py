@@ -17,7 +17,7 @@ from lfcal.psf import FoundOrientation, open_psf
 from lfcal.psf.assembly import AssemblyProgress
 from lfcal_gui.context import Context
 from lfcal_gui.models import Symbols
-from lfcal_gui.pages.frames import page as frames_page
+from lfcal_gui.pages.frames import model as frames_model
 from lfcal_gui.pages.frames.model import FrameSettings, facts_of, iter_assembly, understood
 from tests.cli.conftest import SHAPE, small_plan, true_frame
 from tests.gui.waiting import GUARD_MS, idle
@@ -42,7 +42,7 @@ def test_frames_that_open_late_are_not_shown_for_what_the_project_has_now(
 ) -> None:
     """Frames that were still being opened came when there were none any more."""
     door, asked = threading.Event(), threading.Event()
-    plain = frames_page.open_imported
+    plain = frames_model.open_imported
 
     def late(*arguments: Any) -> Any:
         asked.set()
@@ -50,7 +50,7 @@ def test_frames_that_open_late_are_not_shown_for_what_the_project_has_now(
         return plain(*arguments)
 
     page = open_page("frames")
-    monkeypatch.setattr(frames_page, "open_imported", late)
+    monkeypatch.setattr(frames_model, "open_imported", late)
     context.project.update("open", frames=str(sample_recording()), plan=small_plan(), camera=small_plan().camera)
     qtbot.waitUntil(asked.is_set, timeout=GUARD_MS)
     if close == "undo":

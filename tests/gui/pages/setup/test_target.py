@@ -19,7 +19,7 @@ from lfcal.cli._app import build_app
 from lfcal.targets import TargetPlan
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.setup import _target_dialog as dialog
+from lfcal_gui.pages.setup import model_target
 from lfcal_gui.pages.setup.model_target import PlanSettings
 from lfcal_gui.pages.setup.step import step
 from lfcal_gui.theme import current_theme
@@ -115,7 +115,7 @@ def test_a_search_is_stopped(
         while True:
             yield clock.at(0)
 
-    monkeypatch.setattr(dialog, "iter_target", endless)
+    monkeypatch.setattr(model_target, "iter_target", endless)
     page = open_page("setup")
     target = page.target
     type_in(page, "source", "array")
@@ -228,7 +228,7 @@ def test_a_search_for_a_plan_that_is_no_more_is_stopped(
         while True:
             yield clock.at(0)
 
-    monkeypatch.setattr(dialog, "iter_target", endless)
+    monkeypatch.setattr(model_target, "iter_target", endless)
     page = open_page("setup")
     type_in(page, "source", "array")
     page.target.plan_target()

@@ -106,7 +106,7 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
         return pattern_of(plan, place, effects, level, tolerance)
 
     monkeypatch.setattr(simulate_page, "verdict_of", slow_planner)
-    monkeypatch.setattr(simulate_page, "pattern_of", watched)
+    monkeypatch.setattr("lfcal_gui.pages.simulate.model.pattern_of", watched)
     assert "vignetting" not in {e.name for e in page.verdict.found}
     page.panel.table.choice_asked.emit("vignetting", "on")
     with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:

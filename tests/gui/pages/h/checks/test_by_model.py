@@ -82,7 +82,7 @@ def known(judged_once: InspectionRun, state: ProjectState, monkeypatch: pytest.M
         else:
             yield from iter_judge(asked, kept)
 
-    monkeypatch.setattr("lfcal_gui.pages.h._checking.iter_judge", at_once)
+    monkeypatch.setattr("lfcal_gui.pages.h.model_checks.iter_judge", at_once)
 
 
 @pytest.fixture

@@ -67,7 +67,7 @@ def page(
         else:
             yield from iter_judge(asked, kept)
 
-    monkeypatch.setattr("lfcal_gui.pages.h._checking.iter_judge", at_once)
+    monkeypatch.setattr("lfcal_gui.pages.h.model_checks.iter_judge", at_once)
     made: Page = open_page("h")
     idle(made.context.jobs, qtbot)
     made.look_into("compare")

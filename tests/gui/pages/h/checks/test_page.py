@@ -107,7 +107,7 @@ def test_what_was_found_before_is_said_to_be_where_the_next_inspection_fails(
         yield Progress(0, 1, "reading")
         raise InputError("no memory; close something")
 
-    monkeypatch.setattr("lfcal_gui.pages.h._checking.iter_judge", fails)
+    monkeypatch.setattr("lfcal_gui.pages.h.model_checks.iter_judge", fails)
     state = window.project.state
     window.project.update("seconds", settings=replace(settings, seconds=settings.seconds + 60).into(state))
     checking.measure(force=True)
