@@ -19,6 +19,7 @@ from lfcal_gui.widgets.cards import (
     line,
     row_of,
     scrolling,
+    segment,
     split,
     told_or_shown,
     wrapped,

@@ -107,6 +107,14 @@ def button(text: str, tip: str, action: Callable[[], object] | None = None, role
     return made
 
 
+def segment(text: str, tip: str, action: Callable[[], object], *, on: bool = False) -> QPushButton:
+    """Return a button of several of which one is chosen; ``on``: this one, and the others are its siblings."""
+    made = button(text, tip, action, "segment")
+    made.setCheckable(True)
+    made.setChecked(on)
+    return made
+
+
 def wrapped(role: str = "hint", text: str = "") -> QLabel:
     """Return a label whose words are wrapped, in the look of a role."""
     return WrappedLabel(text, rich=True, role=role)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -181,10 +180,7 @@ class LinePlot(QWidget):
         """Write all curves as text: columns x and y of each."""
         path = path or ask_target(self, "Save data", "plot.csv", "Text (*.csv)")
         if path:
-            write_file(self, path, self._write_curves)
-
-    def _write_curves(self, part: Path) -> None:
-        part.write_text("".join(self.table_lines(",")), encoding="utf-8")
+            write_file(self, path, lambda part: part.write_text("".join(self.table_lines(",")), encoding="utf-8"))
 
     def table_lines(self, between: str) -> Iterator[str]:
         """Yield every curve as lines of x and y, with what stands ``between`` columns."""

@@ -129,14 +129,11 @@ class Page(BasePage):
         stage = self.panel.setup.stage
         for keys, axis, sign in JOGS:
             self.shortcut(keys, lambda axis=axis, sign=sign: stage.press(axis, sign))
-        self.shortcut("Ctrl+G", self._type_target)
+        self.shortcut("Ctrl+G", lambda: self.panel.setup.stage.type_target())
         self.shortcut("Esc", stage.stop_asked.emit)
         self.shortcut("F11", self.lab.toggle.click)
         for key, shortcut in KEYS:
             self.shortcut(shortcut, lambda key=key: self.lab.press(key))
-
-    def _type_target(self) -> None:
-        self.panel.setup.stage.type_target()
 
     def entered(self) -> None:
         """Look for devices the first time, and whether another program has recorded into the session's folder."""

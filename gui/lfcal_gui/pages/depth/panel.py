@@ -27,6 +27,7 @@ from lfcal_gui.widgets import (
     heading,
     line,
     row_of,
+    segment,
     set_role,
     wrapped,
 )
@@ -90,13 +91,8 @@ class DepthPanel(QWidget):
     def _make_segments(self) -> None:
         self.segments: dict[str, QPushButton] = {}
         for key, words, tip in VIEWS:
-            made = self.segments[key] = QPushButton(words)
-            made.setProperty("role", "segment")
-            made.setCheckable(True)
-            made.setAutoExclusive(True)
-            made.setToolTip(tip)
-            made.clicked.connect(lambda _=False: self.chosen.emit())
-        self.segments["frame"].setChecked(True)
+            self.segments[key] = segment(words, tip, self.chosen.emit, on=key == "frame")
+            self.segments[key].setAutoExclusive(True)
 
     def _measuring(self) -> QWidget:
         frame, column = card()

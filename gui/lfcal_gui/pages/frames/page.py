@@ -440,7 +440,7 @@ class Page(BasePage):
             path,
             lambda: model.iter_assembly(opened, path),
             self._assembled,
-            self._not_assembled,
+            lambda _: self._refused(),
             taken=self.context.taken("frames", title, path),
         )
 
@@ -450,9 +450,6 @@ class Page(BasePage):
         if refused:
             self._offer_turn("No H: ")
         return refused
-
-    def _not_assembled(self, _: WindowJob) -> None:
-        self._refused()
 
     def _assembled(self, report: Any) -> None:
         path = report.matrix.path

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,6 +60,7 @@ from lfcal_gui.widgets import (
     outline_tones,
     row_of,
     scrolling,
+    segment,
     share_contrast,
     shown_tone,
     split,
@@ -209,12 +210,8 @@ class HPanel(QWidget):
         """Make what the header has: the views, the readout, and how the pictures are scaled."""
         self.view_buttons: dict[str, QPushButton] = {}
         for title, changes, tip in VIEWS:
-            button = QPushButton(title)
-            button.setProperty("role", "segment")
-            button.setCheckable(True)
-            button.setToolTip(tip)
-            button.clicked.connect(lambda _=False, changes=changes: self.asked.emit(dict(changes)))
-            self.view_buttons[title] = button
+            asked = partial(self.asked.emit, dict(changes))
+            self.view_buttons[title] = segment(title, tip, asked)
         for title in ("Difference", "Fit"):  # until there is another H, or a fit
             self.view_buttons[title].hide()
         self.readout = ElidedLabel(sentence=True, role="hint")

@@ -27,6 +27,7 @@ from lfcal_gui.widgets import (
     choice_box,
     column_of,
     line,
+    segment,
     set_role,
 )
 
@@ -54,13 +55,11 @@ class ExportCard(QWidget):
         group, row = QButtonGroup(self), QHBoxLayout()
         row.setSpacing(0)
         for code in CODES.values():
-            button = self.codes[code.name] = QPushButton(code.title)
-            button.setProperty("role", "segment")
-            button.setCheckable(True)
-            button.setToolTip(f"Write H as {code.title} reads it: {code.order}, {code.stored}")
-            button.clicked.connect(lambda _=False, name=code.name: self.edited.emit("code", name))
-            group.addButton(button)
-            row.addWidget(button)
+            tip = f"Write H as {code.title} reads it: {code.order}, {code.stored}"
+            made = segment(code.title, tip, lambda name=code.name: self.edited.emit("code", name))
+            self.codes[code.name] = made
+            group.addButton(made)
+            row.addWidget(made)
         row.addStretch()
         column.addLayout(row)
         column.addLayout(self._facts())

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QAction, QResizeEvent
-from PySide6.QtWidgets import QBoxLayout, QGridLayout, QMenu, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QBoxLayout, QGridLayout, QMenu, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal.base import format_plane
 from lfcal_gui.base_page import EmptyState
@@ -18,7 +19,19 @@ from lfcal_gui.models import BEGIN, CUTOUT, Levels, Outline, Shot, plane_words, 
 from lfcal_gui.pages.reconstruct._solid_picture import Newest, SolidPicture, View
 from lfcal_gui.pages.reconstruct.model_volume import MODES, Prepared, Side, VolumeIntent, prepare, sides
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets import Contrast, Picture, PlaneTile, Strip, column_of, link, name_controls, share_contrast, split
+from lfcal_gui.widgets import (
+    Contrast,
+    Picture,
+    PlaneTile,
+    Strip,
+    button,
+    column_of,
+    link,
+    name_controls,
+    segment,
+    share_contrast,
+    split,
+)
 
 VALUE = "brightness (counts)"
 
@@ -264,18 +277,10 @@ class VolumeView(QWidget):
         """Make what the header has: the views, and what is drawn."""
         self.segments = []
         for mode, tip in zip(MODES, VIEWS, strict=True):
-            button = QPushButton(mode)
-            button.setProperty("role", "segment")
-            button.setCheckable(True)
-            button.setAutoExclusive(True)
-            button.setChecked(mode == self.intent.mode)
-            button.setToolTip(tip)
-            button.clicked.connect(lambda _=False, mode=mode: self._change(mode=mode))
-            self.segments.append(button)
-        self.brightest, self.overlay = QPushButton("Brightest voxel"), QPushButton("Overlay")
-        self.brightest.setToolTip("Put the cross on the brightest voxel")
-        self.brightest.clicked.connect(lambda: self.go_to_brightest())
-        self.overlay.setToolTip("Choose what is drawn, and how")
+            self.segments.append(segment(mode, tip, partial(self._change, mode=mode), on=mode == self.intent.mode))
+            self.segments[-1].setAutoExclusive(True)
+        self.brightest = button("Brightest voxel", "Put the cross on the brightest voxel", self.go_to_brightest)
+        self.overlay = button("Overlay", "Choose what is drawn, and how")
         menu = QMenu(self.overlay)
         menu.setToolTipsVisible(True)
         self.ticks: dict[str, QAction] = {}
@@ -454,8 +459,8 @@ class VolumeView(QWidget):
         self.slice.setVisible(there and solid)
         self.stack.setVisible(there or not self._light_field)
         self.side.setVisible(self._light_field)
-        for segment in self.segments:
-            segment.setEnabled(there)
+        for one in self.segments:
+            one.setEnabled(there)
         for control in (self.brightest, self.overlay) if self.brightest.parent() is not None else ():
             control.setVisible(there)
 

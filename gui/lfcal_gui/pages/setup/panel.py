@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QSignalBlocker, QSize, Qt, Signal
@@ -39,6 +40,7 @@ from lfcal_gui.widgets import (
     outline_tones,
     row_of,
     scrolling,
+    segment,
     table_entries,
     wrapped,
 )
@@ -221,12 +223,8 @@ class PlanningPanel(QWidget):
     def _tools(self) -> None:
         self.segments = []
         for k, (title, tip) in enumerate(VIEWS):
-            made = button(title, tip, lambda k=k: self._look_at(k))
-            made.setProperty("role", "segment")
-            made.setCheckable(True)
-            made.setAutoExclusive(True)
-            made.setChecked(k == 0)
-            self.segments.append(made)
+            self.segments.append(segment(title, tip, partial(self._look_at, k), on=k == 0))
+            self.segments[k].setAutoExclusive(True)
         self.overlay = button("Overlay", "Choose what is drawn over the image")
         menu = QMenu(self.overlay)
         self.overlays = {name: menu.addAction(name) for name in OVERLAYS}
