@@ -202,8 +202,7 @@ class BackgroundThreads(QObject):
         self._calls: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._computations = Computations(self.hand_over)
         self._loads = Loads(self.hand_over)
-        self._timer = QTimer(self)
-        self._timer.setInterval(POLL_MS)
+        self._timer = QTimer(self, interval=POLL_MS)
         self._timer.timeout.connect(self._take)
         self._closed = self._leaving = False
         self._collector = Collector(self, lambda: self.busy)  # threads must not destroy widgets

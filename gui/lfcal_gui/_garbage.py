@@ -48,8 +48,7 @@ class Collector(QObject):
             Collector._first = False
             gc.freeze()
         self._calm, self._ticks, self._worked_s = 0, 0, time.thread_time()
-        self._timer = QTimer(self)
-        self._timer.setInterval(INTERVAL_MS)
+        self._timer = QTimer(self, interval=INTERVAL_MS)
         self._timer.timeout.connect(self.collect)
         self._timer.start()
 

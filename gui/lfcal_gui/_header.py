@@ -51,8 +51,7 @@ class NextLine(QWidget):
         self._key = QShortcut(QKeySequence("Ctrl+Return"), self)
         self._key.setContext(Qt.ShortcutContext.WindowShortcut)
         self._key.activated.connect(self.button.click)
-        self._later = QTimer(self)
-        self._later.setInterval(POLL_MS)
+        self._later = QTimer(self, interval=POLL_MS)
         self._later.timeout.connect(self._settle)
 
     def show_step(self, step: Step) -> None:

@@ -33,13 +33,10 @@ class RestoreDialog(QDialog):
         column = QVBoxLayout(self)
         column.setContentsMargins(18, 16, 18, 14)
         column.setSpacing(10)
-        heading = QLabel(f"Restore {kept.name()}?")
+        heading = QLabel(f"Restore {kept.name()}?", textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         heading.setProperty("role", "title")
-        heading.setTextFormat(Qt.TextFormat.PlainText)
-        heading.setWordWrap(True)
         why = QLabel("lfcal ended unexpectedly. The last changes are not saved in a project file.")
-        self.words = QLabel("\n".join(kept.words()))
-        self.words.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.words = QLabel("\n".join(kept.words()), textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse)
         for label in (why, self.words):
             label.setWordWrap(True)
             label.setTextFormat(Qt.TextFormat.PlainText)
@@ -109,8 +106,7 @@ class Rescue(QObject):
         self._lock = FileLock(self.file)
         self._waiting: list[tuple[UnsavedCopy, Claim]] = []
         self.dialog: RestoreDialog | None = None
-        self._timer = QTimer(self)
-        self._timer.setInterval(AUTOSAVE_MS)
+        self._timer = QTimer(self, interval=AUTOSAVE_MS)
         self._timer.timeout.connect(self.keep)
         self._timer.start()
 

@@ -35,8 +35,7 @@ class VerifyDialog(QDialog):
         self._number, self._redo = 0, ()
         self.setWindowTitle("Verify")
         self.resize(*SIZE)
-        self.path = QLineEdit()
-        self.path.setPlaceholderText("folder of a session, or an H file")
+        self.path = QLineEdit(placeholderText="folder of a session, or an H file")
         self.path.setAccessibleName("session or H file to verify")
         self.path.setToolTip("Session folder or H file to check, for example after a crash or after copying it")
         self.path.textChanged.connect(lambda _: self._forget())
@@ -57,10 +56,8 @@ class VerifyDialog(QDialog):
             "Add the damaged positions to the positions to record again, on Record > Rig",
             self._send,
         )
-        self.found = QPlainTextEdit()
-        self.found.setReadOnly(True)
+        self.found = QPlainTextEdit(readOnly=True, placeholderText="Press Check to show the result here.")
         self.found.setAccessibleName("result of the check")
-        self.found.setPlaceholderText("Press Check to show the result here.")
         self.found.setToolTip("Frames or planes that differ from the data that were written, and how to repair them")
         column = QVBoxLayout(self)
         column.addWidget(heading("Every frame or plane is read and compared with its checksum"))

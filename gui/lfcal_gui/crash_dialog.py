@@ -56,8 +56,7 @@ class CrashDialog(QDialog):
         self.where.setText(where)
         for widget in (heading, self.words, self.safe, self.where):
             column.addWidget(widget)
-        self.details = QPlainTextEdit()
-        self.details.setReadOnly(True)
+        self.details = QPlainTextEdit(readOnly=True)
         self.details.setAccessibleName("details")
         self.details.setToolTip("Traceback; include it in a bug report")
         self.details.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
@@ -151,8 +150,7 @@ class CrashGuard(QObject):
         self._lock, self._more, self._new = threading.Lock(), threading.Event(), threading.Event()
         self.dialog: CrashDialog | None = None
         self._hooks: tuple[Any, Any, Any] | None = None
-        self._timer = QTimer(self)
-        self._timer.setInterval(POLL_MS)
+        self._timer = QTimer(self, interval=POLL_MS)
         self._timer.timeout.connect(self.tell)
 
     def install(self) -> None:

@@ -74,8 +74,7 @@ class RunView(HeadedCard):
         self.table.setAccessibleName(f"Units of {run.name}")
         self.table.setFixedHeight(UNITS_PX)
         self.column.addWidget(self.table)
-        self._timer = QTimer(self)
-        self._timer.setInterval(LOOK_MS)
+        self._timer = QTimer(self, interval=LOOK_MS)
         self._timer.timeout.connect(self.refresh)
         self._timer.start()
         self.refresh()
@@ -121,8 +120,7 @@ class JobLogView(QDialog):
         self._log, self._shown = log, ""
         self.setWindowTitle(f"Log of {log.title}")
         self.resize(*LOG_SIZE)
-        self.view = QPlainTextEdit()
-        self.view.setReadOnly(True)
+        self.view = QPlainTextEdit(readOnly=True)
         self.view.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
         self.view.setAccessibleName(f"log of {log.title}")
         self.view.setToolTip("Steps and warnings of the job with their times, updated while it runs")
@@ -137,8 +135,7 @@ class JobLogView(QDialog):
         column = QVBoxLayout(self)
         column.addWidget(self.view, 1)
         column.addLayout(line(QWidget(), self.copy, self.keep, close, stretch=0))
-        self._timer = QTimer(self)
-        self._timer.setInterval(LOG_MS)
+        self._timer = QTimer(self, interval=LOG_MS)
         self._timer.timeout.connect(self.refresh)
 
     def showEvent(self, event: QShowEvent) -> None:
@@ -195,8 +192,7 @@ class JobRow(HeadedCard):
         super().__init__(job.title)
         self._jobs, self._job = jobs, job
         self._view: JobLogView | None = None
-        self.bar = QProgressBar()
-        self.bar.setTextVisible(False)
+        self.bar = QProgressBar(textVisible=False)
         self.bar.setFixedWidth(BAR)
         self.bar.setAccessibleName(f"progress of {job.title}")
         self.head.insertWidget(1, self.bar)
@@ -313,8 +309,7 @@ class JobPanel(QWidget):
         outer = QHBoxLayout(self)
         outer.setContentsMargins(0, 0, 8, 0)
         outer.setSpacing(2)
-        self.area = QScrollArea()
-        self.area.setWidgetResizable(True)
+        self.area = QScrollArea(widgetResizable=True)
         inner = QWidget()
         self._runs = QVBoxLayout()
         self._column = QVBoxLayout()
@@ -459,8 +454,7 @@ class JobsLine(QWidget):
         self._jobs = jobs
         self._failed: list[WindowJob] = []
         self.sheet = JobsSheet(JobPanel(jobs), window)
-        self.bar = QProgressBar()
-        self.bar.setTextVisible(False)
+        self.bar = QProgressBar(textVisible=False)
         self.bar.setFixedWidth(SHORT_BAR)
         self.bar.setAccessibleName("progress of the running job")
         self.button = QToolButton()

@@ -50,9 +50,7 @@ class Notice(QFrame):
         self._cancel: Callable[[], None] | None = None
         self._left: Callable[[], None] | None = None
         self._refused = False
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(WAIT_MS)
+        self._timer = QTimer(self, singleShot=True, interval=WAIT_MS)
         self._timer.timeout.connect(self.show)
         self.hide()
 

@@ -154,9 +154,7 @@ class MainWindow(QMainWindow):
         self.job_line = JobsLine(self.jobs, self)
         self.message = ElidedLabel(sentence=True, role="hint")
         self.message.setContentsMargins(6, 0, 0, 0)
-        self._silence = QTimer(self)
-        self._silence.setSingleShot(True)
-        self._silence.setInterval(MESSAGE_MS)
+        self._silence = QTimer(self, singleShot=True, interval=MESSAGE_MS)
         self._silence.timeout.connect(lambda: self.message.setText(""))
         self.notices = QStackedWidget()  # one notice for each page
         holder = QWidget()

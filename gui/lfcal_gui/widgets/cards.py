@@ -79,8 +79,7 @@ def column_area(width: int, *cards: QWidget, dense: bool = False) -> QScrollArea
 
 def scrolling(inner: QWidget) -> QScrollArea:
     """Return a widget in an area that scrolls up and down where the window is low."""
-    area = QScrollArea()
-    area.setWidgetResizable(True)
+    area = QScrollArea(widgetResizable=True)
     area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
     area.setWidget(inner)
     return area

@@ -168,8 +168,7 @@ class ComparePanel(ComparedNumbers):
         self._second = False
         self._where = ""
         super().__init__(whole=False)
-        self._timer = QTimer(self)
-        self._timer.setInterval(BLINK_MS)
+        self._timer = QTimer(self, interval=BLINK_MS)
         self._timer.timeout.connect(self._blink)
 
     # -- building --------------------------------------------------------------------------------------

@@ -292,9 +292,8 @@ class FoldedForm(QFrame):
         self.head = FoldHead(title, tip)
         self.reset_all = _small("↺", "reset", f"Reset {title.lower()}", "Restore the defaults of these values")
         self.search: QLineEdit | None = None
-        self._error = QLabel("")
+        self._error = QLabel("", wordWrap=True)
         self._error.setProperty("role", "error")
-        self._error.setWordWrap(True)
         self._build(fields, more)
         app = QApplication.instance()
         if isinstance(app, QApplication):
@@ -318,8 +317,7 @@ class FoldedForm(QFrame):
         if more:
             self._grid.addWidget(self.reset_all, self._next, RESET)
         if len(more) >= SEARCHED:
-            self.search = QLineEdit()
-            self.search.setPlaceholderText(f"Search {len(more)} values")
+            self.search = QLineEdit(placeholderText=f"Search {len(more)} values")
             self.search.setAccessibleName("search values")
             self.search.setToolTip("Show only the values whose name or description contains these words")
             self.search.textChanged.connect(lambda _: self._show_rows())
@@ -372,8 +370,7 @@ class FoldedForm(QFrame):
             tick.toggled.connect(lambda _=False: self._changed(key))
             return tick
         if field.kind == "shown":
-            label = QLabel()
-            label.setWordWrap(True)
+            label = QLabel(wordWrap=True)
             return label
         edit = _NumberEdit() if field.kind == "float" else QLineEdit()
         edit.setPlaceholderText(field.empty)

@@ -177,9 +177,7 @@ class Picture(QWidget):
         self.graphics.viewport().installEventFilter(self)
 
     def _watch(self) -> None:
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(REDRAW_MS)
+        self._timer = QTimer(self, singleShot=True, interval=REDRAW_MS)
         self._timer.timeout.connect(self._redraw)
         self.box.sigRangeChanged.connect(lambda *_: self._range_changed())
         self.box.sigRangeChangedManually.connect(lambda *_: self.moved.emit())

@@ -95,9 +95,8 @@ class Lab(QWidget):
         self.context, self.tabs, self.setup, self.record, self.toggle = context, tabs, setup, record, toggle
         self._before = ""
         self.bar, column = card()
-        self.status = QLabel("")
+        self.status = QLabel("", wordWrap=True)
         self.status.setProperty("role", "big")
-        self.status.setWordWrap(True)
         self.status.setAccessibleName("status of the recording")
         # long words never make the window wider
         self.status.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)

@@ -194,8 +194,7 @@ class StageMoves(QObject):
         self._context, self._panel, self._station = context, panel, station
         self._moves: list[Callable[[], Any]] = []
         self._moving, self._free = False, True
-        self.poll_timer = QTimer(self)
-        self.poll_timer.setInterval(POLL_MS)
+        self.poll_timer = QTimer(self, interval=POLL_MS)
         self.poll_timer.timeout.connect(self._poll)
         panel.jogged.connect(self.jog)
         panel.target_asked.connect(self.go_to)

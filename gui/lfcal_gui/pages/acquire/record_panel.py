@@ -144,8 +144,7 @@ class RecordPanel(QWidget):
     def _progress(self) -> QWidget:
         """Make the progress display: progress, why a recording cannot start, how it ended. Hidden without a text."""
         self.status, self.detail, self.alarms = _words("heading"), _words("hint"), _words("error")
-        self.bar = QProgressBar()
-        self.bar.setTextVisible(False)
+        self.bar = QProgressBar(textVisible=False)
         self.alarms.hide()
         widget = QWidget()
         column_of(self.status, self.bar, self.detail, self.alarms, of=widget, spacing=4)
@@ -177,8 +176,7 @@ class RecordPanel(QWidget):
         return made
 
     def _folder_line(self) -> QLineEdit:
-        folder = QLineEdit()
-        folder.setPlaceholderText("folder of the session")
+        folder = QLineEdit(placeholderText="folder of the session")
         folder.setToolTip("A new or empty folder, or the folder of an interrupted session to resume")
         folder.editingFinished.connect(lambda: self.folder_edited.emit(folder.text().strip()))
         icon = self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon)

@@ -55,8 +55,7 @@ class SetupTab(QObject):
         self.drawing = False
         """Whether a frame of a recording is being drawn; those that come meanwhile are dropped."""
         self._trouble = ""
-        self.live_timer = QTimer(self)
-        self.live_timer.setSingleShot(True)
+        self.live_timer = QTimer(self, singleShot=True)
         self.live_timer.timeout.connect(self._look)
         panel.devices.edited.connect(self._devices_edited)
         panel.faults.edited.connect(self._faults_edited)

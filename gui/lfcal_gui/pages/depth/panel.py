@@ -113,8 +113,7 @@ class DepthPanel(QWidget):
         column.addWidget(self.form)
         self._go = "measure"
         self.go = button("Measure", MEASURE, lambda: self.pressed.emit(self._go))
-        self.bar = QProgressBar()
-        self.bar.setTextVisible(False)
+        self.bar = QProgressBar(textVisible=False)
         self.status = wrapped()
         column.addLayout(line(self.go))
         column.addWidget(self.bar)

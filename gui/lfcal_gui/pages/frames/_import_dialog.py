@@ -253,9 +253,8 @@ class ImportDialog(QDialog):
         return grid
 
     def _add_names(self, grid: QGridLayout, row: int) -> None:
-        self.pattern = QLineEdit()
+        self.pattern = QLineEdit(placeholderText="z{z}_y{y}_x{x}.tif")
         self.pattern.setAccessibleName("Names")
-        self.pattern.setPlaceholderText("z{z}_y{y}_x{x}.tif")
         self.pattern.setToolTip("Pattern that reads positions from file names; {z}, {y} and {x} are the numbers")
         self.pattern.editingFinished.connect(self._typed)
         self.order = choice_box(ORDERS, ORDER, "Order")

@@ -67,8 +67,7 @@ class Page(BasePage):
         self.assemble_button = self.tool_button(
             "Assemble H", "Correct all frames, and assemble H from their cutouts", self.assemble
         )
-        self.play_timer = QTimer(self)
-        self.play_timer.setInterval(PLAY_MS)
+        self.play_timer = QTimer(self, interval=PLAY_MS)
         self.play_timer.timeout.connect(lambda: self._step(0, 1))
         self.panel = FramesPanel(context.jobs)
         self.list_button = button("File or list …", FILE, self.start_import)

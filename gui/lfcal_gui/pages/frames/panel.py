@@ -81,8 +81,7 @@ class FramesPanel(QWidget):
         self.map_words.hide()
         for picture, height in ((self.map, MAP), (self.crop, CROP)):
             picture.setFixedHeight(height)
-        self.numbers = QLabel()
-        self.numbers.setTextFormat(Qt.TextFormat.RichText)
+        self.numbers = QLabel(textFormat=Qt.TextFormat.RichText)
         self._counted: FrameNumbers | None = None
         self.readout = QLabel(" ")
         self.readout.setProperty("role", "hint")

@@ -363,8 +363,7 @@ class RoundsView(QWidget):
         for plot in (self.error, self.chi2):
             plot.setFixedHeight(HEIGHT)
             column.addWidget(plot)
-        self.words = QLabel()
-        self.words.setWordWrap(True)
+        self.words = QLabel(wordWrap=True)
         self.words.setProperty("role", "hint")
         column.addWidget(self.words)
 
@@ -414,8 +413,7 @@ class FitView(QWidget):
             label.setTextFormat(Qt.TextFormat.PlainText)
             label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
             label.setProperty("role", role)
-        self.bar = QProgressBar()
-        self.bar.setTextVisible(False)
+        self.bar = QProgressBar(textVisible=False)
         column.addLayout(line(self.fit_button, self.worst_button, self.use_button))
         for part in (self.verdict, self.bar, self.detail):
             column.addWidget(part)
@@ -450,8 +448,7 @@ class FitView(QWidget):
             model_fit_run.COLUMNS, 0, model_fit_run.NUMBERS, spare=model_fit_run.SPARE, whole=True
         )
         self.parameters.setAccessibleName("parameters")
-        legend = QLabel(LEGEND)
-        legend.setWordWrap(True)
+        legend = QLabel(LEGEND, wordWrap=True)
         legend.setProperty("role", "hint")
         column.addLayout(line(self.model_button, self.save_button, self.report_button))
         for table in (self.findings, self.parameters):

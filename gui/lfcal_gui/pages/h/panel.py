@@ -326,9 +326,7 @@ class HPanel(QWidget):
         larger.setProperty("role", "tight")
         larger.setToolTip("Show the apertures of all planes in a separate window, large enough to compare their blades")
         larger.clicked.connect(lambda: self.show_apertures())
-        self.aperture_text = QLabel()
-        self.aperture_text.setTextFormat(Qt.TextFormat.RichText)
-        self.aperture_text.setWordWrap(True)
+        self.aperture_text = QLabel(textFormat=Qt.TextFormat.RichText, wordWrap=True)
         self.aperture_text.setAlignment(Qt.AlignmentFlag.AlignTop)
         # what is below does not move when the aperture is known
         self.aperture_text.setMinimumHeight(LINES_OF_APERTURE * self.aperture_text.fontMetrics().height())

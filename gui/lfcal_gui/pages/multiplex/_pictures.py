@@ -54,9 +54,7 @@ class MultiplexPictures(QWidget):
         self._grid = QGridLayout()
         self._grid.setSpacing(8)
         outer.addLayout(self._grid, 1)
-        self.status = QLabel("")
-        self.status.setTextFormat(Qt.TextFormat.PlainText)
-        self.status.setWordWrap(True)
+        self.status = QLabel("", textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         outer.addWidget(self.status)
 
     @cached_property

@@ -64,9 +64,8 @@ class FiguresView(QWidget):
             "Use the noise of the project's camera instead of the paper's. Figure 6 always marks the project's camera"
         )
         self.own.toggled.connect(self.camera_chosen.emit)
-        self.status = QLabel("")
+        self.status = QLabel("", wordWrap=True)
         self.status.setProperty("role", "hint")
-        self.status.setWordWrap(True)
         outer.addLayout(line("Figure", self.figure, self.own, self.status, stretch=3))
         self.stack = QStackedWidget()
         outer.addWidget(self.stack, 1)

@@ -153,8 +153,7 @@ class MultiplexPanel(QWidget):
         grid.setSpacing(8)
         self.titles, self._columns = [], []
         for k, (tip, title) in enumerate(zip(TIPS, TITLES, strict=True)):
-            label = QLabel(title)
-            label.setWordWrap(True)
+            label = QLabel(title, wordWrap=True)
             label.setMinimumWidth(60)  # names of modulators may be long: they do not widen the window
             label.setToolTip(tip)
             frame, column = card(label)
@@ -195,8 +194,7 @@ class MultiplexPanel(QWidget):
         return frame
 
     def _curve_card(self) -> QWidget:
-        self.curve_title = QLabel(CURVES)
-        self.curve_title.setWordWrap(True)
+        self.curve_title = QLabel(CURVES, wordWrap=True)
         self.curve_title.setMinimumWidth(60)
         frame, self._curve_column = card(self.curve_title)
         self.curve_hint = QLabel("")

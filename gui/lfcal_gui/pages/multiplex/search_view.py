@@ -67,9 +67,8 @@ class SearchView(QWidget):
         self.words = QGridLayout(inner)
         self.words.setColumnStretch(1, 1)
         column.addWidget(inner)
-        self.status = QLabel("")
+        self.status = QLabel("", wordWrap=True)
         self.status.setProperty("role", "hint")
-        self.status.setWordWrap(True)
         column.addWidget(self.status)
         return frame
 
@@ -118,8 +117,7 @@ class SearchView(QWidget):
         self.view.set_shot(Shot(values, name="design", levels=(0.0, 1.0)))
         for k, (name, value) in enumerate(found.words):
             for column, text in enumerate((name, value)):
-                label = QLabel(text)
-                label.setWordWrap(column == 1)
+                label = QLabel(text, wordWrap=column == 1)
                 self.words.addWidget(label, k, column)
 
     def apply_theme(self) -> None:

@@ -104,9 +104,7 @@ class SolidPicture(Picture):
         self._drawn: tuple[Viewpoint, Projection, Prepared] | None = None
         self._newest = Newest(jobs, f"volume {id(self)}")
         self._grip: tuple[QPointF, bool] | None = None
-        self._rest = QTimer(self)
-        self._rest.setSingleShot(True)
-        self._rest.setInterval(REST_MS)
+        self._rest = QTimer(self, singleShot=True, interval=REST_MS)
         self._rest.timeout.connect(lambda: self._render(quick=False))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.graphics.setFocusPolicy(Qt.FocusPolicy.NoFocus)

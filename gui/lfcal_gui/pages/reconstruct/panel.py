@@ -154,10 +154,8 @@ class ReconstructPanel(QWidget):
         self.go.clicked.connect(lambda: self.pressed.emit(self._go))
         self.save = self._button("save", "Save volume …", "Write the volume: .tif (opens in ImageJ), .h5 or .npy")
         column.addLayout(line(self.go, self.save, stretch=0))
-        self.bar = QProgressBar()
-        self.bar.setTextVisible(False)
-        self.status = QLabel()
-        self.status.setWordWrap(True)
+        self.bar = QProgressBar(textVisible=False)
+        self.status = QLabel(wordWrap=True)
         for part in (self.bar, self.status):
             column.addWidget(part)
         self.show_go("start")

@@ -86,8 +86,7 @@ class SessionsPanel(QTabWidget):
         return line("Folder", self.folder, self.choose_button, self.again_button, stretch=1)
 
     def _which(self) -> QHBoxLayout:
-        self.words = QLineEdit()
-        self.words.setPlaceholderText("Filter by name, verdict, camera …")
+        self.words = QLineEdit(placeholderText="Filter by name, verdict, camera …")
         self.words.setToolTip("Show only results with all of these words in their name, folder, verdict or details")
         self.words.setAccessibleName("filter")
         self.kind = choice_box(list(KIND_WORDS.items()), "Show results of one kind", "kind")
