@@ -26,7 +26,8 @@ class Options:
     Attributes
     ----------
     order
-        ``"plan"``: the order of the plan; ``"coarse"``: a coarse grid over all planes first, then finer ones.
+        Order of the positions: ``"plan"`` (as planned), or ``"coarse"`` (first a coarse grid in all planes, then finer
+        ones).
     bracket
         Exposure times at each position, as multiples of the plane's exposure time. Frames of several exposures are
         merged to extend the dynamic range.
@@ -53,17 +54,17 @@ class Options:
         Longest waiting times for the stage to arrive and for a frame (beyond its exposure), and the settling time after
         switching the light (s).
     keep_free_bytes
-        The session does not start, or is paused, while the disk has less than this free in addition to the recording
-        (bytes); None: a tenth of the recording, at least 16 MiB.
+        Free disk space required in addition to the recording (bytes); None: a tenth of the recording, at least 16 MiB.
+        With less, the session does not start, or is paused.
     origin_tolerance_px
         Largest shift of the image when the last position is recorded again on resuming (px). A larger shift means that
         the stage's origin is lost. None: no check.
     on_suspect
-        Treatment of a frame whose content stays suspicious after it was taken again: ``"stop"`` the session, or
+        Treatment of a frame whose content is still suspect after the frame was taken again: ``"stop"`` the session, or
         ``"flag"`` the position, to be recorded again later.
     allow_automatic
-        Whether to record although the camera changes samples automatically, by automatic exposure, gain or black
-        level, or a gamma.
+        Whether to record although the camera changes samples automatically, by automatic exposure, gain or black level,
+        or by a gamma curve.
     suspend, steady_s
         Bounds of gauges as texts for `Bound.parse`, such as ``"temperature=20:22"``. The session is paused while a
         gauge is outside its bounds, and continues when all gauges have been within their bounds for ``steady_s`` (s).

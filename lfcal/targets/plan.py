@@ -166,10 +166,11 @@ class TargetPlan:
         Largest difference between the phase of an image and that of a position that it shows, in rows and in columns
         (px).
     crosstalk
-        For each plane, the largest light of neighbouring holes in a cutout, as a fraction of the light of the hole at
-        its centre, for equally bright holes.
+        For each plane, the largest light from neighbouring holes in a cutout, as a fraction of the light from the hole
+        at its centre, for equally bright holes.
     tails
-        How ``crosstalk`` was computed: ``"geometric"`` (rays, without diffraction) or by waves.
+        Method with which ``crosstalk`` was computed: ``"geometric"`` (rays, without diffraction), or a level of wave
+        optics.
     lit
         For a target with switchable points (a display): for each plane and each recorded frame, the numbers of the
         offsets whose points are lit together. There are as many frames as offsets, and single offsets are decoded from

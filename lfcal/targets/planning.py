@@ -290,7 +290,7 @@ class Wishes:
         Largest difference between the phase of an image and that of a position that it shows, in rows and in columns
         (px).
     crosstalk
-        Largest light of neighbouring points in a cutout, as a fraction of the light of the point at its centre.
+        Largest light from neighbouring points in a cutout, as a fraction of the light from the point at its centre.
     most_frames
         Largest number of frames for each plane; None: as many as all phases require.
     level

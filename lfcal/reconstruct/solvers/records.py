@@ -73,7 +73,7 @@ class SolverProgress(Progress):
     likelihood
         Poisson log-likelihood of the same volume minus the largest possible value; at most 0 (a perfect fit).
     change
-        Norm of the change of the volume, relative to the norm of the volume.
+        L2 norm of the change of the volume, relative to that of the volume.
     held_out
         Poisson log-likelihood of the held-out pixels minus the largest possible value; NaN if there are none.
     held_out_error
