@@ -446,6 +446,8 @@ def iter_evidence(
         return Unlike(f"only {len(recorded)} positions were recorded")
     if matrix.camera is None:
         return Unlike("H has no camera")
+    if not matrix.camera.has_lattice:
+        return Unlike("only cameras with a lenslet lattice can be compared; lfcal fit compares this one")
     if of_quick_pattern(matrix):
         return Unlike(QUICK_PATTERN, stated=True)
     if matrix.pixel_scale != (1.0, 1.0):

@@ -50,6 +50,13 @@ def old_nexus(file: h5py.File) -> None:
     file["entry/data"].attrs["signal"] = 1
 
 
+def marked_dataset(file: h5py.File) -> None:
+    """Write two stacks, of which a number marks the signal (the older NeXus convention)."""
+    file["entry/data/counts"], file["entry/data/monitor"] = STACK, OTHER
+    file["entry/data/counts"].attrs["signal"] = 1
+    file["entry/data/monitor"].attrs["signal"] = "2"
+
+
 def one_below(file: h5py.File) -> None:
     """Write one stack in a group, twice by hard links, with a table that is no stack."""
     file["measurement/frames"] = STACK
@@ -57,7 +64,7 @@ def one_below(file: h5py.File) -> None:
     file["measurement/time"] = np.arange(6.0)
 
 
-@pytest.mark.parametrize("write", [area_detector, nexus_by_link, data_exchange, old_nexus, one_below])
+@pytest.mark.parametrize("write", [area_detector, nexus_by_link, data_exchange, old_nexus, marked_dataset, one_below])
 def test_the_stack_of_another_program_is_found(tmp_path: Path, write: Callable[[h5py.File], None]) -> None:
     with h5py.File(tmp_path / "scan.h5", "w") as file:
         write(file)
@@ -99,7 +106,11 @@ def test_links_that_lead_out_or_in_a_circle_are_refused(tmp_path: Path) -> None:
     with h5py.File(path, "w") as file:
         file["round"], file["there"] = h5py.SoftLink("/there"), h5py.SoftLink("round")
         file["out"] = h5py.ExternalLink("b.h5", "/x")
-        file["over"] = h5py.SoftLink("/out")
+        file["over"], file["lost"] = h5py.SoftLink("/out"), h5py.SoftLink("/nowhere/x")
+    with pytest.raises(
+        FileFormatError, match=r"/lost: expected a dataset, got a link to /nowhere/x, which does not exist"
+    ):
+        open_image(path, dataset="lost")
     for name, words in (("round", "a chain of soft links"), ("over", "ExternalLink")):
         with pytest.raises(UnsafeFileError, match=words):
             open_image(path, dataset=name)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.progress import drain
+from lfcal.camera import preset
 from lfcal.judge import Evidence, Inspection, iter_evidence, iter_inspection
 from lfcal.judge.quality import inspect
 from lfcal.psf import PSFMatrix
@@ -52,6 +53,14 @@ def test_without_a_camera_it_says_that_metrics_are_weaker() -> None:
     found = inspected(PSFMatrix(clean()))
     assert not found.compared and found.why_not == "H has no camera"
     assert found.merit == found.quality.merit and "it was not compared with a camera (H has no camera)" in found.verdict
+
+
+def test_a_camera_without_a_lattice_is_not_compared() -> None:
+    patterns = np.random.default_rng(0).uniform(1, 2, (4, 1, 1, 21, 21)).astype(np.float32)
+    H = PSFMatrix(patterns, depths=(-1.0, 0.0, 1.0, 2.0), camera=preset("flfm_20x05"), anchor=(500.0, 500.0))
+    found = drain(iter_evidence(H))
+    assert not isinstance(found, Evidence)
+    assert found.reason == "only cameras with a lenslet lattice can be compared; lfcal fit compares this one"
 
 
 @pytest.mark.long

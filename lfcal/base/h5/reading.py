@@ -232,7 +232,7 @@ class H5File:
         import h5py
 
         entry: Any = self._file
-        parts, links = name.split("/")[::-1], 0
+        parts, links, followed = name.split("/")[::-1], 0, ""
         with damage(self.path, name):
             while parts:
                 part = parts.pop()
@@ -241,13 +241,14 @@ class H5File:
                 # only entries in the list: see `Attributes`
                 names = [str(key) for key in entry] if isinstance(entry, h5py.Group) else []
                 if part not in names:
-                    only = ", ".join(sorted(names)[:8]) or "nothing"
-                    raise FileFormatError.expected(
-                        f"{self.path}:/{name}", "a dataset of this name", f"only {only}", "check the file"
-                    )
+                    only = f"only {', '.join(sorted(names)[:8]) or 'nothing'}"
+                    wanted, got = "a dataset of this name", only
+                    if followed:
+                        wanted, got = "a dataset", f"a link to {followed}, which does not exist"
+                    raise FileFormatError.expected(f"{self.path}:/{name}", wanted, got, "check the file")
                 link = entry.get(part, getlink=True)
                 if isinstance(link, h5py.SoftLink) and links < MAX_LINKS:
-                    parts, links = [*parts, *link.path.split("/")[::-1]], links + 1
+                    parts, links, followed = [*parts, *link.path.split("/")[::-1]], links + 1, link.path
                     entry = self._file if link.path.startswith("/") else entry
                     continue
                 # an external link could lead to any file of this machine

@@ -43,8 +43,9 @@ class Hdf5Image(ImageFile):
         Path of the file.
     dataset
         Path of the dataset within the file. None: ``frames``, or else the signal named by NeXus attributes
-        (``default``, ``signal``), or else the only dataset with three or five axes. Datasets whose names indicate dark
-        or white frames are ignored unless there are no others.
+        (``default``, ``signal``), or else the only dataset with three or five axes, or the only one of them with the
+        attribute ``signal`` = 1. Datasets whose names indicate dark or white frames are ignored unless there are no
+        others.
 
     Raises
     ------
@@ -119,7 +120,10 @@ class Hdf5Image(ImageFile):
             return signal
         stacks = _stacks(self._file)
         found = _candidates(stacks)
-        self._others = [name for name in stacks if name not in found]
+        # older NeXus files mark the signal among the datasets with a number
+        marked = [name for name in found if str(self._file.attributes(name).plain().get("signal")) == "1"]
+        found = marked if len(marked) == 1 else found
+        self._others = [name for name in stacks if name not in _candidates(stacks)]
         if len(found) != 1:
             got = ", ".join(f"/{name} {stacks[name]}" for name in found[:8]) or "none"
             remedy = f"name it as {self.path.name}::/{found[0]}" if found else "check the file"

@@ -301,11 +301,12 @@ def _of_channel(
     chosen = wanted or (light[0] if len(light) == 1 else "")
     if chosen not in names:
         listed = ", ".join(map(repr, names))
+        expected, got = (f"one of {listed}", repr(wanted)) if wanted else ("one", listed)
         raise FileFormatError.expected(
             f"{path}, channel",
-            "one",
-            listed,
-            f"choose one in the contents of the columns (--columns 'channel={(light or names)[0]}'",
+            expected,
+            got,
+            f"choose one in the contents of the columns (--columns 'channel={(light or names)[0]}')",
         )
     of = {name: [entry for entry in entries if str(entry.get("Channel", "")) == name] for name in (chosen, *dark)}
     used = of[dark[0]] if len(dark) == 1 and chosen not in dark else []

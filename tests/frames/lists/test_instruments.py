@@ -180,6 +180,8 @@ def test_channels_of_micro_manager(tmp_path: Path, found: Scan, stacked: bool) -
     (tmp_path / "scan_metadata.txt").write_text(json.dumps(body))
     with pytest.raises(FileFormatError, match=r"got 'Green', 'Blue'; choose one in .*--columns 'channel=Green'"):
         open_frames(tmp_path, plan=plan())
+    with pytest.raises(FileFormatError, match=r"expected one of 'Green', 'Blue', got 'green'; choose one"):
+        open_frames(tmp_path, plan=plan(), columns="channel=green")
 
 
 def test_a_frame_without_a_place(tmp_path: Path, found: Scan) -> None:
