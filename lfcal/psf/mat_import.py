@@ -128,7 +128,7 @@ class _Reader:
         windows = self._windows(nz, nt, ns)
         if self._swapped or windows or not (nt % 2 and ns % 2):
             base = self._placed(base, windows)
-        if padded := padding_note((nt, ns)):
+        if padded := padding_note((ns, nt) if self._swapped else (nt, ns)):
             self._notes.append(padded)
         depths, anchor = self._depths(nz), self._anchor()
         provenance: dict[str, Any] = {"imported": self._file.path.name, **self._lens(base.shape)}

@@ -186,6 +186,9 @@ BAD: dict[str, tuple[str, Callable[[], bytes], type[LfcalError], str]] = {
         "a Zeiss CZI file; export it as OME-TIFF, in ZEN",
     ),
     "LIF": ("a.lif", lambda: b"\x70\0\0\0" + bytes(60), FileFormatError, "a Leica LIF file; export it as OME-TIFF"),
+    "DCIMG": ("a.dcimg", lambda: b"DCIMG" + bytes(60), FileFormatError, "a Hamamatsu DCIMG file; export it as TIFF"),
+    "SIF": ("a.sif", lambda: b"Andor Technology Multi-Channel File", FileFormatError, "an Andor SIF file; export it"),
+    "SEQ": ("a.seq", lambda: b"\xed\xfe\0\0N\0o\0", FileFormatError, "a StreamPix SEQ file; export it as TIFF"),
     "ASCII PGM": ("a.pgm", lambda: b"P2 2 2 9 1 2 3 4", FileFormatError, "a PGM image in ASCII; convert it without"),
     "BMP": ("a.bmp", lambda: b"BM" + bytes(60), FileFormatError, "a BMP image"),
 }
@@ -216,7 +219,7 @@ BAD_H5: dict[str, tuple[Callable[[h5py.File], object], type[LfcalError], str]] =
         UnsafeFileError,
         "ExternalLink",
     ),
-    "dead link": (lambda f: f.__setitem__("frames", h5py.SoftLink("/x")), FileFormatError, "a dataset of this name"),
+    "dead link": (lambda f: f.__setitem__("frames", h5py.SoftLink("/x")), FileFormatError, "got a link to /x, which"),
     "external storage": (
         lambda f: f.create_dataset("frames", (2, 3, 4), "u2", external=[("/etc/passwd", 0, 48)]),
         UnsafeFileError,

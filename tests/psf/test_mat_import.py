@@ -297,7 +297,9 @@ def test_a_stack_of_patterns_has_a_period_of_one_pixel(tmp_path: Path, suffix: s
     """The image of a volume is the sum of SciPy's convolutions, and the stack can be exported as H."""
     with open_psf(stack_in(tmp_path / f"psf{suffix}", variable)) as found:
         assert found.shape == (3, 1, 1, 5, 9) and len(opening_notes(found)) == 2
-        assert "one pattern for each plane" in opening_notes(found)[0] and "padded" in opening_notes(found)[1]
+        assert (
+            "one pattern for each plane" in opening_notes(found)[0] and "5 x 8 px are padded" in opening_notes(found)[1]
+        )
         volume = np.random.default_rng(5).random((3, 20, 30))
         whole = sum(convolve2d(plane, pattern) for plane, pattern in zip(volume, STACK, strict=True))
         wanted = np.asarray(whole)[2:22, 4:34]  # the middle of 8 pixels is the fifth, as for MATLAB's conv2

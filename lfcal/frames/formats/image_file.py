@@ -304,6 +304,9 @@ _KINDS = {
     b"ZISRAWFILE": "a Zeiss CZI file",
     b"\x70\0\0\0": "a Leica LIF file",
     b"\xd0\xcf\x11\xe0": "an Olympus OIB or Zeiss ZVI file",
+    b"DCIMG": "a Hamamatsu DCIMG file",
+    b"Andor Technology": "an Andor SIF file",
+    b"\xed\xfe\0\0": "a StreamPix SEQ file",
 }
 
 _REMEDIES = {
@@ -314,6 +317,9 @@ _REMEDIES = {
     b"ZISRAWFILE": "export it as OME-TIFF, in ZEN or with Bio-Formats' bfconvert",
     b"\x70\0\0\0": "export it as OME-TIFF, in LAS X or with Bio-Formats' bfconvert",
     b"\xd0\xcf\x11\xe0": "export it as OME-TIFF, with Bio-Formats' bfconvert",
+    b"DCIMG": "export it as TIFF, in HCImage",
+    b"Andor Technology": "export it as TIFF, in Solis",
+    b"\xed\xfe\0\0": "export it as TIFF, in StreamPix",
 }
 """What to do with a kind of file; all others are converted."""
 
