@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -244,32 +245,85 @@ def _define_step(function: Any, before: bool, after: bool) -> None:
     b.ret_void()
 
 
-def _stage(before: bool, after: bool) -> Any:
-    """Make ``step(x, at, apart, twiddles, first, radix)``: butterflies of numbers ``apart`` on lanes from one another.
+def _step(module: Any, before: bool, after: bool) -> Any:
+    """Return ``step(x, at, apart, twiddles, first, radix)``: butterflies of numbers, ``apart`` from one another.
 
     As many, in place, the first from ``at`` on; with twiddle factors from ``first`` on before or after them.
     """
-    name = f"lfcal_step_{before:d}_{after:d}"
+    pointer = _REAL.as_pointer()
+    return _function(
+        module,
+        f"lfcal_step_{before:d}_{after:d}",
+        [pointer, _I64, _I64, pointer, _I64, _I64],
+        lambda function: _define_step(function, before, after),
+    )
+
+
+def _function(module: Any, name: str, kinds: list[Any], define: Callable[[Any], None]) -> Any:
+    """Return a function of LLVM code, defined once: code at each call would take long to compile."""
+    function = cgutils.get_or_insert_function(module, ir.FunctionType(ir.VoidType(), kinds), name)
+    if not function.blocks:
+        function.linkage = "internal"
+        function.attributes.add("noinline")
+        define(function)
+    return function
+
+
+def _define_stages(function: Any, back: bool) -> None:
+    """Write the code of the stages of a transform (see `_transform`)."""
+    data, at, count, radices, starts, stages, twiddles = function.args
+    b = ir.IRBuilder(function.append_basic_block())
+    last, step = _step(b.module, False, False), _step(b.module, back, not back)
+    one, lane_step = ir.Constant(_I64, 1), ir.Constant(_I64, STEP)
+    apart_at = cgutils.alloca_once_value(b, count)
+
+    def radix_of(s: Any) -> Any:
+        return b.load(b.gep(radices, [s]))
+
+    if back:  # from the last stage to the first
+        with cgutils.for_range(b, stages) as loop:
+            b.store(b.udiv(b.load(apart_at), radix_of(loop.index)), apart_at)
+    end = b.add(at, b.mul(count, lane_step))
+    with cgutils.for_range(b, stages) as loop:
+        s = b.sub(b.sub(stages, loop.index), one) if back else loop.index
+        radix, found = radix_of(s), b.load(apart_at)
+        block, apart = (b.mul(found, radix), found) if back else (found, b.udiv(found, radix))
+        b.store(block if back else apart, apart_at)
+        with cgutils.for_range_slice(b, at, end, b.mul(block, lane_step), _I64) as (start, _):
+            with b.if_else(b.icmp_unsigned("==", apart, one)) as (then, otherwise):
+                with then:
+                    b.call(last, [data, start, one, twiddles, ir.Constant(_I64, 0), radix])
+                with otherwise:
+                    b.call(step, [data, start, apart, twiddles, b.load(b.gep(starts, [s])), radix])
+    b.ret_void()
+
+
+def _transform(back: bool) -> Any:
+    """Make ``transform(x, at, count, stages)``: some stages of a transform of ``count`` numbers at ``at``, in place.
+
+    The inverse undoes the same stages, for numbers whose real and imaginary parts are exchanged.
+    """
 
     def implement(context: Any, b: Any, signature: Any, arguments: Any) -> Any:
-        data, factors = (_reals(context, b, signature, arguments, k) for k in (0, 3))
-        pointer = _REAL.as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [pointer, _I64, _I64, pointer, _I64, _I64])
-        function = cgutils.get_or_insert_function(b.module, kind, name)
-        if not function.blocks:  # one function, because code at each call would take long to compile
-            function.linkage = "internal"
-            function.attributes.add("noinline")
-            _define_step(function, before, after)
-        b.call(function, [data, arguments[1], arguments[2], factors, *arguments[4:]])
+        parts = cgutils.unpack_tuple(b, arguments[3], 3)
+        radices, starts, twiddles = (
+            context.make_array(kind)(context, b, part) for kind, part in zip(signature.args[3], parts, strict=True)
+        )
+        reals, whole = _REAL.as_pointer(), _I64.as_pointer()
+        kinds = [reals, _I64, _I64, whole, whole, _I64, reals]
+        name = f"lfcal_stages_{back:d}"
+        function = _function(b.module, name, kinds, lambda made: _define_stages(made, back))
+        data = _reals(context, b, signature, arguments, 0)
+        b.call(function, [data, *arguments[1:3], radices.data, starts.data, radices.nitems, twiddles.data])
         return context.get_dummy_value()
 
-    def typed(_: Any, x: Any, at: Any, apart: Any, twiddles: Any, first: Any, radix: Any) -> Any:
-        return types.void(x, types.int64, types.int64, twiddles, types.int64, types.int64), implement
+    def typed(_: Any, x: Any, at: Any, count: Any, stages: Any) -> Any:
+        return types.void(x, types.int64, types.int64, stages), implement
 
     return intrinsic(typed)
 
 
-_step_forth, _step_back, _step_last = _stage(False, True), _stage(True, False), _stage(False, False)
+_forth, _back = _transform(back=False), _transform(back=True)
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -358,38 +412,6 @@ def _turn(_: Any, x: Any, at: Any, y: Any, to: Any) -> Any:
 
 
 # -- transforms -------------------------------------------------------------------------------------------
-@njit(inline="always")
-def _forth(x: Reals, at: int, count: int, stages: Stages) -> None:
-    """Do some stages of a transform of ``count`` numbers at ``at``."""
-    block = count
-    for s in range(stages.radices.size):
-        radix = stages.radices[s]
-        apart = block // radix
-        for start in range(at, at + count * STEP, block * STEP):
-            if apart == 1:
-                _step_last(x, start, 1, stages.twiddles, 0, radix)
-            else:
-                _step_forth(x, start, apart, stages.twiddles, stages.starts[s], radix)
-        block = apart
-
-
-@njit(inline="always")
-def _back(x: Reals, at: int, count: int, stages: Stages) -> None:
-    """Undo what `_forth` does, for numbers whose parts are exchanged."""
-    apart = count
-    for s in range(stages.radices.size):
-        apart //= stages.radices[s]
-    for s in range(stages.radices.size - 1, -1, -1):
-        radix = stages.radices[s]
-        block = apart * radix
-        for start in range(at, at + count * STEP, block * STEP):
-            if apart == 1:
-                _step_last(x, start, 1, stages.twiddles, 0, radix)
-            else:
-                _step_back(x, start, apart, stages.twiddles, stages.starts[s], radix)
-        apart = block
-
-
 @njit(inline="always")
 def _light_on_rows(grid: ResponseGrid, corner: int, way: Way, pixels: Pixels, work: Work) -> float:
     """Fill ``work.lines`` with the light on rows of pixels, at the samples of columns that pixels see.
