@@ -48,9 +48,10 @@ class Template(NamedTuple):
     values: NDArray[np.float64]  # (side, side), rows along y
     slopes: NDArray[np.float64]  # (2, side, side): derivatives along x and y per pixel
     support: Support
+    memory: NDArray[np.float64]  # (8, 4): scratch memory of a thread, because code without allocations compiles faster
 
 
-@njit()
+@njit(_nrt=False)
 def fold(
     image: NDArray[np.float32],
     lenslets: WhiteLenslets,
@@ -94,7 +95,7 @@ SHIFT_X, SHIFT_Y, GAIN, LEVEL, EXPLAINED = range(5)
 """Columns that `register` fills: shift d (pixels), gain g, level b, and the fraction of variance explained."""
 
 
-@njit()
+@njit(_nrt=False)
 def register(
     image: NDArray[np.float32],
     lenslets: WhiteLenslets,
@@ -111,20 +112,21 @@ def register(
     """
     centres, radius, over = lenslets.centres, lenslets.radius, lenslets.per_px
     table, slopes, support = template.values, template.slopes, template.support
+    normal, right, basis = template.memory, template.memory[4], template.memory[5]
     rows, columns = image.shape
     middle = table.shape[0] // 2
     for k in range(start, stop):
         cx, cy = centres[k, 0], centres[k, 1]
-        normal = np.zeros((4, 4))
-        right = np.zeros(4)
-        basis = np.empty(4)
+        for a in range(8):
+            for b in range(4):
+                normal[a, b] = 0.0
         basis[1] = 1.0  # order of the unknowns: g, b, -g d_x, -g d_y
         squares = 0.0
         for y in range(max(0, math.ceil(cy - radius)), min(rows - 1, math.floor(cy + radius)) + 1):
             v = (y - cy) * over + middle
             j = math.floor(v)
             fv = v - j
-            across, both = support.yy * (y - cy) ** 2, 2 * support.xy * (y - cy)
+            across, both = support.yy * ((y - cy) * (y - cy)), 2 * support.xy * (y - cy)
             for x in range(max(0, math.ceil(cx - radius)), min(columns - 1, math.floor(cx + radius)) + 1):
                 if (support.xx * (x - cx) + both) * (x - cx) + across > 1.0:
                     continue
@@ -146,19 +148,23 @@ def register(
         for a in range(4):
             for b in range(a):
                 normal[a, b] = normal[b, a]
-        _solve_lenslet(normal, right, squares, out[k])
+        _solve_lenslet(normal, squares, out[k])
 
 
 @njit(inline="always")
-def _solve_lenslet(normal: Any, right: Any, squares: float, out: Any) -> None:
-    """Solve the normal equations of a lenslet; ``squares`` is the sum of its squared values, ``out`` one row."""
-    n = normal[1, 1]
-    matrix = normal.copy()
-    answer = right.copy()
+def _solve_lenslet(matrix: Any, squares: float, out: Any) -> None:
+    """Solve the normal equations of a lenslet in the memory of a `Template`.
+
+    ``squares`` is the sum of the lenslet's squared values, ``out`` one row.
+    """
+    n, right, answer, diagonal = matrix[1, 1], matrix[4], matrix[6], matrix[7]
+    for a in range(4):
+        answer[a], diagonal[a] = right[a], matrix[a, a]
     # elimination without pivoting: the matrix is symmetric and, for lenslets that can be located, definite
     for a in range(4):
-        if not matrix[a, a] > 1e-9 * (normal[a, a] + 1e-300):
-            out[:] = np.nan
+        if not matrix[a, a] > 1e-9 * (diagonal[a] + 1e-300):
+            for column in range(5):
+                out[column] = np.nan
             return
         for b in range(a + 1, 4):
             factor = matrix[b, a] / matrix[a, a]
@@ -181,7 +187,7 @@ def _solve_lenslet(normal: Any, right: Any, squares: float, out: Any) -> None:
     out[EXPLAINED] = (fitted - right[1] * right[1] / n) / variance if variance > 0.0 else 0.0
 
 
-@njit()
+@njit(_nrt=False)
 def lenslet_statistics(
     image: NDArray[np.float32],
     centres: NDArray[np.float64],
@@ -200,9 +206,9 @@ def lenslet_statistics(
         cx, cy = centres[k, 0], centres[k, 1]
         count, total, energy = 0.0, 0.0, 0.0
         for y in range(max(1, math.ceil(cy - radius)), min(rows - 2, math.floor(cy + radius)) + 1):
-            reach = radius * radius - (y - cy) ** 2
+            reach = radius * radius - (y - cy) * (y - cy)
             for x in range(max(1, math.ceil(cx - radius)), min(columns - 2, math.floor(cx + radius)) + 1):
-                if (x - cx) ** 2 > reach:
+                if (x - cx) * (x - cx) > reach:
                     continue
                 dx = 0.5 * (image[y, x + 1] - image[y, x - 1])
                 dy = 0.5 * (image[y + 1, x] - image[y - 1, x])

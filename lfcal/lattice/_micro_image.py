@@ -161,7 +161,7 @@ def place_lenslets(
     lenslets = WhiteLenslets(centres, support.radius, SAMPLES_PER_PIXEL)
 
     def work(a: int, b: int) -> None:
-        register(image, lenslets, Template(micro.table, micro.slopes, support), out, a, b)
+        register(image, lenslets, Template(micro.table, micro.slopes, support, np.empty((8, 4))), out, a, b)
 
     for_each_chunk(work, len(centres), workers)
     return LensletPlaces(out[:, :2].copy(), out[:, 2].copy(), out[:, 4].copy())

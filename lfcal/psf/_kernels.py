@@ -21,7 +21,16 @@ from numpy.typing import NDArray
 
 from lfcal.base import njit
 
-__all__ = ["LANES", "Batches", "batch_rows", "source_rows", "transpose_batches", "transpose_rows"]
+__all__ = [
+    "LANES",
+    "BatchMemory",
+    "Batches",
+    "batch_memory",
+    "batch_rows",
+    "source_rows",
+    "transpose_batches",
+    "transpose_rows",
+]
 
 Shape = tuple[int, int, int, int, int]
 Words = NDArray[Any]
@@ -191,6 +200,14 @@ class Batches(NamedTuple):
     batch: int  # rows t to a batch
 
 
+class BatchMemory(NamedTuple):
+    """Scratch memory of a thread, made by Python: without allocations, code compiles faster."""
+
+    scratch: Words  # a tile, in rows that are aligned with those of the result
+    step: int  # values from one column x to the next in it
+    ends: Words  # a cache line for each column of each row t
+
+
 class _Part(NamedTuple):
     """Columns of the tile of all (x, s) of one y and t, and where they begin, in values."""
 
@@ -220,7 +237,7 @@ _LEAST_ROWS = 4
 _COLUMNS = 32  # positions x turned together; their scratch memory stays in the first-level cache
 
 
-@njit()
+@njit(_nrt=False)
 def transpose_rows(plane: Words, out: Words, start: int, stop: int) -> None:
     """Write rows ``start`` to ``stop`` of one transposed plane, value by value: any shape, any item size.
 
@@ -253,8 +270,19 @@ def source_rows(shape: Shape) -> NDArray[np.int64]:
     return np.arange(nx + 2 * LANES, dtype=np.int64) % nx * (nt * ns)
 
 
-@njit()
-def transpose_batches(source: Words, out: Words, batches: Batches, start: int, stop: int) -> None:
+def batch_memory(batches: Batches, dtype: np.dtype[Any]) -> BatchMemory:
+    """Return scratch memory for `transpose_batches`."""
+    _, _, nx, nt, ns = batches.shape
+    line = LINE_BYTES // dtype.itemsize
+    # aligned with the rows of the result, with a free line before and after each run
+    step = ns + 2 * line + (nt * ns - ns) % line
+    # three rows more: the last block of a tile is written in whole steps of four
+    scratch = np.empty(step * (_COLUMNS + 3) + 3 * line, dtype)
+    return BatchMemory(scratch, step, np.empty(batches.batch * nx * line, dtype))
+
+
+@njit(_nrt=False)
+def transpose_batches(source: Words, out: Words, batches: Batches, memory: BatchMemory, start: int, stop: int) -> None:
     """Write batches ``start`` to ``stop`` of ``nz * ceil(nt / batch)`` of the transposed matrix.
 
     ``source`` and ``out`` are flat. For one y and t, the tile of all (x, s) maps to a tile: each column s is shifted
@@ -264,18 +292,12 @@ def transpose_batches(source: Words, out: Words, batches: Batches, start: int, s
     the result share a cache line. It is kept in ``ends`` until the next y completes it. Needs ns >= 16.
     """
     ny, nx, nt, ns = batches.shape[1:]
-    # taken out once: numba counts a reference at each use, and its atomic instruction waits for all stores
-    batch, rows = batches.batch, batches.rows
+    batch, rows, scratch, ends = batches.batch, batches.rows, memory.scratch, memory.ends
     ct = (nt - 1) // 2
     pattern = nt * ns
     row = nx * pattern
     line = LINE_BYTES // source.itemsize
-    # aligned with the rows of out, with a free line before and after each run
-    step = ns + 2 * line + (pattern - ns) % line
-    sizes = _Sizes(nx, ns, pattern, step, line)
-    # three rows more: the last block of a tile is written in whole steps of four
-    scratch = np.empty(step * (_COLUMNS + 3) + 3 * line, source.dtype)
-    ends = np.empty(batch * nx * line, source.dtype)
+    sizes = _Sizes(nx, ns, pattern, memory.step, line)
     per_plane = -(-nt // batch)
     for k in range(start, stop):
         z = k // per_plane
@@ -303,7 +325,7 @@ def transpose_batches(source: Words, out: Words, batches: Batches, start: int, s
     _fence()
 
 
-@njit()
+@njit(inline="always")
 def _begin_runs(ends: Words, out: Words, part: _Part, sizes: _Sizes, scratch: Words) -> None:
     """Copy the beginning of each run's first line to scratch; fetch lines that are written only in part."""
     for i in range(part.columns):
@@ -317,7 +339,7 @@ def _begin_runs(ends: Words, out: Words, part: _Part, sizes: _Sizes, scratch: Wo
             _fetch_to_write(out, b + sizes.ns - 1)
 
 
-@njit()
+@njit(inline="always")
 def _turn_columns(source: Words, rows: Words, part: _Part, sizes: _Sizes, scratch: Words) -> None:
     """Turn the columns of a tile into scratch; fetch those of the tile ahead."""
     nx, ns, step = sizes.nx, sizes.ns, sizes.step
@@ -341,7 +363,7 @@ def _turn_columns(source: Words, rows: Words, part: _Part, sizes: _Sizes, scratc
                 _shear_4(source, part.here + c, rows, first, scratch, to, step)
 
 
-@njit()
+@njit(inline="always")
 def _write_runs(scratch: Words, part: _Part, sizes: _Sizes, ends: Words, out: Words) -> None:
     """Copy the runs from scratch to ``out``: whole cache lines past the caches; keep or write the others."""
     ns, line = sizes.ns, sizes.line

@@ -118,8 +118,12 @@ def _permute(source: NDArray[Any], out: NDArray[Any], workers: int | None) -> No
         return
     batch = _kernels.batch_rows(shape, source.itemsize)
     batches = _kernels.Batches(shape, _kernels.source_rows(shape), batch)
-    flat = (words.reshape(-1), target.reshape(-1))
-    for_each_chunk(partial(_kernels.transpose_batches, *flat, batches), nz * -(-nt // batch), workers)
+    flat = (words.reshape(-1), target.reshape(-1), batches)
+
+    def work(start: int, stop: int) -> None:
+        _kernels.transpose_batches(*flat, _kernels.batch_memory(batches, words.dtype), start, stop)
+
+    for_each_chunk(work, nz * -(-nt // batch), workers)
 
 
 def _as_words(array: NDArray[Any], *, write: bool = False) -> NDArray[Any]:

@@ -33,7 +33,7 @@ def transpose_into(H: np.ndarray, out: np.ndarray, batch: int, parts: list[int])
     source = read_only(H.reshape(-1))
     batches = _kernels.Batches(H.shape, _kernels.source_rows(H.shape), batch)
     for start, stop in itertools.pairwise(parts):
-        _kernels.transpose_batches(source, out, batches, start, stop)
+        _kernels.transpose_batches(source, out, batches, _kernels.batch_memory(batches, source.dtype), start, stop)
 
 
 OTHER_SIZES = [pytest.param(size, marks=pytest.mark.long) for size in (np.uint8, np.uint64)]

@@ -119,7 +119,7 @@ FORMAT = Format(
 )
 
 
-@njit()
+@njit(_nrt=False)
 def unfilter(raw: NDArray[np.uint8], pixel_bytes: int, out: NDArray[np.uint8]) -> int:
     """Undo the row filters of a PNG image; return the index of the first invalid row, or -1 if all are valid.
 

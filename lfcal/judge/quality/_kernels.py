@@ -41,7 +41,7 @@ class PatternSums(NamedTuple):
     sensor: NDArray[np.int32]
 
 
-@njit()
+@njit(_nrt=False)
 def frame_pass(
     frames: NDArray[np.float32], bits: NDArray[np.uint32], floor: float, tolerance: float, out: PatternSums
 ) -> None:
@@ -142,13 +142,14 @@ def _lit_pixels(
     line[9] = second
 
 
-@njit()
+@njit(_nrt=False)
 def spot_pass(
     frames: NDArray[np.float32],
     floor: float,
     across: NDArray[np.complex128],
     down: NDArray[np.complex128],
     out: NDArray[np.complex128],
+    line: NDArray[np.complex128],
 ) -> None:
     """Sum lit pixels times plane waves: ``out[x, q] = sum_ts (H - floor)+ down[t, q] across[s, q]``.
 
@@ -162,14 +163,17 @@ def spot_pass(
         Waves over columns ``(ns, waves)`` and rows ``(nt, waves)``.
     out
         ``(n, waves)``.
+    line
+        Scratch memory ``(waves,)``.
     """
     n, nt, ns = frames.shape
     waves = across.shape[1]
-    line = np.empty(waves, np.complex128)
     for k in range(n):
-        out[k] = 0
+        for q in range(waves):
+            out[k, q] = 0
         for t in range(nt):
-            line[:] = 0
+            for q in range(waves):
+                line[q] = 0
             any_lit = False
             for s in range(ns):
                 v = frames[k, t, s]

@@ -119,7 +119,7 @@ def spot_waves(
     down = np.exp(-1j * t[:, None] * vectors[:, 1])
     out = np.empty((n, len(vectors)), np.complex128)
     shown = kernel_input(frames)
-    for_each_chunk(lambda a, b: spot_pass(shown[a:b], floor, across, down, out[a:b]), n, workers)
+    for_each_chunk(lambda a, b: spot_pass(shown[a:b], floor, across, down, out[a:b], np.empty_like(out[0])), n, workers)
     return out
 
 

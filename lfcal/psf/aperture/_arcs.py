@@ -15,9 +15,11 @@ __all__ = ["Arcs", "arcs_radius"]
 Values = NDArray[np.float64]
 
 
-@njit()
-def arcs_radius(arcs: Values, stretch: float, shear: float, row: float, column: float, angles: Values) -> Values:
-    """Return the radius at which rays from an origin leave the area inside all of the given arcs.
+@njit(_nrt=False)
+def arcs_radius(
+    arcs: Values, stretched: tuple[float, float], origin: tuple[float, float], angles: Values, out: Values, work: Values
+) -> None:
+    """Fill ``out`` (n,) with the radius at which rays from an origin leave the area inside all of the given arcs.
 
     An arc of curvature k whose middle is at distance h from the centre in direction t bounds a disc of radius 1/k, or
     a half plane if k = 0. From an origin at (x, y) in the arc's frame, a ray (c, s) leaves it where ``k r² + 2 r (c (1
@@ -27,16 +29,18 @@ def arcs_radius(arcs: Values, stretch: float, shear: float, row: float, column: 
     ----------
     arcs
         ``(n, 3)``: direction t (rad), distance h (pixels), curvature k (1/pixels) of each.
-    stretch, shear
-        The symmetric stretch ``[[1 + stretch, shear], [shear, 1 - stretch]]`` that transforms the outline to the frame
-        of the arcs.
-    row, column
-        Origin of the rays relative to the centre of the outline (pixels).
+    stretched
+        Stretch and shear: the symmetric stretch ``[[1 + stretch, shear], [shear, 1 - stretch]]`` transforms the outline
+        to the frame of the arcs.
+    origin
+        Origin of the rays (row, column) relative to the centre of the outline (pixels).
     angles
         Directions of the rays, from +column towards +row (rad).
+    out, work
+        Radii ``(n,)`` (pixels), and scratch memory ``(3, n)``.
     """
-    n = angles.size
-    ex, ey, length, out = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    n, (stretch, shear), (row, column) = angles.size, stretched, origin
+    ex, ey, length = work[0], work[1], work[2]
     x0 = column * (1 + stretch) + row * shear
     y0 = column * shear + row * (1 - stretch)
     for i in range(n):  # expressions of whole arrays would take longer to compile
@@ -59,7 +63,6 @@ def arcs_radius(arcs: Values, stretch: float, shear: float, row: float, column: 
             out[i] = min(out[i], radius) if leaves else out[i]
     for i in range(n):
         out[i] /= length[i]
-    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,4 +113,7 @@ class Arcs:
 
     def radius(self, angles: Values, row: float = 0.0, column: float = 0.0) -> Values:
         """Return the outline's radius seen from a point, which is given relative to the outline's centre (pixels)."""
-        return arcs_radius(self.table(), self.stretch, self.shear, row, column, angles)
+        out = np.empty(angles.size)
+        stretched, origin = (float(self.stretch), float(self.shear)), (float(row), float(column))
+        arcs_radius(self.table(), stretched, origin, angles, out, np.empty((3, angles.size)))
+        return out

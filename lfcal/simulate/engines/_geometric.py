@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import for_each_chunk
 from lfcal.simulate.engines._polygon import Points, half_planes, iris_outline, regular
-from lfcal.simulate.engines._spots import LitLenslets, Shapes, SpotDrawing, draw_spots
+from lfcal.simulate.engines._spots import LitLenslets, Shapes, SpotDrawing, canvas, draw_spots
 from lfcal.simulate.engines.base import Certificate, Ledger, Pilot
 from lfcal.simulate.engines.tables import aperture_outline
 from lfcal.simulate.scene import Scene, pixel_response
@@ -117,7 +117,8 @@ class GeometricPlane:
         moved, widened = scene.tilted(centres, kinds)
         lenslets = LitLenslets(centres, pull[kinds] + moved, size[kinds] + widened, scene.passed(centres))
         if not scene.accept[0]:
-            self._ledger.add(*draw_spots(out, source, pixel, lenslets, self._shapes, self._drawing))
+            target = canvas(out, self._shapes)
+            self._ledger.add(*draw_spots(target, source, pixel, lenslets, self._shapes, self._drawing))
             return
         for k in range(len(source)):
             # for each lenslet, the ray through the middle of its lit part
@@ -128,7 +129,8 @@ class GeometricPlane:
                 gain=lenslets.gain * pixel_response(power, slope[:, 1] + from_y, slope[:, 0] + from_x)
             )
             part = slice(k, k + 1)
-            self._ledger.add(*draw_spots(out[part], source[part], pixel[part], seen, self._shapes, self._drawing))
+            target = canvas(out[part], self._shapes)
+            self._ledger.add(*draw_spots(target, source[part], pixel[part], seen, self._shapes, self._drawing))
 
     def _visible_reach(self) -> float:
         """Return the largest distance from the source at which a lenslet is lit and draws into the cutout (µm)."""

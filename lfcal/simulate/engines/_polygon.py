@@ -147,7 +147,9 @@ def spectrum(
     def fill(rows: slice, columns: NDArray[np.intp] | slice) -> None:
         f, g = fx[columns], fy[rows]
         re, im = np.zeros((2, g.size, f.size))
-        for_each_chunk(lambda a, b: _edge_rows(closed, f, g[a:b], re[a:b], im[a:b]), g.size, workers)
+        for_each_chunk(
+            lambda a, b: _edge_rows(closed, f, g[a:b], re[a:b], im[a:b], np.empty((4, f.size))), g.size, workers
+        )
         result.real[rows, columns], result.imag[rows, columns] = re, im  # avoids a temporary sum for a large grid
 
     opposite = -np.arange(fx.size)  # index of -f, counted from the first sample, or from the end
@@ -181,13 +183,14 @@ def _sinc_less_one(a: NDArray[np.float64]) -> NDArray[np.float64]:
     return value
 
 
-@njit(fastmath={"contract", "nnan", "ninf", "nsz"})
+@njit(fastmath={"contract", "nnan", "ninf", "nsz"}, _nrt=False)
 def _edge_rows(
     closed: Points,
     fx: NDArray[np.float64],
     fy: NDArray[np.float64],
     re: NDArray[np.float64],
     im: NDArray[np.float64],
+    along: NDArray[np.float64],
 ) -> None:
     """Add the transform's real and imaginary part ``(len(fy), len(fx))`` by the edges of ``closed`` (n + 1, 2).
 
@@ -197,9 +200,10 @@ def _edge_rows(
 
     where the 1, which cancels in the sum because edges form a closed polygon, keeps the terms as small as the result
     as f goes to 0. Sines and phases of f.e = f_x e_x + f_y e_y come from those along the axes by the addition theorem;
-    none is computed per point. f = 0 gets 0.
+    none is computed per point. f = 0 gets 0. ``along``
+    ``(4, len(fx))`` is scratch memory.
     """
-    sx, cx, px, qx = np.empty((4, fx.size))
+    sx, cx, px, qx = along[0], along[1], along[2], along[3]
     for k in range(closed.shape[0] - 1):
         ex, ey = np.pi * (closed[k + 1, 0] - closed[k, 0]), np.pi * (closed[k + 1, 1] - closed[k, 1])
         mx, my = np.pi * (closed[k + 1, 0] + closed[k, 0]), np.pi * (closed[k + 1, 1] + closed[k, 1])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import njit
 
-__all__ = ["LitLenslets", "Shapes", "SpotDrawing", "draw_spots"]
+__all__ = ["Canvas", "LitLenslets", "Shapes", "SpotDrawing", "canvas", "draw_spots"]
 
 Array = NDArray[Any]
 F8 = NDArray[np.float64]
@@ -56,7 +56,22 @@ class SpotDrawing(NamedTuple):
     least: float  # smallest scale of a spot, because in focus its area would be 0 and its irradiance infinite
 
 
-@njit()
+class Canvas(NamedTuple):
+    """The cutouts that spots are added to, and scratch memory: without allocations, code compiles faster."""
+
+    out: Array  # (n, nt, ns)
+    polygon: F8  # (vertices, 2)
+    clipped: F8  # (vertices, 2)
+    cover: F8  # (nt + 2, ns + 3)
+
+
+def canvas(out: Array, shapes: Shapes) -> Canvas:
+    """Return cutouts ``(n, nt, ns)`` with the memory that `draw_spots` needs."""
+    room = shapes.subject.shape[0] + shapes.normals.shape[0] + 8  # each half plane adds one vertex at most
+    return Canvas(out, np.empty((room, 2)), np.empty((room, 2)), np.zeros((out.shape[1] + 2, out.shape[2] + 3)))
+
+
+@njit(_nrt=False)
 def _cut(source: Array, n: int, target: Array, nx: float, ny: float, limit: float) -> int:
     """Clip a convex polygon to nx x + ny y <= limit; return its number of vertices."""
     m = 0
@@ -74,7 +89,7 @@ def _cut(source: Array, n: int, target: Array, nx: float, ny: float, limit: floa
     return m
 
 
-@njit()
+@njit(inline="always")
 def _area(p: Array, n: int) -> float:
     """Return the signed area of the first ``n`` vertices: half the sum of x_i y_i+1 - x_i+1 y_i (shoelace)."""
     total = 0.0
@@ -84,7 +99,7 @@ def _area(p: Array, n: int) -> float:
     return 0.5 * total
 
 
-@njit()
+@njit(inline="always")
 def _edge(acc: Array, r: int, xl: float, xr: float, d: float) -> None:
     """Add the signed cover ``d`` of one edge within row r: the share right of the edge, column by column.
 
@@ -98,7 +113,8 @@ def _edge(acc: Array, r: int, xl: float, xr: float, d: float) -> None:
         acc[r, il + 1] += d * middle
         return
     s = 1 / (xr - xl)  # height gained per column; a triangle in the first column, trapezoids, a triangle cut off
-    before = 0.5 * s * (il + 1 - xl) ** 2
+    t = il + 1 - xl
+    before = 0.5 * s * (t * t)
     acc[r, il] += d * before
     for c in range(il + 1, ir):
         cover = s * (c + 0.5 - xl)
@@ -110,7 +126,7 @@ def _edge(acc: Array, r: int, xl: float, xr: float, d: float) -> None:
     acc[r, ir + 1] += d * (1 - cover)
 
 
-@njit()
+@njit(inline="always")
 def _draw(p: Array, n: int, acc: Array, h: int) -> None:
     """Accumulate signed cover of a polygon inside [0, w) x [0, h]; the prefix sum of a row is the area."""
     for i in range(n):
@@ -133,7 +149,7 @@ def _draw(p: Array, n: int, acc: Array, h: int) -> None:
             x, y = next_x, below
 
 
-@njit()
+@njit(inline="always")
 def _overlap(shapes: Shapes, dx: float, dy: float, a: Array, b: Array) -> int:
     """Leave in ``a`` the part of the subject inside the window, c - X0 = (dx, dy); return its number of vertices."""
     n: int = shapes.subject.shape[0]
@@ -154,7 +170,7 @@ def _overlap(shapes: Shapes, dx: float, dy: float, a: Array, b: Array) -> int:
     return n
 
 
-@njit()
+@njit(inline="always")
 def _bounds(p: Array, n: int) -> tuple[float, float, float, float]:
     """Return the least and greatest x and y of the first ``n`` vertices."""
     x0, x1, y0, y1 = 1e300, -1e300, 1e300, -1e300
@@ -163,7 +179,7 @@ def _bounds(p: Array, n: int) -> tuple[float, float, float, float]:
     return x0, x1, y0, y1
 
 
-@njit()
+@njit(_nrt=False)
 def _paint(image: Array, a: Array, b: Array, n: int, gain: float, acc: Array) -> tuple[float, float]:
     """Add a spot of irradiance ``gain``, in pixels from the cutout's corner, to ``image`` (nt, ns).
 
@@ -189,7 +205,9 @@ def _paint(image: Array, a: Array, b: Array, n: int, gain: float, acc: Array) ->
         a[i, 0] -= left
         a[i, 1] -= top
     lit = abs(_area(a, n)) * gain
-    acc[: h + 1, : w + 2] = 0  # one row and two columns more than the spot: edges end on cell borders
+    for r in range(h + 1):  # one row and two columns more than the spot: edges end on cell borders
+        for c in range(w + 2):
+            acc[r, c] = 0.0
     _draw(a, n, acc, h)
     drawn = 0.0
     for r in range(h):
@@ -202,11 +220,11 @@ def _paint(image: Array, a: Array, b: Array, n: int, gain: float, acc: Array) ->
     return lit, drawn
 
 
-@njit()
+@njit(_nrt=False)
 def draw_spots(
-    out: Array, source: Array, pixel: Array, lenslets: LitLenslets, shapes: Shapes, drawing: SpotDrawing
+    target: Canvas, source: Array, pixel: Array, lenslets: LitLenslets, shapes: Shapes, drawing: SpotDrawing
 ) -> tuple[int, float, float, float]:
-    """Add the spots of all lenslets to the cutouts ``out`` (n, nt, ns).
+    """Add the spots of all lenslets to the cutouts of ``target``.
 
     A point u of the subject arrives at s = c - pull (c - X0) + size u, which covers both forms of the ray map in
     `geometric.py`.
@@ -225,12 +243,10 @@ def draw_spots(
     tuple
         Responses, energy in, energy out, worst ratio.
     """
+    out, a, b, acc = target.out, target.polygon, target.clipped, target.cover
     nt, ns, px = out.shape[1], out.shape[2], drawing.px_um
     centres, pulls, sizes, gains = lenslets.centres, lenslets.pull, lenslets.size, lenslets.gain
     far = shapes.outer + shapes.reach
-    room = shapes.subject.shape[0] + shapes.normals.shape[0] + 8  # each half plane adds one vertex at most
-    a, b = np.empty((room, 2)), np.empty((room, 2))
-    acc = np.zeros((nt + 2, ns + 3))
     count, energy_in, energy_out, worst = 0, 0.0, 0.0, 0.0
     for p in range(source.shape[0]):
         for q in range(centres.shape[0]):
@@ -246,9 +262,10 @@ def draw_spots(
                 scale = drawing.least if scale >= 0 else -drawing.least
             bx = (cx - pull * dx) / px - pixel[p, 1] + ns // 2 + 0.5
             by = (cy - pull * dy) / px - pixel[p, 0] + nt // 2 + 0.5
+            per = px / scale
             for i in range(n):
                 a[i, 0], a[i, 1] = bx + scale / px * a[i, 0], by + scale / px * a[i, 1]
-            lit, drawn = _paint(out[p], a, b, n, gains[q] * drawing.density * (px / scale) ** 2, acc)
+            lit, drawn = _paint(out[p], a, b, n, gains[q] * drawing.density * (per * per), acc)
             if lit == 0.0 and drawn == 0.0:
                 continue
             count += 1

@@ -71,7 +71,14 @@ def test_sums_against_waves_equal_the_fourier_transform():
     waves = np.array([[0.3, -0.8], [1.1, 0.2]])
     s, t = np.arange(9) - 4, np.arange(7) - 3
     out = np.empty((2, 2), complex)
-    spot_pass(frames, 0.0, np.exp(-1j * s[:, None] * waves[:, 0]), np.exp(-1j * t[:, None] * waves[:, 1]), out)
+    spot_pass(
+        frames,
+        0.0,
+        np.exp(-1j * s[:, None] * waves[:, 0]),
+        np.exp(-1j * t[:, None] * waves[:, 1]),
+        out,
+        np.empty_like(out[0]),
+    )
     kernel = np.exp(-1j * (waves[:, 0, None, None] * s + waves[:, 1, None, None] * t[:, None]))
     assert np.allclose(out, np.einsum("nts,qts->nq", frames, kernel))
 
