@@ -41,8 +41,11 @@ def commands_of(line: str) -> list[list[str]]:
 
 
 COMMANDS = [command for line in LINES for command in commands_of(line)]
-NAMED = [shlex.split(text) for text in re.findall(r"`(lfcal [^`]+)`", README)]
-"""Commands between the lines of the text, such as those of the figures."""
+NAMED = [
+    shlex.split(quoted or indented, comments=True)
+    for quoted, indented in re.findall(r"`(lfcal [^`]+)`|^    (lfcal .+)", README, re.MULTILINE)
+]
+"""Commands that CI does not run: those within the text, and those for frames of the user."""
 
 
 def run_readme(folder: Path, binaries: Path) -> subprocess.CompletedProcess[str]:

@@ -89,7 +89,7 @@ class Leading(QObject):
         line.pressed.connect(self.do)
         line.declined.connect(self._decline)
         context.state_changed.connect(self._follow)
-        context.told_changed.connect(self.look)
+        context.reported_changed.connect(self.look)
         context.jobs.changed.connect(lambda _: self.look())
         context.jobs.changed.connect(lambda _: self._watch())
         context.jobs.finished.connect(self._finished)
@@ -118,7 +118,7 @@ class Leading(QObject):
 
     def _time(self, job: WindowJob) -> None:
         """Correct later forecasts by how long a job took."""
-        forecast = self.context.told.get(job.page, {}).get(FORECASTS.get(job.kind, ""))
+        forecast = self.context.reported.get(job.page, {}).get(FORECASTS.get(job.kind, ""))
         if job.state is JobState.DONE and isinstance(forecast, float):
             self.context.paces.take(job.kind, forecast, time.monotonic() - job.started)
             self.context.keep_texts(PACES, self.context.paces.texts())
@@ -133,14 +133,16 @@ class Leading(QObject):
             self._counted(0, 0)
 
     def _counted(self, done: int, total: int) -> None:
-        self.context.tell("session", done=done, total=total)
+        self.context.report("session", done=done, total=total)
 
     def gather(self) -> None:
         """Show what comes next now."""
         context = self.context
         state, (page, place) = context.state, self._shown()
         matrix, paces = context.matrix(state.psf), context.paces
-        found = sitting_of(state, context.told, context.jobs.jobs(), page=page, place=place, matrix=matrix, paces=paces)
+        found = sitting_of(
+            state, context.reported, context.jobs.jobs(), page=page, place=place, matrix=matrix, paces=paces
+        )
         if self._judge_wanted(found):
             self._judge.start()
         if found != self.sitting or self.line.step is None:

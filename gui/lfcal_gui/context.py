@@ -68,7 +68,7 @@ class Context(QObject):
     column) its first one is."""
     made = Signal(str, object, arguments=["page", "payload"])
     """Something was made that page ``page`` shows; the window goes there unless the person is at work elsewhere."""
-    told_changed = Signal()
+    reported_changed = Signal()
     """A page reported a change for the next step."""
     fitted_changed = Signal()
     """A fit found another camera, or the fitted camera is no longer valid."""
@@ -87,9 +87,9 @@ class Context(QObject):
         self.paces = Paces()
         self.judged: Any = None
         """The judgement of H that was made in the background, as the page that judges takes it over."""
-        self.told: dict[str, dict[str, Any]] = {}
+        self.reported: dict[str, dict[str, Any]] = {}
         """What each page reported about the sitting."""
-        self._told_of = project.begun
+        self._reported_of = project.begun
         jobs.finished.connect(self._remember)
         project.listen(lambda old, new: self.matrices.follow_orders())
         project.listen(lambda old, new: self._forget_told())
@@ -151,15 +151,15 @@ class Context(QObject):
 
     def _forget_told(self) -> None:
         """Forget what pages reported about another project."""
-        if self._told_of != self.project.begun:
-            self._told_of = self.project.begun
-            self.told.clear()
+        if self._reported_of != self.project.begun:
+            self._reported_of = self.project.begun
+            self.reported.clear()
 
-    def tell(self, page: str, **facts: Any) -> None:
+    def report(self, page: str, **facts: Any) -> None:
         """Report what ``page`` knows about the sitting: fields of `Sitting`, valid until its next report."""
-        if self.told.get(page) != facts:
-            self.told[page] = facts
-            self.told_changed.emit()
+        if self.reported.get(page) != facts:
+            self.reported[page] = facts
+            self.reported_changed.emit()
 
     def matrix(self, path: str) -> PSFMatrix | None:
         """Return the PSF matrix of a file if it is open; ``matrices.want`` opens it in the background."""

@@ -151,7 +151,7 @@ class CrashGuard(QObject):
         self.dialog: CrashDialog | None = None
         self._hooks: tuple[Any, Any, Any] | None = None
         self._timer = QTimer(self, interval=POLL_MS)
-        self._timer.timeout.connect(self.tell)
+        self._timer.timeout.connect(self.show_raised)
 
     def install(self) -> None:
         """Take the hooks of Python and Qt."""
@@ -190,7 +190,7 @@ class CrashGuard(QObject):
         self._more.set()
 
     # -- the window's thread ---------------------------------------------------------------------------
-    def tell(self) -> None:
+    def show_raised(self) -> None:
         """Show what was raised: a kind not seen yet opens the dialog, others are counted where it is open."""
         if not self._more.is_set():
             return

@@ -308,7 +308,7 @@ class Jobs(BackgroundThreads):
         opening = running.asked.abandon and self._jobs[number].progress is None
         if opening or running.asked.leave:
             self._abandoned.append(running.thread)
-            self._tell(running)
+            self._show_progress(running)
             self._end(number, join_s=0, state=JobState.CANCELLED)
         elif not self._jobs[number].stopping:
             self._change(number, stopping=True)
@@ -385,9 +385,9 @@ class Jobs(BackgroundThreads):
     def _look(self) -> None:
         for running in tuple(self._running.values()):
             if time.monotonic() - running.reported > TELL_S:
-                self._tell(running)
+                self._show_progress(running)
 
-    def _tell(self, running: JobThread) -> None:
+    def _show_progress(self, running: JobThread) -> None:
         """Report the newest record of a job. It is never dropped, since the next one may take long."""
         record = running.take()
         if record is not None:
@@ -400,7 +400,7 @@ class Jobs(BackgroundThreads):
         def take() -> None:
             running = self._running.get(number)
             if running is not None:  # else it was already abandoned
-                self._tell(running)  # its last progress, and the time of a short job
+                self._show_progress(running)  # its last progress, and the time of a short job
                 self._end(number, **changes)
 
         self.hand_over(take)

@@ -88,7 +88,7 @@ class Notice(QFrame):
         self.leave.show()
         self.show()
 
-    def tell(self, text: str) -> None:
+    def show_note(self, text: str) -> None:
         """Show a note on something that was accepted."""
         self._say(text, "Dismiss", "hint")
         self._cancel = None

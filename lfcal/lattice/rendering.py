@@ -159,8 +159,8 @@ def check_slopes(slopes: Sequence[float]) -> None:
         check_number("slope", slope, at_least=-1e3, at_most=1e3)
         if abs(slope) < MIN_SLOPE:
             raise InputError.expected(
-                "slope of a plane seen by lens types",
-                f"one beyond ±{MIN_SLOPE:g}",
+                "slope of a plane rendered with lens types",
+                f"below {-MIN_SLOPE:g} or above {MIN_SLOPE:g}",
                 f"{slope:g}",
                 "leave the plane out, or refocus views without lens types",
             )

@@ -488,8 +488,8 @@ def measured_coding_gain(
     overlap = _Overlap(patterns, code)
     frames, points = overlap.code.shape
     if frames % points:
-        remedy = "choose as many frames as points, or a multiple"
-        raise InputError.expected("frames of the code", f"a multiple of {points} points", frames, remedy)
+        remedy = "choose a code with such a number of frames"
+        raise InputError.expected("frames of the code", f"a multiple of {points}, the number of points", frames, remedy)
     alone = np.vstack([np.eye(points)] * (frames // points))
     signals = overlap.signals(noise, signal_e, limit)
     errors = [

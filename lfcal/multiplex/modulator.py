@@ -309,7 +309,10 @@ def _check_factors(one: Modulator, two: Modulator, entries: int) -> None:
         )
     if entries > MAX_SAMPLES:
         raise InputError.expected(
-            "super-pixel of the product", f"at most {MAX_SAMPLES} pixels and samples", entries, "choose smaller factors"
+            "super-pixel of the product",
+            f"at most {MAX_SAMPLES} entries (pixels times samples)",
+            entries,
+            "choose smaller factors",
         )
 
 

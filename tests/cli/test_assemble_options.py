@@ -107,7 +107,7 @@ REFUSED = {
     "defects": (("--defects",), "expected whole sensor frames, got cutouts"),
     "mask of another sensor": (("--mask", "small.npy"), "as the frames come from the camera, got 3 x 4"),
     "measured background": (("--background", "border"), "expected a constant for cutouts"),
-    "field of the white image": (("--white", "white.npy", "--dark", "dark.npy"), "white mode pixels"),
+    "field of the white image": (("--white", "white.npy", "--dark", "dark.npy"), "--white-mode pixels"),
     "white mode": (("--white", "white.npy", "--white-mode", "smooth"), "expected field or pixels"),
     "cutout": (("--cutout", "61"), "move the anchor, choose a smaller cutout, or allow padding"),
     "no number": (("--cutout", "wide"), "--cutout: expected one number or two (rows,columns)"),

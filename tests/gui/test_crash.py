@@ -51,7 +51,7 @@ def break_a_slot(guard: CrashGuard, error: BaseException) -> None:
 def test_an_error_in_a_slot_is_told_with_what_is_safe(window: MainWindow, guard: CrashGuard, log: Log) -> None:
     window.project.update("rename", name="precious")
     break_a_slot(guard, KeyError("H"))
-    guard.tell()
+    guard.show_raised()
     assert guard.dialog is not None and guard.dialog.isVisible() and not guard.dialog.isModal()
     assert guard.dialog.words.text() == "KeyError: 'H'"
     copy = window.files.rescue.file
@@ -67,16 +67,16 @@ def test_an_error_in_a_slot_is_told_with_what_is_safe(window: MainWindow, guard:
 def test_errors_that_repeat_do_not_stack_dialogs(window: MainWindow, guard: CrashGuard, log: Log) -> None:
     for _ in range(100):
         break_a_slot(guard, RuntimeError("each time"))
-    guard.tell()
+    guard.show_raised()
     dialogs = [w for w in QApplication.topLevelWidgets() if isinstance(w, CrashDialog) and w.parent() is window]
     assert len(dialogs) == 1 and "(100 times)" in dialogs[0].words.text()
     assert log.path is not None and log.path.read_text().count("Traceback") == 1, "the log is not filled by it"
     dialogs[0].close()
     break_a_slot(guard, RuntimeError("each time"))
-    guard.tell()
+    guard.show_raised()
     assert not dialogs[0].isVisible(), "it has been told"
     break_a_slot(guard, OSError("another"))
-    guard.tell()
+    guard.show_raised()
     assert dialogs[0].isVisible() and "another" in dialogs[0].words.text()
     assert len([w for w in QApplication.topLevelWidgets() if isinstance(w, CrashDialog) and w.parent() is window]) == 1
 
@@ -115,7 +115,7 @@ def test_a_slot_of_qt_ends_in_the_dialog_too(guard: CrashGuard, qtbot: QtBot) ->
 
 def test_an_interrupt_is_no_error(guard: CrashGuard) -> None:
     break_a_slot(guard, KeyboardInterrupt())
-    guard.tell()
+    guard.show_raised()
     assert guard.dialog is None
 
 

@@ -62,7 +62,7 @@ def test_where_values_come_from_is_held_too() -> None:
     path = "optics.f_number"
     found = replace(preset("bench"), marks=Marks.of({path: "assumed"}))
     project, told = Project(ProjectState(camera=found)), list[str]()
-    project.hold(Hold(WHY, ("camera",), tell=told.append))
+    project.hold(Hold(WHY, ("camera",), report=told.append))
     assert not project.update("confirm", camera=confirmed(found, [path])) and told == [WHY]
     assert project.state.camera.marks == found.marks
 

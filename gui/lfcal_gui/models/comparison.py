@@ -141,8 +141,8 @@ def compared_words(found: Comparison) -> tuple[str, str]:
     from lfcal.judge.report import compared_words as words_of
     from lfcal.judge.report import verdict
 
-    told = (words_of(found), *found.notes)
-    return verdict(found), " ".join(capital(words if words[-1] == "?" else f"{words}.") for words in told)
+    lines = (words_of(found), *found.notes)
+    return verdict(found), " ".join(capital(words if words[-1] == "?" else f"{words}.") for words in lines)
 
 
 def compared_rows(found: Comparison) -> list[tuple[str, ...]]:

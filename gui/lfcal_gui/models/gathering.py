@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
     from lfcal.psf import PSFMatrix
 
-Told = Mapping[str, Mapping[str, Any]]
+Reported = Mapping[str, Mapping[str, Any]]
 """Reports of pages: values of fields of `Sitting`."""
 
 MOST_RESIDUAL_PX = 0.3
@@ -64,7 +64,7 @@ def _exists(frames: str) -> bool:
 
 def sitting_of(
     project: ProjectState,
-    told: Told,
+    reported: Reported,
     jobs: Iterable[WindowJob],
     *,
     page: str = "",
@@ -76,7 +76,7 @@ def sitting_of(
 
     Parameters
     ----------
-    project, told, jobs
+    project, reported, jobs
         The project, the reports of the pages, and the jobs of the window.
     page, place
         Keys of the current page and of its place.
@@ -111,8 +111,8 @@ def sitting_of(
         **_costs(project.plan),
         **_job(jobs),
     )
-    reported = {name: value for facts in told.values() for name, value in facts.items()}
-    return replace(found, **(reported if paces is None else paces.corrected(reported)))
+    facts_of_all = {name: value for facts in reported.values() for name, value in facts.items()}
+    return replace(found, **(facts_of_all if paces is None else paces.corrected(facts_of_all)))
 
 
 def filled_of(verdict: Verdict | None, matrix: PSFMatrix | None) -> int:

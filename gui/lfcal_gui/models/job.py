@@ -186,8 +186,8 @@ class JobLog:
                 return
             self._lines.append(Said(at, at - self._begun, kind, words))
             if len(self._lines) > MOST:
-                told = (k for k, line in enumerate(self._lines) if line.kind in ("note", "stage"))
-                del self._lines[next(told, 0)]
+                noted = (k for k, line in enumerate(self._lines) if line.kind in ("note", "stage"))
+                del self._lines[next(noted, 0)]
                 self._dropped += 1
 
     def follow(self, record: Progress) -> None:

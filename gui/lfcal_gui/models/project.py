@@ -177,14 +177,14 @@ class Hold:
         Reason shown to the user.
     fields, pages
         Fields of the state, and keys of pages whose settings must not change.
-    tell
+    report
         Called with the reason when a change was refused.
     """
 
     reason: str
     fields: tuple[str, ...]
     pages: tuple[str, ...] = ()
-    tell: Callable[[str], None] = lambda _: None
+    report: Callable[[str], None] = lambda _: None
 
     def concerns(self, old: ProjectState, new: ProjectState) -> bool:
         """Return whether the change from ``old`` to ``new`` affects what must not change."""
@@ -283,7 +283,7 @@ class Project:
     def _refused(self, new: ProjectState) -> bool:
         reason = self.held(new)
         if reason and self._hold is not None:
-            self._hold.tell(reason)
+            self._hold.report(reason)
         return bool(reason)
 
     def _set(self, new: ProjectState) -> None:

@@ -331,7 +331,7 @@ class FoldedForm(QFrame):
         self.reset_all.clicked.connect(self._reset_folded)
         self._show_error()
         self._show_rows()
-        self._tell()
+        self._report()
 
     def _add(self, field: Field, *, rare: bool) -> None:
         if rare and field.group and field.group not in self._headings:
@@ -417,14 +417,14 @@ class FoldedForm(QFrame):
         if self._rows[key].shown != shown:
             self._rows[key].shown = shown
             self._show_rows()
-            self._tell()
+            self._report()
 
     def set_folded(self, key: str, folded: bool) -> None:
         """Move one field into the fold, or out of it."""
         if self._rows[key].rare != folded:
             self._rows[key].rare = folded
             self._show_rows()
-            self._tell()
+            self._report()
 
     def _show_rows(self) -> None:
         opened, words = self.head.isChecked(), []
@@ -468,7 +468,7 @@ class FoldedForm(QFrame):
             # screen readers read the description after the name
             row.editor.setAccessibleDescription(tip)
             set_look(row.mark, "mark", word)
-        self._tell()
+        self._report()
 
     def _make_mark(self, row: _Row, assumed: bool) -> None:
         """Make the tick of an assumed value, which is a button, or of another one."""
@@ -500,7 +500,7 @@ class FoldedForm(QFrame):
                 self._defaults[key] = value
         self._defaults = {key: value for key, value in self._defaults.items() if value is not UNKNOWN}
         self._grid.setColumnMinimumWidth(RESET, SMALL if self._defaults else 0)
-        self._tell()
+        self._report()
 
     @property
     def changed(self) -> tuple[str, ...]:
@@ -523,7 +523,7 @@ class FoldedForm(QFrame):
     def _attend(self, on: bool) -> None:
         if on != self._attended:
             self._attended = on
-            self._tell()
+            self._report()
 
     def _differs(self, row: _Row) -> bool:
         key = row.field.key
@@ -549,7 +549,7 @@ class FoldedForm(QFrame):
                     self.reset(key)
         self.head.setFocus()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         """Show which values are changed, and say it in the row of the fold."""
         changed = set(self.changed)
         for key, row in self._rows.items():
@@ -611,7 +611,7 @@ class FoldedForm(QFrame):
                     editor.setText(str(value))
             self._values[key] = value
         self._show_error()
-        self._tell()
+        self._report()
 
     def set_choices(self, key: str, choices: tuple[tuple[Any, str], ...]) -> None:
         """Offer other choices of a field."""
@@ -695,7 +695,7 @@ class FoldedForm(QFrame):
             if value is UNKNOWN or self._stands_for(key, value):
                 return
         self._values[key], self._reported = value, key
-        self._tell()
+        self._report()
         try:
             self.edited.emit(key, value)
         finally:

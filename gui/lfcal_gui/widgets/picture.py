@@ -366,7 +366,7 @@ class Picture(QWidget):
         if shot.values is None:
             self._shot = shot
             self.item.clear()
-            self._told()
+            self._report_view()
             return
         levels = shot.levels_in(self._display, self.contrast)
         display = _display_of(shot, self._display)
@@ -384,9 +384,9 @@ class Picture(QWidget):
         table = None if picture.ndim == 3 else theme_table(self.display.colour_map)
         self.item.setImage(picture, levels=(0, 255), lut=table, autoLevels=False)
         self.item.setRect(place)
-        self._told()
+        self._report_view()
 
-    def _told(self) -> None:
+    def _report_view(self) -> None:
         """Report another picture, and the value under a pointer that does not move."""
         self.blank.show_blank(self._shot.values is None)
         self.graphics.viewport().update()

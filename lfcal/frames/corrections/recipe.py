@@ -310,7 +310,7 @@ def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
             "exposures of the frames",
             "one for every frame, because they differ",
             f"{counts[None]} frames without one",
-            "complete the manifest, or do not scale by exposure (exposure none)",
+            "complete the list, or do not scale by exposure (--exposure none)",
         )
     # the most frequent exposure leaves most frames unscaled; among equal counts take the longest, for reproducibility
     return max(known, key=lambda seconds: (counts[seconds], seconds))
@@ -330,7 +330,7 @@ def _white(
     try:
         field = vignetting_map(fit_lattice(white, dark=dark)).frame()
     except InputError as error:
-        raise InputError(f"{error}; or divide by the white frame itself (white mode pixels)") from None
+        raise InputError(f"{error}; or divide by the pixels of the white frame itself (--white-mode pixels)") from None
     return White(field, 0.0, floor=recipe.white_floor)
 
 

@@ -85,7 +85,7 @@ def test_a_steep_objective_hides_no_stray_light(share: float, merits: set[str]) 
     ("name", "depths"), [("lfm_60x12", (-2.0, -1.0, 0.0, 1.0, 2.0)), ("lfm_20x05", (-22.0, -10.0, 0.0, 12.0, 22.0))]
 )
 def test_the_expected_share_is_a_little_less_than_that_of_waves(name: str, depths: tuple[float, ...]) -> None:
-    """As `docs/judging.md` says it: a quarter of itself, or 0.6 % of the light where that is more."""
+    """As `docs/modelling.md` says it: a quarter of itself, or 0.6 % of the light where that is more."""
     H = simulated(name, depths, 101)
     for z, depth in enumerate(depths):
         shown = edge_light(H.plane(z).astype(float).mean((0, 1))).leak

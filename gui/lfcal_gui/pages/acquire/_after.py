@@ -90,7 +90,7 @@ class Afterwards:
         )
 
     def _remade(self, report: Any, before: Path, places: Sequence[Place]) -> None:
-        path = self._told(report)
+        path = self._psf_path(report)
         self.context.project.update("assembly of positions recorded again", psf=path, reference=str(before))
         self.context.go.emit("h", {"place": shown_first(places), "view": "difference"})
 
@@ -109,10 +109,10 @@ class Afterwards:
         )
 
     def _assembled(self, report: Any, sent: Any) -> None:
-        self.context.project.update("assembly", psf=self._told(report))
+        self.context.project.update("assembly", psf=self._psf_path(report))
         self.context.made.emit("h", sent)
 
-    def _told(self, report: Any) -> str:
+    def _psf_path(self, report: Any) -> str:
         """Close H and return its file; report the verdict and notes of assembling as messages."""
         from lfcal.judge import judgement_of
 

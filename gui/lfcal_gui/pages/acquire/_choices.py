@@ -167,7 +167,7 @@ class TargetChoice:
         found = self._moved(scan)
         if found is None:
             raise InputError.expected(
-                "plan of the target", "a file that was read", f"{self._path}, which was not", "choose the file again"
+                "plan of the target", "a readable plan", f"{self._path}, which was not read", "choose the file again"
             )
         if found.scan != scan:
             remedy = "open the target's plan again, or plan it for this scan"

@@ -107,8 +107,8 @@ class Lab(QWidget):
         toggle.setCheckable(True)
         toggle.toggled.connect(self._switch)
         record.shown.connect(self.show_controls)
-        tabs.record.told.connect(self._tell)
-        self._tell()
+        tabs.record.noted.connect(self._report)
+        self._report()
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
@@ -177,7 +177,7 @@ class Lab(QWidget):
         button.setAccessibleName(f"{words} ({key})")
         button.setEnabled(enabled)
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         record = self.tabs.record
         said = ", ".join(filter(None, (record.status.text() or "Not recording.", record.detail.text())))
         self.status.setText("<br>".join(filter(None, (said, record.alarms.text()))))

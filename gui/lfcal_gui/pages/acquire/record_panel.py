@@ -90,7 +90,7 @@ class RecordPanel(QWidget):
     """Another session folder; the dialog to choose one."""
     view_changed = Signal()
     """Show another plane or quantity."""
-    told = Signal()
+    noted = Signal()
     """Status, details, alarms or values changed."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -239,7 +239,7 @@ class RecordPanel(QWidget):
         for form in self.forms:
             form.set_values(values)
         self.until.setVisible(extent == "error")
-        self.told.emit()
+        self.noted.emit()
 
     def show_merits(self, merits: Sequence[str]) -> None:
         """Show how good each plane is by the checks of H; empty: not judged."""
@@ -262,7 +262,7 @@ class RecordPanel(QWidget):
 
     def _show_progress(self) -> None:
         self.progress.setVisible(bool(self.status.text() or self.alarms.text()))
-        self.told.emit()
+        self.noted.emit()
 
     def show_picture(self, picture: RecordPicture, plane_words: str) -> None:
         """Show map, sum, curves and alarms; ``plane_words`` name the plane."""

@@ -228,10 +228,10 @@ class RecordTab(QObject):
         if station is not None and not (recording or there):
             words = model_recorder.automatic_words(station.devices, settings.options()) or words
         self.panel.why.setText(words)
-        self._tell()
+        self._report()
         self.shown.emit()
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         recorder, job = self.recorder, self._under_way
         facts: dict[str, Any] = {
             "rig": self.setup.station is not None,
@@ -246,8 +246,8 @@ class RecordTab(QObject):
             if job is not None and job.progress is not None:
                 done, total = job.progress.done, job.progress.total
                 facts |= {"left_s": (total - done) / recorder.rate if recorder.taken else None}
-        self.context.tell("acquire", **facts)
-        self.context.tell("session", done=done, total=total)
+        self.context.report("acquire", **facts)
+        self.context.report("session", done=done, total=total)
 
     def resume(self) -> None:
         """Resume a recording that is held, or a session that is not complete."""
@@ -457,7 +457,7 @@ class RecordTab(QObject):
             if job.stopping and self.recorder is not None:
                 self.recorder.control.stop()  # also while it waits for the user
             self._show_progress()
-            self._tell()
+            self._report()
 
     def _show_progress(self) -> None:
         """Show the progress. A request to pause or stop is shown before the present position ends."""

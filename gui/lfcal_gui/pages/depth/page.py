@@ -110,7 +110,7 @@ class Page(BasePage):
         panel.show_go(running=running, enabled=self.image is not None and not self._problem)
         panel.form.setEnabled(not running)
         panel.open.setEnabled(not running)
-        self.context.tell(self.spec.key, depth_s=self._seconds)
+        self.context.report(self.spec.key, depth_s=self._seconds)
 
     # -- frame -----------------------------------------------------------------------------------------
     def choose_frame(self) -> None:

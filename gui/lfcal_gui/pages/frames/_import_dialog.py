@@ -75,13 +75,13 @@ class ColumnsTable(QTableWidget):
         self._without: set[str] = set()
         self.hide()
 
-    def show_table(self, table: Table | None, used: tuple[Column, ...], told: str = "") -> None:
+    def show_table(self, table: Table | None, used: tuple[Column, ...], without: str = "") -> None:
         """Show the list and the meaning of its columns; without a list, hide it."""
         self.setVisible(table is not None)
         if table is None:
             return
         self.names = table.columns
-        self._used, self._without = {column.role for column in used}, not_held(told)
+        self._used, self._without = {column.role for column in used}, not_held(without)
         shown = table.rows[:SHOWN_ROWS]
         self.clear()
         self.setColumnCount(len(table.columns))

@@ -33,13 +33,13 @@ class Noticed:
         advised = None if found is None else advice(found, chosen)
         if advised is None and opened is not None:
             if words := other_sensor(opened.delivered.corrected, opened.plan):
-                self._tell(words)
+                self._show_note(words)
         if advised is None:
             return
         said = advised.words
         words = f"{before}{said[0].lower()}{said[1:]}." if before else f"{said}."
         if advised.chosen:
-            self._tell(words)
+            self._show_note(words)
             return
         self.context.message.emit(words)
         leave = (lambda: self._set(advised.leave)) if advised.leave else None
@@ -54,9 +54,9 @@ class Noticed:
             tip = "Open Set up, to correct the axes of the stage or the plan"
             self.notice.offer(words, "Plan", lambda: self.context.go.emit("setup", None), leave, tip=tip)
 
-    def _tell(self, words: str) -> None:
+    def _show_note(self, words: str) -> None:
         self.context.message.emit(words)
-        self.notice.tell(words)
+        self.notice.show_note(words)
 
     def tell_left_out(self, lines: tuple[str, ...]) -> None:
         """Say which frames cannot be read and were left out, a line each."""
@@ -64,7 +64,7 @@ class Noticed:
             self.context.message.emit(f"left out: {line}")
         if lines:
             count = "1 damaged frame is" if len(lines) == 1 else f"{len(lines)} damaged frames are"
-            self.notice.tell(f"{count} left out; the log says which, and why")
+            self.notice.show_note(f"{count} left out; the log says which, and why")
 
     def offer_without(self, words: str, leave_out: Callable[[], None]) -> None:
         """Offer to leave out damaged frames; ``words`` describe the damage of the frame that is shown."""

@@ -162,11 +162,11 @@ def columns_used(table: Table, columns: str) -> tuple[tuple[Column, ...], str]:
             "content above one of them"
         )
         return tuple(held), problem
-    told = parse_columns(columns) if columns else None
+    stated = parse_columns(columns) if columns else None
     try:
-        return find_columns(table, told), ""
+        return find_columns(table, stated), ""
     except InputError as error:
-        return clear_columns(table, told), str(error)
+        return clear_columns(table, stated), str(error)
 
 
 BOXES = (

@@ -502,7 +502,7 @@ def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
 
     given, chosen = opened.delivered, opened.chosen
     task = task_of(chosen, opened.folder, path)
-    told = {
+    known = {
         "from": asdict(chosen),
         "plan": opened.plan.to_dict(),
         "stamp": stamp_of_files(
@@ -513,7 +513,7 @@ def iter_assembly(opened: Opened, path: str) -> Work[AssemblyReport]:
     }
     source: Any = given.frames  # of a file, or a part of it
     part = ChannelPart(source, opened.plan, given.recipe.channel, Path(path))
-    how = AssemblyRun(going_on(), reopening=Reopening("", told))
+    how = AssemblyRun(going_on(), reopening=Reopening("", known))
     made = yield from task.iter_part(part, given.scan, given.recipe, given.corrected, how)
     return made.report
 
@@ -522,5 +522,5 @@ def notes_of(report: AssemblyReport) -> tuple[str, ...]:
     """Return notes on an assembled H, one line each: its verdict, and how frames were turned and averaged."""
     from lfcal.judge import judgement_of
 
-    told = report.matrix.provenance.get("orientation", {}).get("note")
-    return (judgement_of(report).verdict, *([told] if told else []), *report.notes)
+    turned = report.matrix.provenance.get("orientation", {}).get("note")
+    return (judgement_of(report).verdict, *([turned] if turned else []), *report.notes)

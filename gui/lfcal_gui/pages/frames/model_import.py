@@ -124,8 +124,8 @@ def _with_any_plan(found: Survey, plan: ScanPlan | None, camera: Camera | None) 
 
 def _with_table(found: Survey) -> Survey:
     choice, path = found.choice, import_choice.list_of(found.choice)
-    told = path is not None and path.suffix.lower() in TABLE_SUFFIXES and not path.name.endswith("metadata.txt")
-    table = read_table(path) if path is not None and told else None
+    listed = path is not None and path.suffix.lower() in TABLE_SUFFIXES and not path.name.endswith("metadata.txt")
+    table = read_table(path) if path is not None and listed else None
     if choice.columns and (table is None or choice.header not in ((), table.columns)):
         note = (
             f"{OTHER_LIST}, so it is ignored"

@@ -123,7 +123,7 @@ class Page(BasePage):
             self._fresh = False
         if changed or FrameSettings.of(old) != FrameSettings.of(new):
             self._open()
-        self._tell()
+        self._report()
 
     def deeds(self) -> dict[str, Callable[[], object]]:
         """Return what the next step may ask for."""
@@ -143,12 +143,12 @@ class Page(BasePage):
         self._again = True
         self._edited("use_dark", True)
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         opened, settings = self.opened, self.settings
         path, why = self._unread
         # without H, the button of the next step assembles it
         self.assemble_button.setVisible(bool(self.context.state.psf) and not self._fresh)
-        self.context.tell(
+        self.context.report(
             "frames",
             folder=bool(self.context.state.frames or path),
             unread=why,
@@ -194,7 +194,7 @@ class Page(BasePage):
         def failed(words: str) -> None:
             # the dialog has the choices that frames of others may need
             self._unread = path, f"choose how the frames of {Path(path).name} are read"
-            self._tell()
+            self._report()
             self.refuse(words)
             self.start_import(path)
 
@@ -287,7 +287,7 @@ class Page(BasePage):
         self.notice.clear()
         folder = self.context.state.frames
         self._unread = folder, f"import the frames again: {Path(folder).name} is not open"
-        self._tell()
+        self._report()
         self.show_empty(words, {"Import any folder …": (IMPORT, self.choose_folder), "Try again": (AGAIN, self._open)})
         self.context.message.emit(words)
 
@@ -296,7 +296,7 @@ class Page(BasePage):
         self._unread = "", ""
         self.notice.clear()
         self.opened = opened
-        self._tell()
+        self._report()
         self.filling = Filling()
         self.assemble_button.setEnabled(True)
         rows, columns = opened.view.shape
@@ -330,7 +330,7 @@ class Page(BasePage):
     def _forecasted(self, opened: Opened, seconds: float) -> None:
         if opened is self.opened:
             self._seconds = seconds
-            self._tell()
+            self._report()
 
     def _take_orientation(self, opened: Opened, found: FoundOrientation) -> None:
         if opened is self.opened:
@@ -459,5 +459,5 @@ class Page(BasePage):
         self.context.attention.emit("frames", bool(report.missing or report.saturated))
         self.context.project.update("assembly", psf=path)
         self._fresh = False
-        self._tell()
+        self._report()
         self.context.made.emit("h", None)

@@ -176,7 +176,7 @@ class ChoicesPanel(QWidget):
             always = ", always fitted if groups are chosen automatically" if core else ""
             item.setToolTip(f"{name}: {title}" + (f"; needs {needs}" if needs else always))
         self.groups.fit_height()
-        self.legend.setText(_legend(settings, told=groups is not None))
+        self.legend.setText(_legend(settings, fitted=groups is not None))
         self.legend.setVisible(bool(self.legend.text()))
         for blocker in blockers:
             blocker.unblock()
@@ -190,10 +190,10 @@ class ChoicesPanel(QWidget):
         self.group_toggled.emit(item.data(NAME), item.checkState() == Qt.CheckState.Checked)
 
 
-def _legend(settings: FitSettings, *, told: bool) -> str:
+def _legend(settings: FitSettings, *, fitted: bool) -> str:
     if not settings.auto:
         return ""
-    return "✓ fitted, – did not help" if told else "✓ always fitted, ? tried and kept if it helps"
+    return "✓ fitted, – did not help" if fitted else "✓ always fitted, ? tried and kept if it helps"
 
 
 def _say(label: QLabel, words: str, role: str) -> None:

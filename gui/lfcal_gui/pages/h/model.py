@@ -402,7 +402,7 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
 
     row, column = aperture.centre
     # do not name a number of blades that the fit rejects
-    told = aperture.confident and aperture.blades > 0
+    certain = aperture.confident and aperture.blades > 0
     sigma = aperture.curvature_sigma
     error = f" ± {sigma:.2f}" if np.isfinite(sigma) and sigma > 0 else ""
 
@@ -411,13 +411,13 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
 
     return {
         "Shape": KINDS[aperture.kind],
-        "Blades": f"{aperture.blades}" if told else UNKNOWN,
-        "Rotation": f"{np.degrees(aperture.rotation_rad):.1f}°" if told else UNKNOWN,
+        "Blades": f"{aperture.blades}" if certain else UNKNOWN,
+        "Rotation": f"{np.degrees(aperture.rotation_rad):.1f}°" if certain else UNKNOWN,
         "Centre t": seen(f"{row:.2f} px"),
         "Centre s": seen(f"{column:.2f} px"),
         "Apothem": seen(f"{with_error(aperture.apothem_px, aperture.apothem_sigma_px, 2)} px"),
         "Area": seen(f"{with_error(aperture.area_px2, aperture.area_sigma_px2, 0)} px²"),
-        "Curvature": f"{aperture.curvature:.2f}{error}" if told else UNKNOWN,
+        "Curvature": f"{aperture.curvature:.2f}{error}" if certain else UNKNOWN,
         "Edge blur": seen(f"{aperture.blur_px:.2f} px"),
         "Ellipticity": seen(f"{100 * aperture.ellipticity:.1f} %"),
         "Confidence": f"{100 * aperture.confidence:.0f} %" if aperture.confident else UNKNOWN,
@@ -426,6 +426,6 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
 
 def aperture_tip(z: int, depth_um: float, count: int, fitted: Aperture | None, expected: Aperture | None) -> str:
     """Return a description of the aperture of plane ``z`` of ``count`` planes, as lines of text."""
-    told = [plane_words(z, count) + (f": z = {format_length(depth_um)}" if math.isfinite(depth_um) else "")]
-    told += [f"{what}: {one.describe()}" for what, one in (("fitted", fitted), ("expected", expected)) if one]
-    return "\n".join(told)
+    lines = [plane_words(z, count) + (f": z = {format_length(depth_um)}" if math.isfinite(depth_um) else "")]
+    lines += [f"{what}: {one.describe()}" for what, one in (("fitted", fitted), ("expected", expected)) if one]
+    return "\n".join(lines)

@@ -217,12 +217,12 @@ def count_words(inspection: Inspection) -> str:
 def _of_metric(inspection: Inspection, m: Metric) -> CheckRow:
     from lfcal.judge.report import limits
 
-    merit, told = _told_of(inspection, m)
+    merit, reading = _reading_of(inspection, m)
     cost = m.cost_text if m.cost > 0 else "–"
-    return CheckRow(m, m.spec.title, m.text, *limits(m), merit, told, cost, _metric_words(inspection, m))
+    return CheckRow(m, m.spec.title, m.text, *limits(m), merit, reading, cost, _metric_words(inspection, m))
 
 
-def _told_of(inspection: Inspection, metric: Metric) -> tuple[str, str]:
+def _reading_of(inspection: Inspection, metric: Metric) -> tuple[str, str]:
     """Return the merit of a metric and its word; a fault may explain it, or the camera may refute it."""
     from lfcal.judge.quality import merit_of, merit_word
 

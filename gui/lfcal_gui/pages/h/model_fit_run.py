@@ -144,8 +144,8 @@ class FoundFit:
 
     def iter_model(self, path: Path) -> Work[Path]:
         """Write H of the fitted camera, with the task of the fit in its provenance."""
-        told = {} if self.is_taken else self.question.task_in(path.parent).told
-        return (yield from iter_write_model(self.fit, path, provenance={**self.known, **told}))
+        stated = {} if self.is_taken else self.question.task_in(path.parent).told
+        return (yield from iter_write_model(self.fit, path, provenance={**self.known, **stated}))
 
     def fate(self, place: Place) -> str:
         """Return whether a pattern was fitted, held out, or left out as an outlier."""

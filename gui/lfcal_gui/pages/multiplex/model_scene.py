@@ -562,10 +562,10 @@ def _iter_general(
     truth = None if seen.truth is None else at_nodes(seen.truth, found.samples.shape[1:])
     error = None if truth is None else rms_error(found.samples, truth, (1, 1))
     names = tuple(f"sample {k}" for k in range(count)) if own else modulator.sample_names
-    told = f"{found.iterations} iterations, residual {found.residual:.1e}, {found.operations:.1e} multiply-adds"
+    counts = f"{found.iterations} iterations, residual {found.residual:.1e}, {found.operations:.1e} multiply-adds"
     route = Route("General", found.samples, error, seconds)
     step = seen.frame.shape[0] / found.samples.shape[1]
-    return Reconstructions(route, None, truth, seen.frame, names, f"{seen.words}; {told}", step)
+    return Reconstructions(route, None, truth, seen.frame, names, f"{seen.words}; {counts}", step)
 
 
 def _iter_lattice(

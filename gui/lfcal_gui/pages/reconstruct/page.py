@@ -180,7 +180,7 @@ class Page(BasePage):
             "voxels": self._voxels(),
             **self.exporting.facts(),
         }
-        self.context.tell(self.spec.key, **facts, reconstruct_s=self._seconds if ready else None)
+        self.context.report(self.spec.key, **facts, reconstruct_s=self._seconds if ready else None)
         same = self.solving is not None and self.solving.fits(state.psf, self.settings, stated_order(state, state.psf))
         same = same and self._opened == state.light_field
         if running:

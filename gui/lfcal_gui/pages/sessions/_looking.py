@@ -87,7 +87,7 @@ class Looking(QObject):
                 step = next(work)
                 if isinstance(step, ListingProgress):
                     seen = [(one, self._verdict(one, project)) for one in step.found]
-                    self._jobs.hand_over(partial(self._tell, stop, seen, step.stage))
+                    self._jobs.hand_over(partial(self._show_progress, stop, seen, step.stage))
         except StopIteration as end:
             listing: ResultList = end.value
             return listing
@@ -100,7 +100,7 @@ class Looking(QObject):
             return None
         return verdict_on(result, project) or self.kept.verdict(result)
 
-    def _tell(self, stop: threading.Event, seen: list[Seen], words: str) -> None:
+    def _show_progress(self, stop: threading.Event, seen: list[Seen], words: str) -> None:
         if not stop.is_set():
             self.found.emit(seen, words)
 

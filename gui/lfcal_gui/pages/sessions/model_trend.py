@@ -59,7 +59,9 @@ def rows_of(found: Trend) -> list[tuple[str, ...]]:
     for one in courses_of(found):
         known = [value for value in one.points[:-1] if value is not None]
         change = "worse" if one.worse else "better" if one.better else ""
-        rows.append((_title(one), _told(known[-1] if known else None), _told(one.newest), _slope(one), change))
+        rows.append(
+            (_title(one), _value_text(known[-1] if known else None), _value_text(one.newest), _slope(one), change)
+        )
     return rows
 
 
@@ -73,7 +75,7 @@ def _slope(course: Course) -> str:
     return format_slope(course.per_month, course.span_s) if len(known) > 1 else ""
 
 
-def _told(value: CoursePoint | None) -> str:
+def _value_text(value: CoursePoint | None) -> str:
     if value is None:
         return "–"
     return f"{format_number(value.value)} {value.merit}" if math.isfinite(value.value) else value.merit

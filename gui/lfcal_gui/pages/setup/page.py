@@ -247,7 +247,7 @@ class Page(BasePage):
             facts["movable"] = isinstance(self._off, ScanPlan)
             facts["wrong"] = LEAVES if facts["movable"] else self._off
         self.panel.inspector.show_effects(effects)
-        self.context.tell("setup", **facts)
+        self.context.report("setup", **facts)
 
     def _edited(self, key: str, value: Any) -> None:
         camera, _ = apply_change(self.context.state.camera, key, value)
@@ -314,11 +314,11 @@ class Page(BasePage):
         def read(found: Imported) -> None:
             if self._set(found.camera, f"import of {Path(path).name}"):
                 self.context.message.emit(f"camera imported from {path}")
-                self._tell(found)
+                self._note_imported(found)
 
         self.load(Path(path).name, lambda: _checked(import_camera(path)), read)
 
-    def _tell(self, found: Imported) -> None:
+    def _note_imported(self, found: Imported) -> None:
         """Report which values the file does not state, and show the fields for them."""
         count = len(found.camera.marks.paths("assumed"))
         if count:
@@ -327,7 +327,7 @@ class Page(BasePage):
         for line in words:
             self.context.message.emit(line)
         if words:
-            self.notice.tell("; ".join(words))
+            self.notice.show_note("; ".join(words))
 
     def save_file(self, path: str = "") -> None:
         """Write the camera as JSON."""

@@ -410,7 +410,7 @@ class Page(BasePage):
         point = model.used_point(self._curve, self.settings)
         # the line of the next step corrects the time in the same way
         facts = {"compute_s": self._seconds} if point is None else {"compute_s": point.cost, "error": point.error}
-        self.context.tell(self.spec.key, **facts)
+        self.context.report(self.spec.key, **facts)
         took = curves.took(key, PART)
         button = "" if self._measuring else "Measure again" if took else "Measure"
         self.panel.curve.show_status(took, button)

@@ -76,7 +76,7 @@ def test_a_frame_is_forecast_measured_and_looked_at(opened: Callable[..., Any], 
     panel = page.panel
     assert context.state.light_field.endswith("frame.tif") and "190 × 170 px" in panel.file.text()
     assert "of processor time" in panel.status.text() and panel.took.text().startswith(("about", "less than"))
-    assert context.told["depth"]["depth_s"] > 0
+    assert context.reported["depth"]["depth_s"] > 0
     assert panel.go.isEnabled() and not panel.save_map.isEnabled() and not panel.least.isEnabled()
     assert panel.view.shot.caption == "Light-field frame"
     qtbot.keyClick(page, Qt.Key.Key_F5)

@@ -327,17 +327,17 @@ def test_it_fits_small_screens_with_all_that_is_told(
 def test_the_forecast_reaches_the_next_step(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
     make(page, qtbot, tmp_path / "light.tif")
     idle(context.jobs, qtbot)
-    told = context.told["reconstruct"]
+    told = context.reported["reconstruct"]
     assert told["reconstruct_s"] > 0 and told["voxels"] == (2, 24, 28)
     seconds = []
     for iterations in (100, 100_000):
         context.project.update("n", settings=ReconstructSettings(iterations=iterations).into(context.state))
         idle(context.jobs, qtbot)
-        seconds.append(context.told["reconstruct"]["reconstruct_s"])
+        seconds.append(context.reported["reconstruct"]["reconstruct_s"])
     assert seconds[1] > 10 * seconds[0]
     context.project.update("bad", settings=ReconstructSettings(region=(0, 0, 99, 5)).into(context.state))
     idle(context.jobs, qtbot)
-    assert context.told["reconstruct"]["reconstruct_s"] is None and page.panel.took.text() == ""
+    assert context.reported["reconstruct"]["reconstruct_s"] is None and page.panel.took.text() == ""
 
 
 def test_a_measured_point_sets_solver_and_iterations(page: Page, context: Context, qtbot: QtBot) -> None:

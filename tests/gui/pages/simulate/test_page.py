@@ -162,7 +162,7 @@ def page(open_page: Any, context: Context, qtbot: QtBot, monkeypatch: pytest.Mon
 def test_the_curve_says_what_the_tolerance_in_force_costs(page: Any, context: Context, qtbot: QtBot) -> None:
     panel = page.panel
     assert panel.seconds_words.text() == "for all of H" and panel.error.text() == "3 %"
-    assert panel.seconds.text() == format_seconds(context.told["simulate"]["compute_s"])
+    assert panel.seconds.text() == format_seconds(context.reported["simulate"]["compute_s"])
     panel.curve.measure_button.click()
     assert not panel.curve.measure_button.isEnabled()
     idle(context.jobs, qtbot)
@@ -173,7 +173,7 @@ def test_the_curve_says_what_the_tolerance_in_force_costs(page: Any, context: Co
     assert (panel.seconds.text(), panel.error.text()) == ("2.0 s", "5 %"), "of the tolerance that was measured below it"
     context.paces.take("compute", forecast=1.0, seconds=4.0)
     page._show_curve()
-    told = context.paces.corrected(context.told["simulate"])
+    told = context.paces.corrected(context.reported["simulate"])
     assert panel.seconds.text() == format_seconds(told["compute_s"]) == "8.0 s", "that of the line of the next step"
     assert panel.better.text() == "Tolerance 3 % is faster and no less exact: 6.0 s, error 1 %."
     context.paces.runs.clear()
