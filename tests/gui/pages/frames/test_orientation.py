@@ -122,7 +122,9 @@ def test_the_job_judges_by_itself_where_the_page_does_not_know_yet(
     shown(qtbot, page, "No H: the frames are mirrored left to right.")
     settled(qtbot, context)
     (job,) = context.jobs.jobs()
-    assert job.error.endswith("got another motion: the frames are mirrored left to right")
+    assert job.error.endswith(
+        "mirrored left to right; set the orientation of the frames to mirror-x, or leave them unchanged"
+    )
     assert "--" not in job.error and not out.exists() and context.state.psf == ""
 
 
