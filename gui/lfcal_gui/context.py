@@ -92,7 +92,7 @@ class Context(QObject):
         self._reported_of = project.begun
         jobs.finished.connect(self._remember)
         project.listen(lambda old, new: self.matrices.follow_orders())
-        project.listen(lambda old, new: self._forget_told())
+        project.listen(lambda old, new: self._forget_reported())
         project.listen(self.state_changed.emit)
         self.refused.connect(self.message.emit)
 
@@ -149,7 +149,7 @@ class Context(QObject):
             self._fitted = fitted
             self.fitted_changed.emit()
 
-    def _forget_told(self) -> None:
+    def _forget_reported(self) -> None:
         """Forget what pages reported about another project."""
         if self._reported_of != self.project.begun:
             self._reported_of = self.project.begun

@@ -99,7 +99,7 @@ def manifest_of(
             f"{listing.name}, stage coordinates",
             "the plan of the scan",
             "none",
-            "choose it (--plan), or make it (lfcal plan CAMERA --positions LIST)",
+            "choose it with --plan, or make it with lfcal plan CAMERA --positions LIST",
         )
     found = place(listing, plan, read, orientation, part)
     drift = found.drift if listing.drift is None else found.drift + listing.drift

@@ -63,20 +63,28 @@ def long_exposures(folder: Path) -> str:
 
 CASES: list[tuple[Callable[[Path], str], dict[str, str], str]] = [
     (positions, {"first": "1"}, "got 0; count from 0; choose above whether Positions are counted from 0 or 1"),
-    (counted, {"first": "1"}, "got a smaller one; choose above whether Positions are counted from 0 or 1"),
-    (two_lists, {}, "expected one, got stage.csv, stage2.csv; choose the List above"),
+    (
+        counted,
+        {"first": "1"},
+        "correct the number of the first position; choose above whether Positions are counted from 0 or 1",
+    ),
+    (two_lists, {}, "expected one, got stage.csv, stage2.csv; choose the right one; choose the List above"),
     (empty, {}, "expected images (TIFF, PNG, NPY, RAW …), got none; name the folder that contains them"),
     (unlike, {}, "; choose the List above, type the pattern of Names above, or choose their Order above"),
     (
         long_exposures,
         {},
-        "expected a unit of such large times, got 20000 without a unit; choose the content above the column",
+        "state the unit in the contents of the columns; choose the content above the column",
     ),
-    (lambda p: recorded(p, ("file", "X (mm)", "Y", "Z (mm)")), {}, "got none; choose the content above the column"),
+    (
+        lambda p: recorded(p, ("file", "X (mm)", "Y", "Z (mm)")),
+        {},
+        "got none; choose the content above the column",
+    ),
     (
         lambda p: recorded(p, ("file", "X", "Y", "other")),
         {},
-        "for 2 planes, got none; choose the content above the column",
+        "got none; state which column is z; choose the content above the column",
     ),
 ]
 
