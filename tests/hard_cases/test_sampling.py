@@ -97,8 +97,8 @@ def test_no_denormals():
     for scene in (microscope_scene(1.0, cutout=(91, 91)), microscope_scene(1.0, cutout=(31, 31), vectorial=True)):
         engine = DebyePlane(scene, Sampling(nodes_per_px=2))
         engine.rows([0, 4], [0, 3])
-        lefts = (left for phase in engine._lefts.values() for left in phase)
-        for values in (*engine._quarters, *engine._matrices.values(), *lefts):
+        stored = (*engine._quarters, *engine._lefts.values(), *engine._rights.values())
+        for values in (*engine._matrices.values(), *(part for parts in stored for part in parts)):
             found += int(((values != 0) & (np.abs(values) < tiny)).sum())
     return float(found)
 

@@ -22,7 +22,8 @@ from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.grid import GridPlane
-from lfcal.simulate.engines.microscope import DebyePlane, is_separable
+from lfcal.simulate.engines.masks import taper
+from lfcal.simulate.engines.microscope import DebyePlane, _factors, is_separable, reach_um
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene, seidel
@@ -125,6 +126,27 @@ def test_fifteen_pixels_leave_thirty_six_positions():
     engine = DebyePlane(scene, Sampling(nodes_per_px=1))
     engine.rows(range(15), range(15))
     assert engine.certificate.responses == 36
+
+
+@pytest.mark.parametrize("z", [0.0, 25.0, -60.0])
+def test_half_the_rank_holds_a_field(z):
+    scene = microscope_scene(z, cutout=(151, 151))
+    engine = DebyePlane(scene, Sampling(nodes_per_px=2))
+    x = np.arange(engine._count) * engine._coarse
+    edge = taper(x, engine._half - reach_um(scene, engine.sampling)[1], engine._half)
+    field = np.outer(edge, edge) * debye_field(scene, np.hypot(*np.meshgrid(x, x)).ravel()).reshape(x.size, -1)
+    columns, rows = (part[0] + 1j * part[1] for part in engine._quarters[0])
+    assert columns.shape[1] < 0.6 * x.size
+    assert np.linalg.norm(columns @ rows.T - field) < 3e-5 * np.linalg.norm(field)
+
+
+def test_factors_of_fields_of_any_rank():
+    rng = np.random.default_rng(3)
+    full = rng.normal(size=(20, 20)) + 1j * rng.normal(size=(20, 20))
+    for field, rank in ((full, 20), (np.outer(full[0], full[1]), 1), (np.zeros((20, 20), complex), 1)):
+        columns, rows = (part[0] + 1j * part[1] for part in _factors(field))
+        assert columns.shape == rows.shape == (20, rank)
+        assert np.abs(columns @ rows.T - field).max() < 1e-5
 
 
 def test_points_between_the_pixels_and_source_offsets():

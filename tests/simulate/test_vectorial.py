@@ -228,12 +228,8 @@ def test_bessel_functions_at_any_argument():
 def test_no_denormal_numbers_in_the_matrices():
     engine = DebyePlane(scene_of(0.0, 0.01, 1.0, specimen=Specimen(WATER, 1.0)))
     engine.rows([0, 2], [1])
-    tables = [
-        *engine._matrices.values(),
-        *engine._quarters,
-        *(left for lefts in engine._lefts.values() for left in lefts),
-    ]
-    for values in tables:
+    stored = (*engine._quarters, *engine._lefts.values(), *engine._rights.values())
+    for values in (*engine._matrices.values(), *(part for parts in stored for part in parts)):
         assert not ((values != 0) & (np.abs(values) < np.finfo(np.float32).tiny)).any()
 
 

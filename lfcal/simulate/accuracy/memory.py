@@ -291,12 +291,17 @@ def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
     fields = _fields(scene)
     phases = sum(scene.period) if scene.offsets_um is None else 2 * math.prod(scene.period)
     matrices = 24 * nodes * samples * phases
-    lefts = 24 * nodes * samples * phases * fields
+    # of two factors, each with about half the columns
+    carried = 24 * nodes * samples * phases * fields
     quarters = (12 * fields + 64) * samples**2
     orders = 2 * highest_order(
         scene.lattice.pitch_um**2 / (scene.wavelength_um * scene.lattice.types[0].focal_length_um)
     )
     pulses = 40 * orders * (nodes + 4 * samples) * 16
     return int(
-        min(matrices, DEBYE_CACHE_BYTES) + min(lefts, DEBYE_CACHE_BYTES) + quarters + pulses + 24 * nodes * samples
+        min(matrices, DEBYE_CACHE_BYTES)
+        + min(carried, 2 * DEBYE_CACHE_BYTES)
+        + quarters
+        + pulses
+        + 24 * nodes * samples
     )

@@ -7,8 +7,9 @@ matrices,
     V = A_y U A_x^T,   A = (propagation) (lenslets' phase) (interpolation),
 
 The cost of accuracy arises once per lattice phase, not per position: U needs only the samples of its band, and its
-symmetry halves each matrix. Positions that are mirror images about a lenslet share their response: for lenslets of 15
-pixels, 36 of 225 remain. Other arrays use the coherent sum over lenslets in the wave engine, with the same field.
+symmetry halves each matrix. The light is limited in angle and in space, so that the rank of U is about half its size:
+U = C R. Positions that are mirror images about a lenslet share their response: for lenslets of 15 pixels, 36 of 225
+remain. Other arrays use the coherent sum over lenslets in the wave engine, with the same field.
 
 The fields of a vectorial scene are even or odd in each of x and y, and so are the halved matrices of the axes; their
 intensities add. Mirroring keeps the light of each field; transposing exchanges those of the same order.
@@ -23,9 +24,10 @@ from typing import TypeVar
 
 import numpy as np
 import scipy.fft as sf
+import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, for_each_chunk
+from lfcal.base import InputError, for_each_chunk, one_blas_thread
 from lfcal.simulate.engines._debye import debye_fields, radial_field
 from lfcal.simulate.engines._fields_sum import wave_plane
 from lfcal.simulate.engines._nodes import fitted_rule
@@ -55,6 +57,9 @@ CACHED = 256
 """Largest number of matrices and responses that are kept for reuse."""
 DEBYE_CACHE_BYTES = 1 << 29
 """Largest total size of either (bytes)."""
+
+LEFT_OUT = 1e-5
+"""Share of the norm of a field that its factors may leave out."""
 
 T = TypeVar("T", bound="Matrix | tuple[Matrix, ...]")
 Matrix = NDArray[np.float32]
@@ -125,6 +130,17 @@ def _parts(value: NDArray[np.complexfloating]) -> Matrix:
     return np.ascontiguousarray(parts, np.float32)
 
 
+def _factors(field: NDArray[np.complex128]) -> tuple[Matrix, Matrix]:
+    """Return the parts of C (n, rank) and of R^T (n, rank), where C R is ``field`` (n, n) up to `LEFT_OUT`."""
+    with one_blas_thread():
+        columns, rows, order = scipy.linalg.qr(field, mode="economic", pivoting=True, check_finite=False)
+    beyond = np.sqrt(np.cumsum((np.abs(rows) ** 2).sum(axis=1)[::-1])[::-1])
+    rank = max(1, int(np.count_nonzero(beyond > LEFT_OUT * beyond[0])))
+    turned = np.empty((order.size, rank), np.complex128)
+    turned[order] = rows[:rank].T
+    return _parts(columns[:, :rank]), _parts(turned)
+
+
 def highest_order(turns: float) -> int:
     """Return the highest diffraction order that is computed for lenslets with p^2/(lambda f) = ``turns``.
 
@@ -160,6 +176,7 @@ class DebyePlane:
         self._lock = threading.Lock()
         self._matrices: dict[Phase, Matrix] = {}
         self._lefts: dict[Phase, tuple[Matrix, ...]] = {}
+        self._rights: dict[Phase, tuple[Matrix, ...]] = {}
         self._pulses: dict[tuple[float, float], Matrix] = {}
         self._responses: dict[Pair, NDArray[np.float32]] = {}
         px, lam = scene.pixel_um, scene.wavelength_um
@@ -173,8 +190,8 @@ class DebyePlane:
         self._quarters, self._energy = self._tables(fade)
 
     # -- tables ------------------------------------------------------------------------------------------
-    def _tables(self, fade: float) -> tuple[list[Matrix], float]:
-        """Return each field on the coarse quarter grid (real, imaginary, sum), and their energy on the whole grid."""
+    def _tables(self, fade: float) -> tuple[list[tuple[Matrix, Matrix]], float]:
+        """Return each field on the coarse quarter grid (see `_factors`), and their energy on the whole grid."""
         x = np.arange(self._count, dtype=np.float64) * self._coarse
         r = np.hypot(x[None, :], x[:, None])
         edge = taper(x, self._half - fade, self._half)  # a hard edge would cause ripples over the whole sensor
@@ -187,7 +204,7 @@ class DebyePlane:
             if one.order:
                 field *= one.angular(x[None, :], x[:, None])
             energy += float(np.einsum("i,ij,j", weight, np.abs(field) ** 2, weight)) * self._coarse**2
-            quarters.append(_parts(field))
+            quarters.append(_factors(field))
         return quarters, energy
 
     def _matrix(self, phase: Phase) -> Matrix:
@@ -248,20 +265,26 @@ class DebyePlane:
             self._pulses[key] = made
         return made
 
-    def _left(self, phase: Phase) -> tuple[Matrix, ...]:
-        """Return (A U)^T of a row phase for each field, in blocks (see `in_blocks`)."""
+    def _factor(self, phase: Phase, axis: int) -> tuple[Matrix, ...]:
+        """Return each field's factor on the nodes of a phase.
+
+        Along y (axis 0) it is (A C)^T in blocks (see `in_blocks`), along x A R^T ``(3, nodes, rank)``.
+        """
+        store = (self._lefts, self._rights)[axis]
         with self._lock:
-            known = self._lefts.get(phase)
+            known = store.get(phase)
         if known is not None:
             return known
         matrices = self._matrix(phase)
         made = tuple(
-            in_blocks(product(matrices[int(field.odd[0])], quarter))
-            for field, quarter in zip(self._fields, self._quarters, strict=True)
+            product(matrices[int(field.odd[axis])], factors[axis])
+            for field, factors in zip(self._fields, self._quarters, strict=True)
         )
-        for left in made:
-            left[np.abs(left) < 1e-12 * np.abs(left).max()] = 0
-        self._cache(self._lefts, phase, made, CACHED // len(made))
+        for one in made:
+            one[np.abs(one) < 1e-12 * np.abs(one).max()] = 0
+        if axis == 0:
+            made = tuple(in_blocks(one) for one in made)
+        self._cache(store, phase, made, CACHED // len(made))
         return made
 
     def _cache(self, store: dict[Phase, T], key: Phase, value: T, most: int = CACHED) -> None:
@@ -349,10 +372,10 @@ class DebyePlane:
 
     def _compute(self, y: Phase, x: Phase) -> NDArray[np.float32]:
         image = np.empty((y[3], x[3]), np.float32)
-        lefts, matrices = self._left(y), self._matrix(x)
-        light = np.zeros((matrices.shape[2], lefts[0].shape[1] * lefts[0].shape[3]), np.float32)
-        for field, left in zip(self._fields, lefts, strict=True):
-            node_light(left, matrices[int(field.odd[1])], light)
+        lefts, rights = self._factor(y, 0), self._factor(x, 1)
+        light = np.zeros((rights[0].shape[1], lefts[0].shape[1] * lefts[0].shape[3]), np.float32)
+        for left, right in zip(lefts, rights, strict=True):
+            node_light(left, right, light)
         pixel_sums(light[:, : self.rule.count(y[3])], self.rule.weights.astype(np.float32), self.rule.per_px, image)
         energy_out = float(image.sum(dtype=np.float64))
         ratio = energy_out / self._energy
