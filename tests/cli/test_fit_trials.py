@@ -124,7 +124,7 @@ def test_folders_without_frames_plan_or_positions_end_in_one_line(lfcal: Lfcal, 
     (tmp_path / "damaged" / "z0_y1_x1.png").write_bytes(b"")
     for name, what in (
         ("empty", "frames in"),
-        ("frames", f"run lfcal plan CAMERA.json --virtual-depths 3,4 -o {tmp_path / 'frames' / 'plan.json'}"),
+        ("frames", f"make a plan (lfcal plan CAMERA.json --virtual-depths 3,4 -o {tmp_path / 'frames' / 'plan.json'}"),
         ("nested", f"run lfcal fit {tmp_path / 'nested' / 'frames'}"),
         ("numbered", f"run lfcal assemble {tmp_path / 'numbered'} --order serpentine -o H.h5, then lfcal fit H.h5"),
         ("damaged", "or leave it out (lfcal assemble --skip-damaged)"),
