@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from lfcal.base import FileFormatError, InputError, LfcalError, Work, check_number, note, read_text
 from lfcal.records import CorrectionRecipe, opt, read_orientation
-from lfcal.tasks._scan_frames import TURNS, ScanFrames, find_plan, orientations
+from lfcal.tasks._scan_frames import ScanFrames, find_plan, orientations
 from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.matrices import open_matrix
 
@@ -85,7 +85,11 @@ def positions_field(help: str) -> int | None:
 
 def orientation_field() -> str:
     """Declare the field ``orientation`` of a task that reads frames."""
-    words = f"{TURNS} auto: find the orientation. check: as-is, but stop if that is clearly wrong."
+    words = (
+        "How to turn the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), "
+        "mirror-y, transpose, anti-transpose. auto: find the orientation. check: as-is, but stop if that is "
+        "clearly wrong."
+    )
     return opt("check", words, choices=orientations, read=read_orientation)
 
 

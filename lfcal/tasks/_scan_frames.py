@@ -15,14 +15,7 @@ if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan
     from lfcal.frames import Frames
 
-__all__ = ["TURNS", "ScanFrames", "find_plan", "no_plan", "orientations", "origin_field", "tell_size"]
-
-
-TURNS = (
-    "How to turn the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to right), mirror-y, "
-    "transpose, anti-transpose."
-)
-"""Help of an orientation."""
+__all__ = ["ScanFrames", "find_plan", "no_plan", "orientations", "origin_field", "tell_size"]
 
 
 def orientations() -> tuple[str, ...]:

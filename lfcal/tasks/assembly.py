@@ -25,7 +25,7 @@ from lfcal.records import (
     rows,
 )
 from lfcal.tasks._channels import ChannelPart, coloured, open_colour, parts_of
-from lfcal.tasks._scan_frames import TURNS, ScanFrames, orientations, origin_field, tell_size
+from lfcal.tasks._scan_frames import ScanFrames, orientations, origin_field, tell_size
 from lfcal.tasks.cameras import tell_assumed
 from lfcal.tasks.outputs import check_output, check_outputs
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
@@ -175,7 +175,9 @@ class AssembleRegions(_Assemble):
 
     orientation: str = opt(
         "check",
-        f"{TURNS} auto: find the orientation. check: as-is, but stop if that is clearly wrong.",
+        "How to turn the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to "
+        "right), mirror-y, transpose, anti-transpose. auto: find the orientation. check: as-is, but stop if "
+        "that is clearly wrong.",
         choices=orientations,
         read=read_orientation,
     )

@@ -21,7 +21,7 @@ from lfcal.records import (
     show_pair,
     show_planes,
 )
-from lfcal.tasks._scan_frames import TURNS, origin_field, tell_size
+from lfcal.tasks._scan_frames import origin_field, tell_size
 from lfcal.tasks.cameras import is_camera_file, load_camera, preset_names
 from lfcal.tasks.planned import Planned, PlanTask, write_plan
 from lfcal.tasks.task import RunSettings, Task, TaskSet
@@ -242,7 +242,8 @@ class PlanRecorded(_Plan):
     origin: str = origin_field("the whole sensor")
     orientation: str = opt(
         "as-is",
-        TURNS,
+        "How to turn the frames upright: as-is, rot90, rot180, rot270 (anticlockwise), mirror-x (left to "
+        "right), mirror-y, transpose, anti-transpose.",
         read=read_orientation,
         more=True,
     )

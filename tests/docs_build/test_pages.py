@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import tomllib
 from pathlib import Path
@@ -122,6 +123,19 @@ def test_links_between_pages_lead_somewhere() -> None:
             if not target.is_file() or (anchor and anchor not in anchors_of(target)):
                 broken.append(f"{page.name}: {link}")
     assert not broken
+
+
+def test_helps_of_fields_are_literal() -> None:
+    """The reference takes them from the source, which it does not run."""
+    composed = []
+    for path in sorted((ROOT / "lfcal").rglob("*.py")):
+        records = (node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.ClassDef))
+        for field in (one for record in records for one in record.body if isinstance(one, ast.AnnAssign)):
+            call = field.value
+            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in ("opt", "required"):
+                if not isinstance(call.args[call.func.id == "opt"], ast.Constant):
+                    composed.append(f"{path.name}: {ast.unparse(field.target)}")
+    assert not composed
 
 
 def test_tables_of_the_tests_are_sections_of_one_page() -> None:
