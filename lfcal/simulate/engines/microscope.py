@@ -138,7 +138,7 @@ def _factors(field: NDArray[np.complex128]) -> tuple[Matrix, Matrix]:
     rank = max(1, int(np.count_nonzero(beyond > LEFT_OUT * beyond[0])))
     turned = np.empty((order.size, rank), np.complex128)
     turned[order] = rows[:rank].T
-    return _parts(columns[:, :rank]), _parts(turned)
+    return _parts(np.asarray(columns[:, :rank], np.complex128)), _parts(turned)
 
 
 def highest_order(turns: float) -> int:
