@@ -17,7 +17,18 @@ __all__ = ["random_plan"]
 WIDEST = 121
 """Largest cutout (pixels): a wide pattern is cut, as a user would."""
 
-OBJECTIVES = ((10, 0.3, 1.0), (20, 0.5, 1.0), (40, 0.8, 1.0), (40, 0.95, 1.0), (60, 1.2, 1.33), (60, 1.4, 1.515))
+F_NUMBERS = (1.8, 16.0)
+"""Smallest and largest working f-number of photographic lenses."""
+
+OBJECTIVES = (
+    (4, 0.1, 1.0),
+    (10, 0.3, 1.0),
+    (20, 0.5, 1.0),
+    (40, 0.8, 1.0),
+    (40, 0.95, 1.0),
+    (60, 1.2, 1.33),
+    (60, 1.4, 1.515),
+)
 VIRTUAL_DEPTHS = (0, 0, 0.02, -0.05, 0.2, -0.4, 0.7, -0.8, 1.2, 1.5, 2, 2.2, 3, 4, 6, -1.5, -2, -3, -5)
 DEFOCUS = (0, 0, 1, -1, 3, -5, 10, 25, -25)
 """Distance from the focal plane in units of lambda/NA² over 2."""
@@ -66,14 +77,16 @@ def _microscope(rng: np.random.Generator) -> tuple[Camera, float]:
 def _photographic(rng: np.random.Generator) -> tuple[Camera, float]:
     from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
 
-    pixel, working = float(rng.choice([2.2, 3.45, 4.5, 5.5, 7.4, 9.0])), float(rng.choice([2.2, 2.8, 4, 5, 5.6, 8]))
+    pixel = float(rng.choice([2.2, 3.45, 4.5, 5.5, 7.4, 9.0]))
+    working = math.exp(rng.uniform(*map(math.log, F_NUMBERS)))
     pitch = pixel * float(rng.uniform(9, 20))
     hexagonal = rng.random() < 0.7
     focal = float(rng.choice([25e3, 50e3, 100e3]))
     distance = focal * float(rng.choice([4, 6, 12]))
     image = 1 / (1 / focal - 1 / distance)
     gap = pitch * working * float(rng.uniform(0.9, 1.1))
-    kinds = [(2.0,), (3.0,), (2.0, 3.0, 5.0), (1.8, 2.5, 4.0)] if hexagonal else [(2.0,), (3.5,)]
+    alike = [(2.0,), (3.0,), (math.inf,)]
+    kinds = [*alike, (2.0, 3.0, 5.0), (1.8, 2.5, 4.0)] if hexagonal else alike
     types = tuple(LensType.focused_at(v, gap) for v in kinds[rng.integers(len(kinds))])
     camera = Camera(
         "photographic",

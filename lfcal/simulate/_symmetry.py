@@ -1,4 +1,4 @@
-"""Find source rows whose responses are mirror images of each other."""
+"""Find sources whose responses are mirror images of each other, and arrays that act on rows and columns separately."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.scene import PupilIris, Scene
 
-__all__ = ["folded", "is_mirror_symmetric", "mirrored_rows"]
+__all__ = ["AxisPhase", "axis_phase", "folded", "is_mirror_symmetric", "is_separable", "mirrored_rows"]
 
 EXACT = 1e-6
 """Largest error of position (pixels) at which two rows still count as mirror images."""
+
+AxisPhase = tuple[float, float, float, int]
+"""Lenslet position relative to the source, shift of the nodes, pitch (µm), and pixels of the cutout, along an axis."""
 
 
 def folded(axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
@@ -69,3 +72,38 @@ def mirrored_rows(scene: AnyScene, rows: NDArray[np.int64]) -> dict[int, int]:
                 pairs[i] = j
                 break
     return pairs
+
+
+def is_separable(scene: Scene) -> bool:
+    """Return whether the array acts on rows and columns separately."""
+    lattice = scene.lattice
+    upright = lattice.rotation_rad == lattice.shear_rad == 0 and scene.tilt == (0, 0) and not scene.exact_rays
+    alike = len(lattice.types) == 1 and not scene.defects and scene.lenslet_quartic == scene.accept[0] == 0
+    square = lattice.kind == "square" and scene.gapless and upright
+    return square and math.isinf(scene.pupil_um) and alike
+
+
+def axis_phase(scene: Scene, axis: int, source_um: float, pixel: int) -> tuple[AxisPhase, bool]:
+    """Return the phase of a source coordinate along an axis, and whether its response is a mirror image.
+
+    The responses of a separable scene depend only on the phases of the source along both axes.
+
+    Parameters
+    ----------
+    scene
+        A separable scene.
+    axis
+        0 for rows, 1 for columns.
+    source_um, pixel
+        Coordinate of the source, and the middle pixel of its cutout.
+    """
+    lattice = scene.lattice
+    pitch = (lattice.row_step_um, lattice.pitch_um)[axis]
+    place = (lattice.offset_um[1 - axis] - source_um) % pitch
+    shift = pixel * scene.pixel_um - source_um
+    grain = scene.pixel_um * 1e-9  # places that differ only by rounding must have the same key
+    mirrored = (pitch - place) % pitch
+    flip = (round(mirrored / grain), round(-shift / grain)) < (round(place / grain), round(shift / grain))
+    if flip:
+        place, shift = mirrored, -shift
+    return (round(place / grain) * grain, round(shift / grain) * grain, pitch, scene.cutout[axis]), flip

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Meter, Progress, Work, worker_count
 from lfcal.camera import ScanPlan
-from lfcal.simulate.accuracy import EFFECTS_SHARE, EffectSelection, correct_rate, plan_effects
+from lfcal.simulate._pupil_scene import PupilScene
+from lfcal.simulate.accuracy import EFFECTS_SHARE, EffectSelection, Traits, correct_rate, plan_effects
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import Sampling
 from lfcal.simulate.response import PlaneResponse
@@ -155,7 +156,8 @@ class PlaneTask:
             # matrix products in threads of the BLAS: of the process's time, at most as much as they can have used
             spent = max(spent, min(time.process_time() - cpu, count * elapsed))
         if self.sampling is None:  # of a given sampling, nothing was forecast
-            correct_rate(outlook, response.level, self.tolerance, response.runs, spent)
+            traits = None if isinstance(response.scene, PupilScene) else Traits.of(response.scene)
+            correct_rate(outlook, response.level, self.tolerance, response.runs, spent, traits)
         error = response.reached + self.left_out + lost
         known = {"error": error} if math.isfinite(error) else {}
         record = {**response.record(), "seconds": round(elapsed, 3), "processor_seconds": round(spent, 3), **known}

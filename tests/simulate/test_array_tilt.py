@@ -9,11 +9,10 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.simulate._symmetry import is_mirror_symmetric
+from lfcal.simulate._symmetry import is_mirror_symmetric, is_separable
 from lfcal.simulate.effects import ArrayTilt, LensletDiffraction
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.microscope import is_separable
 from lfcal.simulate.engines.tilted import TiltedArray
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene

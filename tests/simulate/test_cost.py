@@ -3,21 +3,36 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
 from benchmarks._effect_scenes import random_plan
-from lfcal.camera import ScanPlan, preset
+from benchmarks.forecast import RISE
+from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.simulate import plan_effects, simulate_psf
 from lfcal.simulate._pupil_scene import AnyScene
-from lfcal.simulate.accuracy import calibration, cost
+from lfcal.simulate.accuracy import _work, calibration, cost
+from lfcal.simulate.accuracy._work import Light, Traits, engine_work
 from lfcal.simulate.accuracy.cost import efficient_steps, engine_seconds, step_for
 from lfcal.simulate.accuracy.probe import settle
 from lfcal.simulate.accuracy.sampling import steps_for
-from lfcal.simulate.effects import Outlook
+from lfcal.simulate.effects import (
+    ArrayRotation,
+    LensletDiffraction,
+    Outlook,
+    SceneEffect,
+    Telecentricity,
+    catalogue,
+)
+from lfcal.simulate.engines import engine_for
+from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.engines.grid import GridPlane
+from lfcal.simulate.engines.microscope import DebyePlane
 from lfcal.simulate.staging import lattice_scene_for, outlook_of, resolve_level, scene_for, wave_level
 from tests.simulate.common import BASE, small_plan
 
@@ -38,7 +53,7 @@ def test_lenslets_that_miss_the_cutout_cost_nothing(level: str) -> None:
 @pytest.fixture
 def same_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compute with the speed of the machine on which the constants were measured, and without corrections."""
-    monkeypatch.setattr(calibration, "_timed_rate", lambda: cost.FITTED_RATE)
+    monkeypatch.setattr(calibration, "_timed_rate", lambda: _work.FITTED_RATE)
     monkeypatch.setattr(calibration, "_SPEED", None)
 
 
@@ -60,9 +75,11 @@ def test_simulations_correct_the_forecast(off: float) -> None:
 def test_a_grid_does_not_correct_the_forecast_of_the_debye_path() -> None:
     """With exact angles, a microscope runs on a grid, up to 40 times slower: forecasts became 5 times too long."""
     outlook = outlook_of(ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[5.0], cutout=121), 0)
-    before = engine_seconds(outlook, "debye")
-    cost.correct_rate(outlook, "grid", 0.03, 1, 40 * before)
+    before, exact = engine_seconds(outlook, "debye"), Traits(separable=False, exact=True)
+    on_grid = engine_seconds(outlook, "debye", 0.03, exact)
+    cost.correct_rate(outlook, "grid", 0.03, 1, 3 * on_grid, exact)
     assert engine_seconds(outlook, "debye") == before
+    assert engine_seconds(outlook, "debye", 0.03, exact) == pytest.approx(3 * on_grid)
     cost.correct_rate(outlook, "debye", 0.03, 10, 20 * before)
     assert engine_seconds(outlook, "debye") == pytest.approx(2 * before)
 
@@ -108,7 +125,8 @@ def test_windows_of_a_long_row_share_their_masks() -> None:
 def test_costs_decide(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a transform that takes 100 times as long, windows are the faster ones of the same scene."""
     scene, outlook = described(bench_plan())
-    monkeypatch.setattr(cost, "PER_SAMPLE", 100 * cost.PER_SAMPLE)
+    monkeypatch.setattr(_work, "PER_SAMPLE", 100 * _work.PER_SAMPLE)
+    monkeypatch.setattr(cost, "RISK", math.inf)
     for one in (scene, outlook):
         assert [step_for(one, "wave", t).level for t in (0.1, 0.05, 0.01)] == ["wave", "wave", "grid"]
         # nothing that keeps the smallest tolerance is lost
@@ -123,8 +141,120 @@ def test_costs_do_not_rise_with_the_tolerance(number: int) -> None:
     plan, _ = random_plan(number)
     level = wave_level(plan.camera)
     for one in (lattice_scene_for(plan, 0, ()), outlook_of(plan, 0)):
-        times = [cost._step_seconds(one, step) for step in efficient_steps(one, level)]
-        costs = [tables + (math.prod(one.period) + cost.PROBED) * each for tables, each in times]
+        steps = steps_for(one, level)
+        costs = [cost._plane_seconds(one, steps, step, None) for step in efficient_steps(one, level)]
         assert costs == sorted(costs)
     seconds = [plan_effects(plan, tolerance).seconds for tolerance in TOLERANCES]
     assert all(loose <= 1.01 * tight for loose, tight in pairwise(seconds)), seconds
+
+
+CAMERAS = ((preset("bench"), 4.0), (preset("bench"), 0.5), (preset("r29"), 2.0))
+
+
+def traits_of(plan: ScanPlan, *effects: SceneEffect) -> Traits:
+    return Traits.of(lattice_scene_for(plan, 0, effects))
+
+
+def test_effects_that_change_the_work_of_engines_say_so() -> None:
+    """Only their code runs to forecast the time without them."""
+    plans = [ScanPlan.for_camera(camera, virtual_depths=[v]) for camera, v in CAMERAS]
+    plans.append(ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[5.0]))
+    changing = {
+        effect.name
+        for plan in plans
+        for effect in catalogue()
+        if isinstance(effect, SceneEffect) and traits_of(plan, effect) != traits_of(plan)
+    }
+    told = {effect.name for effect in catalogue() if isinstance(effect, SceneEffect) and effect.changes_work}
+    assert "exact_angles" in changing and changing <= told
+
+
+@pytest.mark.parametrize("depth_um", [0.0, 12.0])
+def test_responses_of_the_debye_path_are_counted(depth_um: float) -> None:
+    """By the responses that the engine computes for a period."""
+    plan = ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[depth_um], cutout=31)
+    scene = lattice_scene_for(plan, 0, (LensletDiffraction(),))
+    engine = engine_for(scene, "debye", Sampling(nodes_per_px=1))
+    ny, nx = plan.period
+    engine.rows(range(ny), range(nx), workers=1)
+    assert isinstance(engine, DebyePlane)
+    assert len(engine._responses) == pytest.approx(traits_of(plan, LensletDiffraction()).responses * ny * nx)
+
+
+def test_mirrored_rows_are_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the positions that the engine computes for a period."""
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0], cutout=21)
+    computed = []
+    respond = WavePlane._respond
+    monkeypatch.setattr(
+        WavePlane, "_respond", lambda self, *args: (computed.append(len(args[0])), respond(self, *args))
+    )
+    for effects in (BASE, (*BASE, Telecentricity()), (*BASE, Telecentricity(), ArrayRotation(0.01))):
+        computed.clear()
+        scene = lattice_scene_for(plan, 0, effects)
+        engine_for(scene, "wave", Sampling(nodes_per_px=2, margin_px=1)).rows(*map(range, plan.period), workers=1)
+        assert sum(computed) == pytest.approx(Traits.of(scene).rows * math.prod(plan.period))
+
+
+@pytest.mark.parametrize(("camera", "v"), [*CAMERAS[::2], (preset("r29"), -4.0)])
+@pytest.mark.parametrize("cutout", [31, 91])
+def test_lenslets_of_a_position_are_counted(camera: Camera, v: float, cutout: int) -> None:
+    """By the lenslets that the engine computes for a row of positions."""
+    plan = ScanPlan.for_camera(camera, virtual_depths=[v], cutout=cutout)
+    scene = lattice_scene_for(plan, 0, BASE)
+    step = next(step for step in steps_for(scene, "wave") if step.level == "wave")
+    engine = engine_for(scene, "wave", step.sampling)
+    engine.rows([0], range(plan.period[1]), workers=1)
+    counted = engine.certificate.responses / plan.period[1]
+    light = Light.of(scene)
+    half = max(math.ceil(spot + step.sampling.margin_px) for spot in light.spots_px)
+    assert light.lenslets(half, step.sampling.energy_floor) == pytest.approx(counted, rel=0.4, abs=1.5)
+
+
+@pytest.mark.parametrize(("camera", "v"), CAMERAS)
+def test_the_time_of_a_grid_follows_its_transforms(camera: Camera, v: float) -> None:
+    """By n² log n of the grids that the engine makes."""
+    plan = ScanPlan.for_camera(camera, virtual_depths=[v], cutout=31)
+    scene = lattice_scene_for(plan, 0, BASE)
+    grids = [step for step in steps_for(scene, "grid") if step.level == "grid"][:3]
+    sides = [engine_for(scene, "grid", step.sampling).grid_side for step in grids]
+    for one, other, n, m in zip(grids, grids[1:], sides, sides[1:], strict=False):
+        transforms = m**2 * math.log(m) / (n**2 * math.log(n))
+        forecast = engine_work(scene, other).each / engine_work(scene, one).each
+        assert transforms / 1.5 < forecast < 1.7 * transforms
+
+
+def test_exact_angles_of_a_microscope_are_forecast_on_the_grid() -> None:
+    """They took up to 40 times as long as the forecast of the Debye path."""
+    plan = ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[5.0], cutout=61)
+    off, on = (plan_effects(plan, 0.03, {"exact_angles": setting}) for setting in ("off", "on"))
+    assert on.seconds > 4 * off.seconds and on.row("exact_angles").seconds > 3 * off.seconds
+    used = {
+        effects: settle(resolve_level(lattice_scene_for(plan, 0, effects.effects))[0], "debye", 0.03).level
+        for effects in (off, on)
+    }
+    assert list(used.values()) == ["debye", "grid"]
+
+
+@pytest.mark.parametrize("number", range(12))
+@pytest.mark.few(4)
+def test_the_work_of_a_plane_does_not_rise_with_the_tolerance(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Random cameras, by the samples of all Fourier transforms of the grids that a plane and its probe compute."""
+    plan, _ = random_plan(number)
+    plan = replace(plan, cutout=(21, 21), period=(min(plan.period[0], 8), min(plan.period[1], 8)))
+    work = 0.0
+    respond = GridPlane._respond
+
+    def counted(self: GridPlane, sources: Sequence[Any], *others: Any) -> None:
+        nonlocal work
+        work += len(sources) * self.grid_side**2
+        respond(self, sources, *others)
+
+    monkeypatch.setattr(GridPlane, "_respond", counted)
+    found = []
+    for tolerance in (0.1, 0.03, 0.01):
+        chosen = plan_effects(plan, tolerance, {"bandwidth": "off"})  # it may measure effects
+        work = 0.0
+        simulate_psf(plan, chosen, tolerance=tolerance, workers=1)
+        found.append(work)
+    assert all(loose <= RISE * tight for loose, tight in pairwise(found)), found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.simulate.accuracy import cost, forecast
+from lfcal.simulate.accuracy import _work, cost, forecast
 from lfcal.simulate.accuracy._ladder import (
     Ladder,
     LadderRung,
@@ -143,7 +144,8 @@ def test_a_forecast_refines_the_sampling_as_the_plane_does(monkeypatch: pytest.M
             raise EnergyError("energy on the sensor")
         return 2.0
 
-    monkeypatch.setattr(cost, "PER_SAMPLE", 100 * cost.PER_SAMPLE)  # windows, whose nodes are counted
+    monkeypatch.setattr(_work, "PER_SAMPLE", 100 * _work.PER_SAMPLE)  # windows, whose nodes are counted
+    monkeypatch.setattr(cost, "RISK", math.inf)
     monkeypatch.setattr(forecast, "plane_seconds", unbalanced)
     assert 2.0 < predict_seconds(plan, BASE, tolerance=0.2) < 60.0
     assert tried == [tried[0], tried[0] + 1, tried[0] + 2] * 2

@@ -15,6 +15,7 @@ from scipy.special import j0
 from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice, LensType, Microscope, ScanPlan, preset
 from lfcal.simulate import plan_effects
+from lfcal.simulate._symmetry import is_separable
 from lfcal.simulate.accuracy.cost import step_for
 from lfcal.simulate.effects import ExactAngles, LensletDiffraction, Outlook
 from lfcal.simulate.engines._debye import debye_field, debye_nodes, radial_field
@@ -23,7 +24,7 @@ from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.grid import GridPlane
 from lfcal.simulate.engines.masks import taper
-from lfcal.simulate.engines.microscope import DebyePlane, _factors, is_separable, reach_um
+from lfcal.simulate.engines.microscope import DebyePlane, _factors, reach_um
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.response import PlaneResponse
 from lfcal.simulate.scene import Scene, seidel

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from pytest import MonkeyPatch
 
 from lfcal.camera import LensletLattice, LensType, ScanPlan
 from lfcal.simulate import simulate_psf
-from lfcal.simulate.accuracy import cost, probe, sampling
+from lfcal.simulate.accuracy import _work, cost, probe, sampling
 from lfcal.simulate.accuracy.probe import settle
 from lfcal.simulate.accuracy.sampling import Fringes, LevelSampling, steps_for
 from lfcal.simulate.engines.base import Sampling
@@ -28,7 +29,8 @@ PLACES = ((3, 5), (14, 31))
 @pytest.fixture
 def slow_grids(monkeypatch: MonkeyPatch) -> None:
     """Let windows be the faster samplings of every scene."""
-    monkeypatch.setattr(cost, "PER_SAMPLE", 100 * cost.PER_SAMPLE)
+    monkeypatch.setattr(_work, "PER_SAMPLE", 100 * _work.PER_SAMPLE)
+    monkeypatch.setattr(cost, "RISK", math.inf)
 
 
 def truth(scene: Scene, samples: float) -> np.ndarray:
@@ -199,9 +201,9 @@ def test_windows_that_fail_by_adding_intensities_give_way_to_the_grid(monkeypatc
     tried: list[LevelSampling] = []
     measured = probe._ErrorProbe.measured
 
-    def far_off(self: probe._ErrorProbe, step: LevelSampling, before: probe.Settled | None = None) -> probe.Settled:
+    def far_off(self: probe._ErrorProbe, step: LevelSampling, *others: Any) -> probe.Settled:
         tried.append(step)
-        found = measured(self, step, before)
+        found = measured(self, step, *others)
         return replace(found, error=0.5) if step.level == "wave" else found
 
     monkeypatch.setattr(probe._ErrorProbe, "measured", far_off)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import LfcalError
 from lfcal.camera import ScanPlan
+from lfcal.simulate._symmetry import is_separable
 from lfcal.simulate.accuracy.cost import few_seconds, step_for
 from lfcal.simulate.accuracy.sampling import LevelSampling, finer
 from lfcal.simulate.effects import (
@@ -217,7 +218,6 @@ class Influence:
 
         The Debye path supports only separable scenes; rays need no sampling.
         """
-        from lfcal.simulate.engines import is_separable  # compiled code: loaded only when it is needed
 
         def choosy(found: tuple[Scene, str]) -> tuple[bool, bool]:
             scene, level = found

@@ -13,7 +13,7 @@ from lfcal.simulate.accuracy._ladder import (
     rung_label,
 )
 from lfcal.simulate.accuracy.calibration import machine_speed
-from lfcal.simulate.accuracy.cost import correct_rate, few_seconds, step_for
+from lfcal.simulate.accuracy.cost import Traits, correct_rate, few_seconds, step_for
 from lfcal.simulate.accuracy.forecast import cost_scaling, engine_clock, predict_seconds, timed_plane
 from lfcal.simulate.accuracy.memory import predict_bytes, task_bytes
 from lfcal.simulate.accuracy.planner import EFFECTS_SHARE, EffectSelection, PlannedEffect, plan_effects
@@ -28,6 +28,7 @@ __all__ = [
     "LadderProgress",
     "LadderRung",
     "PlannedEffect",
+    "Traits",
     "balanced",
     "correct_rate",
     "cost_scaling",

@@ -11,15 +11,16 @@ import numpy as np
 
 from lfcal.base import preparing_seconds
 from lfcal.camera import ScanPlan
+from lfcal.simulate._pupil_scene import PupilScene
 from lfcal.simulate._symmetry import mirrored_rows
-from lfcal.simulate.accuracy.cost import engine_seconds
+from lfcal.simulate.accuracy.cost import Traits, engine_seconds
 from lfcal.simulate.accuracy.probe import RETRIES
 from lfcal.simulate.accuracy.sampling import finer
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import EnergyError, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.staging import light_samples, outlook_of, wave_level
+from lfcal.simulate.staging import light_samples, outlook_of, scene_for, wave_level
 
 __all__ = [
     "CostScaling",
@@ -137,7 +138,9 @@ def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
         and not any(effect.needs_waves for effect in chosen)
     ):
         level = "geometric"
-    return _samples(plan, z, budget) * engine_seconds(outlook_of(plan, z), level)
+    scene = scene_for(plan, z, chosen)
+    traits = None if isinstance(scene, PupilScene) else Traits.of(scene)
+    return _samples(plan, z, budget) * engine_seconds(outlook_of(plan, z), level, traits=traits)
 
 
 def timed_plane(response: PlaneResponse) -> tuple[float, float]:

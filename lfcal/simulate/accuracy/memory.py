@@ -11,6 +11,7 @@ import numpy as np
 from lfcal.base import worker_count
 from lfcal.camera import ScanPlan
 from lfcal.simulate._pupil_scene import PupilScene
+from lfcal.simulate._symmetry import is_separable
 from lfcal.simulate.accuracy.cost import efficient_steps, step_for
 from lfcal.simulate.accuracy.probe import places
 from lfcal.simulate.accuracy.sampling import LevelSampling, grid_extent, steps_for, tilt_orders
@@ -279,7 +280,7 @@ def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
 
 
 def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
-    from lfcal.simulate.engines import DEBYE_CACHE_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
+    from lfcal.simulate.engines import DEBYE_CACHE_BYTES, MARGIN_PER_NODE, highest_order, reach_um
 
     if not is_separable(scene):
         margin = max(sampling.margin_px, MARGIN_PER_NODE * sampling.nodes_per_px)

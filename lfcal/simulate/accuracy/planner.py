@@ -7,10 +7,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from lfcal.base import InputError, any_of, check_number, choose, format_seconds, format_share
+from lfcal.base import InputError, LfcalError, any_of, check_number, choose, format_seconds, format_share
 from lfcal.camera import ScanPlan
+from lfcal.simulate._pupil_scene import PupilScene
 from lfcal.simulate.accuracy._estimates import estimates_of
-from lfcal.simulate.accuracy.cost import engine_times
+from lfcal.simulate.accuracy.cost import Traits, engine_seconds, seconds_within, step_seconds, table_seconds
 from lfcal.simulate.effects import (
     SETTINGS,
     ActsOn,
@@ -21,9 +22,10 @@ from lfcal.simulate.effects import (
     FrameEffect,
     LensletDiffraction,
     Outlook,
+    SceneEffect,
     catalogue,
 )
-from lfcal.simulate.staging import check_applicable, light_samples, outlook_of, wave_level
+from lfcal.simulate.staging import check_applicable, light_samples, outlook_of, scene_for, wave_level
 
 __all__ = ["EffectSelection", "PlannedEffect", "plan_effects"]
 
@@ -32,6 +34,9 @@ EFFECTS_SHARE = 0.5
 
 UNKNOWN = "unknown"
 """Reason of an effect that is off because the camera does not describe it."""
+
+USUAL = 0.03
+"""Error of the computation at which effects are compared with the whole computing time."""
 
 NEGLIGIBLE = 1e-5
 """Estimates below this fraction of the image count as zero."""
@@ -250,16 +255,17 @@ def plan_effects(
     check_applicable(plan.camera, (*effects, *(e for e in candidates if (overrides or {}).get(e.name) == "on")))
     candidates = tuple(e for e in candidates if e.applies_to(plan.camera))
     known = {effect.name for effect in effects}
-    costs = _Costs(planes, wave_level(plan.camera), tolerance)
+    costs = _Costs(plan, planes, tolerance)
     counting = tuple(e for e in candidates if _counts(e, e.name in known, frames))
     estimates = estimates_of(candidates, counting, planes, plan)
     drafts = [
         _Draft(e, settings[e.name], tuple(found), costs.of(e), known=e.name in known, frames=frames)
         for e, found in zip(candidates, estimates, strict=True)
     ]
+    slow = costs.slow(candidates)
     # False before True: first effects that take a fifth of the computing time or more, then the smallest errors
     decided = [
-        _fastest(sorted(drafts, key=lambda d: (d.seconds < 0.2 * costs.full, d.at(k).error)), k, costs)
+        _fastest(sorted(drafts, key=lambda d: (d.effect.name not in slow, d.at(k).error)), k, costs)
         for k in range(len(planes))
     ]
     rows = tuple(_row(draft, planes, [one.found for one in decided]) for draft in drafts)
@@ -285,35 +291,65 @@ def _settings(overrides: Mapping[str, str], candidates: Sequence[Effect]) -> dic
 class _Costs:
     """Predicted CPU-seconds of the whole plan."""
 
-    def __init__(self, planes: Sequence[Outlook], waves: str, tolerance: float) -> None:
-        self.outlooks, self.waves, self.tolerance = planes, waves, tolerance
-        self._times: dict[tuple[int, float], EngineSeconds] = {}
-        whole = [self.times(k, tolerance) for k in range(len(planes))]
-        self.rays = sum(engine.rays for engine in whole)
-        self.full = sum(engine.waves for engine in whole)
+    def __init__(self, plan: ScanPlan, planes: Sequence[Outlook], tolerance: float) -> None:
+        self.outlooks, self.waves, self.tolerance = planes, wave_level(plan.camera), tolerance
+        self._plan = plan
+        self._steps: dict[tuple[int, Traits | None], tuple[tuple[float, float], ...]] = {}
+        # with rays, and of a table of fringes
+        self._others = [(engine_seconds(one, "geometric"), table_seconds(one)) for one in planes]
+        self._traits: dict[tuple[str, ...], Traits | None] = {}
+        self.rays = sum(rays for rays, _ in self._others)
 
-    def times(self, plane: int, share: float) -> EngineSeconds:
-        """Return the engines' times for a plane if the computation may have the error ``share``."""
-        if (plane, share) not in self._times:
-            self._times[plane, share] = engine_times(self.outlooks[plane], self.waves, share)
-        return self._times[plane, share]
+    def times(self, plane: int, share: float, effects: Iterable[Effect] = ()) -> EngineSeconds:
+        """Return the engines' times for a plane with some effects if the computation may have the error ``share``."""
+        rays, fringes = self._others[plane]
+        key = plane, self._traits_of(e for e in effects if _changes_work(e))
+        if key[1] is None:  # single lenslets
+            return EngineSeconds(rays, engine_seconds(self.outlooks[plane], self.waves, share), fringes)
+        if key not in self._steps:
+            self._steps[key] = step_seconds(self.outlooks[plane], self.waves, key[1])
+        return EngineSeconds(rays, seconds_within(self._steps[key], share), fringes)
+
+    def _traits_of(self, effects: Iterable[Effect]) -> Traits | None:
+        """Return the traits of the scene with some effects; None behind single lenslets."""
+        chosen = tuple(effects)
+        names = tuple(effect.name for effect in chosen)
+        if names not in self._traits:
+            try:
+                scene = scene_for(self._plan, 0, chosen)
+            except LfcalError:  # for example, a typical cover glass thicker than the gap
+                return self._traits_of(chosen[:-1])
+            self._traits[names] = None if isinstance(scene, PupilScene) else Traits.of(scene)
+        return self._traits[names]
 
     def level_of(self, effects: Iterable[Effect]) -> str:
         """Return the level that the effects need; only waves are followed behind single lenslets."""
         waves = not self.outlooks[0].camera.has_lattice
         return self.waves if waves or any(effect.needs_waves for effect in effects) else "geometric"
 
-    def of(self, effect: Effect) -> float:
-        """Return the computing time that one effect adds to a wave simulation of one source point."""
-        return sum(effect.seconds(one, self.times(k, self.tolerance)) for k, one in enumerate(self.outlooks))
+    def of(self, effect: Effect, share: float | None = None) -> float:
+        """Return the time that one effect adds to a wave simulation of one source point, at the error ``share``."""
+        error, planes = self.tolerance if share is None else share, range(len(self.outlooks))
+        if _changes_work(effect):
+            added = (self.times(k, error, (effect,)).waves - self.times(k, error).waves for k in planes)
+            return max(0.0, sum(added))
+        return sum(effect.seconds(self.outlooks[k], self.times(k, error)) for k in planes)
+
+    def slow(self, effects: Iterable[Effect]) -> set[str]:
+        """Return the names of the effects that take a fifth of the computing time or more.
+
+        They are the same for all tolerances, so that the order in which effects are left out is too.
+        """
+        whole = sum(self.times(k, USUAL).waves for k in range(len(self.outlooks)))
+        return {effect.name for effect in effects if self.of(effect, USUAL) >= 0.2 * whole}
 
     def of_plane(self, plane: int, effects: Sequence[Effect], share: float) -> float:
         """Return the seconds of a plane with some effects; source points and wavelengths multiply."""
-        outlook, engine = self.outlooks[plane], self.times(plane, share)
+        outlook, engine = self.outlooks[plane], self.times(plane, share, effects)
         by_rays = self.level_of(effects) == "geometric"
         runs = len(light_samples(effects, outlook))
-        # the step from rays to waves, and further runs, are included in the seconds of the engines
-        others = sum(e.seconds(outlook, engine) for e in effects if not _in_engines(e))
+        # the step from rays to waves, further runs, and changes of the scene are included in the seconds of the engines
+        others = sum(e.seconds(outlook, engine) for e in effects if not (_in_engines(e) or _changes_work(e)))
         return runs * (engine.rays if by_rays else engine.waves) + others
 
     def compared(
@@ -332,6 +368,10 @@ class _Costs:
             return sum(self.of_plane(k, effects[k], self.tolerance - out) for k, out in enumerate(left_out))
 
         return replace(row, seconds_with=total(complete), seconds_without=total(others))
+
+
+def _changes_work(effect: Effect) -> bool:
+    return isinstance(effect, SceneEffect) and effect.changes_work
 
 
 def _in_engines(effect: Effect) -> bool:
@@ -376,13 +416,15 @@ class _Decided(NamedTuple):
 def _fastest(drafts: Sequence[_Draft], plane: int, costs: _Costs) -> _Decided:
     """Return the decisions at one plane with which it takes the least time.
 
-    What omitted effects leave of the tolerance may require a sampling that costs more time than the effects do.
+    What omitted effects leave of the tolerance may require a sampling that costs more time than the effects do. All
+    decisions of smaller tolerances are among those tried, so that the time never increases with the tolerance.
     """
-    least = costs.times(plane, costs.tolerance).waves
     best = tried = _decided(drafts, plane, EFFECTS_SHARE * costs.tolerance, costs)
-    while tried.used > 0 and costs.times(plane, costs.tolerance - tried.left_out).waves > least:
+    used = math.inf
+    while 0 < tried.used < used:  # it no longer falls if only negligible effects are left out
+        used = tried.used
         # between this limit and the error in use, the decisions do not change
-        tried = _decided(drafts, plane, math.nextafter(tried.used, 0.0), costs)
+        tried = _decided(drafts, plane, math.nextafter(used, 0.0), costs)
         if tried.seconds < best.seconds:
             best = tried
     return best

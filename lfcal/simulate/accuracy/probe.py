@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -11,7 +12,15 @@ from numpy.typing import NDArray
 from lfcal.base import InputError
 from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.accuracy.cost import efficient_steps, step_for
-from lfcal.simulate.accuracy.sampling import DEBYE_GAIN, WIDEST, LevelSampling, finer, steps_for
+from lfcal.simulate.accuracy.sampling import (
+    DEBYE_GAIN,
+    GRID_REFERENCE,
+    WIDEST,
+    LevelSampling,
+    comparison,
+    finer,
+    steps_for,
+)
 from lfcal.simulate.engines import SWITCH, EnergyError, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.scene import Scene
 
@@ -28,12 +37,6 @@ VISIBLE_COHERENT, VISIBLE_SUMMED = 0.65, 0.5
 
 VISIBLE_BY_GRID = 0.9
 """The same for windows compared with a grid, which has no such error."""
-
-FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.8))
-"""Index of the sampling with which samplings on a grid are compared, and the fraction of their error that shows."""
-
-GRID_REFERENCE = 0.003
-"""Largest error of the grid with which windows are compared."""
 
 OF_WINDOWS = 1.5
 """Factor by which the error of windows may exceed the expected one."""
@@ -113,7 +116,7 @@ def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False)
         if (stuck and step.level == level) or (summed and step in probe.summed):
             continue
         try:
-            found = probe.measured(step, settled)
+            found = probe.measured(step, settled, share)
         except (InputError, EnergyError):
             if settled is None:
                 raise
@@ -174,6 +177,7 @@ class _ErrorProbe:
         small = self._reference_side() <= LARGEST_GRID
         self.by_reference = level == "wave" and not self._on_grid and scene.exact_rays and small
         self._computed: dict[tuple[str, Sampling], Responses] = {}
+        self._last: tuple[tuple[str, Sampling], PlaneEngine, Sampling] | None = None
 
     @property
     def summed(self) -> tuple[LevelSampling, ...]:
@@ -194,10 +198,15 @@ class _ErrorProbe:
         across = 2 * scene.shadow_radius_um + 4 * scene.lattice.pitch_um
         return samples * max(across / scene.reduced_pixel_um, max(scene.cutout))
 
-    def measured(self, step: LevelSampling, before: Settled | None = None) -> Settled:
-        """Return a sampling with its error, which is predicted if nothing finer can be computed."""
-        engine, found, sampling = balanced(self.scene, step.level, step.sampling)
-        self._computed[step.level, sampling] = found
+    def measured(self, step: LevelSampling, before: Settled | None = None, share: float = 0.0) -> Settled:
+        """Return a sampling with its error.
+
+        The error is predicted if nothing finer can be computed. It is that of the sampling ``before`` less the
+        difference of the two if this is at most ``share``.
+        """
+        engine, found, sampling = self._balanced(step)
+        if before is not None and (error := self._remaining(step, before)) <= share:
+            return Settled(engine, step.level, sampling, error)
         for level, finer_sampling, visible in self._references(step, sampling, engine.level):
             try:
                 truth = self._responses(level, finer_sampling)
@@ -209,6 +218,23 @@ class _ErrorProbe:
             return Settled(engine, step.level, sampling, MARGIN * error / visible)
         return Settled(engine, step.level, sampling, self._improved(step, before))
 
+    def _balanced(self, step: LevelSampling) -> tuple[PlaneEngine, Responses, Sampling]:
+        """Return what `balanced` does for a step; the engine of the last comparison is used again."""
+        if self._last is not None and self._last[0] == (step.level, step.sampling):
+            _, engine, sampling = self._last
+            return engine, self._computed[step.level, sampling], sampling
+        engine, found, sampling = balanced(self.scene, step.level, step.sampling)
+        self._computed[step.level, sampling] = found
+        return engine, found, sampling
+
+    def _remaining(self, step: LevelSampling, before: Settled) -> float:
+        """Return the error of a step with which the sampling ``before`` was compared; infinite for others."""
+        for other in self._on_grid:
+            against = comparison(self._on_grid, other)
+            if (other.level, other.sampling) == (before.level, before.sampling) and against and against[0] == step:
+                return before.error * (1 - against[1])
+        return math.inf
+
     def _improved(self, step: LevelSampling, before: Settled | None) -> float:
         """Return the error of a sampling without comparison: better than the one before by the expected factor."""
         known = [s.expected for s in self.steps if before and (s.level, s.sampling) == (before.level, before.sampling)]
@@ -218,7 +244,10 @@ class _ErrorProbe:
 
     def _responses(self, level: str, sampling: Sampling) -> Responses:
         if (level, sampling) not in self._computed:
-            self._computed[level, sampling] = balanced(self.scene, level, sampling)[1]
+            self._last = None  # free its tables first
+            engine, self._computed[level, sampling], used = balanced(self.scene, level, sampling)
+            if used == sampling:
+                self._last = (level, sampling), engine, sampling
         return self._computed[level, sampling]
 
     def _references(self, step: LevelSampling, sampling: Sampling, level: str) -> Iterator[tuple[str, Sampling, float]]:
@@ -232,13 +261,11 @@ class _ErrorProbe:
             for more in (3, 1):
                 yield step.level, replace(sampling, samples_per_px=(sampling.samples_per_px or 8) + more), 1.0
         elif step.level == "grid":
-            if step in self._on_grid[: len(FINER_GRID)]:
-                finer_one, visible = FINER_GRID[self._on_grid.index(step)]
-                if finer_one < len(self._on_grid):
-                    yield "grid", self._on_grid[finer_one].sampling, visible
+            if (other := comparison(self._on_grid, step)) is not None:
+                yield "grid", other[0].sampling, other[1]
         else:
-            for other in (s for s in self._on_grid if s.expected <= GRID_REFERENCE):
-                yield "grid", other.sampling, VISIBLE_BY_GRID
+            for grid in (s for s in self._on_grid if s.expected <= GRID_REFERENCE):
+                yield "grid", grid.sampling, VISIBLE_BY_GRID
             if self.by_reference:
                 yield "reference", steps_for(self.scene, "reference")[1].sampling, 1.0
             for wider in WIDER:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from lfcal.simulate._pupil_scene import AnyScene, PupilScene
+from lfcal.simulate._symmetry import is_separable
 from lfcal.simulate.effects import Outlook
 from lfcal.simulate.engines import (
     MAX_ORDERS,
@@ -13,6 +15,7 @@ from lfcal.simulate.engines import (
     MAX_SIDE,
     PUPIL_LEVELS,
     SWITCH,
+    SWITCH_EXACT,
     Extent,
     Sampling,
     pupil_error,
@@ -20,9 +23,11 @@ from lfcal.simulate.engines import (
 from lfcal.simulate.scene import Scene
 
 __all__ = [
+    "GRID_REFERENCE",
     "WIDEST",
     "Fringes",
     "LevelSampling",
+    "comparison",
     "finer",
     "grid_extent",
     "grid_margin",
@@ -72,6 +77,12 @@ GRID: tuple[tuple[float, int, float, float], ...] = (
 )
 """Steps on one grid. Each has the ratio of samples to the fewest for the light's angles, the ratio to the fewest for
 the lenslets' edges, the fraction of light outside its margins, and the expected total error."""
+
+FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.8))
+"""Index of the sampling with which samplings on a grid are compared, and the fraction of their error that shows."""
+
+GRID_REFERENCE = 0.003
+"""Largest error of the grid with which windows are compared."""
 
 KINK = 1.4
 """Oversampling on one grid if light meets the kink between lenslets, relative to other light. With 1.2 times the
@@ -157,19 +168,24 @@ class Fringes:
         return 0.4 / self.pitch_px
 
 
-def steps_for(described: AnyScene | Outlook, level: str) -> tuple[LevelSampling, ...]:
+def steps_for(
+    described: AnyScene | Outlook, level: str, *, exact: bool = False, separable: bool = True
+) -> tuple[LevelSampling, ...]:
     """Return the samplings of a level, fastest first.
 
     Level ``"wave"``: windows whose intensities are added, then the whole array on one grid; or windows whose fields are
     added, if no grid is large enough for the scene. Level ``"debye"``: nodes of the separable path; for other arrays, a
     grid. Level ``"grid"``: all grids that are small enough, or else the smallest one, which the engine rejects as too
     large.
+
+    ``exact`` and ``separable`` are those of the effects on an outlook; a scene has its own.
     """
     if isinstance(described, PupilScene):
         return _pupil_steps(described, level)
     fringes = Fringes.of(described)
     if level == "debye":
-        grid = _grid_steps(described, fringes) if isinstance(described, Scene) and not _separable(described) else ()
+        by_rows = is_separable(described) if isinstance(described, Scene) else separable
+        grid = () if by_rows else _grid_steps(described, fringes)
         if grid:
             return grid
         known = [LevelSampling(level, Sampling(nodes_per_px=n), error) for n, error in DEBYE_NODES]
@@ -183,7 +199,7 @@ def steps_for(described: AnyScene | Outlook, level: str) -> tuple[LevelSampling,
     grid = _grid_steps(described, fringes)
     if level == "grid":
         return grid or _every_grid_step(described, fringes)[:1]
-    if grid and _near(described):  # spots overlap, and windows do not follow exact angles
+    if grid and _near(described, exact=exact):  # spots overlap, and windows do not follow exact angles
         return grid
     steps = []
     for margin, per_cycle, error in WINDOWS:
@@ -200,6 +216,20 @@ def steps_for(described: AnyScene | Outlook, level: str) -> tuple[LevelSampling,
         )
         steps.append(LevelSampling(level, sampling, error))
     return tuple(steps)
+
+
+def comparison(steps: Sequence[LevelSampling], step: LevelSampling) -> tuple[LevelSampling, float] | None:
+    """Return the step on one grid with which ``step`` is compared first, and the fraction of its error that shows.
+
+    ``steps`` are those of the scene; the fraction is that of samplings on a grid, and 1 for windows.
+    """
+    grids = [one for one in steps if one.level == "grid"]
+    if step.level == "wave":
+        return next(((one, 1.0) for one in grids if one.expected <= GRID_REFERENCE), None)
+    if step not in grids[: len(FINER_GRID)]:
+        return None
+    index, visible = FINER_GRID[grids.index(step)]
+    return (grids[index], visible) if index < len(grids) else None
 
 
 def _pupil_steps(scene: PupilScene, level: str) -> tuple[LevelSampling, ...]:
@@ -280,16 +310,13 @@ def grid_extent(described: Scene | Outlook) -> Extent:
     return Extent(described.shadow_px, aside, max(described.cutout) / 2, described.camera.pitch_px)
 
 
-def _separable(scene: Scene) -> bool:
-    from lfcal.simulate.engines import is_separable  # compiled code: loaded only when it is needed
+def _near(described: Scene | Outlook, *, exact: bool = False) -> bool:
+    """Return whether the field near the native plane is computed without removing its sphere.
 
-    return is_separable(scene)
-
-
-def _near(described: Scene | Outlook) -> bool:
-    """Return whether the field near the native plane is computed without removing its sphere."""
+    ``exact``: whether an outlook's angles are exact.
+    """
     if isinstance(described, Outlook):
-        return described.fresnel_main < SWITCH
+        return described.fresnel_main < (SWITCH_EXACT if exact else SWITCH)
     from lfcal.simulate.engines import choose_mode
 
     return choose_mode(described) == "U"

@@ -70,6 +70,7 @@ class Spherical(_Aberration):
     waves: float = 0.25
 
     name: ClassVar[str] = "spherical"
+    changes_work: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"waves": "waves"}
     titles: ClassVar[Mapping[str, str]] = {"waves": "size W040"}
     title: ClassVar[str] = "spherical aberration"
@@ -107,6 +108,7 @@ class Coma(_Aberration):
     angle_rad: float = 0.0
 
     name: ClassVar[str] = "coma"
+    changes_work: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"waves": "waves"}
     titles: ClassVar[Mapping[str, str]] = {"waves": "size W131", "angle_rad": "direction"}
     title: ClassVar[str] = "coma"
@@ -146,6 +148,7 @@ class Zernike(_Aberration):
     terms: Wavefront = ()
 
     name: ClassVar[str] = "zernike"
+    changes_work: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"terms": "waves"}
     title: ClassVar[str] = "measured wavefront"
     rank: ClassVar[int] = 72
@@ -207,6 +210,7 @@ class FieldAberrations(SceneEffect):
     radius_um: float = 10e3
 
     name: ClassVar[str] = "field_aberrations"
+    changes_work: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("coma", "astigmatism", "astigmatism_y", "astigmatism_x", "spherical"), "waves"
     )

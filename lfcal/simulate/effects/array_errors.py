@@ -36,6 +36,7 @@ class Telecentricity(SceneEffect):
     name: ClassVar[str] = "telecentricity"
     title: ClassVar[str] = "loss of telecentricity"
     rank: ClassVar[int] = 50
+    changes_work: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the increase of the pattern's period (px), and the relative error due to the rms spot shift."""
@@ -117,6 +118,7 @@ class ArrayRotation(SceneEffect):
     angle_rad: float = math.radians(0.05)
 
     name: ClassVar[str] = "array_rotation"
+    changes_work: ClassVar[bool] = True
     titles: ClassVar[Mapping[str, str]] = {"angle_rad": "turn from +x to +y"}
     title: ClassVar[str] = "array rotation error"
     rank: ClassVar[int] = 81
@@ -158,6 +160,7 @@ class PitchError(SceneEffect):
     relative: float = 1e-4
 
     name: ClassVar[str] = "pitch_error"
+    changes_work: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"relative": "share"}
     titles: ClassVar[Mapping[str, str]] = {"relative": "pitch too large by"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"relative": (-0.5, 0.5)}
@@ -207,6 +210,7 @@ class ArrayTilt(SceneEffect):
     columns_rad: float = 1e-3
 
     name: ClassVar[str] = "array_tilt"
+    changes_work: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"rows_rad": (-0.2, 0.2), "columns_rad": (-0.2, 0.2)}
     title: ClassVar[str] = "array tilt"
     rank: ClassVar[int] = 83

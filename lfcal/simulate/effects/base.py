@@ -337,6 +337,9 @@ class SceneEffect(Effect):
     lenslet_diffraction lenslet_spherical lens_law vectorial spherical coma zernike field_aberrations
     """
 
+    changes_work: ClassVar[bool] = False
+    """Whether the effect changes how much an engine computes: by the symmetry of the array, the pupil or the fields."""
+
     __slots__ = ()
     acts_on: ClassVar[ActsOn] = ActsOn.SCENE
 

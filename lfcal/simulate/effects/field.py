@@ -87,6 +87,7 @@ class MechanicalVignetting(SceneEffect):
     radius: float = 1.05
 
     name: ClassVar[str] = "vignetting"
+    changes_work: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"radius": "pupil radii"}
     titles: ClassVar[Mapping[str, str]] = {"distance_um": "from pupil to rim", "radius": "radius of the rim"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"radius": (1e-3, math.inf)}

@@ -103,6 +103,7 @@ class Distortion(SceneEffect):
     radius_um: float = 10e3
 
     name: ClassVar[str] = "distortion"
+    changes_work: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"relative": (-0.5, 0.5), "radius_um": (1.0, 1e9)}
     title: ClassVar[str] = "distortion"
     rank: ClassVar[int] = 67

@@ -51,6 +51,7 @@ class MissingLenslets(SceneEffect):
     name: ClassVar[str] = "missing_lenslets"
     title: ClassVar[str] = "defective lenslets"
     rank: ClassVar[int] = 84
+    changes_work: ClassVar[bool] = True
     deviation: ClassVar[bool] = True
     measured_by: ClassVar[str] = WHITE_IMAGE
 
@@ -126,6 +127,7 @@ class LensletSpherical(SceneEffect):
     type_2: float = 0.0
 
     name: ClassVar[str] = "lenslet_spherical"
+    changes_work: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = dict.fromkeys(("waves", *OF_TYPES), (-10.0, 10.0))
     title: ClassVar[str] = "lenslets' spherical aberration"
     rank: ClassVar[int] = 25

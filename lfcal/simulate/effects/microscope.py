@@ -41,6 +41,7 @@ class VectorialPupil(SceneEffect):
     name: ClassVar[str] = "vectorial"
     title: ClassVar[str] = "light as a vector field"
     rank: ClassVar[int] = 62
+    changes_work: ClassVar[bool] = True
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:

@@ -169,6 +169,7 @@ class IrisShape(SceneEffect):
     rotation_rad: float | None = None
 
     name: ClassVar[str] = "iris_shape"
+    changes_work: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"blades": "", "curvature": ""}
     titles: ClassVar[Mapping[str, str]] = {"curvature": "curvature of blades", "rotation_rad": "turn of blades"}
     described: ClassVar[Mapping[str, str]] = {
@@ -243,6 +244,7 @@ class ExactAngles(SceneEffect):
     name: ClassVar[str] = "exact_angles"
     title: ClassVar[str] = "angles beyond the paraxial"
     rank: ClassVar[int] = 60
+    changes_work: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the displacement of the marginal ray (px), and the relative error due to the mean displacement."""
@@ -319,6 +321,7 @@ class LensLaw(SceneEffect):
     tangent: float = 1.0
 
     name: ClassVar[str] = "lens_law"
+    changes_work: ClassVar[bool] = True
     units: ClassVar[Mapping[str, str]] = {"tangent": ""}
     titles: ClassVar[Mapping[str, str]] = {"tangent": "0 sine condition, 1 tangent law"}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"tangent": LAWS}

@@ -137,6 +137,7 @@ class AngularResponse(SceneEffect):
     half_angle_rad: float = math.radians(25.0)
 
     name: ClassVar[str] = "angular_response"
+    changes_work: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"half_angle_rad": (0.01, 1.57)}
     title: ClassVar[str] = "pixels' response to angles"
     rank: ClassVar[int] = 91

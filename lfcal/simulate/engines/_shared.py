@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from lfcal.simulate.engines.base import LEVELS, Certificate, Displaceable, EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.engines.extent import MAX_ORDERS, MAX_SAMPLES, MAX_SIDE, SWITCH, Extent
+from lfcal.simulate.engines.extent import MAX_ORDERS, MAX_SAMPLES, MAX_SIDE, SWITCH, SWITCH_EXACT, Extent
 from lfcal.simulate.engines.field import choose_mode, field_modes
 from lfcal.simulate.engines.grid import extent_of, largest_angle
 from lfcal.simulate.engines.masks import MAX_CACHED, MAX_TABLE, bent_fineness, fineness
-from lfcal.simulate.engines.microscope import DEBYE_CACHE_BYTES, MARGIN_PER_NODE, highest_order, is_separable, reach_um
+from lfcal.simulate.engines.microscope import DEBYE_CACHE_BYTES, MARGIN_PER_NODE, highest_order, reach_um
 from lfcal.simulate.engines.pupil import PUPIL_LEVELS, PupilPlane, pupil_bytes, pupil_cost, pupil_error, pupil_passed
 from lfcal.simulate.engines.reference import REFERENCE_CACHE_BYTES
 from lfcal.simulate.engines.tables import aperture_radius, aperture_width, table_reach, window_of
@@ -27,6 +27,7 @@ __all__ = [
     "PUPIL_LEVELS",
     "REFERENCE_CACHE_BYTES",
     "SWITCH",
+    "SWITCH_EXACT",
     "Certificate",
     "Displaceable",
     "EnergyError",
@@ -43,7 +44,6 @@ __all__ = [
     "field_modes",
     "fineness",
     "highest_order",
-    "is_separable",
     "largest_angle",
     "orders_of",
     "pupil_bytes",

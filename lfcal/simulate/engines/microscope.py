@@ -28,6 +28,7 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import InputError, for_each_chunk, one_blas_thread
+from lfcal.simulate._symmetry import AxisPhase, axis_phase, is_separable
 from lfcal.simulate.engines._debye import debye_fields, radial_field
 from lfcal.simulate.engines._fields_sum import wave_plane
 from lfcal.simulate.engines._nodes import fitted_rule
@@ -63,9 +64,7 @@ LEFT_OUT = 1e-5
 
 T = TypeVar("T", bound="Matrix | tuple[Matrix, ...]")
 Matrix = NDArray[np.float32]
-Phase = tuple[float, float, float, int]
-"""Lenslet position relative to the source, shift of the nodes, pitch (µm), and pixels of the cutout, along an axis."""
-Pair = tuple[Phase, Phase]
+Pair = tuple[AxisPhase, AxisPhase]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,15 +79,6 @@ class Turn:
         """Return ``image`` mirrored or transposed, as a view."""
         own = image.T if self.swapped else image
         return own[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
-
-
-def is_separable(scene: Scene) -> bool:
-    """Return whether the array acts on rows and columns separately."""
-    lattice = scene.lattice
-    upright = lattice.rotation_rad == lattice.shear_rad == 0 and scene.tilt == (0, 0) and not scene.exact_rays
-    alike = len(lattice.types) == 1 and not scene.defects and scene.lenslet_quartic == scene.accept[0] == 0
-    square = lattice.kind == "square" and scene.gapless and upright
-    return square and math.isinf(scene.pupil_um) and alike
 
 
 def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
@@ -174,9 +164,9 @@ class DebyePlane:
         self._ledger = Ledger()
         self._pilot = Pilot()
         self._lock = threading.Lock()
-        self._matrices: dict[Phase, Matrix] = {}
-        self._lefts: dict[Phase, tuple[Matrix, ...]] = {}
-        self._rights: dict[Phase, tuple[Matrix, ...]] = {}
+        self._matrices: dict[AxisPhase, Matrix] = {}
+        self._lefts: dict[AxisPhase, tuple[Matrix, ...]] = {}
+        self._rights: dict[AxisPhase, tuple[Matrix, ...]] = {}
         self._pulses: dict[tuple[float, float], Matrix] = {}
         self._responses: dict[Pair, NDArray[np.float32]] = {}
         px, lam = scene.pixel_um, scene.wavelength_um
@@ -207,7 +197,7 @@ class DebyePlane:
             quarters.append(_factors(field))
         return quarters, energy
 
-    def _matrix(self, phase: Phase) -> Matrix:
+    def _matrix(self, phase: AxisPhase) -> Matrix:
         """Return A ``(parities, 3, nodes, n)`` (real, imaginary, sum): a lenslet at ``place``, nodes moved.
 
         The first is for even fields, the second for odd ones, if there are any.
@@ -265,7 +255,7 @@ class DebyePlane:
             self._pulses[key] = made
         return made
 
-    def _factor(self, phase: Phase, axis: int) -> tuple[Matrix, ...]:
+    def _factor(self, phase: AxisPhase, axis: int) -> tuple[Matrix, ...]:
         """Return each field's factor on the nodes of a phase.
 
         Along y (axis 0) it is (A C)^T in blocks (see `in_blocks`), along x A R^T ``(3, nodes, rank)``.
@@ -287,7 +277,7 @@ class DebyePlane:
         self._cache(store, phase, made, CACHED // len(made))
         return made
 
-    def _cache(self, store: dict[Phase, T], key: Phase, value: T, most: int = CACHED) -> None:
+    def _cache(self, store: dict[AxisPhase, T], key: AxisPhase, value: T, most: int = CACHED) -> None:
         with self._lock:
             size = sum(part.nbytes for part in value)
             if len(store) >= max(1, min(most, DEBYE_CACHE_BYTES // size)):
@@ -339,22 +329,9 @@ class DebyePlane:
         """Return the CPU-seconds of ``n_positions`` of a whole period; see `PlaneEngine.predicted_seconds`."""
         return self._pilot.seconds(self, n_positions)
 
-    def _phase(self, axis: int, source: float, pixel: int) -> tuple[Phase, bool]:
-        """Return the key of a source coordinate's matrix, and whether the response is its mirror image."""
-        lattice = self.scene.lattice
-        pitch = (lattice.row_step_um, lattice.pitch_um)[axis]
-        place = (lattice.offset_um[1 - axis] - source) % pitch
-        shift = pixel * self.scene.pixel_um - source
-        grain = self.scene.pixel_um * 1e-9  # places that differ only by rounding must have the same key
-        mirrored = (pitch - place) % pitch
-        flip = (round(mirrored / grain), round(-shift / grain)) < (round(place / grain), round(shift / grain))
-        if flip:
-            place, shift = mirrored, -shift
-        return (round(place / grain) * grain, round(shift / grain) * grain, pitch, self.scene.cutout[axis]), flip
-
     def _place(self, source: tuple[float, float], pixel: tuple[int, int]) -> tuple[Pair, Turn]:
         """Return which response a source has, and how it is turned."""
-        (y, flip_y), (x, flip_x) = (self._phase(axis, source[axis], pixel[axis]) for axis in (0, 1))
+        (y, flip_y), (x, flip_x) = (axis_phase(self.scene, axis, source[axis], pixel[axis]) for axis in (0, 1))
         swapped = x < y and y[2:] == x[2:]  # same pitch and cutout along both axes: the transpose can be used too
         return ((x, y) if swapped else (y, x)), Turn(flip_y, flip_x, swapped)
 
@@ -370,7 +347,7 @@ class DebyePlane:
             self._responses[key] = made
         return made
 
-    def _compute(self, y: Phase, x: Phase) -> NDArray[np.float32]:
+    def _compute(self, y: AxisPhase, x: AxisPhase) -> NDArray[np.float32]:
         image = np.empty((y[3], x[3]), np.float32)
         lefts, rights = self._factor(y, 0), self._factor(x, 1)
         light = np.zeros((rights[0].shape[1], lefts[0].shape[1] * lefts[0].shape[3]), np.float32)
