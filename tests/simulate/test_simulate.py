@@ -182,7 +182,7 @@ def test_bad_input() -> None:
 
 def test_effects_that_are_on_at_some_planes_name_them() -> None:
     """What H was made of is known plane by plane."""
-    plan = corner(ScanPlan.for_camera(small_camera(), virtual_depths=[6.0, 4.0, 2.5], cutout=31), 1, 1)
+    plan = corner(ScanPlan.for_camera(small_camera(), virtual_depths=[6.0, 4.0, 1.2], cutout=31), 1, 1)
     found = Simulation(plan, "auto", "auto", 0.3, None)
     on = [{effect.name for effect in found.budget.at(z)[0]} for z in plan.depths_um]
     told = found.provenance()["simulated"]

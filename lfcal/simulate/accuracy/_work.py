@@ -1,6 +1,6 @@
 """Work of the engines, by counts of samples, nodes and lenslets: the time for tables, and for a position.
 
-The times per count were fitted to the engines' tables and positions for the planes of 90 random cameras, on a machine
+The times for each were fitted to the engines' tables and positions for the planes of 90 random cameras, on a machine
 with `FITTED_RATE` complex multiply-adds per second and thread in small matrix products.
 """
 
@@ -27,24 +27,29 @@ FITTED_RATE = 2e10
 SET_UP = 1e-3
 """CPU-seconds for the tables of an engine that do not grow."""
 
-PER_POSITION, PER_SAMPLE, CACHED_SIDE, BEYOND_CACHE = 1.2e-5, 1.2e-10, 512, 1.6
-"""CPU-seconds of a grid of n x n samples: for each position, and for each n² log2 n of it up to the side that fits
-into the cache; largest ratio beyond it."""
+PER_POSITION, PER_SAMPLE, PER_BINNED = 1.2e-5, 1.2e-10, 4.5e-10
+"""CPU-seconds of a grid of n x n samples for each position: for itself, for n² log2 n, and for a cutout's samples."""
+
+CACHED_SIDE, BEYOND_CACHE = 512, 1.6
+"""Side of a grid that fits into the cache, and the largest ratio of `PER_SAMPLE` beyond it."""
 
 PER_MASK, PER_ROUND_SAMPLE, PER_CELL_SAMPLE, PER_TRANSFER = 1.2e-5, 4.5e-9, 5.3e-8, 1e-8
-"""CPU-seconds of a grid's tables: for each lenslet, for each sample behind round lenslets and behind cells, and for
-each sample of the transfer function."""
+"""CPU-seconds of a grid's tables: for each lenslet, and for each sample of round lenslets, of cells and of the transfer
+function."""
 
 PER_RADIAL, PER_EDGED, PER_EDGE, PER_SHADOW, PER_ABERRATED = 2.5e-8, 1.75e-8, 8e-10, 1.5e-8, 1e-8
-"""CPU-seconds for each sample of a main lens's field: of a radial field, of a polygon and each of its edges, of the
-shadow of a round iris, and for aberrations."""
+"""CPU-seconds for each sample of a main lens's field: radial, of a polygon, of each edge, of a round shadow, and for
+aberrations."""
 
 CURVED_EDGES = 150
 """Approximate number of edges with which a pupil with curved edges is drawn."""
 
-PER_LENSLET, PER_MASKED, PER_NODE, PER_PRODUCT = 5e-6, (3.5e-9, 6e-8), 1.2e-9, 4.3e-11
-"""CPU-seconds of windows for each lenslet of a position: for itself, for each of its samples (at all, and divided by
-the positions of a row, which share masks), for each node of its window, and for each multiply-add."""
+PER_LENSLET, PER_MASKED, PER_NODE, PER_PRODUCT = 5e-6, (2.5e-9, 6e-8), 1.2e-9, 4.3e-11
+"""CPU-seconds of windows for each lenslet of a position: for itself, and for each sample, node and multiply-add. The
+second time for a sample is divided by the number of positions of a row, which share masks."""
+
+LIT = 0.9
+"""Fraction of the lenslets within the reach of the light that are lit."""
 
 FEWEST = 12
 """Smallest number of positions of a row that share masks in the fit."""
@@ -56,8 +61,11 @@ which fields are added."""
 PER_RESPONSE, PER_DEBYE_NODE, PER_DEBYE_PRODUCT = 3e-5, 1.6e-9, 6.5e-11
 """CPU-seconds of the Debye path for each response: for itself, for each node and field, and for each multiply-add."""
 
-PER_MATRIX, PER_PULSE = 1e-4, 1.5e-10
+PER_MATRIX, PER_PULSE = 1e-4, 3e-10
 """CPU-seconds of the Debye path for each matrix, and for each multiply-add of its pulses."""
+
+CACHED_NODES, BEYOND_NODES = 256, 2.2
+"""Nodes on a side of a response up to which they fit into the cache; largest ratio of the time per node beyond it."""
 
 MIRRORED = 6
 """Positions of a microscope's period for each response that is computed, if the scene is not known."""
@@ -247,7 +255,7 @@ class Light:
     def lenslets(self, half_px: float, floor: float) -> float:
         """Return the number of lit lenslets whose windows, ``half_px`` on either side, reach into the cutout."""
         reach = self.shadow_px + max(0.9 * self.tail_px(floor), 1.5 * self.radius_px)
-        lit = math.pi * reach**2 / self.cell_px2
+        lit = LIT * math.pi * reach**2 / self.cell_px2
         rows, columns = (n + 2 * half_px + 1 for n in self.cutout)
         return max(1.0, min(lit, rows * columns / max(self.cell_px2 * self.apart**2, 1e-9)))
 
@@ -262,6 +270,7 @@ class Light:
         field = traits.fields * self._field_seconds(side / per / 2, per, traits)
         beyond = max(1.0, min(BEYOND_CACHE, (side / CACHED_SIDE) ** 0.6))
         each = PER_POSITION + PER_SAMPLE * beyond * side**2 * math.log2(side)
+        each += PER_BINNED * math.prod(self.cutout) * per**2
         return Work(SET_UP + masks + field + PER_TRANSFER * side**2, traits.fields * each)
 
     def _field_seconds(self, half_px: float, per_px: float, traits: Traits) -> float:
@@ -333,5 +342,6 @@ class Light:
         matrix = PER_MATRIX + PER_PULSE * orders * max(rows, columns) * count
         left = 3 * PER_DEBYE_PRODUCT * traits.fields * rows * count**2
         fields = traits.fields * rows * columns * (PER_DEBYE_NODE + PER_DEBYE_PRODUCT * count)
+        fields *= max(1.0, min(BEYOND_NODES, (max(rows, columns) / CACHED_NODES) ** 0.6))
         tables = SET_UP + 1e-7 * traits.fields * count**2 + 1e-5 * orders
         return Work(tables, PER_RESPONSE + fields, matrix + left)

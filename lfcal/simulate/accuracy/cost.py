@@ -39,7 +39,7 @@ PROBED, PROBED_NEAR = 4, 12
 PER_PLANE, PER_VALUE = 2e-3, 4e-9
 """CPU-seconds of a plane besides the engine: to start it, and for each value of its responses."""
 
-RISK = 0.1
+RISK = 0.12
 """Largest fraction of a grid's time that may be lost if windows turn out to be too coarse."""
 
 REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 280.0, 200.0
