@@ -124,7 +124,7 @@ FINENESS = 0.02
 MAX_RUNS = 24
 """Number of light samples above which the formula for a large source or spectrum is used, to save time."""
 
-MAX_SECONDS = 15.0
+MAX_SECONDS = 6.0
 """Forecast processor time above which the formula is used: with cutouts of many hundreds of pixels, a large source
 takes minutes."""
 
@@ -187,7 +187,7 @@ class Influence:
     def _seconds(self, runs: int) -> float:
         """Return the forecast processor time of a number of runs."""
         level = resolve_level(self._scene(self._unspread))[1]
-        return few_seconds(self._outlook, level, FINENESS, runs * len(self._ys) * len(self._xs))
+        return runs * few_seconds(self._outlook, level, FINENESS, len(self._ys) * len(self._xs))
 
     def _same_scene(self, one: tuple[Effect, ...], other: tuple[Effect, ...]) -> bool:
         """Return whether two sets of effects describe the same scene and filter, so that no run is needed."""

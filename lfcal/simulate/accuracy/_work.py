@@ -58,13 +58,16 @@ PER_FIELD_SAMPLE, COHERENT_NODE = 2.5e-8, 7.5e-9
 """CPU-seconds of windows: for the light of a lenslet at each sample of the field, and for each node of a cutout at
 which fields are added."""
 
-PER_RESPONSE, PER_DEBYE_NODE, PER_DEBYE_PRODUCT = 3e-5, 1.6e-9, 6.5e-11
+PER_RESPONSE, PER_DEBYE_NODE, PER_DEBYE_PRODUCT = 4e-5, 3e-9, 4e-11
 """CPU-seconds of the Debye path for each response: for itself, for each node and field, and for each multiply-add."""
 
-PER_MATRIX, PER_PULSE = 1e-4, 3e-10
-"""CPU-seconds of the Debye path for each matrix, and for each multiply-add of its pulses."""
+PER_MATRIX, PER_PULSE, PER_FACTOR = 2.5e-4, 2e-10, 2.5e-7
+"""CPU-seconds of the Debye path for each matrix and each multiply-add of its pulses, and for each sample of a field."""
 
-CACHED_NODES, BEYOND_NODES = 256, 2.2
+RANK = 0.55
+"""Rank of a field on the Debye path, as a fraction of the samples along an axis."""
+
+CACHED_NODES, BEYOND_NODES = 400, 2.2
 """Nodes on a side of a response up to which they fit into the cache; largest ratio of the time per node beyond it."""
 
 MIRRORED = 6
@@ -340,8 +343,8 @@ class Light:
         cone = math.ceil(pitch**2 / (self.wavelength_um * self.lattice.types[0].focal_length_um) / 2)
         orders = 2 * (cone + max(20, 3 * cone)) + 1
         matrix = PER_MATRIX + PER_PULSE * orders * max(rows, columns) * count
-        left = 3 * PER_DEBYE_PRODUCT * traits.fields * rows * count**2
-        fields = traits.fields * rows * columns * (PER_DEBYE_NODE + PER_DEBYE_PRODUCT * count)
+        factor = 3 * PER_DEBYE_PRODUCT * traits.fields * rows * RANK * count**2
+        fields = traits.fields * rows * columns * (PER_DEBYE_NODE + PER_DEBYE_PRODUCT * RANK * count)
         fields *= max(1.0, min(BEYOND_NODES, (max(rows, columns) / CACHED_NODES) ** 0.6))
-        tables = SET_UP + 1e-7 * traits.fields * count**2 + 1e-5 * orders
-        return Work(tables, PER_RESPONSE + fields, matrix + left)
+        tables = SET_UP + traits.fields * (SET_UP / 10 + PER_FACTOR * count**2)
+        return Work(tables, PER_RESPONSE + fields, matrix + factor)
