@@ -78,7 +78,8 @@ def _photographic(rng: np.random.Generator) -> tuple[Camera, float]:
     from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
 
     pixel = float(rng.choice([2.2, 3.45, 4.5, 5.5, 7.4, 9.0]))
-    working = math.exp(rng.uniform(*map(math.log, F_NUMBERS)))
+    low, high = map(math.log, F_NUMBERS)
+    working = math.exp(float(rng.uniform(low, high)))
     pitch = pixel * float(rng.uniform(9, 20))
     hexagonal = rng.random() < 0.7
     focal = float(rng.choice([25e3, 50e3, 100e3]))
