@@ -16,7 +16,7 @@ from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.simulate import plan_effects, simulate_psf
 from lfcal.simulate._pupil_scene import AnyScene
 from lfcal.simulate.accuracy import _work, calibration, cost
-from lfcal.simulate.accuracy._work import Light, Traits, engine_work
+from lfcal.simulate.accuracy._work import LightSizes, Traits, engine_work
 from lfcal.simulate.accuracy.cost import efficient_steps, engine_seconds, step_for
 from lfcal.simulate.accuracy.probe import settle
 from lfcal.simulate.accuracy.sampling import steps_for
@@ -206,7 +206,7 @@ def test_lenslets_of_a_position_are_counted(camera: Camera, v: float, cutout: in
     engine = engine_for(scene, "wave", step.sampling)
     engine.rows([0], range(plan.period[1]), workers=1)
     counted = engine.certificate.responses / plan.period[1]
-    light = Light.of(scene)
+    light = LightSizes.of(scene)
     half = max(math.ceil(spot + step.sampling.margin_px) for spot in light.spots_px)
     assert light.lenslets(half, step.sampling.energy_floor) == pytest.approx(counted, rel=0.4, abs=1.5)
 

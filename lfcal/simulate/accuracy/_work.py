@@ -19,7 +19,7 @@ from lfcal.simulate.effects import Outlook
 from lfcal.simulate.engines import SWITCH, SWITCH_EXACT, Sampling
 from lfcal.simulate.scene import PupilIris, Scene
 
-__all__ = ["FITTED_RATE", "SET_UP", "Light", "Traits", "Work", "engine_work"]
+__all__ = ["FITTED_RATE", "SET_UP", "EngineWork", "LightSizes", "Traits", "engine_work"]
 
 FITTED_RATE = 2e10
 """Complex multiply-adds per second of the machine on which the times were measured."""
@@ -77,7 +77,7 @@ DIPOLES = 5
 """Fields of a vectorial scene."""
 
 
-class Work(NamedTuple):
+class EngineWork(NamedTuple):
     """CPU-seconds of an engine on the reference machine.
 
     Attributes
@@ -166,11 +166,11 @@ def _distinct(scene: Scene) -> float:
     return len(pairs) / (ny * nx)
 
 
-def engine_work(described: Scene | Outlook, step: LevelSampling, traits: Traits | None = None) -> Work:
+def engine_work(described: Scene | Outlook, step: LevelSampling, traits: Traits | None = None) -> EngineWork:
     """Return the CPU-seconds of an engine with one sampling, on the reference machine."""
     if traits is None:
         traits = Traits.of(described) if isinstance(described, Scene) else Traits()
-    light = Light.of(described)
+    light = LightSizes.of(described)
     if step.level == "debye":
         return light.debye_work(step.sampling, traits)
     if step.level == "grid":
@@ -179,7 +179,7 @@ def engine_work(described: Scene | Outlook, step: LevelSampling, traits: Traits 
 
 
 @dataclass(frozen=True, slots=True)
-class Light:
+class LightSizes:
     """Sizes that determine an engine's work: the same for a scene and for the outlook on it."""
 
     cutout: tuple[int, int]
@@ -195,7 +195,7 @@ class Light:
     gapless: bool
 
     @classmethod
-    def of(cls, described: Scene | Outlook) -> Light:
+    def of(cls, described: Scene | Outlook) -> LightSizes:
         """Return the sizes of a scene in its reduced frame, or of an outlook."""
         shapes, wavelength, f_number = (described.cutout, described.period), described.wavelength_um, described.f_number
         if isinstance(described, Outlook):
@@ -263,7 +263,7 @@ class Light:
         return max(1.0, min(lit, rows * columns / max(self.cell_px2 * self.apart**2, 1e-9)))
 
     # -- work ----------------------------------------------------------------------------------------------
-    def grid_work(self, described: Scene | Outlook, sampling: Sampling, traits: Traits) -> Work:
+    def grid_work(self, described: Scene | Outlook, sampling: Sampling, traits: Traits) -> EngineWork:
         """Return the work of all lenslets on one grid."""
         per = int(sampling.samples_per_px or 4)
         side = grid_extent(described).side(per, sampling.margin_px)
@@ -274,7 +274,7 @@ class Light:
         beyond = max(1.0, min(BEYOND_CACHE, (side / CACHED_SIDE) ** 0.6))
         each = PER_POSITION + PER_SAMPLE * beyond * side**2 * math.log2(side)
         each += PER_BINNED * math.prod(self.cutout) * per**2
-        return Work(SET_UP + masks + field + PER_TRANSFER * side**2, traits.fields * each)
+        return EngineWork(SET_UP + masks + field + PER_TRANSFER * side**2, traits.fields * each)
 
     def _field_seconds(self, half_px: float, per_px: float, traits: Traits) -> float:
         """Return the CPU-seconds of a table of the main lens's field out to ``half_px``."""
@@ -292,7 +292,7 @@ class Light:
             reach = half_px
         return SET_UP + (rate + PER_ABERRATED * traits.aberrated) * (2 * per_px * reach) ** 2
 
-    def window_work(self, sampling: Sampling, traits: Traits) -> Work:
+    def window_work(self, sampling: Sampling, traits: Traits) -> EngineWork:
         """Return the work of windows, from their lenslets, the samples on them, and nodes of windows and cutout."""
         once, shared = PER_MASKED
         masked = once + shared / max(self.period[1], FEWEST)
@@ -316,7 +316,7 @@ class Light:
         position = lenslets * (PER_LENSLET + each / len(self.lattice.types))
         if sampling.coherent:
             position += COHERENT_NODE * math.prod(self.cutout) * sampling.nodes_per_px**2
-        return Work(tables, traits.fields * position)
+        return EngineWork(tables, traits.fields * position)
 
     def _tail_seconds(self, half_px: int, sampling: Sampling) -> float:
         """Return the CPU-seconds of the light of a lens type outside its windows."""
@@ -333,7 +333,7 @@ class Light:
         shown = math.hypot(*self.cutout) / 2 + 1.5 * half_px + tails + 2
         return min(lit, shown / max(self.apart, 1e-6) + self.radius_px) + self.radius_px
 
-    def debye_work(self, sampling: Sampling, traits: Traits) -> Work:
+    def debye_work(self, sampling: Sampling, traits: Traits) -> EngineWork:
         """Return the work of rows and columns; that of their matrices is shared by all positions of a period."""
         nodes, pitch = sampling.nodes_per_px, self.lattice.pitch_um
         per = math.ceil(1.2 / (self.wavelength_um * self.f_number) * self.pixel_um)
@@ -347,4 +347,4 @@ class Light:
         fields = traits.fields * rows * columns * (PER_DEBYE_NODE + PER_DEBYE_PRODUCT * RANK * count)
         fields *= max(1.0, min(BEYOND_NODES, (max(rows, columns) / CACHED_NODES) ** 0.6))
         tables = SET_UP + traits.fields * (SET_UP / 10 + PER_FACTOR * count**2)
-        return Work(tables, PER_RESPONSE + fields, matrix + factor)
+        return EngineWork(tables, PER_RESPONSE + fields, matrix + factor)

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from lfcal.camera import Microscope
 from lfcal.simulate._pupil_scene import AnyScene, PupilScene
-from lfcal.simulate.accuracy._work import FITTED_RATE, SET_UP, Light, Traits, engine_work
+from lfcal.simulate.accuracy._work import FITTED_RATE, SET_UP, LightSizes, Traits, engine_work
 from lfcal.simulate.accuracy.calibration import machine_speed
 from lfcal.simulate.accuracy.sampling import LevelSampling, comparison, finer, steps_for
 from lfcal.simulate.effects import Outlook, PupilOutlook
@@ -127,7 +127,7 @@ def few_seconds(outlook: Outlook, level: str, tolerance: float, positions: int) 
         sampling = step_for(outlook.scene, level, tolerance).sampling
         return positions * pupil_cost(outlook.scene, level, sampling) / FITTED_RATE
     if level == "geometric":
-        light = Light.of(outlook)
+        light = LightSizes.of(outlook)
         seen = light.lenslets(math.ceil(max(light.spots_px)), 1.0)
         return SET_UP + positions * (4.5e-6 * seen + 1e-9 * outlook.pixels + 5e-6)
     # the reference has no separate sampling here: its cost is a multiple of that of the wave engine
