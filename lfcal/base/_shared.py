@@ -33,7 +33,7 @@ from lfcal.base.checks import (
     check_type,
     check_wavelength,
 )
-from lfcal.base.compiled import kernel_input, njit, preparing_seconds
+from lfcal.base.compiled import kernel_folder, kernel_input, njit, preparing_seconds
 from lfcal.base.errors import Cancelled, LfcalError, StorageError, UnsafeFileError, any_of, choose, one_line
 from lfcal.base.figures import COLOURS, DIFFERENCE_MAP, IMAGE_MAP, LINES, draw_image, figure, save_figure
 from lfcal.base.files import (
@@ -184,6 +184,7 @@ __all__ = [
     "in_order",
     "in_place_of",
     "is_alive",
+    "kernel_folder",
     "kernel_input",
     "lazy_face",
     "listed",

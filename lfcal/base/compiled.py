@@ -10,6 +10,7 @@ import functools
 import gc
 import glob
 import hashlib
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -20,18 +21,24 @@ from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Kernel", "kernel_input", "njit", "preparing_seconds"]
+from lfcal.base.notes import note
+
+__all__ = ["Kernel", "kernel_folder", "kernel_input", "njit", "preparing_seconds"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 _LOCK = threading.RLock()
 
+NOTED_AFTER = 0.5
+"""Processor time (s) that a process spends on compiling before a person at a terminal is told why it waits."""
+
 
 class _Spent(threading.local):
     """Time that this thread spent on loading and compiling kernels (CPU-seconds), and whether it is doing so."""
 
-    seconds = 0.0
+    seconds = 0.0  # loading included
+    compiling = 0.0
     busy = False
 
 
@@ -105,7 +112,7 @@ class Kernel(Generic[P, R]):
                     called = names.get(name)
                     if isinstance(called, Kernel):
                         names[name] = called.compiled()
-                made = numba.njit(**self._options)(self.function)
+                made = _made(numba, self.function, self._options)
                 _drop_unreadable_cache(made)
                 _save_code_before_index(made)
                 _drop_unreadable_code(made)
@@ -113,6 +120,23 @@ class Kernel(Generic[P, R]):
                 _clock(made)
                 self._compiled = made
             return self._compiled
+
+
+def _made(numba: Any, function: Callable[..., Any], options: dict[str, object]) -> Any:
+    """Return the numba function; without a cache on disk if no folder is writable.
+
+    numba tries ``NUMBA_CACHE_DIR``, the folder of the module, and the user's cache folder, and fails without any.
+    """
+    try:
+        return numba.njit(**options)(function)
+    except RuntimeError:
+        return numba.njit(**{**options, "cache": False})(function)
+
+
+def kernel_folder() -> str | None:
+    """Return the folder that keeps the compiled kernels of this package; None if no folder is writable."""
+    folder: str | None = _probe.compiled().stats.cache_path
+    return folder
 
 
 def _drop_unreadable_cache(dispatcher: Any) -> None:
@@ -207,10 +231,21 @@ def _clock(dispatcher: Any) -> None:
     compile_for = dispatcher.compile
 
     def counted(signature: Any) -> Any:
+        start, nested, loaded = time.thread_time(), _SPENT.busy, sum(dispatcher.stats.cache_hits.values())
         with _preparing():
-            return compile_for(signature)
+            made = compile_for(signature)
+        if not nested and sum(dispatcher.stats.cache_hits.values()) == loaded:
+            _count_compiling(time.thread_time() - start)
+        return made
 
     dispatcher.compile = counted
+
+
+def _count_compiling(seconds: float) -> None:
+    """Say once why a first run takes longer, to a person who waits at a terminal."""
+    _SPENT.compiling += seconds
+    if _SPENT.compiling > NOTED_AFTER and sys.stderr is not None and sys.stderr.isatty():
+        note("kernels are compiled now and kept; later runs start faster")
 
 
 def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:
@@ -235,3 +270,8 @@ def kernel_input(values: NDArray[Any]) -> NDArray[Any]:
     found = np.ascontiguousarray(values).view()
     found.flags.writeable = False
     return found
+
+
+@njit()
+def _probe() -> None:
+    """Do nothing; for `kernel_folder`."""

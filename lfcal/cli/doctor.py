@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 import platform
 import shutil
 import tempfile
@@ -13,7 +12,7 @@ from typing import Any
 
 import typer
 
-from lfcal.base import WORKERS, Registry, format_bytes, processors, total_memory, worker_count
+from lfcal.base import WORKERS, Registry, format_bytes, kernel_folder, processors, total_memory, worker_count
 from lfcal.cli._console import print_json, print_result, print_table, report
 from lfcal.cli._options import JsonOption
 
@@ -136,15 +135,8 @@ def _remedy(name: str) -> str:
 
 
 def _numba_cache() -> str:
-    """Return the folder of compiled kernels as text, and whether it is writable."""
-    import lfcal
-
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or Path(lfcal.__file__).parent / "__pycache__")
-    # numba makes the folder when it first writes: until then its parent must be writable
-    place = folder if folder.exists() else folder.parent
-    if os.access(place, os.W_OK):
-        return str(folder)
-    return f"{folder}: not writable; set NUMBA_CACHE_DIR, or kernels are compiled at every start"
+    """Return a folder of compiled kernels as text, or that none is writable."""
+    return kernel_folder() or "no folder is writable; set NUMBA_CACHE_DIR, or kernels are compiled at every start"
 
 
 def _speed() -> str:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from tests.architecture.test_kernels import run
+from lfcal.base import compiled, notes_to
+from tests.architecture.test_kernels import ROOT, run
 
 KERNEL = "from lfcal.base.compiled import njit\n\n@njit()\ndef first(a):\n    return a[0] + 1\n"
 
@@ -80,3 +84,55 @@ def test_an_index_names_only_what_is_there_and_nothing_old_stays(tmp_path: Path)
         source.write_text(text, encoding="utf-8")
         assert run(tmp_path, ORDER) == "True\nTrue"
         assert len(list(tmp_path.rglob("*.nbc"))) == 2, "of the present source alone"
+
+
+FOLDERS = """
+import numpy, m
+from numba.core import caching
+from lfcal.cli.doctor import _numba_cache
+unusable = UNUSABLE
+check = caching._CacheLocator.ensure_cache_path
+def checked(self):
+    if type(self).__name__ in unusable:
+        raise PermissionError
+    check(self)
+caching._CacheLocator.ensure_cache_path = checked
+print(m.first(numpy.array([7])), m.first.compiled().stats.cache_path, _numba_cache(), sep="|")
+"""
+
+
+@pytest.mark.parametrize(
+    ("unusable", "kept"), [("InTreeCacheLocator", True), ("InTreeCacheLocator UserWideCacheLocator", False)]
+)
+def test_kernels_run_where_the_package_cannot_be_written(tmp_path: Path, unusable: str, kept: bool) -> None:
+    """Without any writable folder, numba refused to make a kernel."""
+    (tmp_path / "m.py").write_text(KERNEL, encoding="utf-8")
+    code = FOLDERS.replace("UNUSABLE", repr(unusable.split()))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    environment |= dict.fromkeys(("XDG_CACHE_HOME", "HOME", "LOCALAPPDATA"), str(tmp_path / "home"))
+    environment.pop("NUMBA_CACHE_DIR", None)
+    done = subprocess.run([sys.executable, "-B", "-c", code], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    value, folder, said = done.stdout.strip().split("|")
+    assert value == "8"
+    assert bool(list((tmp_path / "home").rglob("*.nbc"))) == kept
+    assert (str(tmp_path / "home") in folder and str(tmp_path / "home") in said) == kept
+    assert ("no folder is writable; set NUMBA_CACHE_DIR" in said) != kept
+
+
+@pytest.mark.parametrize(("terminal", "lines"), [(True, 1), (False, 0)])
+def test_a_person_at_a_terminal_reads_once_why_a_first_run_takes_longer(
+    terminal: bool, lines: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
+    monkeypatch.setattr(compiled, "NOTED_AFTER", 0.0)
+
+    def added(a: int) -> int:
+        return a + 1
+
+    said: list[str] = []
+    with notes_to(said.append):
+        for kind in (1, 1.5, 1):
+            kernel = compiled.Kernel(added, {"no_cfunc_wrapper": True})
+            assert kernel(kind) == kind + 1
+    assert len(said) == lines and all("kernels are compiled now and kept" in line for line in said)
