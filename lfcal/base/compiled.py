@@ -31,7 +31,7 @@ R = TypeVar("R")
 _LOCK = threading.RLock()
 
 NOTED_AFTER = 0.5
-"""Processor time (s) that a process spends on compiling before a person at a terminal is told why it waits."""
+"""Processor time (s) that a process spends on compiling until a note at a terminal explains the wait."""
 
 
 class _Spent(threading.local):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix
 from lfcal.simulate._pupil_scene import PupilScene
-from lfcal.simulate.engines import pupil_passed
+from lfcal.simulate.engines import lattice_passed, pupil_passed
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
 from lfcal.simulate.sensor import white_tile
 from lfcal.simulate.staging import scene_for
@@ -52,13 +52,18 @@ def light_in_cutout(H: PSFMatrix, plan: ScanPlan, effects: EffectsLike) -> tuple
 
 def _passed_by_lattice(plan: ScanPlan, budget: Budget) -> list[float]:
     """Return the light that the lenslets let through, by planes."""
-    # the mean light that lenslets transmit: over one cell of the array, for any number of positions of the plan
-    # or over the part of it that the sensor contains, beginning where it fits
+    each = [budget.at(depth)[0] for depth in plan.depths_um]
+    found = [lattice_passed(scene_for(plan, z, effects)) for z, effects in enumerate(each)]
+    # by rays if pixels respond differently to angles: the mean over one cell of the array, or over the part of it that
+    # the sensor contains, beginning where it fits
     sizes = plan.camera.sensor.shape
     ny, nx = (max(1, min(round(side), n)) for side, n in zip(plan.cell_camera.period_px, sizes, strict=True))
     row, column = (min(a, float(n - size)) for a, n, size in zip(plan.anchor, sizes, (ny, nx), strict=True))
     cell = replace(plan, period=(ny, nx), cutout=(1, 1), anchor=(row, column))
-    return [float(white_tile(cell, budget.at(depth)[0]).mean()) for depth in plan.depths_um]
+    return [
+        float(white_tile(cell, effects).mean()) if light is None else light
+        for light, effects in zip(found, each, strict=True)
+    ]
 
 
 def _evenly_spaced(count: int) -> NDArray[np.intp]:

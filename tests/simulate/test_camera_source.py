@@ -15,6 +15,7 @@ from lfcal.frames import FrameSource, Position
 from lfcal.psf import assemble
 from lfcal.psf.cutout import Cutout
 from lfcal.simulate.effects import (
+    AngularResponse,
     Backlash,
     CosFourth,
     Crosstalk,
@@ -24,15 +25,19 @@ from lfcal.simulate.effects import (
     Effect,
     FiniteSource,
     FixedPattern,
+    MechanicalVignetting,
+    PitchError,
     PositioningError,
     Quantisation,
     ReadNoise,
     ShotNoise,
 )
+from lfcal.simulate.engines import lattice_passed
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.responses import DISPLACED_CACHED
 from lfcal.simulate.sensor.white import fold, white_tile
 from lfcal.simulate.simulate import simulate_psf
+from lfcal.simulate.staging import scene_for
 from tests.simulate.common import BASE, FAST, difference, small_camera, small_plan
 
 NOISE = (ShotNoise(), ReadNoise(), FixedPattern(), DarkCurrent(), Quantisation())
@@ -209,6 +214,17 @@ def test_white_frames_show_the_lattice() -> None:
     # three types differ in the sharpness of their rims, not in the light they pass
     tile = white_tile(plan, BASE)
     assert tile.mean() == pytest.approx(np.pi * (5.3 / 11) ** 2 / (np.sqrt(3) / 2), rel=0.02)
+
+
+@pytest.mark.parametrize("effect", [None, MechanicalVignetting(0.3, 0.3), PitchError(0.3), AngularResponse(0.3)])
+def test_the_light_that_lenslets_pass_is_that_of_a_uniform_scene(effect: Effect | None) -> None:
+    """A product of areas, compared with the rays of all points of a cell; none where pixels respond to angles."""
+    plan, effects = small_plan(), BASE if effect is None else (*BASE, effect)
+    passed = lattice_passed(scene_for(plan, 0, effects))
+    if isinstance(effect, AngularResponse):
+        assert passed is None
+        return
+    assert passed == pytest.approx(white_tile(plan, effects).mean(), rel=1e-3)
 
 
 @pytest.mark.parametrize("v", [2.0, 3.0, -2.0])

@@ -14,18 +14,40 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import for_each_chunk
-from lfcal.simulate.engines._polygon import Points, half_planes, iris_outline, regular
+from lfcal.simulate.engines._polygon import Points, area, half_planes, iris_outline, regular
 from lfcal.simulate.engines._spots import LitLenslets, Shapes, SpotDrawing, canvas, draw_spots
 from lfcal.simulate.engines.base import Certificate, Ledger, Pilot
 from lfcal.simulate.engines.tables import aperture_outline
 from lfcal.simulate.scene import Scene, pixel_response
 
-__all__ = ["GeometricPlane"]
+__all__ = ["GeometricPlane", "lattice_passed"]
 
 LEAST_SPOT_PX = 1e-3
 """Smallest radius of a spot; a lenslet exactly in focus is drawn with this size."""
 CIRCLE = 48
 """Number of sides of the polygon with equal area that represents a round lenslet."""
+
+
+def _outlines(scene: Scene) -> tuple[Points, Points]:
+    """Return the outlines of a lenslet about its centre (µm), and of the pupil in radii of f/(2 Nw)."""
+    lens: Points = aperture_outline(scene)
+    if scene.round_lenslets:
+        lens = regular(CIRCLE, math.pi / CIRCLE) * scene.clear_radius_um
+    return lens, iris_outline(scene.iris)
+
+
+def lattice_passed(scene: Scene) -> float | None:
+    """Return the light that lenslets transmit to the sensor's pixels, as a fraction of that of a point's full cone.
+
+    It is the mean over all positions of the point. The area in which a lenslet overlaps the pupil's shadow, integrated
+    over all displacements, is the product of both areas. None if pixels respond differently to angles.
+    """
+    if scene.accept[0]:
+        return None
+    lens, pupil = _outlines(scene)
+    a, b = scene.lattice.basis_um()
+    cell = abs(float(a[0] * b[1] - a[1] * b[0]))
+    return abs(area(lens)) / cell * abs(area(pupil)) / math.pi * scene.pixel_fill**2 if len(pupil) else 0.0
 
 
 class GeometricPlane:
@@ -37,11 +59,7 @@ class GeometricPlane:
         self.scene = scene
         self._ledger = Ledger()
         self._pilot = Pilot()
-        # both outlines in a common frame: the lenslet about its centre in µm, the pupil in radii of f/(2 Nw)
-        lens: Points = aperture_outline(scene)
-        if scene.round_lenslets:
-            lens = regular(CIRCLE, math.pi / CIRCLE) * scene.clear_radius_um
-        pupil = iris_outline(scene.iris)
+        lens, pupil = _outlines(scene)
         gap, a, cone = scene.reduced_gap_um, scene.reduced_image_um, 1 / (2 * scene.f_number)
         # 1 - B'/f of each type: the part of sigma that is independent of the plane
         at_infinity = np.array([1.0 - scene.lens_curvature(k) for k in range(len(scene.lattice.types))])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.simulate.engines._geometric import lattice_passed
 from lfcal.simulate.engines.base import LEVELS, Certificate, Displaceable, EnergyError, PlaneEngine, Sampling
 from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.extent import MAX_ORDERS, MAX_SAMPLES, MAX_SIDE, SWITCH, SWITCH_EXACT, Extent
@@ -45,6 +46,7 @@ __all__ = [
     "fineness",
     "highest_order",
     "largest_angle",
+    "lattice_passed",
     "orders_of",
     "pupil_bytes",
     "pupil_cost",
