@@ -123,9 +123,10 @@ class Kernel(Generic[P, R]):
 
 
 def _made(numba: Any, function: Callable[..., Any], options: dict[str, object]) -> Any:
-    """Return the numba function; without a cache on disk if no folder is writable.
+    """Return the numba function, which has no cache on disk if no folder is writable.
 
-    numba tries ``NUMBA_CACHE_DIR``, the folder of the module, and the user's cache folder, and fails without any.
+    numba tries ``NUMBA_CACHE_DIR``, then the module's folder, then the user's cache folder. It fails if none is
+    writable.
     """
     try:
         return numba.njit(**options)(function)
