@@ -12,6 +12,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.simulate._pupil_scene import PupilScene
 from lfcal.simulate.engines import lattice_passed, pupil_passed
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
+from lfcal.simulate.scene import Scene
 from lfcal.simulate.sensor import white_tile
 from lfcal.simulate.staging import scene_for
 
@@ -53,7 +54,8 @@ def light_in_cutout(H: PSFMatrix, plan: ScanPlan, effects: EffectsLike) -> tuple
 def _passed_by_lattice(plan: ScanPlan, budget: Budget) -> list[float]:
     """Return the light that the lenslets let through, by planes."""
     each = [budget.at(depth)[0] for depth in plan.depths_um]
-    found = [lattice_passed(scene_for(plan, z, effects)) for z, effects in enumerate(each)]
+    scenes = (scene_for(plan, z, effects) for z, effects in enumerate(each))
+    found = [lattice_passed(scene) for scene in scenes if isinstance(scene, Scene)]
     # by rays if pixels respond differently to angles: the mean over one cell of the array, or over the part of it that
     # the sensor contains, beginning where it fits
     sizes = plan.camera.sensor.shape
