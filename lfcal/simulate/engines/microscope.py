@@ -110,7 +110,7 @@ def reach_um(scene: Scene, sampling: Sampling) -> tuple[float, float]:
     return half, max(pitch / 2, min(pitch, beyond / 2))
 
 
-def _parts(value: NDArray[np.complexfloating]) -> Matrix:
+def _parts(value: NDArray[np.inexact]) -> Matrix:
     """Return real part, imaginary part and their sum, stacked; negligible values are set to 0.
 
     A hundred denormal numbers in a matrix make its products three times slower.
