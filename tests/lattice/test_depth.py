@@ -109,7 +109,7 @@ def test_views(name: str) -> None:
     kind, surface, how = VIEWS[name]
     drawn = drawn_views(kind, surface, **how)
     found = depth_map(drawn.frame, lattice((440, 440), 13.0, kind), white=drawn.white, method="views")
-    check(found, drawn, share=0.87 if name == "step" else 0.9, edges=name == "step")
+    check(found, drawn, edges=name == "step")
 
 
 @pytest.mark.parametrize("rotation", [0.3, -0.8])
