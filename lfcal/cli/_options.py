@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import typer
@@ -16,6 +17,7 @@ __all__ = [
     "ForceOption",
     "GainOption",
     "JsonOption",
+    "MaskOption",
     "MatOrderOption",
     "OriginOption",
     "PageOption",
@@ -77,6 +79,15 @@ CameraArgument: TypeAlias = Annotated[
     typer.Argument(
         autocompletion=_presets,
         help="Preset, or camera file: camera.json, Raytrix XML, oLaF yaml, napari-LF metadata …",
+    ),
+]
+
+MaskOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--mask",
+        help="Pixels to interpolate: an image that is not 0 at these pixels, or a list with one ROW,COLUMN per line. "
+        "NaN is always interpolated.",
     ),
 ]
 

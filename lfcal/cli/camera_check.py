@@ -9,7 +9,7 @@ import typer
 
 from lfcal.base import InputError, write_text
 from lfcal.cli._console import print_json, print_table, print_written, report, show_judgement
-from lfcal.cli._options import CameraArgument, ForceOption, JsonOption, OriginOption, WorkersOption
+from lfcal.cli._options import CameraArgument, ForceOption, JsonOption, MaskOption, OriginOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.multiplex import read_white
 from lfcal.tasks import check_output, load_camera
@@ -37,6 +37,7 @@ def command(
         "right), mirror-y, transpose, anti-transpose.",
     ),
     origin: OriginOption = "",
+    mask: MaskOption = None,
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera with the measured lattice as JSON."),
     anyway: bool = typer.Option(
         False, "--anyway", help="With -o: write the camera even if it does not match the white image."
@@ -60,7 +61,7 @@ def command(
     if out is None:
         refuse(context, "-o to write the camera", "none", "anyway")
     else:
-        check_output(out, camera, white, dark, force=force)
+        check_output(out, camera, white, dark, mask, force=force)
     described = load_camera(camera, light=False, without_lattice=())
     if not described.has_lattice:
         remedy = f"measure its lenslets with lfcal white {white.name} --camera {Path(camera).name} -o FOLDER"
@@ -70,7 +71,8 @@ def command(
         # both refer to the sensor as delivered, but the camera is described upright
         what = "a colour filter" if cfa else "--origin"
         raise InputError.expected("--orientation", f"as-is with {what}", orientation, "turn the white image itself")
-    frame = turn.apply(read_white(white, dark, channel, cfa if place is None else cfa_from(cfa, place)))
+    pattern = cfa if place is None else cfa_from(cfa, place)
+    frame = turn.apply(read_white(white, dark, channel, pattern, mask=mask, origin=place))
     found, turned = compared_orientations(check_camera(described, frame, origin=place, workers=workers), described)
     # a camera of another kind or with another sensor has no measured lattice to write, and is refused
     doubted = found.verdict == WRONG and found.camera is not None and not anyway

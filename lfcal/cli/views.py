@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ import typer
 from lfcal.base import InputError, check_choice, check_number
 from lfcal.camera import Camera
 from lfcal.cli._console import print_result, print_written
-from lfcal.cli._options import ForceOption, JsonOption, OriginOption, WorkersOption
+from lfcal.cli._options import ForceOption, JsonOption, MaskOption, OriginOption, WorkersOption
 from lfcal.cli._usage import refuse
 from lfcal.multiplex import CHANNELS, ColourReading, Planes, mean_plane, read_planes
 from lfcal.records import read_as, read_depths, read_virtual_depths
@@ -122,7 +122,8 @@ def _by_white(
     """Return the frame with lattice and weights from a white image; the lattice is fitted if no file contains it."""
     from lfcal.lattice import classify_lens_types, cropped, expected_blur, fit_lattice, load_lattice
 
-    light = read_planes(white, reading)
+    # the white image shows the whole sensor
+    light = read_planes(white, replace(reading, origin=None))
     if light.keys() != planes.keys():
         wanted, got = (", ".join(one) or "none (grey)" for one in (planes, light))
         raise InputError.expected(str(white), f"colours {wanted}", got, "use one camera for both")
@@ -161,6 +162,7 @@ def command(
     ),
     dark: Path | None = typer.Option(None, help="Dark frame, or a folder of them to average; subtracted from both."),
     origin: OriginOption = "",
+    mask: MaskOption = None,
     kind: str = typer.Option(
         "", help="Kind of lattice in --white: square or hexagonal; default: detected, or from the camera."
     ),
@@ -214,8 +216,8 @@ def command(
     names = [name for label in labels for name in (*view_names(label), *stack_names(label, planes))]
     names += TOTAL if types == "together" else ()
     written = [] if out is None else [out / name for name in names]
-    check_outputs(written, frame, white, lattice, dark, camera, force=force)
-    reading = ColourReading(channel, cfa, dark, parse_origin(origin))
+    check_outputs(written, frame, white, lattice, dark, camera, mask, force=force)
+    reading = ColourReading(channel, cfa, dark, parse_origin(origin), mask, repair=True)
     scene = viewed_frame(frame, GivenLattice(white, lattice, kind, pitch), described, reading)
     lattices = {"": scene.lattice}
     if types == "each" and scene.type_of is not None:

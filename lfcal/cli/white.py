@@ -11,7 +11,7 @@ import typer
 
 from lfcal.base import InputError, write_text
 from lfcal.cli._console import print_result, print_written
-from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
+from lfcal.cli._options import ForceOption, JsonOption, MaskOption, WorkersOption
 from lfcal.multiplex import read_white
 from lfcal.tasks import check_outputs, load_camera
 
@@ -40,6 +40,7 @@ def command(
     cfa: str = typer.Option(
         "", help="Colour filters of a mosaic by rows, e.g. GRBG; default: from the file or the camera."
     ),
+    mask: MaskOption = None,
     types: bool = typer.Option(True, help="Find the three lens types, if the camera has them."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Folder for lattice.json, residuals and camera.json."),
     workers: WorkersOption = None,
@@ -66,8 +67,9 @@ def command(
     if out is not None:
         in_pupil = described is not None and not described.has_lattice
         made = [*([] if in_pupil else lattice_files(out)), *([] if described is None else [out / "camera.json"])]
-        check_outputs(made, image, dark, camera, force=force)
-    light = read_white(image, dark, channel, cfa or (described.sensor.cfa if described is not None else ""))
+        check_outputs(made, image, dark, camera, mask, force=force)
+    pattern = cfa or (described.sensor.cfa if described is not None else "")
+    light = read_white(image, dark, channel, pattern, mask=mask)
     if described is not None and not described.has_lattice:
         _check_discs(kind, pitch)
         _discs(light, described, image, out, json=json)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base import FileFormatError, InputError, check_choice
+from lfcal.base import FileFormatError, InputError, check_choice, note
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,12 +24,17 @@ Planes = dict[str, "NDArray[np.float32]"]
 
 @dataclass(frozen=True)
 class ColourReading:
-    """Settings for reading frames: colour, pattern of colour filters, dark frame, position of the first pixel."""
+    """Settings for reading frames: colour, pattern of colour filters, dark frame, position of the first pixel.
+
+    With ``repair``, pixels that are not finite, and those that the file ``mask`` marks, are interpolated.
+    """
 
     channel: str
     cfa: str
     dark: Path | None
     origin: tuple[int, int] | None
+    mask: Path | None = None
+    repair: bool = False
 
 
 def read_planes(path: Path, reading: ColourReading) -> Planes:
@@ -57,12 +62,12 @@ def read_planes(path: Path, reading: ColourReading) -> Planes:
         if not wanted:
             # replace the name of the library's option by that of the command
             raise FileFormatError(str(error).replace(' (colour="G")', ", or all: --channel each")) from None
-        return {name: _plane(path, reading.dark, name) for name in wanted}
+        return {name: _plane(path, reading, name) for name in wanted}
     cfa = reading.cfa or str(image.metadata.get("cfa", ""))
     level = image.metadata.get("black_level", 0)
     image.close()
     if cfa:
-        return _mosaic(path, cfa, level, reading.dark, wanted or COLOURS)
+        return _mosaic(path, cfa, level, reading, wanted or COLOURS)
     if wanted:
         raise InputError.expected(
             f"colour of {path}",
@@ -70,14 +75,37 @@ def read_planes(path: Path, reading: ColourReading) -> Planes:
             "a grey frame",
             "leave the channel out (--channel), or state the colour filter (--cfa, e.g. GRBG)",
         )
-    return {"": _plane(path, reading.dark, None)}
+    return {"": _plane(path, reading, None)}
 
 
-def _plane(path: Path, dark: Path | None, colour: str | None) -> NDArray[np.float32]:
+def _plane(path: Path, reading: ColourReading, colour: str | None) -> NDArray[np.float32]:
     from lfcal.frames.corrections import read_average
 
-    image = read_average(path, colour=colour)
-    return image if dark is None else image - dark_level(dark, image.shape, colour)
+    image, dark = read_average(path, colour=colour), reading.dark
+    return _repaired(image if dark is None else image - dark_level(dark, image.shape, colour), path, reading)
+
+
+def _repaired(image: NDArray[np.float32], path: Path, reading: ColourReading, cfa: str = "") -> NDArray[np.float32]:
+    """Return the image with its masked and non-finite pixels interpolated, if ``reading`` requests it."""
+    import numpy as np
+
+    from lfcal.frames.corrections import frame_map, repair_nan
+
+    if not reading.repair:
+        return image
+    lost = ~np.isfinite(image)
+    if reading.mask is not None:
+        rows, columns = image.shape
+        lost |= frame_map(reading.mask, "mask", (rows, columns), reading.origin or (0, 0))
+    if lost.all():
+        raise InputError.expected(path.name, "pixels with a value", "none", "check the frame and the mask (--mask)")
+    if lost.any():
+        note(f"{path.name}: {int(lost.sum())} pixels without a value are interpolated")
+        image = np.where(lost, np.float32(np.nan), image)
+        repair_nan(image, (0, 0), np.zeros(3), cfa)
+        # the middle of a large hole has no neighbours
+        image[np.isnan(image)] = np.nanmedian(image)
+    return image
 
 
 def dark_level(dark: Path, shape: tuple[int, ...], colour: str | None = None) -> NDArray[Any]:
@@ -101,7 +129,7 @@ def dark_level(dark: Path, shape: tuple[int, ...], colour: str | None = None) ->
     return level
 
 
-def _mosaic(path: Path, cfa: str, black: Any, dark: Path | None, names: tuple[str, ...]) -> Planes:
+def _mosaic(path: Path, cfa: str, black: Any, reading: ColourReading, names: tuple[str, ...]) -> Planes:
     import numpy as np
 
     from lfcal.frames.corrections import read_average
@@ -109,10 +137,11 @@ def _mosaic(path: Path, cfa: str, black: Any, dark: Path | None, names: tuple[st
     from lfcal.multiplex.colour_filters import cfa as modulator_of
     from lfcal.multiplex.demultiplexing import demultiplex
 
-    frame = read_average(path)
+    frame, dark = read_average(path), reading.dark
     light = (
         without_black_level(frame, black) if dark is None else frame - dark_level(dark, frame.shape).astype(np.float32)
     )
+    light = _repaired(light, path, reading, cfa)
     # to measure a response, the filter must neither depend on the scene nor mix the colours
     colours = demultiplex(light, modulator_of(cfa), filter="cubic")
     return {name: np.ascontiguousarray(colours[COLOURS.index(name)], np.float32) for name in names}
@@ -124,11 +153,23 @@ def mean_plane(planes: Planes) -> NDArray[np.float32]:
     return mean
 
 
-def read_white(path: Path, dark: Path | None, channel: str = "", cfa: str = "") -> NDArray[np.float32]:
-    """Return a white image ``(rows, columns)`` minus its dark frame: grey, one colour, or the mean of a mosaic."""
+def read_white(
+    path: Path,
+    dark: Path | None,
+    channel: str = "",
+    cfa: str = "",
+    *,
+    mask: Path | None = None,
+    origin: tuple[int, int] | None = None,
+) -> NDArray[np.float32]:
+    """Return a white image ``(rows, columns)`` minus its dark frame: grey, one colour, or the mean of a mosaic.
+
+    Pixels that are not finite, and those that the file ``mask`` marks, are interpolated. ``origin`` is the sensor
+    position (row, column) of the first pixel.
+    """
     check_choice("channel", channel, ("", *COLOURS))
     try:
-        return mean_plane(read_planes(path, ColourReading(channel, cfa, dark, None)))
+        return mean_plane(read_planes(path, ColourReading(channel, cfa, dark, origin, mask, repair=True)))
     except FileFormatError as error:
         # a lattice is measured in one image only
         raise FileFormatError(str(error).replace(", or all: --channel each", "")) from None

@@ -130,3 +130,19 @@ def test_a_white_image_of_a_part_of_the_sensor(
     assert Camera.from_json(out.read_text()).sensor.shape == SHAPE
     done = lfcal(*words, "--origin", "17,40", "--orientation", "mirror-x", "--force")
     assert done.code == 2 and "as-is with --origin" in done.err
+
+
+def test_masked_pixels_of_a_part_of_the_sensor(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
+    """The list counts rows and columns on the sensor, the frame starts at --origin."""
+    white = tifffile.imread(folder / "white.tif").astype(np.float32)[10:, 20:]
+    tifffile.imwrite(tmp_path / "whole.tif", white)
+    white[90, 80], white[91, 80] = np.nan, 60000
+    tifffile.imwrite(tmp_path / "bad.tif", white)
+    (tmp_path / "mask.csv").write_text("row,column\n101,100\n")
+    found = []
+    for name, more in (("whole", ()), ("bad", ("--mask", tmp_path / "mask.csv"))):
+        given = ("camera", "check", folder / "camera.json", tmp_path / f"{name}.tif", "--origin", "10,20", *more)
+        done = lfcal(*given, "--json")
+        assert done.code == 1 and ("2 pixels without a value" in done.err) == bool(more), done.err
+        found.append(done.json["camera"]["lattice"]["pitch_um"])  # type: ignore[index]
+    assert found[0] == pytest.approx(found[1], abs=5e-3)

@@ -210,3 +210,32 @@ def test_a_lattice_is_measured_once(lfcal: Any, files: Path, tmp_path: Path, mon
     ):
         run = lfcal(*given, *lattice, *wrong)
         assert run.code == 2 and said in run.err and len(run.err.strip().splitlines()) == 1
+
+
+def test_pixels_without_a_value_are_interpolated(lfcal: Any, files: Path, tmp_path: Path) -> None:
+    """NaN and masked pixels of the frame and of the white image leave lattice and views nearly as they were."""
+    field, white = (tifffile.imread(files / f"{name}.tif").astype(np.float32) for name in ("field", "white"))
+    smooth = np.float32(1000) + 0 * field
+    for name, frame in (("smooth", smooth), ("white", white)):
+        tifffile.imwrite(tmp_path / f"{name}.tif", frame)
+        frame[100:102, 150], frame[200, 210] = np.nan, 60000
+        tifffile.imwrite(tmp_path / f"{name}_bad.tif", frame)
+    (tmp_path / "mask.csv").write_text("row,column\n# bright\n200,210\n")
+    lost = np.zeros(SHAPE, np.uint8)
+    lost[200, 210] = 1
+    tifffile.imwrite(tmp_path / "mask.tif", lost)
+    found = {}
+    for name, words in {"": (), "_bad": ("--mask", tmp_path / "mask.csv")}.items():
+        given = (tmp_path / f"smooth{name}.tif", "--white", tmp_path / f"white{name}.tif", *words)
+        run = lfcal("views", *given, "--full", "-o", tmp_path / f"out{name}")
+        assert run.code == 0, run.err
+        assert run.err.count("3 pixels without a value are interpolated") == (2 if name else 0)
+        found[name] = tifffile.imread(tmp_path / f"out{name}/views.tif")
+        words = ("white", tmp_path / f"white{name}.tif", *(("--mask", tmp_path / "mask.tif") if name else ()), "--json")
+        found[f"pitch{name}"] = json.loads(lfcal(*words).out)["pitch_px"]
+    np.testing.assert_array_equal(np.isnan(found["_bad"]), np.isnan(found[""]))
+    np.testing.assert_allclose(found["_bad"], found[""], rtol=0.03)
+    assert abs(found["pitch_bad"] - found["pitch"]) < 1e-3
+    (tmp_path / "mask.csv").write_text("row,column\n2000,210\n")
+    refused = lfcal("views", *given, "-o", tmp_path / "none")
+    assert refused.code == 2 and "2000,210; correct this pixel in the list" in refused.err
