@@ -33,7 +33,7 @@ from lfcal.fit.model import Fineness, PlaneModel, predict
 from lfcal.fit.model_error import ChiSquare, ModelError, chi_square, covariance
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import Spread, nuisance_steps
-from lfcal.fit.parameters import ScanScales, Vector, lacking
+from lfcal.fit.parameters import ScanScales, Vector, check_groups, lacking
 from lfcal.fit.problem import ERRORS, STEP, STEP_PX, Problem
 from lfcal.fit.questions import check_described, check_light
 from lfcal.fit.report import iter_fit_report
@@ -88,6 +88,7 @@ __all__ = [
     "Validation",
     "Vector",
     "check_described",
+    "check_groups",
     "check_light",
     "check_optics",
     "check_stage",

@@ -119,7 +119,11 @@ class PlaneModel:
             engine = engine.displaced(offsets)
         else:
             engine = engine_for(replace(engine.scene, offsets_um=offsets), self._level, self._sampling)
-        return np.stack([engine.rows([y], [x], workers=1)[0, 0] for y, x in places.tolist()])
+        out = np.empty((len(places), *self._scene.cutout), np.float32)
+        for y in np.unique(places[:, 0]).tolist():
+            own = np.flatnonzero(places[:, 0] == y)
+            out[own] = engine.rows([y], places[own, 1], workers=1)[0]
+        return out
 
 
 def _resolved(plan: ScanPlan, z: int, setup: Setup, sampling: Sampling) -> tuple[AnyScene, Sampling]:

@@ -1,0 +1,16 @@
+"""Recalibrate a camera on ordinary frames, whose objects are unknown.
+
+- ``window``: windows of the sensor on which frames are compared with a model
+- ``patterns``: H over a window, without a period, and sums over it
+- ``scene``: the object and dark field of a frame; ``score``: what the frame says about the camera in spite of them
+- ``model``: frames of a window with the model that explains them; ``recalibrate``: the complete fit
+"""
+
+from typing import TYPE_CHECKING
+
+from lfcal._lazy import lazy_face
+
+if TYPE_CHECKING:
+    from lfcal.recalibrate._face import *  # noqa: F403
+
+lazy_face(__name__)

@@ -1,0 +1,379 @@
+"""Recalibrate a camera on frames of unknown objects, and decide whether the result explains them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import Clock, InputError, Work, check_number, drained, note
+from lfcal.camera import ScanPlan
+from lfcal.fit import (
+    Fineness,
+    NewFrame,
+    Parameter,
+    ScanScales,
+    Setup,
+    Vector,
+    check_groups,
+    lacking,
+    starting_effects,
+)
+from lfcal.recalibrate.model import Contents, WindowModel
+from lfcal.recalibrate.scene import Frame
+from lfcal.recalibrate.score import Score
+from lfcal.recalibrate.window import Window, windows_of
+from lfcal.simulate.effects import Effect
+
+__all__ = ["ALARM", "DETERMINED", "Recalibration", "iter_recalibrate", "recalibrate"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+ALARM = 1.05
+"""Goodness of fit above which a camera is not recalibrated."""
+
+DETERMINED = ("geometry", "pitch", "focal_lengths", "iris", "wavefront")
+"""Groups of unknowns that frames of unknown objects determine."""
+
+ROUNDS = (
+    (15, Fineness.coarse),
+    (30, Fineness.coarse),
+    (60, Fineness.coarse),
+    (100, Fineness.coarse),
+    (100, Fineness.fine),
+)
+"""Iterations for the object, and sampling, of each round: the object is known better from round to round."""
+
+LONGEST = 8.0
+"""Longest step of a round, in scales."""
+
+UNCERTAINTY = 3.0
+"""Prior standard deviation of an unknown without a stated one, in scales."""
+
+FLOORS = {"focal_lengths": 2e-3, "iris": 1e-3, "geometry": 2e-4, "pitch": 1e-5}
+"""Error of the model by group of unknowns, as a fraction of the described value: stated noise does not include it."""
+
+PLATEAU = 12
+"""Number of pixels with exactly the largest value of a frame above which the frame is taken as saturated there."""
+
+HELPS = 0.7
+"""Largest excess of the goodness of fit after a remedy, relative to that before, at which the remedy is tried."""
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A possible reason for a poor fit, and the assumptions about the frames that would remedy it.
+
+    Attributes
+    ----------
+    reason, remedy
+        What is likely wrong, and what to do, as text.
+    contents
+        Assumptions to use instead.
+    """
+
+    reason: str
+    remedy: str
+    contents: Contents
+
+
+@dataclass(frozen=True, eq=False)
+class Recalibration:
+    """A camera recalibrated on frames of unknown objects.
+
+    Attributes
+    ----------
+    setup
+        The camera with its effects.
+    planned
+        Scan with the described camera, which states the planes and the cutout of H.
+    parameters
+        Unknowns by name, with their standard deviations, which include the error of the model.
+    goodness
+        Goodness of fit by the name of the frame: sum of squared residuals that no object explains, relative to the
+        expected value of noise. 1: the camera explains the frame.
+    contents
+        Assumptions about the contents of the frames.
+    remedies
+        What was changed, or what may be wrong, one sentence each.
+    undetermined
+        Names of unknowns that the frames hardly determine; they stay near their described values.
+
+    Examples
+    --------
+    >>> from lfcal.recalibrate import Recalibration
+    >>> sorted(name for name in Recalibration.__dataclass_fields__ if name.startswith("g"))
+    ['goodness']
+    """
+
+    setup: Setup
+    planned: ScanPlan
+    parameters: Mapping[str, Parameter]
+    goodness: Mapping[str, float]
+    contents: Contents
+    remedies: tuple[str, ...] = ()
+    undetermined: tuple[str, ...] = ()
+
+    @property
+    def worst(self) -> float:
+        """Largest goodness of fit of all frames."""
+        return max(self.goodness.values())
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the camera explains every frame; otherwise its values may be wrong by many standard deviations."""
+        return self.worst <= ALARM
+
+    @property
+    def verdict(self) -> str:
+        """The decision in a sentence."""
+        count = f"{len(self.goodness)} frame{'s' if len(self.goodness) > 1 else ''}"
+        if self.accepted:
+            return f"recalibrated from {count}, goodness of fit {self.worst:.2f}"
+        return f"not recalibrated: the goodness of fit is {self.worst:.2f}, but at most {ALARM:g} is allowed"
+
+
+def iter_recalibrate(
+    frames: Sequence[NewFrame],
+    plan: ScanPlan,
+    *,
+    noise: tuple[float, float] | None = None,
+    unknowns: Sequence[str] | None = None,
+    effects: Sequence[Effect] | None = None,
+    windows: int | None = None,
+    workers: int | None = None,
+) -> Work[Recalibration]:
+    """Return the camera that explains frames of unknown objects.
+
+    For each frame, the object and the dark field are estimated together with the camera. What a change of the object
+    can imitate does not count as information on the camera (`lfcal.recalibrate.score`).
+
+    Parameters
+    ----------
+    frames
+        Frames of the sensor of any structured objects within the depths of the plan, with their dark level subtracted.
+    plan
+        Scan with the described camera, the depth planes, and a cutout that contains the patterns.
+    noise
+        Constant and slope of the variance of a sample; None: as the frames state.
+    unknowns
+        Groups of unknowns to fit; None: those of `DETERMINED` that the camera has.
+    effects
+        Effects to simulate; None: those that follow from the description of the camera.
+    windows
+        Number of windows of the sensor to use; None: one, or five of a large sensor.
+    workers
+        Number of threads; None: all processors.
+
+    Yields
+    ------
+    Progress
+        In windows, for each round.
+
+    Raises
+    ------
+    InputError
+        If the noise of a frame is unknown, its shape is not that of the sensor, or it contains no light.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.recalibrate import iter_recalibrate
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3, 4], cutout=49)
+    >>> work = iter_recalibrate([], plan)
+    >>> next(work)
+    Traceback (most recent call last):
+    lfcal.base.errors.InputError: frames: expected at least one, got none; give frames of structured objects
+    """
+    if not frames:
+        raise InputError.expected("frames", "at least one", "none", "give frames of structured objects")
+    begins = starting_effects(plan) if effects is None else tuple(effects)
+    setup = Setup(plan.camera, begins, (0.0,) * len(plan.depths_um))
+    without = lacking(setup, plan)
+    groups = tuple(name for name in DETERMINED if name not in without) if unknowns is None else tuple(unknowns)
+    check_groups(setup, plan, groups)
+    places = windows_of(plan, windows)
+    every = [[_window_frame(frame, window, noise) for frame in frames] for window in places]
+    lit = [(window, own) for window, own in zip(places, every, strict=True) if all(one.valid.any() for one in own)]
+    if not lit:
+        raise InputError.expected(
+            "frames", "valid pixels in a window of the sensor", "none", "give whole frames of this sensor"
+        )
+    scales = ScanScales.over([window.plan for window, _ in lit]) if len(lit) > 1 else ScanScales.of(lit[0][0].plan)
+    vector = Vector(setup, scales, groups)
+    fit = _Run(lit, plan, vector, workers)
+    return (yield from fit.iter_found())
+
+
+recalibrate = drained(
+    iter_recalibrate,
+    """
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.recalibrate import recalibrate
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3, 4], cutout=49)
+    >>> recalibrate([], plan)
+    Traceback (most recent call last):
+    lfcal.base.errors.InputError: frames: expected at least one, got none; give frames of structured objects
+    """,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _At:
+    """A vector of unknowns, with the information about it and the goodness of fit of each frame."""
+
+    u: F8
+    information: F8
+    goodness: dict[str, float]
+    contents: Contents
+
+
+class _Run:
+    """The frames of all windows, and the rounds of a fit to them."""
+
+    def __init__(
+        self, lit: Sequence[tuple[Window, Sequence[Frame]]], plan: ScanPlan, vector: Vector, workers: int | None
+    ) -> None:
+        self.lit, self.plan, self.vector, self.workers = lit, plan, vector, workers
+        precision, _ = vector.prior()
+        self.precision = np.where(precision > 0, precision, UNCERTAINTY**-2)
+
+    def iter_found(self) -> Work[Recalibration]:
+        """Fit the camera; if it does not explain the frames, look for the reason, and fit again with its remedy."""
+        begin = Contents(self.plan.depths_um)
+        at = yield from self._iter_fit(begin, "recalibration")
+        words: tuple[str, ...] = ()
+        if max(at.goodness.values()) > ALARM:
+            at, words = yield from self._iter_remedied(at)
+        return self._summary(at, words)
+
+    def _models(self, contents: Contents) -> list[WindowModel]:
+        return [WindowModel(window, frames, contents, self.workers) for window, frames in self.lit]
+
+    def _iter_fit(self, contents: Contents, note: str) -> Work[_At]:
+        u, models, total = np.zeros(len(self.vector)), self._models(contents), Score.none(len(self.vector))
+        clock = Clock(note, (len(ROUNDS) + 1) * len(models))
+        yield clock.at(0)
+        for turn, (iterations, sampling) in enumerate(ROUNDS):
+            total = Score.none(len(u))
+            for k, model in enumerate(models):
+                patterns = model.patterns(self.vector.setup_at(u), sampling)
+                scenes = model.scenes(patterns, iterations)
+                total += model.score(self.vector, u, patterns, scenes, sampling)
+                yield clock.at(turn * len(models) + k + 1)
+            step = np.linalg.solve(total.information + np.diag(self.precision), total.gradient - self.precision * u)
+            u = self.vector.clipped(u + np.clip(step, -LONGEST, LONGEST))
+        goodness: dict[str, float] = {}
+        for k, one in enumerate(self._goodness(u, models)):
+            goodness = {name: max(value, goodness.get(name, 0.0)) for name, value in one.items()}
+            yield clock.at(len(ROUNDS) * len(models) + k + 1)
+        return _At(u, total.information, goodness, contents)
+
+    def _goodness(self, u: F8, models: Sequence[WindowModel]) -> Iterator[dict[str, float]]:
+        """Yield the goodness of fit of the frames, by name, in each window."""
+        iterations, sampling = ROUNDS[-1]
+        for model in models:
+            patterns = model.patterns(self.vector.setup_at(u), sampling)
+            found = model.goodness(patterns, model.scenes(patterns, iterations))
+            yield {frame.name: value for frame, value in zip(model.frames, found, strict=True)}
+
+    def _iter_remedied(self, at: _At) -> Work[tuple[_At, tuple[str, ...]]]:
+        """Return the best fit with one of the remedies, and what was changed or may be wrong, in words."""
+        remedies, excess = _remedies(self.plan), max(at.goodness.values()) - 1
+        clock, left = Clock("reasons for the poor fit", len(remedies)), []
+        for k, one in enumerate(remedies):
+            yield clock.at(k)
+            every = list(self._goodness(at.u, self._models(one.contents)))
+            left.append(max(max(own.values()) for own in every) - 1)
+        best = int(np.argmin(left))
+        if left[best] > HELPS * excess:
+            return at, ("No change of the planes, the voxels or the dark field explains the frames: the optics may "
+                        "have an effect that is not described, or the noise is larger than stated.",)
+        chosen = remedies[best]
+        again = yield from self._iter_fit(chosen.contents, f"recalibration with {chosen.remedy}")
+        better = again if max(again.goodness.values()) < max(at.goodness.values()) else at
+        return better, (f"{chosen.reason}; the fit was repeated with {chosen.remedy}.",)
+
+    def _summary(self, at: _At, words: tuple[str, ...]) -> Recalibration:
+        covariance = np.linalg.inv(at.information + np.diag(self.precision))
+        worst = max(1.0, *at.goodness.values())
+        found, weak = {}, []
+        for k, one in enumerate(self.vector.unknowns):
+            u, sigma = float(at.u[k]), math.sqrt(max(0.0, covariance[k, k]) * worst)
+            floor = FLOORS.get(one.group, 0.0) * abs(one.start)
+            value, held = one.value(u), at.information[k, k] + self.precision[k]
+            known = math.hypot(one.sigma_of(u, sigma), floor)
+            found[one.name] = Parameter(
+                one.name, one.group, one.unit, value, known, one.start, one.sigma_of(u, 1 / math.sqrt(held))
+            )
+            if sigma > 0.5 / math.sqrt(self.precision[k]):
+                weak.append(one.name)
+        setup = self.vector.setup_at(at.u)
+        return Recalibration(setup, self.plan, found, at.goodness, at.contents, words, tuple(weak))
+
+
+def _window_frame(frame: NewFrame, window: Window, given: tuple[float, float] | None) -> Frame:
+    """Return the part of a frame in a window, in electrons."""
+    noise = given or frame.noise
+    sensor = window.plan.camera.sensor
+    if noise is None or not noise[1] > 0:
+        raise InputError.expected(
+            f"{frame.label}, noise", "a variance with a slope, from the photon noise", noise, "give --noise CONSTANT,SLOPE"
+        )
+    check_number("noise: constant", noise[0], at_least=0)
+    (row, column), (rows, columns) = frame.origin, frame.values.shape
+    if row + rows > sensor.shape[0] or column + columns > sensor.shape[1]:
+        raise InputError.expected(
+            f"{frame.label}, pixels", f"at most {sensor.shape}, as in the camera", f"{frame.values.shape} at {frame.origin}",
+            "give frames of this sensor",
+        )
+    whole, valid = np.zeros(sensor.shape, np.float32), np.zeros(sensor.shape, np.float32)
+    inside = np.s_[row : row + rows, column : column + columns]
+    good = np.isfinite(frame.values) if frame.valid is None else frame.valid & np.isfinite(frame.values)
+    most = frame.values.max(where=good, initial=-math.inf)
+    flat = good & (frame.values == most)
+    if flat.sum() > PLATEAU:
+        note(f"{frame.label}: {flat.sum()} pixels have the largest value and are left out as saturated")
+        good = good & ~flat
+    whole[inside] = np.where(good, frame.values, 0) / np.float32(noise[1])
+    valid[inside] = good
+    own = np.ascontiguousarray(window.part(whole))
+    weight = window.trusted(own, np.ascontiguousarray(window.part(valid)))
+    return Frame(own, weight, math.sqrt(noise[0]) / noise[1], sensor.prnu, frame.label)
+
+
+def _remedies(plan: ScanPlan) -> list[Remedy]:
+    """Return what may be wrong with the assumptions about the contents of frames."""
+    own = Contents(plan.depths_um)
+    return [
+        Remedy(
+            "objects are between or outside the planes", "planes in between", replace(own, depths_um=_closer(plan))
+        ),
+        Remedy(
+            "objects are smaller than a pixel and between the voxels",
+            "voxels of half a pixel",
+            replace(own, halves=True),
+        ),
+        Remedy(
+            "the dark field has a structure", "a dark field of degree 6", replace(own, dark_degree=6)
+        ),
+    ]
+
+
+def _closer(plan: ScanPlan) -> tuple[float, ...]:
+    """Return the depths of a plan with one plane in each gap, and one on each side, at even virtual depths."""
+    camera, v = plan.camera, np.array(plan.virtual_depths)
+    if len(v) == 0:
+        z = np.array(plan.depths_um)
+        step = np.diff(z) if len(z) > 1 else np.array([0.1 * max(1.0, abs(z[0]))])
+        return tuple(float(x) for x in np.sort(np.concatenate([z, z[:-1] + step / 2, [z[0] - step[0] / 2, z[-1] + step[-1] / 2]])))
+    step = np.diff(v) if len(v) > 1 else np.array([0.5])
+    more = np.concatenate([v, v[:-1] + np.diff(v) / 2, [v[0] - step[0] / 2, v[-1] + step[-1] / 2]])
+    depths = [camera.depth_of(float(x)) for x in more if abs(x) >= 1]
+    return tuple(sorted(depths, reverse=plan.depths_um[0] > plan.depths_um[-1]))

@@ -1,0 +1,129 @@
+"""The unknown object and dark field behind a frame: an accelerated Richardson-Lucy estimate, which fits them only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.recalibrate.patterns import Patterns
+
+__all__ = ["Frame", "Scene", "dark_fields", "estimate_scene"]
+
+F4 = NDArray[np.float32]
+
+LEAST = 1e-3
+"""Smallest expected number of electrons in a pixel, which avoids a division by zero."""
+
+MOST_EXTRAPOLATED = 0.95
+"""Largest step of the extrapolation (Biggs and Andrews 1997), relative to the last change."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame of an unknown object on the image of a window.
+
+    Attributes
+    ----------
+    electrons
+        Signal ``(rows, columns)`` in electrons, with the dark field.
+    valid
+        Weight of each pixel, 1 or 0: 0 outside the frame, and for saturated and defective pixels.
+    read_e
+        Read noise (electrons rms).
+    prnu
+        Relative rms variation of the response of pixels.
+    name
+        Name for messages and reports.
+    """
+
+    electrons: F4
+    valid: F4
+    read_e: float = 0.0
+    prnu: float = 0.0
+    name: str = "frame"
+
+    def inverse_variance(self, expected: F4) -> F4:
+        """Return the inverse variance of each pixel ``(rows, columns)`` (1/e²); 0 where the frame is not valid."""
+        signal = np.maximum(expected, LEAST)
+        found: F4 = self.valid / (signal + np.float32(self.read_e**2) + np.float32(self.prnu**2) * signal**2)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Estimate of the object and the dark field of a frame.
+
+    Attributes
+    ----------
+    volume
+        Value of each voxel ``(n,)``: electrons that pass the iris.
+    dark
+        Coefficients of the dark fields `dark_fields` ``(d,)`` (electrons).
+    light, expected
+        Images ``(rows, columns)`` of the object alone, and with the dark field (electrons).
+    """
+
+    volume: F4
+    dark: F4
+    light: F4
+    expected: F4
+
+
+def dark_fields(shape: tuple[int, int], degree: int = 1) -> F4:
+    """Return positive images ``(d, rows, columns)`` whose sums are all polynomials of a degree over the image.
+
+    Positive images allow the multiplicative steps of Richardson-Lucy.
+    """
+    y, x = np.mgrid[-1 : 1 : shape[0] * 1j, -1 : 1 : shape[1] * 1j]
+    found = [1 + 0.9 * y**a * x**b if a + b else np.ones(shape) for a in range(degree + 1) for b in range(degree + 1 - a)]
+    return np.stack(found).astype(np.float32)
+
+
+def estimate_scene(
+    patterns: Patterns, frame: Frame, fields: F4, iterations: int, start: Scene | None = None
+) -> Scene:
+    """Return the object and dark field that explain a frame, by accelerated Richardson-Lucy iterations.
+
+    Photon and read noise together are treated as Poisson noise of a signal that is larger by the square of the read
+    noise (Snyder et al. 1993). The acceleration is that of Biggs and Andrews (1997).
+
+    Parameters
+    ----------
+    patterns
+        H of the window.
+    frame
+        The frame.
+    fields
+        Dark fields ``(d, rows, columns)``.
+    iterations
+        Number of iterations.
+    start
+        Estimate to continue; None: a constant volume.
+    """
+    shift = np.float32(frame.read_e**2)
+    data = frame.valid * (np.maximum(frame.electrons, 0) + shift)
+    whole = np.maximum(patterns.sums(frame.valid[None])[0], 1e-6)
+    shares = np.maximum(np.einsum("dyx,yx->d", fields, frame.valid), 1e-6)
+    if start is None:
+        light = float((frame.valid * np.maximum(frame.electrons, 0)).sum())
+        now = np.full(len(patterns), 0.8 * light / float(whole.sum()), np.float32)
+        dark = (0.2 * light / len(fields) / shares).astype(np.float32)
+    else:
+        now, dark = start.volume.copy(), start.dark.copy()
+    before = change = None
+    step = 0.0
+    for _ in range(iterations):
+        point = now if before is None else np.maximum(now + np.float32(step) * (now - before), np.float32(0.01) * now)
+        expected = patterns.images(point[None])[0] + np.einsum("d,dyx->yx", dark, fields) + shift
+        ratio = data / np.maximum(expected, LEAST)
+        new = point * patterns.sums(ratio[None])[0] / whole
+        last, change = change, new - point
+        if last is not None:
+            power = float(np.vdot(last, last))
+            step = min(MOST_EXTRAPOLATED, max(0.0, float(np.vdot(change, last)) / max(power, 1e-20)))
+        before, now = now, new
+        dark = dark * np.einsum("dyx,yx->d", fields, ratio) / shares
+    light = patterns.images(now[None])[0]
+    return Scene(now, dark, light, light + np.einsum("d,dyx->yx", dark, fields))

@@ -1,0 +1,143 @@
+"""The orthogonal score: what a frame of an unknown object says about the camera.
+
+Let m = H(u) g be the expected frame for unknowns u and a volume g. A derivative J = dH/du g is partly the same as a
+change of the volume, H dg. This part is projected out, so that to first order the result does not depend on errors of
+the volume (effective score; Bickel et al. 1993). Changes of a voxel are limited to about its square root, which keeps
+dark voxels dark.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.recalibrate.patterns import Patterns
+from lfcal.recalibrate.scene import Frame, Scene
+
+__all__ = ["Score", "goodness", "orthogonal", "score_of"]
+
+F4 = NDArray[np.float32]
+F8 = NDArray[np.float64]
+
+STEPS = 40
+"""Largest number of conjugate-gradient steps of a projection."""
+
+RIDGE = 1e-3
+"""Regularization of the projection, relative to the largest diagonal entry."""
+
+DARK = 1e-5
+"""Value of a voxel, relative to the largest, below which it cannot change."""
+
+PROBES = 4
+"""Number of images of white noise that determine the expected residual."""
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """Information of a frame about the unknowns of the camera, after elimination of its object and dark field.
+
+    Attributes
+    ----------
+    information
+        Matrix ``(k, k)``, in units of the unknowns' scales.
+    gradient
+        Vector ``(k,)``: information times the step that the frame alone proposes.
+    """
+
+    information: F8
+    gradient: F8
+
+    @classmethod
+    def none(cls, count: int) -> Score:
+        """Return the score of no frames, for ``count`` unknowns."""
+        return cls(np.zeros((count, count)), np.zeros(count))
+
+    def __add__(self, other: Score) -> Score:
+        """Return the score of both frames together."""
+        return Score(self.information + other.information, self.gradient + other.gradient)
+
+
+def orthogonal(patterns: Patterns, volume: F4, weight: F4, images: F4, steps: int = STEPS) -> F4:
+    """Return ``images`` ``(k, rows, columns)`` without the part that changes of the volume can produce.
+
+    Parameters
+    ----------
+    patterns, volume
+        H, and the volume ``(n,)``.
+    weight
+        Inverse variance of each pixel ``(rows, columns)``.
+    images
+        Images to project.
+    steps
+        Largest number of conjugate-gradient steps.
+    """
+    light = np.maximum(volume, 0)
+    lit = light > DARK * light.max(initial=0.0)
+    patterns, root = patterns.of(lit), np.sqrt(light[lit]).astype(np.float32)[None]
+
+    def normal(v: F4) -> F4:
+        found: F4 = root * patterns.sums(weight * patterns.images(root * v))
+        return found
+
+    right = root * patterns.sums(weight * images)
+    ridge = np.float32(RIDGE * float(normal(np.ones_like(root)).max(initial=0.0)))
+    found, left = np.zeros_like(right), right.copy()
+    direction, power = left.copy(), np.square(left, dtype=np.float64).sum(1)
+    first = power.copy()
+    for _ in range(steps):
+        if (power < 1e-6 * first).all():
+            break
+        along = normal(direction) + ridge * direction
+        size = power / np.maximum((direction * along).sum(1, dtype=np.float64), 1e-30)
+        length = size.astype(np.float32)[:, None]
+        found += length * direction
+        left -= length * along
+        now = np.square(left, dtype=np.float64).sum(1)
+        direction = left + (now / np.maximum(power, 1e-30)).astype(np.float32)[:, None] * direction
+        power = now
+    rest: F4 = images - patterns.images(root * found)
+    return rest
+
+
+def score_of(patterns: Patterns, frame: Frame, scene: Scene, derivatives: F4, fields: F4) -> Score:
+    """Return the score of a frame.
+
+    Parameters
+    ----------
+    patterns, frame, scene
+        H, the frame, and the estimate of its object.
+    derivatives
+        Derivatives of the expected frame by the unknowns ``(k, rows, columns)``, for the volume of the scene.
+    fields
+        Dark fields ``(d, rows, columns)``, which are eliminated as well.
+    """
+    weight = frame.inverse_variance(scene.expected)
+    free = orthogonal(patterns, scene.volume, weight, np.concatenate([derivatives, fields]))
+    weighted = (free * weight).reshape(len(free), -1).astype(np.float64)
+    matrix = weighted @ free.reshape(len(free), -1).T.astype(np.float64)
+    slope = weighted @ (frame.electrons - scene.expected).ravel().astype(np.float64)
+    k = len(derivatives)
+    gain = matrix[:k, k:] @ np.linalg.pinv(matrix[k:, k:], rcond=1e-10, hermitian=True)
+    return Score(matrix[:k, :k] - gain @ matrix[k:, :k], slope[:k] - gain @ slope[k:])
+
+
+def goodness(patterns: Patterns, frame: Frame, scene: Scene, fields: F4, seed: int = 0) -> float:
+    """Return how large the residual of a frame is relative to its noise; 1 if the model explains the frame.
+
+    What the volume and the dark field can change is projected out of the residual, and of white noise that is drawn to
+    find the expected value. The result is the ratio of the sums of squares.
+    """
+    weight = frame.inverse_variance(scene.expected)
+    rng = np.random.default_rng(seed)
+    scale = np.where(weight > 0, 1 / np.sqrt(np.maximum(weight, 1e-12)), 0)
+    probes = (scale * rng.standard_normal((PROBES, *weight.shape))).astype(np.float32)
+    residual = (frame.valid * (frame.electrons - scene.expected))[None]
+    free = orthogonal(patterns, scene.volume, weight, np.concatenate([residual, probes, fields]))
+    flat, rest = free[:-len(fields)].reshape(1 + PROBES, -1), free[-len(fields) :].reshape(len(fields), -1)
+    w = weight.ravel()
+    inner = np.linalg.pinv((rest * w) @ rest.T, rcond=1e-10, hermitian=True)
+    flat = flat - (flat * w) @ rest.T @ inner @ rest
+    sums = (np.square(flat, dtype=np.float64) * w).sum(1)
+    return float(sums[0] / sums[1:].mean())

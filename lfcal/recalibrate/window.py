@@ -1,0 +1,114 @@
+"""Windows of the sensor on which frames are compared with a model: where they are, and which of their pixels count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import InputError
+from lfcal.camera import ScanPlan
+
+__all__ = ["SIDE", "Window", "windows_of"]
+
+F4 = NDArray[np.float32]
+
+SIDE = 100
+"""Default side of the part of a window in which all light is explained (pixels)."""
+
+EDGE_PX = 2
+"""Width of the edge of a window at which light from outside is looked for (pixels)."""
+
+LIT = 0.02
+"""Mean light at an edge, relative to the bright parts, above which sources are assumed outside of the window."""
+
+CORNERS = ((0.5, 0.5), (0.15, 0.15), (0.15, 0.85), (0.85, 0.15), (0.85, 0.85))
+"""Middles of several windows, as fractions of the sensor."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of source positions and the pixels that they light.
+
+    Attributes
+    ----------
+    plan
+        Plan whose period is the rectangle of positions: each position has a separate pattern.
+    """
+
+    plan: ScanPlan
+
+    @property
+    def origin(self) -> tuple[int, int]:
+        """First row and column of the pixels, on the sensor."""
+        row, column = (round(a - (n - 1) / 2) for a, n in zip(self.plan.anchor, self.plan.cutout, strict=True))
+        return row, column
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and columns of pixels."""
+        (ny, nx), (nt, ns) = self.plan.period, self.plan.cutout
+        return ny + nt - 1, nx + ns - 1
+
+    def part(self, image: NDArray[np.generic]) -> NDArray[np.generic]:
+        """Return the part of an image of the whole sensor."""
+        (row, column), (rows, columns) = self.origin, self.shape
+        return image[row : row + rows, column : column + columns]
+
+    def trusted(self, electrons: F4, valid: F4) -> F4:
+        """Return the weights ``valid`` of the window's pixels, without margins that sources outside may light.
+
+        A side has a margin, as wide as a cutout, if its edge is lit.
+        """
+        good = electrons[valid > 0]
+        if not good.size:
+            return valid
+        dark, light = np.quantile(good, (0.05, 0.99))
+        found = valid.copy()
+        for axis in (0, 1):
+            margin = self.plan.cutout[axis] - 1
+            for end in (1, -1):
+                edge = np.moveaxis(electrons, axis, 0)[::end][:EDGE_PX]
+                if float(edge.mean()) - dark > LIT * (light - dark):
+                    np.moveaxis(found, axis, 0)[::end][:margin] = 0
+        return found
+
+
+def windows_of(plan: ScanPlan, count: int | None = None, side: int = SIDE) -> tuple[Window, ...]:
+    """Return windows of the sensor of a plan: one in the middle, then four near the corners.
+
+    Parameters
+    ----------
+    plan
+        Scan with the camera, the planes and the cutout.
+    count
+        Number of windows; None: one if it covers a quarter of the sensor, otherwise five.
+    side
+        Side of the part of a window without margins (pixels).
+
+    Raises
+    ------
+    InputError
+        If the sensor is smaller than a window of one position.
+    """
+    shape, cutout = np.array(plan.camera.sensor.shape), np.array(plan.cutout)
+    room = shape - cutout + 1
+    if room.min() < 1:
+        raise InputError.expected(
+            "cutout", f"at most {shape.min()} pixels, the size of the sensor", plan.cutout, "choose a smaller cutout"
+        )
+    period = np.minimum(room, side + cutout - 1)
+    if count is None:
+        count = 1 if 4 * period.prod() >= room.prod() else len(CORNERS)
+    found: dict[tuple[int, ...], Window] = {}
+    for middle in CORNERS[: max(1, count)]:
+        first = np.clip(np.rint(np.array(middle) * room - period / 2), 0, room - period)
+        anchor = first + (cutout - 1) // 2
+        size = (int(period[0]), int(period[1]))
+        own = replace(plan, period=size, anchor=(float(anchor[0]), float(anchor[1])), resample=False)
+        found[tuple(anchor.tolist())] = Window(own)
+    return tuple(found.values())
+
+
