@@ -21,6 +21,7 @@ from lfcal.fit.files import (
     fit_outputs,
     iter_write_fit,
     iter_write_model,
+    json_text,
     measured_camera,
     write_found,
 )
@@ -29,7 +30,7 @@ from lfcal.fit.hybrid import HybridSummary
 from lfcal.fit.information import Expected
 from lfcal.fit.locate import LocatedPattern, find_source
 from lfcal.fit.measured import HELD_OUT, QUICK_PATTERN, check_optics, kept_aside, of_quick_pattern
-from lfcal.fit.model import Fineness, PlaneModel, predict
+from lfcal.fit.model import Fineness, ModelPlanes, PlaneModel, predict
 from lfcal.fit.model_error import ChiSquare, ModelError, chi_square, covariance
 from lfcal.fit.normal import Columns, Local
 from lfcal.fit.nuisance import Spread, nuisance_steps
@@ -77,6 +78,7 @@ __all__ = [
     "Local",
     "LocatedPattern",
     "ModelError",
+    "ModelPlanes",
     "PlaneModel",
     "PositionDesign",
     "Problem",
@@ -114,6 +116,7 @@ __all__ = [
     "iter_write_fit",
     "iter_write_model",
     "iter_write_validation",
+    "json_text",
     "kept_aside",
     "lacking",
     "leftover_of",

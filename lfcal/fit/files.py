@@ -8,16 +8,16 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from lfcal.base import Work, plain, write_text
-from lfcal.camera import Camera, quantities_of, value_at
+from lfcal.camera import Camera, ScanPlan, quantities_of, value_at
 from lfcal.fit.hybrid import HybridPlanes, HybridSummary, hybrid_note
 from lfcal.fit.measured import Measured
 from lfcal.fit.report import iter_fit_report, report_files
 from lfcal.fit.result import Fit
 from lfcal.psf import OF_FRAMES, Header, PSFMatrix, Stored, iter_write
-from lfcal.simulate.effects import Entry, entries_json
+from lfcal.simulate.effects import Effect, Entry, entries_json
 from lfcal.work import RunChoice, discard, parts_folder
 
 __all__ = [
@@ -44,7 +44,23 @@ FORMAT = "lfcal-fit"
 VERSION = 1
 
 
-def measured_camera(fit: Fit) -> Camera:
+class Fitted(Protocol):
+    """A fitted camera with its effects, and the scan with the described camera."""
+
+    @property
+    def camera(self) -> Camera:
+        """Fitted camera."""
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Fitted effects."""
+
+    @property
+    def planned(self) -> ScanPlan:
+        """Scan with the described camera."""
+
+
+def measured_camera(fit: Fitted) -> Camera:
     """Return the fitted camera; values that differ from the description are marked as measured."""
     camera, described = fit.camera, fit.planned.camera
     known = {quantity.path for quantity in quantities_of(described)}
@@ -53,7 +69,7 @@ def measured_camera(fit: Fit) -> Camera:
     return replace(camera, marks=camera.marks.marked(other, "measured"))
 
 
-def effects_text(fit: Fit) -> str:
+def effects_text(fit: Fitted) -> str:
     """Return the fitted effects as JSON text for ``lfcal simulate --effect``, with all of them switched on."""
     return entries_json(
         Entry(
@@ -180,7 +196,7 @@ class Written(NamedTuple):
     hybrid: HybridSummary | None
 
 
-def write_found(fit: Fit, folder: Path, name: str, numbers: Mapping[str, Any]) -> list[Path]:
+def write_found(fit: Fitted, folder: Path, name: str, numbers: Mapping[str, Any]) -> list[Path]:
     """Write camera, effects and finally ``numbers`` with the time to ``folder``, and return the paths.
 
     ``name`` is the name of the file of the numbers.

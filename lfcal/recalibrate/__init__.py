@@ -3,7 +3,8 @@
 - ``window``: windows of the sensor on which frames are compared with a model
 - ``patterns``: H over a window, without a period, and sums over it
 - ``scene``: the object and dark field of a frame; ``score``: what the frame says about the camera in spite of them
-- ``model``: frames of a window with the model that explains them; ``recalibrate``: the complete fit
+- ``model``: frames of a window with the model that explains them; ``recalibrate``: the complete fit; ``files``: its
+  files
 """
 
 from typing import TYPE_CHECKING
@@ -12,5 +13,6 @@ from lfcal._lazy import lazy_face
 
 if TYPE_CHECKING:
     from lfcal.recalibrate._face import *  # noqa: F403
+    from lfcal.recalibrate._shared import *  # noqa: F403
 
 lazy_face(__name__)

@@ -12,7 +12,7 @@ from lfcal.base import worker_count
 from lfcal.fit import Setup, Vector
 from lfcal.recalibrate.patterns import Patterns, Voxels, every_voxel, patterns_at
 from lfcal.recalibrate.scene import Frame, Scene, dark_fields, estimate_scene
-from lfcal.recalibrate.score import Score, goodness, score_of
+from lfcal.recalibrate.score import Goodness, Score, goodness, score_of
 from lfcal.recalibrate.window import Window
 from lfcal.simulate import Sampling
 
@@ -64,11 +64,9 @@ class WindowModel:
         Number of threads; None: all processors.
     """
 
-    def __init__(
-        self, window: Window, frames: Sequence[Frame], contents: Contents, workers: int | None = None
-    ) -> None:
+    def __init__(self, window: Window, frames: Sequence[Frame], contents: Contents, workers: int | None = None) -> None:
         self.frames, self.contents, self.workers = tuple(frames), contents, worker_count(workers)
-        self.plan = replace(window.plan, depths_um=contents.depths_um)
+        self.plan = replace(window.plan, depths_um=contents.depths_um, exposure_s=window.plan.exposures[0])
         self.fields = dark_fields(window.shape, contents.dark_degree)
         self._voxels = every_voxel(self.plan, halves=contents.halves)
 
@@ -88,7 +86,7 @@ class WindowModel:
         scores = [score_of(patterns, frame, scene, own, self.fields) for frame, scene, own in parts]
         return sum(scores, Score.none(len(u)))
 
-    def goodness(self, patterns: Patterns, scenes: Sequence[Scene]) -> list[float]:
+    def goodness(self, patterns: Patterns, scenes: Sequence[Scene]) -> list[Goodness]:
         """Return the goodness of fit of each frame: see `lfcal.recalibrate.score.goodness`."""
         pairs = zip(self.frames, scenes, strict=True)
         return [goodness(patterns, frame, scene, self.fields) for frame, scene in pairs]

@@ -120,14 +120,14 @@ class Patterns:
 
     def of(self, keep: NDArray[np.bool_]) -> Patterns:
         """Return the patterns of the voxels in the mask ``keep`` ``(n,)``."""
-        found = {"places": self.places[keep], "offsets_px": self.offsets_px[keep]}
-        return replace(self, values=np.ascontiguousarray(self.values[keep]), **found)
+        values = np.ascontiguousarray(self.values[keep])
+        return replace(self, places=self.places[keep], offsets_px=self.offsets_px[keep], values=values)
 
 
 def every_voxel(plan: ScanPlan, *, halves: bool = False) -> Voxels:
     """Return all voxels of a plan whose period is a window; with ``halves``, four per position, half a pixel apart."""
     nz, ny, nx = plan.shape[:3]
-    places = np.stack(np.mgrid[:nz, :ny, :nx], axis=-1).reshape(-1, 3).astype(np.intp)
+    places = np.indices((nz, ny, nx), np.intp).reshape(3, -1).T.copy()
     steps = np.array([(0.0, 0.0)]) if not halves else np.array([(a, b) for a in (-0.25, 0.25) for b in (-0.25, 0.25)])
     return np.repeat(places, len(steps), axis=0), np.tile(steps, (len(places), 1))
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Work, check_number, drained, note
-from lfcal.camera import ScanPlan
+from lfcal.camera import Camera, ScanPlan
 from lfcal.fit import (
     Fineness,
     NewFrame,
@@ -24,7 +24,7 @@ from lfcal.fit import (
 )
 from lfcal.recalibrate.model import Contents, WindowModel
 from lfcal.recalibrate.scene import Frame
-from lfcal.recalibrate.score import Score
+from lfcal.recalibrate.score import Goodness, Score
 from lfcal.recalibrate.window import Window, windows_of
 from lfcal.simulate.effects import Effect
 
@@ -35,6 +35,12 @@ F8 = NDArray[np.float64]
 
 ALARM = 1.05
 """Goodness of fit above which a camera is not recalibrated."""
+
+OVERSTATED = 0.85
+"""Goodness of fit below which the noise is overstated, so that the goodness of fit would not show a wrong camera."""
+
+FREEDOM = 2 * (2 / (ALARM - 1)) ** 2
+"""Degrees of freedom at which noise alone changes the goodness of fit by half of what is allowed."""
 
 DETERMINED = ("geometry", "pitch", "focal_lengths", "iris", "wavefront")
 """Groups of unknowns that frames of unknown objects determine."""
@@ -94,8 +100,7 @@ class Recalibration:
     parameters
         Unknowns by name, with their standard deviations, which include the error of the model.
     goodness
-        Goodness of fit by the name of the frame: sum of squared residuals that no object explains, relative to the
-        expected value of noise. 1: the camera explains the frame.
+        Goodness of fit by the name of the frame, in the window with the largest residual.
     contents
         Assumptions about the contents of the frames.
     remedies
@@ -113,28 +118,51 @@ class Recalibration:
     setup: Setup
     planned: ScanPlan
     parameters: Mapping[str, Parameter]
-    goodness: Mapping[str, float]
+    goodness: Mapping[str, Goodness]
     contents: Contents
     remedies: tuple[str, ...] = ()
     undetermined: tuple[str, ...] = ()
 
     @property
+    def camera(self) -> Camera:
+        """Recalibrated camera."""
+        return self.setup.camera
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Effects of the recalibrated camera."""
+        return self.setup.effects
+
+    @property
     def worst(self) -> float:
         """Largest goodness of fit of all frames."""
-        return max(self.goodness.values())
+        return max(one.ratio for one in self.goodness.values())
+
+    @property
+    def objections(self) -> tuple[str, ...]:
+        """Reasons why the result cannot be trusted, one clause each; empty if there are none."""
+        found = []
+        if self.worst > ALARM:
+            found.append(f"the goodness of fit is {self.worst:.2f}, but at most {ALARM:g} is allowed")
+        least = min(self.goodness.values(), key=lambda one: one.ratio)
+        if least.ratio < OVERSTATED:
+            found.append(f"the residual is only {least.ratio:.2f} times as large as the stated noise")
+        if min(one.freedom for one in self.goodness.values()) < FREEDOM:
+            found.append("too few pixels are valid")
+        return tuple(found)
 
     @property
     def accepted(self) -> bool:
         """Whether the camera explains every frame; otherwise its values may be wrong by many standard deviations."""
-        return self.worst <= ALARM
+        return not self.objections
 
     @property
     def verdict(self) -> str:
         """The decision in a sentence."""
+        if self.objections:
+            return f"not recalibrated: {', and '.join(self.objections)}"
         count = f"{len(self.goodness)} frame{'s' if len(self.goodness) > 1 else ''}"
-        if self.accepted:
-            return f"recalibrated from {count}, goodness of fit {self.worst:.2f}"
-        return f"not recalibrated: the goodness of fit is {self.worst:.2f}, but at most {ALARM:g} is allowed"
+        return f"recalibrated from {count}, goodness of fit {self.worst:.2f}"
 
 
 def iter_recalibrate(
@@ -230,8 +258,13 @@ class _At:
 
     u: F8
     information: F8
-    goodness: dict[str, float]
+    goodness: dict[str, Goodness]
     contents: Contents
+
+    @property
+    def worst(self) -> float:
+        """Largest goodness of fit."""
+        return max(one.ratio for one in self.goodness.values())
 
 
 class _Run:
@@ -249,7 +282,7 @@ class _Run:
         begin = Contents(self.plan.depths_um)
         at = yield from self._iter_fit(begin, "recalibration")
         words: tuple[str, ...] = ()
-        if max(at.goodness.values()) > ALARM:
+        if at.worst > ALARM:
             at, words = yield from self._iter_remedied(at)
         return self._summary(at, words)
 
@@ -269,13 +302,13 @@ class _Run:
                 yield clock.at(turn * len(models) + k + 1)
             step = np.linalg.solve(total.information + np.diag(self.precision), total.gradient - self.precision * u)
             u = self.vector.clipped(u + np.clip(step, -LONGEST, LONGEST))
-        goodness: dict[str, float] = {}
+        goodness: dict[str, Goodness] = {}
         for k, one in enumerate(self._goodness(u, models)):
-            goodness = {name: max(value, goodness.get(name, 0.0)) for name, value in one.items()}
+            goodness = {name: max(value, goodness.get(name, value)) for name, value in one.items()}
             yield clock.at(len(ROUNDS) * len(models) + k + 1)
         return _At(u, total.information, goodness, contents)
 
-    def _goodness(self, u: F8, models: Sequence[WindowModel]) -> Iterator[dict[str, float]]:
+    def _goodness(self, u: F8, models: Sequence[WindowModel]) -> Iterator[dict[str, Goodness]]:
         """Yield the goodness of fit of the frames, by name, in each window."""
         iterations, sampling = ROUNDS[-1]
         for model in models:
@@ -285,24 +318,26 @@ class _Run:
 
     def _iter_remedied(self, at: _At) -> Work[tuple[_At, tuple[str, ...]]]:
         """Return the best fit with one of the remedies, and what was changed or may be wrong, in words."""
-        remedies, excess = _remedies(self.plan), max(at.goodness.values()) - 1
+        remedies, excess = _remedies(self.plan), at.worst - 1
         clock, left = Clock("reasons for the poor fit", len(remedies)), []
         for k, one in enumerate(remedies):
             yield clock.at(k)
             every = list(self._goodness(at.u, self._models(one.contents)))
-            left.append(max(max(own.values()) for own in every) - 1)
+            left.append(max(value.ratio for own in every for value in own.values()) - 1)
         best = int(np.argmin(left))
         if left[best] > HELPS * excess:
-            return at, ("No change of the planes, the voxels or the dark field explains the frames: the optics may "
-                        "have an effect that is not described, or the noise is larger than stated.",)
+            return at, (
+                "No change of the planes, the voxels or the dark field explains the frames: the optics may "
+                "have an effect that is not described, or the noise is larger than stated.",
+            )
         chosen = remedies[best]
         again = yield from self._iter_fit(chosen.contents, f"recalibration with {chosen.remedy}")
-        better = again if max(again.goodness.values()) < max(at.goodness.values()) else at
+        better = again if again.worst < at.worst else at
         return better, (f"{chosen.reason}; the fit was repeated with {chosen.remedy}.",)
 
     def _summary(self, at: _At, words: tuple[str, ...]) -> Recalibration:
         covariance = np.linalg.inv(at.information + np.diag(self.precision))
-        worst = max(1.0, *at.goodness.values())
+        worst = max(1.0, at.worst)
         found, weak = {}, []
         for k, one in enumerate(self.vector.unknowns):
             u, sigma = float(at.u[k]), math.sqrt(max(0.0, covariance[k, k]) * worst)
@@ -324,13 +359,18 @@ def _window_frame(frame: NewFrame, window: Window, given: tuple[float, float] | 
     sensor = window.plan.camera.sensor
     if noise is None or not noise[1] > 0:
         raise InputError.expected(
-            f"{frame.label}, noise", "a variance with a slope, from the photon noise", noise, "give --noise CONSTANT,SLOPE"
+            f"{frame.label}, noise",
+            "a variance that grows with the signal, from photon noise",
+            "none" if noise is None else f"the variance {noise[0]:g} + {noise[1]:g} x value",
+            "give the constant and the slope of the variance (--noise)",
         )
     check_number("noise: constant", noise[0], at_least=0)
     (row, column), (rows, columns) = frame.origin, frame.values.shape
     if row + rows > sensor.shape[0] or column + columns > sensor.shape[1]:
         raise InputError.expected(
-            f"{frame.label}, pixels", f"at most {sensor.shape}, as in the camera", f"{frame.values.shape} at {frame.origin}",
+            f"{frame.label}, pixels",
+            f"at most {sensor.shape}, as in the camera",
+            f"{frame.values.shape} from {frame.origin} on",
             "give frames of this sensor",
         )
     whole, valid = np.zeros(sensor.shape, np.float32), np.zeros(sensor.shape, np.float32)
@@ -352,28 +392,21 @@ def _remedies(plan: ScanPlan) -> list[Remedy]:
     """Return what may be wrong with the assumptions about the contents of frames."""
     own = Contents(plan.depths_um)
     return [
-        Remedy(
-            "objects are between or outside the planes", "planes in between", replace(own, depths_um=_closer(plan))
-        ),
+        Remedy("objects are between or outside the planes", "planes in between", replace(own, depths_um=_closer(plan))),
         Remedy(
             "objects are smaller than a pixel and between the voxels",
             "voxels of half a pixel",
             replace(own, halves=True),
         ),
-        Remedy(
-            "the dark field has a structure", "a dark field of degree 6", replace(own, dark_degree=6)
-        ),
+        Remedy("the dark field has a structure", "a dark field of degree 6", replace(own, dark_degree=6)),
     ]
 
 
 def _closer(plan: ScanPlan) -> tuple[float, ...]:
-    """Return the depths of a plan with one plane in each gap, and one on each side, at even virtual depths."""
-    camera, v = plan.camera, np.array(plan.virtual_depths)
-    if len(v) == 0:
-        z = np.array(plan.depths_um)
-        step = np.diff(z) if len(z) > 1 else np.array([0.1 * max(1.0, abs(z[0]))])
-        return tuple(float(x) for x in np.sort(np.concatenate([z, z[:-1] + step / 2, [z[0] - step[0] / 2, z[-1] + step[-1] / 2]])))
-    step = np.diff(v) if len(v) > 1 else np.array([0.5])
-    more = np.concatenate([v, v[:-1] + np.diff(v) / 2, [v[0] - step[0] / 2, v[-1] + step[-1] / 2]])
-    depths = [camera.depth_of(float(x)) for x in more if abs(x) >= 1]
-    return tuple(sorted(depths, reverse=plan.depths_um[0] > plan.depths_um[-1]))
+    """Return the depths of a plan with a plane more in each gap and on both sides, midway in virtual depth if known."""
+    camera, order = plan.camera, plan.depths_um[0] > plan.depths_um[-1]
+    at = np.array(plan.virtual_depths or plan.depths_um)
+    step = np.diff(at) if len(at) > 1 else np.array([0.5 if plan.virtual_depths else 0.1 * max(1.0, abs(at[0]))])
+    more = np.concatenate([at, at[:-1] + np.diff(at) / 2, [at[0] - step[0] / 2, at[-1] + step[-1] / 2]])
+    depths = [camera.depth_of(v) for v in more.tolist() if abs(v) >= 1] if plan.virtual_depths else more.tolist()
+    return tuple(sorted(depths, reverse=order))

@@ -47,8 +47,8 @@ class Frame:
     def inverse_variance(self, expected: F4) -> F4:
         """Return the inverse variance of each pixel ``(rows, columns)`` (1/e²); 0 where the frame is not valid."""
         signal = np.maximum(expected, LEAST)
-        found: F4 = self.valid / (signal + np.float32(self.read_e**2) + np.float32(self.prnu**2) * signal**2)
-        return found
+        variance = signal + np.float32(self.read_e**2) + np.float32(self.prnu**2) * np.square(signal)
+        return (self.valid / variance).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +77,12 @@ def dark_fields(shape: tuple[int, int], degree: int = 1) -> F4:
     Positive images allow the multiplicative steps of Richardson-Lucy.
     """
     y, x = np.mgrid[-1 : 1 : shape[0] * 1j, -1 : 1 : shape[1] * 1j]
-    found = [1 + 0.9 * y**a * x**b if a + b else np.ones(shape) for a in range(degree + 1) for b in range(degree + 1 - a)]
+    powers = [(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)]
+    found = [1 + 0.9 * y**a * x**b if a + b else np.ones(shape) for a, b in powers]
     return np.stack(found).astype(np.float32)
 
 
-def estimate_scene(
-    patterns: Patterns, frame: Frame, fields: F4, iterations: int, start: Scene | None = None
-) -> Scene:
+def estimate_scene(patterns: Patterns, frame: Frame, fields: F4, iterations: int, start: Scene | None = None) -> Scene:
     """Return the object and dark field that explain a frame, by accelerated Richardson-Lucy iterations.
 
     Photon and read noise together are treated as Poisson noise of a signal that is larger by the square of the read
@@ -112,7 +111,8 @@ def estimate_scene(
         dark = (0.2 * light / len(fields) / shares).astype(np.float32)
     else:
         now, dark = start.volume.copy(), start.dark.copy()
-    before = change = None
+    before: F4 | None = None
+    change: F4 | None = None
     step = 0.0
     for _ in range(iterations):
         point = now if before is None else np.maximum(now + np.float32(step) * (now - before), np.float32(0.01) * now)

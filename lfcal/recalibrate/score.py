@@ -9,6 +9,7 @@ dark voxels dark.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from lfcal.recalibrate.patterns import Patterns
 from lfcal.recalibrate.scene import Frame, Scene
 
-__all__ = ["Score", "goodness", "orthogonal", "score_of"]
+__all__ = ["Goodness", "Score", "goodness", "orthogonal", "score_of"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -123,11 +124,26 @@ def score_of(patterns: Patterns, frame: Frame, scene: Scene, derivatives: F4, fi
     return Score(matrix[:k, :k] - gain @ matrix[k:, :k], slope[:k] - gain @ slope[k:])
 
 
-def goodness(patterns: Patterns, frame: Frame, scene: Scene, fields: F4, seed: int = 0) -> float:
-    """Return how large the residual of a frame is relative to its noise; 1 if the model explains the frame.
+class Goodness(NamedTuple):
+    """How large the residual of a frame is relative to its noise.
+
+    Attributes
+    ----------
+    ratio
+        Sum of squared residuals relative to the expected value; 1 if the model explains the frame.
+    freedom
+        Degrees of freedom of the residual. Noise alone changes the ratio by about ``sqrt(2 / freedom)``.
+    """
+
+    ratio: float
+    freedom: float
+
+
+def goodness(patterns: Patterns, frame: Frame, scene: Scene, fields: F4, seed: int = 0) -> Goodness:
+    """Return the goodness of fit of a frame.
 
     What the volume and the dark field can change is projected out of the residual, and of white noise that is drawn to
-    find the expected value. The result is the ratio of the sums of squares.
+    find the expected value.
     """
     weight = frame.inverse_variance(scene.expected)
     rng = np.random.default_rng(seed)
@@ -135,9 +151,10 @@ def goodness(patterns: Patterns, frame: Frame, scene: Scene, fields: F4, seed: i
     probes = (scale * rng.standard_normal((PROBES, *weight.shape))).astype(np.float32)
     residual = (frame.valid * (frame.electrons - scene.expected))[None]
     free = orthogonal(patterns, scene.volume, weight, np.concatenate([residual, probes, fields]))
-    flat, rest = free[:-len(fields)].reshape(1 + PROBES, -1), free[-len(fields) :].reshape(len(fields), -1)
+    flat, rest = free[: -len(fields)].reshape(1 + PROBES, -1), free[-len(fields) :].reshape(len(fields), -1)
     w = weight.ravel()
     inner = np.linalg.pinv((rest * w) @ rest.T, rcond=1e-10, hermitian=True)
-    flat = flat - (flat * w) @ rest.T @ inner @ rest
-    sums = (np.square(flat, dtype=np.float64) * w).sum(1)
-    return float(sums[0] / sums[1:].mean())
+    left = flat - (flat * w) @ rest.T @ inner @ rest
+    sums = (np.square(left, dtype=np.float64) * w).sum(1)
+    freedom = float(sums[1:].mean())
+    return Goodness(float(sums[0]) / freedom, freedom)

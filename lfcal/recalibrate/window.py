@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +16,9 @@ F4 = NDArray[np.float32]
 
 SIDE = 100
 """Default side of the part of a window in which all light is explained (pixels)."""
+
+LEAST_SIDE = 40
+"""Smallest side of the part of a window without margins (pixels)."""
 
 EDGE_PX = 2
 """Width of the edge of a window at which light from outside is looked for (pixels)."""
@@ -60,13 +62,16 @@ class Window:
     def trusted(self, electrons: F4, valid: F4) -> F4:
         """Return the weights ``valid`` of the window's pixels, without margins that sources outside may light.
 
-        A side has a margin, as wide as a cutout, if its edge is lit.
+        A side has a margin, as wide as a cutout, if its edge is lit. A window that is too small for margins has none:
+        its objects must be inside, and the goodness of fit shows if they are not.
         """
         good = electrons[valid > 0]
         if not good.size:
             return valid
         dark, light = np.quantile(good, (0.05, 0.99))
         found = valid.copy()
+        if min(n - 2 * (m - 1) for n, m in zip(self.shape, self.plan.cutout, strict=True)) < LEAST_SIDE:
+            return found
         for axis in (0, 1):
             margin = self.plan.cutout[axis] - 1
             for end in (1, -1):
@@ -110,5 +115,3 @@ def windows_of(plan: ScanPlan, count: int | None = None, side: int = SIDE) -> tu
         own = replace(plan, period=size, anchor=(float(anchor[0]), float(anchor[1])), resample=False)
         found[tuple(anchor.tolist())] = Window(own)
     return tuple(found.values())
-
-

@@ -8,6 +8,7 @@ from lfcal.tasks.depth import Depth
 from lfcal.tasks.export import ExportFor, ExportH5, ExportMat, ExportNpy, ExportTiff
 from lfcal.tasks.fit import FitFrames, FitMatrix, FitTarget
 from lfcal.tasks.fit_check import CheckMatrix, CheckMatrixByScan
+from lfcal.tasks.fit_frames import Recalibrate
 from lfcal.tasks.fit_object import PredictObject
 from lfcal.tasks.fit_validate import ValidateFit, ValidateFitByFrames
 from lfcal.tasks.inspect import Inspect
@@ -48,6 +49,7 @@ __all__ = [
     "PlanScan",
     "PlanTarget",
     "PredictObject",
+    "Recalibrate",
     "Reconstruct",
     "ReconstructForecast",
     "ReconstructSeries",

@@ -19,6 +19,7 @@ from lfcal.tasks.depth import DepthForecast, MeasuredDepth
 from lfcal.tasks.export import ExportedFiles
 from lfcal.tasks.fit import FitOutcome, FittedPatterns
 from lfcal.tasks.fit_check import CheckedMatrix
+from lfcal.tasks.fit_frames import Recalibrated
 from lfcal.tasks.fit_object import PredictedObject
 from lfcal.tasks.fit_validate import Validated
 from lfcal.tasks.inspect import InspectedMatrix
@@ -55,6 +56,7 @@ __all__ = [
     "PlannedSession",
     "PositionsPlanned",
     "PredictedObject",
+    "Recalibrated",
     "Reconstructed",
     "ReconstructionForecast",
     "RecordedSession",

@@ -23,6 +23,7 @@ TASKS = {
     "plan target": "lfcal.tasks.plan_target:PLAN_TARGET",
     "fit": "lfcal.tasks.fit:FIT",
     "fit check": "lfcal.tasks.fit_check:FIT_CHECK",
+    "fit frames": "lfcal.tasks.fit_frames:FIT_FRAMES",
     "fit object": "lfcal.tasks.fit_object:FIT_OBJECT",
     "fit validate": "lfcal.tasks.fit_validate:FIT_VALIDATE",
     "simulate": "lfcal.tasks.simulate:SIMULATE",

@@ -28,6 +28,7 @@ ALLOWED: dict[str, set[str]] = {
     "psf": GROUND | {"work", "camera", "frames", "records"},
     "simulate": GROUND | {"work", "camera", "frames", "psf"},
     "fit": GROUND | {"work", "camera", "psf", "simulate"},
+    "recalibrate": GROUND | {"camera", "psf", "simulate", "fit"},
     "targets": GROUND | {"camera", "frames", "simulate", "multiplex"},
     "devices": GROUND | {"camera", "frames"},
     "acquire": GROUND | {"devices", "camera", "frames", "psf", "targets"},
@@ -41,7 +42,7 @@ ALLOWED: dict[str, set[str]] = {
     "tasks": {
         *GROUND,
         *("records", "work", "camera", "lattice", "frames", "psf", "simulate", "fit", "targets", "devices", "acquire"),
-        *("campaign", "reconstruct", "judge", "multiplex", "accuracy"),
+        *("campaign", "reconstruct", "recalibrate", "judge", "multiplex", "accuracy"),
     },
     "napari": GROUND | {"acquire", "psf", "reconstruct"},
     "accuracy": {

@@ -1,0 +1,208 @@
+"""Recalibrate a camera on ordinary frames, whose objects are unknown."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lfcal.base import InputError, Work
+from lfcal.records import (
+    CorrectionRecipe,
+    opt,
+    panel,
+    read_cutout,
+    read_depths,
+    read_virtual_depths,
+    record,
+    required,
+    show_pair,
+    show_planes,
+)
+from lfcal.tasks._patterns import NO_PLACE, noise_field, open_upright, orientation_field, own_words
+from lfcal.tasks.cameras import is_camera_file, preset_names
+from lfcal.tasks.fit import FOLDER, read_unknowns
+from lfcal.tasks.planned import planned_scan
+from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.fit import NewFrame
+    from lfcal.frames import FrameSource
+    from lfcal.recalibrate import Recalibration
+
+__all__ = ["FIT_FRAMES", "Recalibrate", "Recalibrated"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recalibrated(TaskResult):
+    """A camera recalibrated on frames, and its files."""
+
+    found: Recalibration
+    out: Path
+    files: tuple[Path, ...]
+
+    @property
+    def failed(self) -> bool:
+        """Whether the camera does not explain the frames, so that only numbers were written."""
+        return not self.found.accepted
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all values as plain JSON types."""
+        from lfcal.recalibrate import recalibration_dict
+
+        return recalibration_dict(self.found) | {"files": list(self.files)}
+
+
+@record
+class Recalibrate(Task):
+    """Recalibrate a camera on ordinary frames, and compute H of it.
+
+    The frames may show any structured objects within the depth planes. The fit estimates gap, rotation, offset and
+    pitch of the array, focal lengths, iris and aberrations together with each object and dark field. It writes
+    camera.json, effects.json, H.h5 and recalibration.json into a folder. Exit code 1: the camera does not explain the
+    frames, and only recalibration.json is written.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import Recalibrate
+    >>> task = Recalibrate(frames="beads.tif", psf="H.h5", noise="64,1", out="monday")
+    >>> print(task.files("out")[0], task.noise)
+    monday/H.h5 (64.0, 1.0)
+    """
+
+    name: ClassVar[str] = "fit frames"
+
+    frames: tuple[Path, ...] = required(
+        "Frames of unknown structured objects: files, or folders of frames.", argument=True, file="in"
+    )
+    out: Path = opt(FOLDER, "Folder for the results.", label="Folder", short="-o", file="out")
+    psf: Path | None = opt(
+        None,
+        "H to recalibrate. Its camera, planes and cutout are the start.",
+        label="H",
+        file="in",
+        empty="none: give a camera with planes",
+    )
+    camera: str = opt(
+        "",
+        "Preset, camera file or scan plan to start from.",
+        file="in",
+        is_path=is_camera_file,
+        examples=preset_names,
+        empty="the camera of H",
+    )
+    depths: tuple[float, ...] = opt(
+        (),
+        "Depths of the planes of the volume, increasing away from the camera: a,b,c or start:stop:step. In µm, unless "
+        "a unit follows (1.2mm).",
+        unit="µm",
+        read=read_depths,
+        show=show_planes,
+        empty="the planes of H or of the plan",
+    )
+    virtual_depths: tuple[float, ...] = opt(
+        (),
+        "Virtual depths v = a/B of the planes of the volume: a,b,c or start:stop:step.",
+        read=read_virtual_depths,
+        show=show_planes,
+        empty="the planes of H or of the plan",
+    )
+    cutout: tuple[int, int] | None = opt(
+        None,
+        "Size of the cutout around the image of each point: an odd number of pixels, or ROWS,COLUMNS.",
+        unit="px",
+        read=read_cutout,
+        show=show_pair,
+        empty="as in H or the plan, else the geometric size of the pattern",
+        more=True,
+    )
+    unknowns: str = opt(
+        "auto",
+        "Groups of unknowns to fit, separated by commas. auto: gap, rotation, offset and pitch of the array, focal "
+        "lengths, iris and wavefront.",
+        examples=("auto",),
+        read=read_unknowns,
+        more=True,
+    )
+    windows: int | None = opt(
+        None,
+        "Number of windows of the sensor in which the frames are explained, at most 5.",
+        at_least=1,
+        at_most=5,
+        empty="one, or five of a large sensor",
+        more=True,
+    )
+    noise: tuple[float, float] | None = noise_field("as stated by the frames")
+    orientation: str = orientation_field()
+    corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
+    write_h: bool = opt(True, "Do not compute and write H of the camera.", label="Compute H", flag="--no-h")
+
+    def __post_init__(self) -> None:
+        """Check every field and the combinations that exclude each other."""
+        super().__post_init__()
+        given = [name for name in ("camera", "depths", "virtual_depths", "cutout") if getattr(self, name)]
+        if self.psf is not None and given:
+            raise InputError.expected(
+                "start of the recalibration", "either H or a camera with planes", f"H and {given[0]}", "leave one out"
+            )
+        if self.psf is None and not self.camera:
+            raise InputError.expected(
+                "start of the recalibration", "H, or a camera with planes", "neither", "give one of them"
+            )
+
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return the files of the task; outputs are those in the folder."""
+        from lfcal.recalibrate import recalibration_outputs
+
+        return recalibration_outputs(self.out, with_h=self.write_h) if way == "out" else super().files(way)
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Recalibrated, ...]]:
+        """Read the frames, recalibrate the camera, and write it."""
+        from lfcal.recalibrate import iter_recalibrate, iter_write_recalibration
+
+        workers = run.workers if run else None
+        plan = self._plan()
+        groups = None if self.unknowns == "auto" else self.unknowns.split(",")
+        with ExitStack() as stack:
+            frames = [frame for path in self.frames for frame in self._read(path, plan, stack)]
+            work = iter_recalibrate(
+                frames, plan, noise=self.noise, unknowns=groups, windows=self.windows, workers=workers
+            )
+            found = yield from work
+        known = {"sources": [path.name for path in self.frames], "task": self.to_dict(absolute=True, outputs=False)}
+        writing = iter_write_recalibration(found, self.out, known, with_h=self.write_h, workers=workers)
+        files = yield from writing
+        return (Recalibrated(found=found, out=self.out, files=files),)
+
+    def _plan(self) -> ScanPlan:
+        """Return the scan with the described camera."""
+        from lfcal.judge import plan_of
+
+        if self.psf is None:
+            return planned_scan(self.camera, self.depths, self.virtual_depths, self.cutout)
+        with open_upright(self.psf) as matrix:
+            plan = plan_of(matrix)
+        if plan is None:
+            raise InputError.expected(
+                str(self.psf), "an H with its camera", "an H without one", "give the camera and the planes instead"
+            )
+        return plan
+
+    def _read(self, path: Path, plan: ScanPlan, stack: ExitStack) -> list[NewFrame]:
+        """Return the corrected frames of a file or folder, in the orientation of the sensor."""
+        from lfcal.frames import corrected_view, named_orientation, open_unplaced, oriented
+        from lfcal.judge import new_frame
+        from lfcal.psf import AUTO, CHECK
+
+        with own_words(without=NO_PLACE):
+            view: FrameSource = corrected_view(stack.enter_context(open_unplaced(path)), self.corrections, plan)
+            if self.orientation not in (AUTO, CHECK):
+                view = oriented(view, named_orientation(self.orientation), plan.camera.sensor.shape)
+            return [new_frame(view, k, view.info(k).label) for k in range(len(view))]
+
+
+FIT_FRAMES = TaskSet(
+    "fit frames", (Recalibrate,), lambda given: Recalibrate, "lfcal fit frames frame.tif --psf H.h5 -o monday/"
+)
