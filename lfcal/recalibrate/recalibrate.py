@@ -67,7 +67,7 @@ PLATEAU = 12
 """Number of pixels with exactly the largest value of a frame above which the frame is taken as saturated there."""
 
 HELPS = 0.7
-"""Largest excess of the goodness of fit after a remedy, relative to that before, at which the remedy is tried."""
+"""Excess of the goodness of fit with a remedy, relative to that without, below which it names the likely reason."""
 
 
 @dataclass(frozen=True)
@@ -317,23 +317,22 @@ class _Run:
             yield {frame.name: value for frame, value in zip(model.frames, found, strict=True)}
 
     def _iter_remedied(self, at: _At) -> Work[tuple[_At, tuple[str, ...]]]:
-        """Return the best fit with one of the remedies, and what was changed or may be wrong, in words."""
-        remedies, excess = _remedies(self.plan), at.worst - 1
-        clock, left = Clock("reasons for the poor fit", len(remedies)), []
-        for k, one in enumerate(remedies):
-            yield clock.at(k)
-            every = list(self._goodness(at.u, self._models(one.contents)))
-            left.append(max(value.ratio for own in every for value in own.values()) - 1)
-        best = int(np.argmin(left))
-        if left[best] > HELPS * excess:
-            return at, (
-                "No change of the planes, the voxels or the dark field explains the frames: the optics may "
-                "have an effect that is not described, or the noise is larger than stated.",
-            )
-        chosen = remedies[best]
-        again = yield from self._iter_fit(chosen.contents, f"recalibration with {chosen.remedy}")
-        better = again if again.worst < at.worst else at
-        return better, (f"{chosen.reason}; the fit was repeated with {chosen.remedy}.",)
+        """Return the first fit with a remedy that explains the frames, otherwise ``at``, and what it shows, in words.
+
+        A fit with wrong assumptions moves the camera away, so each remedy needs a fit from the start.
+        """
+        best, reason = at, ""
+        for one in _remedies(self.plan):
+            again = yield from self._iter_fit(one.contents, f"recalibration with {one.remedy}")
+            if again.worst <= ALARM:
+                return again, (f"{one.reason}; the fit was repeated with {one.remedy}",)
+            if again.worst - 1 < HELPS * (best.worst - 1):
+                best, reason = again, f"{one.reason}: with {one.remedy}, the goodness of fit is {again.worst:.2f}"
+        return at, (
+            reason
+            or "neither other planes, nor smaller voxels, nor a structured dark field explain the frames: the "
+            "optics may have an effect that is not described, or the noise may be larger than stated",
+        )
 
     def _summary(self, at: _At, words: tuple[str, ...]) -> Recalibration:
         covariance = np.linalg.inv(at.information + np.diag(self.precision))
@@ -389,16 +388,13 @@ def _window_frame(frame: NewFrame, window: Window, given: tuple[float, float] | 
 
 
 def _remedies(plan: ScanPlan) -> list[Remedy]:
-    """Return what may be wrong with the assumptions about the contents of frames."""
+    """Return what may be wrong with the assumptions about the contents of frames, the fastest to try first."""
     own = Contents(plan.depths_um)
+    between, small = "objects between or outside the planes", "objects smaller than a pixel, between the voxels"
     return [
-        Remedy("objects are between or outside the planes", "planes in between", replace(own, depths_um=_closer(plan))),
-        Remedy(
-            "objects are smaller than a pixel and between the voxels",
-            "voxels of half a pixel",
-            replace(own, halves=True),
-        ),
-        Remedy("the dark field has a structure", "a dark field of degree 6", replace(own, dark_degree=6)),
+        Remedy("a dark field with structure", "a polynomial of degree 6", replace(own, dark_degree=6)),
+        Remedy(between, "more planes", replace(own, depths_um=_closer(plan))),
+        Remedy(small, "voxels of half a pixel", replace(own, halves=True)),
     ]
 
 

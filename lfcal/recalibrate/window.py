@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
 from lfcal.camera import ScanPlan
 
 __all__ = ["SIDE", "Window", "windows_of"]
@@ -92,18 +91,9 @@ def windows_of(plan: ScanPlan, count: int | None = None, side: int = SIDE) -> tu
         Number of windows; None: one if it covers a quarter of the sensor, otherwise five.
     side
         Side of the part of a window without margins (pixels).
-
-    Raises
-    ------
-    InputError
-        If the sensor is smaller than a window of one position.
     """
     shape, cutout = np.array(plan.camera.sensor.shape), np.array(plan.cutout)
     room = shape - cutout + 1
-    if room.min() < 1:
-        raise InputError.expected(
-            "cutout", f"at most {shape.min()} pixels, the size of the sensor", plan.cutout, "choose a smaller cutout"
-        )
     period = np.minimum(room, side + cutout - 1)
     if count is None:
         count = 1 if 4 * period.prod() >= room.prod() else len(CORNERS)

@@ -1,0 +1,128 @@
+"""Recalibration of a small camera, and the results that it must not accept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from lfcal.base import InputError
+from lfcal.base.notes import notes_to
+from lfcal.fit import NewFrame
+from lfcal.fit.model import Fineness
+from lfcal.recalibrate import Recalibration, recalibrate
+from lfcal.recalibrate.patterns import every_voxel, patterns_at
+from lfcal.recalibrate.score import Goodness
+from tests.recalibrate.common import (
+    GROUPS,
+    WRONG,
+    beads,
+    described,
+    frame_of,
+    small_plan,
+    the_window,
+    true_patterns,
+    true_setup,
+)
+
+PLAN = small_plan()
+
+
+def fitted(*frames: NewFrame, **options: object) -> Recalibration:
+    return recalibrate(frames, PLAN, unknowns=GROUPS, workers=2, **options)
+
+
+@cache
+def good() -> Recalibration:
+    return fitted(frame_of(PLAN, beads(PLAN, 1), 1))
+
+
+def error_of_h(setup: object) -> float:
+    """Return the relative L1 error of H over the window."""
+    own = the_window(PLAN).plan
+    found, true = patterns_at(setup, own, every_voxel(own), Fineness.fine, 2), true_patterns(PLAN)
+    return float(np.abs(found.values - true.values).sum() / true.values.sum())
+
+
+def test_one_frame_of_beads_recalibrates_the_camera() -> None:
+    before, after = error_of_h(described(PLAN)), error_of_h(good().setup)
+    assert good().accepted and good().worst == pytest.approx(1, abs=0.04)
+    assert before > 0.1 and after < 0.01, (before, after)
+    start = {name: one.start for name, one in good().parameters.items()}
+    for name, one in good().parameters.items():
+        assert abs(one.value - start[name] - WRONG.get(name, 0)) < 4 * one.sigma, name
+
+
+def test_frames_add_as_independent_information() -> None:
+    two = fitted(*(frame_of(PLAN, beads(PLAN, seed), seed) for seed in (1, 2)))
+    assert two.accepted and sorted(two.goodness) == ["beads 1", "beads 2"]
+    assert two.verdict.startswith("recalibrated from 2 frames")
+    held = [two.parameters[name].sigma_held / one.sigma_held for name, one in good().parameters.items()]
+    assert np.median(held) == pytest.approx(1 / np.sqrt(2), abs=0.12)
+
+
+@pytest.mark.long
+def test_objects_between_the_planes_are_noticed_and_remedied() -> None:
+    own = the_window(PLAN).plan
+    between = replace(own, depths_um=(PLAN.camera.depth_of(2.45), PLAN.camera.depth_of(2.95)))
+    setup = true_setup(PLAN)
+    light = patterns_at(setup, between, every_voxel(between), Fineness.fine, 2).images(beads(PLAN, 3)[None])[0]
+    mean = 3000 * light / light.max() + 20
+    frame = NewFrame(np.random.default_rng(0).poisson(mean).astype(np.float32), noise=(1e-3, 1.0), label="between")
+    found = fitted(frame)
+    assert any("planes" in words for words in found.remedies), found.remedies
+    assert len(found.contents.depths_um) == 5
+    assert found.accepted and error_of_h(found.setup) < 0.03
+
+
+@pytest.mark.long
+def test_light_that_no_object_explains_is_refused() -> None:
+    frame = frame_of(PLAN, beads(PLAN, 1), 1)
+    stripes = 300 * (np.arange(frame.values.shape[1]) % 2)
+    found = fitted(replace(frame, values=(frame.values + stripes).astype(np.float32)))
+    assert not found.accepted and found.verdict.startswith("not recalibrated: the goodness of fit is")
+    assert found.remedies
+
+
+@pytest.mark.parametrize(
+    ("goodness", "words"),
+    [
+        (Goodness(1.2, 4000), "the goodness of fit is 1.20, but at most 1.05 is allowed"),
+        (Goodness(0.5, 4000), "the residual is only 0.50 times as large as the stated noise"),
+        (Goodness(1.0, 300), "too few pixels are valid"),
+    ],
+)
+def test_results_that_cannot_be_trusted_are_not_accepted(goodness: Goodness, words: str) -> None:
+    found = replace(good(), goodness={"frame": goodness})
+    assert not found.accepted and found.verdict == f"not recalibrated: {words}"
+
+
+def test_saturated_pixels_are_left_out_and_named() -> None:
+    frame = frame_of(PLAN, beads(PLAN, 1), 1)
+    clipped = replace(frame, values=np.minimum(frame.values, 800).astype(np.float32))
+    notes: list[str] = []
+    with notes_to(notes.append):
+        found = fitted(clipped)
+    assert any("left out as saturated" in one for one in notes)
+    assert found.accepted and error_of_h(found.setup) < 0.015
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        (NewFrame(np.ones((60, 60), np.float32), label="a.tif"), r"a.tif, noise: .* got none; give the constant"),
+        (NewFrame(np.ones((60, 60), np.float32), noise=(9, 0)), r"got the variance 9 \+ 0 x value"),
+        (NewFrame(np.ones((80, 60), np.float32), noise=(9, 1)), "at most"),
+        (NewFrame(np.ones((9, 9), np.float32), np.zeros((9, 9), bool), noise=(9, 1)), "valid pixels in a window"),
+    ],
+)
+def test_frames_that_cannot_be_used_are_refused(frame: NewFrame, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        fitted(frame)
+
+
+def test_groups_that_the_camera_lacks_are_refused() -> None:
+    with pytest.raises(InputError, match="lens_centres"):
+        recalibrate([frame_of(PLAN, beads(PLAN, 1), 1)], PLAN, unknowns=("lens_centres",))

@@ -1,0 +1,48 @@
+"""The object and the dark field of a frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lfcal.fit.model import Fineness
+from lfcal.recalibrate.patterns import Patterns, every_voxel, patterns_at
+from lfcal.recalibrate.scene import Frame, dark_fields, estimate_scene
+from tests.recalibrate.common import beads, described, small_plan, the_window
+
+
+def own_patterns() -> Patterns:
+    plan = small_plan()
+    own = the_window(plan).plan
+    return patterns_at(described(plan), own, every_voxel(own), Fineness.coarse, 1)
+
+
+def test_explains_light_and_dark_field_of_a_frame_without_noise() -> None:
+    patterns = own_patterns()
+    light = patterns.images(beads(small_plan(), 4)[None])[0]
+    fields = dark_fields(light.shape)
+    dark = np.array([10, 4, 6], np.float32)
+    electrons = 2000 * light / light.max() + np.einsum("d,dyx->yx", dark, fields)
+    scene = estimate_scene(patterns, Frame(electrons, np.ones_like(electrons)), fields, 150)
+    assert np.abs(scene.expected - electrons).sum() < 0.01 * electrons.sum()
+    found = np.einsum("d,dyx->yx", scene.dark, fields)
+    assert found == pytest.approx(np.einsum("d,dyx->yx", dark, fields), abs=2.0)
+    assert scene.expected == pytest.approx(scene.light + found, rel=1e-5)
+
+
+def test_pixels_that_are_not_valid_have_no_influence() -> None:
+    patterns = own_patterns()
+    rng = np.random.default_rng(5)
+    electrons = rng.uniform(5, 100, patterns.shape).astype(np.float32)
+    valid = (rng.random(patterns.shape) > 0.2).astype(np.float32)
+    fields = dark_fields(patterns.shape)
+    other = np.where(valid > 0, electrons, 1e6).astype(np.float32)
+    first, second = (estimate_scene(patterns, Frame(own, valid), fields, 5) for own in (electrons, other))
+    assert np.array_equal(first.volume, second.volume)
+
+
+@pytest.mark.parametrize(("degree", "count"), [(0, 1), (1, 3), (3, 10)])
+def test_dark_fields_are_positive_and_contain_all_polynomials(degree: int, count: int) -> None:
+    fields = dark_fields((9, 11), degree)
+    assert fields.shape == (count, 9, 11) and fields.min() > 0
+    assert np.linalg.matrix_rank(fields.reshape(count, -1)) == count
