@@ -365,12 +365,13 @@ def _window_frame(frame: NewFrame, window: Window, given: tuple[float, float] | 
         )
     check_number("noise: constant", noise[0], at_least=0)
     (row, column), (rows, columns) = frame.origin, frame.values.shape
-    if row + rows > sensor.shape[0] or column + columns > sensor.shape[1]:
+    whole_frame = frame.origin != (0, 0) or frame.values.shape == sensor.shape
+    if not whole_frame or row + rows > sensor.shape[0] or column + columns > sensor.shape[1]:
         raise InputError.expected(
             f"{frame.label}, pixels",
-            f"at most {sensor.shape}, as in the camera",
+            f"{sensor.shape}, as in the camera",
             f"{frame.values.shape} from {frame.origin} on",
-            "give frames of this sensor",
+            "give whole frames of this camera",
         )
     whole, valid = np.zeros(sensor.shape, np.float32), np.zeros(sensor.shape, np.float32)
     inside = np.s_[row : row + rows, column : column + columns]

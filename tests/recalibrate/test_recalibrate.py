@@ -114,8 +114,9 @@ def test_saturated_pixels_are_left_out_and_named() -> None:
     [
         (NewFrame(np.ones((60, 60), np.float32), label="a.tif"), r"a.tif, noise: .* got none; give the constant"),
         (NewFrame(np.ones((60, 60), np.float32), noise=(9, 0)), r"got the variance 9 \+ 0 x value"),
-        (NewFrame(np.ones((80, 60), np.float32), noise=(9, 1)), "at most"),
-        (NewFrame(np.ones((9, 9), np.float32), np.zeros((9, 9), bool), noise=(9, 1)), "valid pixels in a window"),
+        (NewFrame(np.ones((80, 60), np.float32), noise=(9, 1)), r"got \(80, 60\) from \(0, 0\) on"),
+        (NewFrame(np.ones((50, 50), np.float32), noise=(9, 1)), r"expected \(60, 60\), as in the camera"),
+        (NewFrame(np.ones((60, 60), np.float32), np.zeros((60, 60), bool), noise=(9, 1)), "valid pixels in a window"),
     ],
 )
 def test_frames_that_cannot_be_used_are_refused(frame: NewFrame, message: str) -> None:

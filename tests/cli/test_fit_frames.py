@@ -1,0 +1,111 @@
+"""``lfcal fit frames``: recalibration of a camera on frames of unknown objects, as a user asks for it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from lfcal.psf import PSFMatrix, open_psf, save
+from tests.cli.conftest import Run
+from tests.recalibrate.common import WRONG, beads, frame_of, small_plan
+
+Lfcal = Callable[..., Run]
+START = ("--camera", "camera.json", "--virtual-depths", "2.2,2.7", "--cutout", 21)
+FAST = ("--unknowns", "geometry,iris", "--windows", 1, "--noise", "9,1", "--workers", 2)
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the described camera and a frame of beads by the true one."""
+    folder, plan = tmp_path_factory.mktemp("frames"), small_plan()
+    sensor = replace(plan.camera.sensor, bit_depth=16, full_well_e=65535.0, black_level=100.0, saturation=None)
+    (folder / "camera.json").write_text(replace(plan.camera, sensor=sensor).to_json())
+    values = frame_of(plan, beads(plan, 1), 1).values
+    tifffile.imwrite(folder / "beads.tif", np.clip(np.rint(values + 100), 0, 65535).astype(np.uint16))
+    tifffile.imwrite(folder / "dark.tif", np.full(values.shape, 100, np.uint16))
+    return folder
+
+
+@pytest.fixture
+def place(kept: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(kept)
+    return kept
+
+
+def test_one_frame_of_beads_gives_the_camera_and_h(lfcal: Lfcal, place: Path) -> None:
+    run = lfcal("fit", "frames", "beads.tif", *START, *FAST, "--black-level", 100, "--out", "monday")
+    assert run.code == 0 and "recalibrated from 1 frame, goodness of fit" in run.out, run.err
+    assert "monday: H.h5, camera.json, effects.json, recalibration.json" in run.out
+    numbers = json.loads((place / "monday/recalibration.json").read_text())
+    gap = next(one for one in numbers["parameters"] if one["name"] == "gap_um")
+    assert gap["value"] - gap["start"] == pytest.approx(WRONG["gap_um"], abs=4 * gap["sigma"])
+    with open_psf(place / "monday/H.h5") as H:
+        assert H.shape[0] == 2 and H.shape[3:] == (21, 21)
+        assert H.camera is not None and H.camera.lattice.gap_um == pytest.approx(gap["value"])
+        assert H.provenance["recalibration"]["verdict"] == numbers["verdict"]
+
+
+def test_h_is_the_start_and_answers_are_json(lfcal: Lfcal, place: Path) -> None:
+    from lfcal.camera import Camera
+
+    plan = small_plan()
+    camera = Camera.from_json((place / "camera.json").read_text())
+    old = PSFMatrix(np.ones(plan.shape, np.float32), depths=plan.depths_um, camera=camera, anchor=plan.anchor)
+    save(old, place / "old.h5")
+    given = ("--psf", "old.h5", *FAST, "--dark", "dark.tif", "--orientation", "none", "--no-h", "--force")
+    run = lfcal("fit", "frames", "beads.tif", *given, "-o", "tuesday", "--json")
+    assert run.code == 0, run.err
+    said = run.json
+    assert isinstance(said, dict) and said["accepted"] and not (place / "tuesday/H.h5").exists()
+    assert [Path(name).name for name in said["files"]] == ["camera.json", "effects.json", "recalibration.json"]
+
+
+def test_a_frame_that_is_not_explained_leaves_only_numbers(lfcal: Lfcal, place: Path) -> None:
+    run = lfcal("fit", "frames", "beads.tif", *START, *FAST[:-4], "--noise", "9,3", "--black-level", 100, "-o", "bad")
+    assert run.code == 1 and "not recalibrated: the residual is only" in run.out, run.err
+    assert [path.name for path in (place / "bad").iterdir()] == ["recalibration.json"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((), "start of the recalibration: expected H, or a camera with planes"),
+        (("--psf", "old.h5", "--camera", "bench"), "either H or a camera with planes, got H and camera"),
+        (("--camera", "bench"), "--depths"),
+        (("--camera", "camera.json", "--depths", "-1mm", "--cutout", 20), "cutout"),
+        ((*START, "--windows", 9), "windows"),
+        ((*START, "--unknowns", "colour"), "unknowns: expected auto or groups of unknowns, got colour"),
+        (("--camera", "bench", "--virtual-depths", "3"), "pixels: expected (320, 320), as in the camera"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(lfcal: Lfcal, place: Path, words: tuple[object, ...], message: str) -> None:
+    run = lfcal("fit", "frames", "beads.tif", *words)
+    assert run.code == 2 and message in run.err, run.err
+    assert run.err.count("\n") <= 2 and not (place / "fit").exists()
+
+
+CORRECTIONS = {
+    "--background": "none.tif",
+    "--dark": "none.tif",
+    "--defect-list": "none.txt",
+    "--mask": "none.png",
+    "--white": "none.tif",
+    "--defects": "-1",
+    "--exposure": "-1",
+    "--saturation": "-5",
+    "--white-floor": "7",
+    "--white-mode": "gray",
+}
+
+
+@pytest.mark.parametrize(("option", "value"), CORRECTIONS.items(), ids=list(CORRECTIONS))
+def test_corrections_are_those_of_other_frames(lfcal: Lfcal, place: Path, option: str, value: str) -> None:
+    run = lfcal("fit", "frames", "beads.tif", *START, *FAST, option, value)
+    assert run.code == 2 and run.err, run.out
+    assert value in run.err or option.lstrip("-").split("-")[0] in run.err
