@@ -229,7 +229,7 @@ def iter_recalibrate(
     lit = [(window, own) for window, own in zip(places, every, strict=True) if all(one.valid.any() for one in own)]
     if not lit:
         raise InputError.expected(
-            "frames", "valid pixels in a window of the sensor", "none", "give whole frames of this sensor"
+            "frames", "valid pixels in a window of the sensor", "none", "check mask and saturation level"
         )
     scales = ScanScales.over([window.plan for window, _ in lit]) if len(lit) > 1 else ScanScales.of(lit[0][0].plan)
     vector = Vector(setup, scales, groups)

@@ -58,7 +58,7 @@ def test_h_is_the_start_and_answers_are_json(lfcal: Lfcal, place: Path) -> None:
     camera = Camera.from_json((place / "camera.json").read_text())
     old = PSFMatrix(np.ones(plan.shape, np.float32), depths=plan.depths_um, camera=camera, anchor=plan.anchor)
     save(old, place / "old.h5")
-    given = ("--psf", "old.h5", *FAST, "--dark", "dark.tif", "--orientation", "none", "--no-h", "--force")
+    given = ("--psf", "old.h5", *FAST, "--dark", "dark.tif", "--orientation", "as-is", "--no-h", "--force")
     run = lfcal("fit", "frames", "beads.tif", *given, "-o", "tuesday", "--json")
     assert run.code == 0, run.err
     said = run.json
@@ -108,4 +108,4 @@ CORRECTIONS = {
 def test_corrections_are_those_of_other_frames(lfcal: Lfcal, place: Path, option: str, value: str) -> None:
     run = lfcal("fit", "frames", "beads.tif", *START, *FAST, option, value)
     assert run.code == 2 and run.err, run.out
-    assert value in run.err or option.lstrip("-").split("-")[0] in run.err
+    assert value in run.err or option.lstrip("-").split("-")[0] in run.err.lower()
