@@ -44,7 +44,7 @@ FORMAT = "lfcal-fit"
 VERSION = 1
 
 
-class Fitted(Protocol):
+class CameraResult(Protocol):
     """A fitted camera with its effects, and the scan with the described camera."""
 
     @property
@@ -60,7 +60,7 @@ class Fitted(Protocol):
         """Scan with the described camera."""
 
 
-def measured_camera(fit: Fitted) -> Camera:
+def measured_camera(fit: CameraResult) -> Camera:
     """Return the fitted camera; values that differ from the description are marked as measured."""
     camera, described = fit.camera, fit.planned.camera
     known = {quantity.path for quantity in quantities_of(described)}
@@ -69,7 +69,7 @@ def measured_camera(fit: Fitted) -> Camera:
     return replace(camera, marks=camera.marks.marked(other, "measured"))
 
 
-def effects_text(fit: Fitted) -> str:
+def effects_text(fit: CameraResult) -> str:
     """Return the fitted effects as JSON text for ``lfcal simulate --effect``, with all of them switched on."""
     return entries_json(
         Entry(
@@ -196,7 +196,7 @@ class Written(NamedTuple):
     hybrid: HybridSummary | None
 
 
-def write_found(fit: Fitted, folder: Path, name: str, numbers: Mapping[str, Any]) -> list[Path]:
+def write_found(fit: CameraResult, folder: Path, name: str, numbers: Mapping[str, Any]) -> list[Path]:
     """Write camera, effects and finally ``numbers`` with the time to ``folder``, and return the paths.
 
     ``name`` is the name of the file of the numbers.

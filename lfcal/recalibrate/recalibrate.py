@@ -22,10 +22,10 @@ from lfcal.fit import (
     lacking,
     starting_effects,
 )
-from lfcal.recalibrate.model import Contents, WindowModel
-from lfcal.recalibrate.scene import Frame
-from lfcal.recalibrate.score import Goodness, Score
-from lfcal.recalibrate.window import Window, windows_of
+from lfcal.recalibrate._model import Contents, WindowModel
+from lfcal.recalibrate._scene import ObjectFrame
+from lfcal.recalibrate._score import Goodness, Score
+from lfcal.recalibrate._window import SensorWindow, windows_of
 from lfcal.simulate.effects import Effect
 
 __all__ = ["ALARM", "DETERMINED", "Recalibration", "iter_recalibrate", "recalibrate"]
@@ -178,7 +178,7 @@ def iter_recalibrate(
     """Return the camera that explains frames of unknown objects.
 
     For each frame, the object and the dark field are estimated together with the camera. What a change of the object
-    can imitate does not count as information on the camera (`lfcal.recalibrate.score`).
+    can imitate does not count as information on the camera (`lfcal.recalibrate._score`).
 
     Parameters
     ----------
@@ -271,7 +271,11 @@ class _Run:
     """The frames of all windows, and the rounds of a fit to them."""
 
     def __init__(
-        self, lit: Sequence[tuple[Window, Sequence[Frame]]], plan: ScanPlan, vector: Vector, workers: int | None
+        self,
+        lit: Sequence[tuple[SensorWindow, Sequence[ObjectFrame]]],
+        plan: ScanPlan,
+        vector: Vector,
+        workers: int | None,
     ) -> None:
         self.lit, self.plan, self.vector, self.workers = lit, plan, vector, workers
         precision, _ = vector.prior()
@@ -352,7 +356,7 @@ class _Run:
         return Recalibration(setup, self.plan, found, at.goodness, at.contents, words, tuple(weak))
 
 
-def _window_frame(frame: NewFrame, window: Window, given: tuple[float, float] | None) -> Frame:
+def _window_frame(frame: NewFrame, window: SensorWindow, given: tuple[float, float] | None) -> ObjectFrame:
     """Return the part of a frame in a window, in electrons."""
     noise = given or frame.noise
     sensor = window.plan.camera.sensor
@@ -385,7 +389,7 @@ def _window_frame(frame: NewFrame, window: Window, given: tuple[float, float] | 
     valid[inside] = good
     own = np.ascontiguousarray(window.part(whole))
     weight = window.trusted(own, np.ascontiguousarray(window.part(valid)))
-    return Frame(own, weight, math.sqrt(noise[0]) / noise[1], sensor.prnu, frame.label)
+    return ObjectFrame(own, weight, math.sqrt(noise[0]) / noise[1], sensor.prnu, frame.label)
 
 
 def _remedies(plan: ScanPlan) -> list[Remedy]:

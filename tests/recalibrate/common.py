@@ -13,8 +13,8 @@ from lfcal.fit import NewFrame, Setup
 from lfcal.fit.model import Fineness
 from lfcal.fit.parameters import ScanScales, Vector
 from lfcal.fit.setup import starting_effects
-from lfcal.recalibrate.patterns import Patterns, every_voxel, patterns_at
-from lfcal.recalibrate.window import Window, windows_of
+from lfcal.recalibrate._patterns import VoxelPatterns, every_voxel, patterns_at
+from lfcal.recalibrate._window import SensorWindow, windows_of
 
 GROUPS = ("geometry", "iris")
 WRONG = {"gap_um": 3.0, "offset_x_um": 1.0, "offset_y_um": -0.8, "f_number": 0.12}
@@ -28,7 +28,7 @@ def small_plan(depths: tuple[float, ...] = (2.2, 2.7), side: int = 60, cutout: i
     return ScanPlan.for_camera(camera, virtual_depths=depths, cutout=cutout)
 
 
-def the_window(plan: ScanPlan) -> Window:
+def the_window(plan: ScanPlan) -> SensorWindow:
     """Return the only window of a small sensor."""
     (window,) = windows_of(plan)
     return window
@@ -46,7 +46,7 @@ def true_setup(plan: ScanPlan) -> Setup:
 
 
 @cache
-def true_patterns(plan: ScanPlan) -> Patterns:
+def true_patterns(plan: ScanPlan) -> VoxelPatterns:
     """Return H of the true camera over the window, by finer sampling."""
     own = the_window(plan).plan
     return patterns_at(true_setup(plan), own, every_voxel(own), Fineness.fine, 1)

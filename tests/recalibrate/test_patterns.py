@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lfcal.fit.model import Fineness, predict
-from lfcal.recalibrate.patterns import Patterns, every_voxel, patterns_at
+from lfcal.recalibrate._patterns import VoxelPatterns, every_voxel, patterns_at
 from tests.recalibrate.common import described, small_plan, the_window, true_patterns
 
 
@@ -15,7 +15,7 @@ def test_sums_are_the_transpose_of_images(workers: int) -> None:
     rng = np.random.default_rng(0)
     values = rng.random((30, 5, 7), np.float32)
     places = rng.integers(0, 9, (30, 3))
-    patterns = Patterns(places, np.zeros((30, 2)), values, (9 + 4, 9 + 6), workers)
+    patterns = VoxelPatterns(places, np.zeros((30, 2)), values, (9 + 4, 9 + 6), workers)
     volume = rng.random((4, 30), np.float32)
     images = rng.random((4, 13, 15), np.float32)
     assert np.vdot(patterns.images(volume), images) == pytest.approx(np.vdot(volume, patterns.sums(images)), rel=1e-5)
@@ -28,7 +28,7 @@ def test_sums_are_the_transpose_of_images(workers: int) -> None:
 def test_results_do_not_depend_on_the_workers() -> None:
     patterns = true_patterns(small_plan())
     volume = np.random.default_rng(1).random((1, len(patterns)), np.float32)
-    alone = Patterns(patterns.places, patterns.offsets_px, patterns.values, patterns.shape, 3)
+    alone = VoxelPatterns(patterns.places, patterns.offsets_px, patterns.values, patterns.shape, 3)
     assert np.array_equal(patterns.images(volume), alone.images(volume))
 
 

@@ -13,8 +13,8 @@ from lfcal.base.notes import notes_to
 from lfcal.fit import NewFrame
 from lfcal.fit.model import Fineness
 from lfcal.recalibrate import Recalibration, recalibrate
-from lfcal.recalibrate.patterns import every_voxel, patterns_at
-from lfcal.recalibrate.score import Goodness
+from lfcal.recalibrate._patterns import every_voxel, patterns_at
+from lfcal.recalibrate._score import Goodness
 from tests.recalibrate.common import (
     GROUPS,
     WRONG,
@@ -55,6 +55,7 @@ def test_one_frame_of_beads_recalibrates_the_camera() -> None:
         assert abs(one.value - start[name] - WRONG.get(name, 0)) < 4 * one.sigma, name
 
 
+@pytest.mark.long
 def test_frames_add_as_independent_information() -> None:
     two = fitted(*(frame_of(PLAN, beads(PLAN, seed), seed) for seed in (1, 2)))
     assert two.accepted and sorted(two.goodness) == ["beads 1", "beads 2"]

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from lfcal.fit.model import Fineness
-from lfcal.recalibrate.patterns import Patterns, every_voxel, patterns_at
-from lfcal.recalibrate.scene import Frame, dark_fields, estimate_scene
+from lfcal.recalibrate._patterns import VoxelPatterns, every_voxel, patterns_at
+from lfcal.recalibrate._scene import ObjectFrame, dark_fields, estimate_scene
 from tests.recalibrate.common import beads, described, small_plan, the_window
 
 
-def own_patterns() -> Patterns:
+def own_patterns() -> VoxelPatterns:
     plan = small_plan()
     own = the_window(plan).plan
     return patterns_at(described(plan), own, every_voxel(own), Fineness.coarse, 1)
@@ -23,7 +23,7 @@ def test_explains_light_and_dark_field_of_a_frame_without_noise() -> None:
     fields = dark_fields(light.shape)
     dark = np.array([10, 4, 6], np.float32)
     electrons = 2000 * light / light.max() + np.einsum("d,dyx->yx", dark, fields)
-    scene = estimate_scene(patterns, Frame(electrons, np.ones_like(electrons)), fields, 150)
+    scene = estimate_scene(patterns, ObjectFrame(electrons, np.ones_like(electrons)), fields, 150)
     assert np.abs(scene.expected - electrons).sum() < 0.01 * electrons.sum()
     found = np.einsum("d,dyx->yx", scene.dark, fields)
     assert found == pytest.approx(np.einsum("d,dyx->yx", dark, fields), abs=2.0)
@@ -37,7 +37,7 @@ def test_pixels_that_are_not_valid_have_no_influence() -> None:
     valid = (rng.random(patterns.shape) > 0.2).astype(np.float32)
     fields = dark_fields(patterns.shape)
     other = np.where(valid > 0, electrons, 1e6).astype(np.float32)
-    first, second = (estimate_scene(patterns, Frame(own, valid), fields, 5) for own in (electrons, other))
+    first, second = (estimate_scene(patterns, ObjectFrame(own, valid), fields, 5) for own in (electrons, other))
     assert np.array_equal(first.volume, second.volume)
 
 

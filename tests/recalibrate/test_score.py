@@ -5,26 +5,26 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.recalibrate.patterns import Patterns
-from lfcal.recalibrate.scene import Frame, Scene
-from lfcal.recalibrate.score import RIDGE, goodness, orthogonal, score_of
+from lfcal.recalibrate._patterns import VoxelPatterns
+from lfcal.recalibrate._scene import ObjectFrame, SceneEstimate
+from lfcal.recalibrate._score import RIDGE, goodness, orthogonal, score_of
 
 
-def problem(seed: int = 0, count: int = 12) -> tuple[Patterns, Frame, Scene, np.ndarray, np.ndarray]:
+def problem(seed: int = 0, count: int = 12) -> tuple[VoxelPatterns, ObjectFrame, SceneEstimate, np.ndarray, np.ndarray]:
     """Return a small problem with random patterns, derivatives and dark fields."""
     rng = np.random.default_rng(seed)
     places = np.stack([np.zeros(count, int), rng.integers(0, 8, count), rng.integers(0, 8, count)], axis=1)
-    patterns = Patterns(places, np.zeros((count, 2)), rng.random((count, 5, 5), np.float32), (12, 12), 1)
+    patterns = VoxelPatterns(places, np.zeros((count, 2)), rng.random((count, 5, 5), np.float32), (12, 12), 1)
     volume = rng.uniform(50, 100, count).astype(np.float32)
     light = patterns.images(volume[None])[0]
     expected = light + np.float32(30)
-    scene = Scene(volume, np.array([30], np.float32), light, expected)
+    scene = SceneEstimate(volume, np.array([30], np.float32), light, expected)
     valid = (rng.random((12, 12)) > 0.1).astype(np.float32)
-    frame = Frame(rng.poisson(expected).astype(np.float32), valid, 2.0, 0.01)
+    frame = ObjectFrame(rng.poisson(expected).astype(np.float32), valid, 2.0, 0.01)
     return patterns, frame, scene, rng.standard_normal((3, 12, 12)).astype(np.float32), np.ones((1, 12, 12), np.float32)
 
 
-def columns(patterns: Patterns, volume: np.ndarray) -> np.ndarray:
+def columns(patterns: VoxelPatterns, volume: np.ndarray) -> np.ndarray:
     """Return the image of a change of each voxel by its square root, as columns."""
     return patterns.images(np.diag(np.sqrt(volume)).astype(np.float32)).reshape(len(volume), -1).T.astype(np.float64)
 
@@ -56,7 +56,7 @@ def test_score_is_that_of_least_squares_with_all_voxels() -> None:
 def test_score_is_blind_to_an_error_of_the_volume() -> None:
     patterns, frame, scene, derivatives, fields = problem()
     wrong = patterns.images((np.sqrt(scene.volume) * np.float32(0.5))[None])[0]
-    moved = Frame(scene.expected + wrong, frame.valid, 2.0, 0.01)
+    moved = ObjectFrame(scene.expected + wrong, frame.valid, 2.0, 0.01)
     weight = frame.inverse_variance(scene.expected)
     plain = (derivatives * weight * wrong).sum((1, 2))
     found = score_of(patterns, moved, scene, derivatives, fields)
@@ -69,11 +69,11 @@ def test_goodness_is_one_for_noise_and_more_for_other_light() -> None:
     for seed in range(40):
         sigma = 1 / np.sqrt(frame.inverse_variance(scene.expected) + 1e-9)
         noise = frame.valid * sigma * np.random.default_rng(seed).standard_normal((12, 12))
-        own = Frame((scene.expected + noise).astype(np.float32), frame.valid, 2.0, 0.01)
+        own = ObjectFrame((scene.expected + noise).astype(np.float32), frame.valid, 2.0, 0.01)
         found = goodness(patterns, own, scene, fields)
         ratios.append(found.ratio)
     assert np.mean(ratios) == pytest.approx(1, abs=0.1)
     # the voxels and the dark field take up as many degrees of freedom
     assert found.freedom == pytest.approx(frame.valid.sum() - len(patterns) - 1, abs=25)
-    brighter = Frame(frame.electrons * 2, frame.valid, 2.0, 0.01)
+    brighter = ObjectFrame(frame.electrons * 2, frame.valid, 2.0, 0.01)
     assert goodness(patterns, brighter, scene, fields).ratio > 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lfcal.recalibrate.window import SIDE, windows_of
+from lfcal.recalibrate._window import SIDE, windows_of
 from tests.recalibrate.common import small_plan
 
 

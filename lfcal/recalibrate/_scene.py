@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.recalibrate.patterns import Patterns
+from lfcal.recalibrate._patterns import VoxelPatterns
 
-__all__ = ["Frame", "Scene", "dark_fields", "estimate_scene"]
+__all__ = ["ObjectFrame", "SceneEstimate", "dark_fields", "estimate_scene"]
 
 F4 = NDArray[np.float32]
 
@@ -21,7 +21,7 @@ MOST_EXTRAPOLATED = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class ObjectFrame:
     """A frame of an unknown object on the image of a window.
 
     Attributes
@@ -52,7 +52,7 @@ class Frame:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class SceneEstimate:
     """Estimate of the object and the dark field of a frame.
 
     Attributes
@@ -82,7 +82,7 @@ def dark_fields(shape: tuple[int, int], degree: int = 1) -> F4:
     return np.stack(found).astype(np.float32)
 
 
-def estimate_scene(patterns: Patterns, frame: Frame, fields: F4, iterations: int, start: Scene | None = None) -> Scene:
+def estimate_scene(patterns: VoxelPatterns, frame: ObjectFrame, fields: F4, iterations: int) -> SceneEstimate:
     """Return the object and dark field that explain a frame, by accelerated Richardson-Lucy iterations.
 
     Photon and read noise together are treated as Poisson noise of a signal that is larger by the square of the read
@@ -98,19 +98,14 @@ def estimate_scene(patterns: Patterns, frame: Frame, fields: F4, iterations: int
         Dark fields ``(d, rows, columns)``.
     iterations
         Number of iterations.
-    start
-        Estimate to continue; None: a constant volume.
     """
     shift = np.float32(frame.read_e**2)
     data = frame.valid * (np.maximum(frame.electrons, 0) + shift)
     whole = np.maximum(patterns.sums(frame.valid[None])[0], 1e-6)
     shares = np.maximum(np.einsum("dyx,yx->d", fields, frame.valid), 1e-6)
-    if start is None:
-        light = float((frame.valid * np.maximum(frame.electrons, 0)).sum())
-        now = np.full(len(patterns), 0.8 * light / float(whole.sum()), np.float32)
-        dark = (0.2 * light / len(fields) / shares).astype(np.float32)
-    else:
-        now, dark = start.volume.copy(), start.dark.copy()
+    light = float((frame.valid * np.maximum(frame.electrons, 0)).sum())
+    now = np.full(len(patterns), 0.8 * light / float(whole.sum()), np.float32)
+    dark = (0.2 * light / len(fields) / shares).astype(np.float32)
     before: F4 | None = None
     change: F4 | None = None
     step = 0.0
@@ -125,5 +120,5 @@ def estimate_scene(patterns: Patterns, frame: Frame, fields: F4, iterations: int
             step = min(MOST_EXTRAPOLATED, max(0.0, float(np.vdot(change, last)) / max(power, 1e-20)))
         before, now = now, new
         dark = dark * np.einsum("dyx,yx->d", fields, ratio) / shares
-    light = patterns.images(now[None])[0]
-    return Scene(now, dark, light, light + np.einsum("d,dyx->yx", dark, fields))
+    image = patterns.images(now[None])[0]
+    return SceneEstimate(now, dark, image, image + np.einsum("d,dyx->yx", dark, fields))

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from lfcal.base import worker_count
 from lfcal.fit import Setup, Vector
-from lfcal.recalibrate.patterns import Patterns, Voxels, every_voxel, patterns_at
-from lfcal.recalibrate.scene import Frame, Scene, dark_fields, estimate_scene
-from lfcal.recalibrate.score import Goodness, Score, goodness, score_of
-from lfcal.recalibrate.window import Window
+from lfcal.recalibrate._patterns import VoxelPatterns, Voxels, every_voxel, patterns_at
+from lfcal.recalibrate._scene import ObjectFrame, SceneEstimate, dark_fields, estimate_scene
+from lfcal.recalibrate._score import Goodness, Score, goodness, score_of
+from lfcal.recalibrate._window import SensorWindow
 from lfcal.simulate import Sampling
 
 __all__ = ["Contents", "WindowModel"]
@@ -64,35 +64,39 @@ class WindowModel:
         Number of threads; None: all processors.
     """
 
-    def __init__(self, window: Window, frames: Sequence[Frame], contents: Contents, workers: int | None = None) -> None:
+    def __init__(
+        self, window: SensorWindow, frames: Sequence[ObjectFrame], contents: Contents, workers: int | None = None
+    ) -> None:
         self.frames, self.contents, self.workers = tuple(frames), contents, worker_count(workers)
         self.plan = replace(window.plan, depths_um=contents.depths_um, exposure_s=window.plan.exposures[0])
         self.fields = dark_fields(window.shape, contents.dark_degree)
         self._voxels = every_voxel(self.plan, halves=contents.halves)
 
-    def patterns(self, setup: Setup, sampling: Sampling, voxels: Voxels | None = None) -> Patterns:
+    def patterns(self, setup: Setup, sampling: Sampling, voxels: Voxels | None = None) -> VoxelPatterns:
         """Return the patterns of ``voxels``; None: of all."""
         own = self._voxels if voxels is None else voxels
         return patterns_at(self.contents.setup(setup), self.plan, own, sampling, self.workers)
 
-    def scenes(self, patterns: Patterns, iterations: int) -> list[Scene]:
+    def scenes(self, patterns: VoxelPatterns, iterations: int) -> list[SceneEstimate]:
         """Return the estimated object of each frame."""
         return [estimate_scene(patterns, frame, self.fields, iterations) for frame in self.frames]
 
-    def score(self, vector: Vector, u: F8, patterns: Patterns, scenes: Sequence[Scene], sampling: Sampling) -> Score:
+    def score(
+        self, vector: Vector, u: F8, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate], sampling: Sampling
+    ) -> Score:
         """Return the score of all frames together for the unknowns at ``u``."""
         derivatives = self._derivatives(vector, u, patterns, scenes, sampling)
         parts = zip(self.frames, scenes, np.moveaxis(derivatives, 1, 0), strict=True)
         scores = [score_of(patterns, frame, scene, own, self.fields) for frame, scene, own in parts]
         return sum(scores, Score.none(len(u)))
 
-    def goodness(self, patterns: Patterns, scenes: Sequence[Scene]) -> list[Goodness]:
-        """Return the goodness of fit of each frame: see `lfcal.recalibrate.score.goodness`."""
+    def goodness(self, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate]) -> list[Goodness]:
+        """Return the goodness of fit of each frame: see `lfcal.recalibrate._score.goodness`."""
         pairs = zip(self.frames, scenes, strict=True)
         return [goodness(patterns, frame, scene, self.fields) for frame, scene in pairs]
 
     def _derivatives(
-        self, vector: Vector, u: F8, patterns: Patterns, scenes: Sequence[Scene], sampling: Sampling
+        self, vector: Vector, u: F8, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate], sampling: Sampling
     ) -> F4:
         """Return the derivatives of all expected frames ``(k, frames, rows, columns)`` for fixed volumes."""
         light = patterns.values.sum((1, 2))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from lfcal.camera import ScanPlan
 
-__all__ = ["SIDE", "Window", "windows_of"]
+__all__ = ["SIDE", "SensorWindow", "windows_of"]
 
 F4 = NDArray[np.float32]
 
@@ -30,7 +30,7 @@ CORNERS = ((0.5, 0.5), (0.15, 0.15), (0.15, 0.85), (0.85, 0.15), (0.85, 0.85))
 
 
 @dataclass(frozen=True)
-class Window:
+class SensorWindow:
     """A rectangle of source positions and the pixels that they light.
 
     Attributes
@@ -80,7 +80,7 @@ class Window:
         return found
 
 
-def windows_of(plan: ScanPlan, count: int | None = None, side: int = SIDE) -> tuple[Window, ...]:
+def windows_of(plan: ScanPlan, count: int | None = None, side: int = SIDE) -> tuple[SensorWindow, ...]:
     """Return windows of the sensor of a plan: one in the middle, then four near the corners.
 
     Parameters
@@ -97,11 +97,11 @@ def windows_of(plan: ScanPlan, count: int | None = None, side: int = SIDE) -> tu
     period = np.minimum(room, side + cutout - 1)
     if count is None:
         count = 1 if 4 * period.prod() >= room.prod() else len(CORNERS)
-    found: dict[tuple[int, ...], Window] = {}
+    found: dict[tuple[int, ...], SensorWindow] = {}
     for middle in CORNERS[: max(1, count)]:
         first = np.clip(np.rint(np.array(middle) * room - period / 2), 0, room - period)
         anchor = first + (cutout - 1) // 2
         size = (int(period[0]), int(period[1]))
         own = replace(plan, period=size, anchor=(float(anchor[0]), float(anchor[1])), resample=False)
-        found[tuple(anchor.tolist())] = Window(own)
+        found[tuple(anchor.tolist())] = SensorWindow(own)
     return tuple(found.values())

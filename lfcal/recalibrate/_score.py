@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.recalibrate.patterns import Patterns
-from lfcal.recalibrate.scene import Frame, Scene
+from lfcal.recalibrate._patterns import VoxelPatterns
+from lfcal.recalibrate._scene import ObjectFrame, SceneEstimate
 
 __all__ = ["Goodness", "Score", "goodness", "orthogonal", "score_of"]
 
@@ -60,7 +60,7 @@ class Score:
         return Score(self.information + other.information, self.gradient + other.gradient)
 
 
-def orthogonal(patterns: Patterns, volume: F4, weight: F4, images: F4, steps: int = STEPS) -> F4:
+def orthogonal(patterns: VoxelPatterns, volume: F4, weight: F4, images: F4, steps: int = STEPS) -> F4:
     """Return ``images`` ``(k, rows, columns)`` without the part that changes of the volume can produce.
 
     Parameters
@@ -102,7 +102,7 @@ def orthogonal(patterns: Patterns, volume: F4, weight: F4, images: F4, steps: in
     return rest
 
 
-def score_of(patterns: Patterns, frame: Frame, scene: Scene, derivatives: F4, fields: F4) -> Score:
+def score_of(patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, derivatives: F4, fields: F4) -> Score:
     """Return the score of a frame.
 
     Parameters
@@ -139,7 +139,7 @@ class Goodness(NamedTuple):
     freedom: float
 
 
-def goodness(patterns: Patterns, frame: Frame, scene: Scene, fields: F4, seed: int = 0) -> Goodness:
+def goodness(patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, fields: F4, seed: int = 0) -> Goodness:
     """Return the goodness of fit of a frame.
 
     What the volume and the dark field can change is projected out of the residual, and of white noise that is drawn to

@@ -16,7 +16,7 @@ from lfcal.camera import ScanPlan
 from lfcal.fit import PlaneModel, Setup
 from lfcal.simulate import Sampling
 
-__all__ = ["Patterns", "every_voxel", "patterns_at"]
+__all__ = ["VoxelPatterns", "every_voxel", "patterns_at"]
 
 F4 = NDArray[np.float32]
 
@@ -61,7 +61,7 @@ def _collect(values: F4, corners: NDArray[np.intp], images: F4, out: F4) -> None
 
 
 @dataclass(frozen=True, eq=False)
-class Patterns:
+class VoxelPatterns:
     """Patterns of voxels, as the columns of a matrix from a volume to an image.
 
     Attributes
@@ -118,7 +118,7 @@ class Patterns:
 
         return np.concatenate(list(in_order(part, chunks(len(self), PARTS), self.workers)), axis=1)
 
-    def of(self, keep: NDArray[np.bool_]) -> Patterns:
+    def of(self, keep: NDArray[np.bool_]) -> VoxelPatterns:
         """Return the patterns of the voxels in the mask ``keep`` ``(n,)``."""
         values = np.ascontiguousarray(self.values[keep])
         return replace(self, places=self.places[keep], offsets_px=self.offsets_px[keep], values=values)
@@ -134,8 +134,8 @@ def every_voxel(plan: ScanPlan, *, halves: bool = False) -> Voxels:
 
 def patterns_at(
     setup: Setup, plan: ScanPlan, voxels: Voxels, sampling: Sampling, workers: int | None = None
-) -> Patterns:
-    """Return the patterns of a setup at ``voxels`` of a window: see `Patterns.places` and `Patterns.offsets_px`.
+) -> VoxelPatterns:
+    """Return the patterns of a setup at ``voxels`` of a window: see `VoxelPatterns`.
 
     Values are fractions of the light that passes the iris. The sampling stays fixed, so that differences of nearby
     setups are smooth.
@@ -159,4 +159,4 @@ def patterns_at(
 
         for _ in in_order(part, chunks(len(own), 4 * count if count > 1 else 1), count):
             pass
-    return Patterns(places, offsets, values, (ny + nt - 1, nx + ns - 1), count)
+    return VoxelPatterns(places, offsets, values, (ny + nt - 1, nx + ns - 1), count)
