@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from difflib import get_close_matches
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfcal.base import InputError
@@ -71,6 +72,9 @@ def usage_line(error: Any, words: Sequence[str]) -> str:
         return f"{unknown}: expected another spelling; type {now}"
     if missing and (meant := nearest_option(str(unknown), words, context.command.params)):
         said += f". Did you mean {meant}?"
+    if type(error).__name__ == "MissingParameter" and Path(context.info_name).is_dir():
+        said += f". To use the folder {context.info_name}, type {context.info_name}/. See"
+        return f"{said} {context.command_path} --help"
     return f"{said}{' See' if said.endswith('?') else '; see'} {context.command_path} --help"
 
 

@@ -75,7 +75,8 @@ def test_a_session_that_goes_on_is_refused_on_a_short_disk(tmp_path: Path, monke
     rig = rig_for(PLAN)
     disk(monkeypatch, 1 << 20)
     with pytest.raises(
-        StorageError, match=r"disk low: 1.0 MB free, 16.8 MB required; free some space, or keep less space free"
+        StorageError,
+        match=r"disk low: 1.0 MB free, 16.8 MB required; free some space, or keep less space free \(--keep-free\)",
     ):
         record(folder, PLAN, rig, resume=True)
     monkeypatch.undo()

@@ -109,3 +109,13 @@ def test_corrections_are_those_of_other_frames(lfcal: Lfcal, place: Path, option
     run = lfcal("fit", "frames", "beads.tif", *START, *FAST, option, value)
     assert run.code == 2 and run.err, run.out
     assert value in run.err or option.lstrip("-").split("-")[0] in run.err.lower()
+
+
+def test_a_folder_with_the_name_of_the_command_is_named_with_a_slash(
+    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("frames").mkdir()
+    run = lfcal("fit", "frames", "-o", "fit")
+    assert run.code == 2 and "To use the folder frames, type frames/. See lfcal fit frames --help" in run.err
+    assert "expected images" in lfcal("fit", "frames/", "-o", "fit").err

@@ -151,7 +151,7 @@ CORRECTIONS = {
 @pytest.mark.parametrize(
     ("words", "kind"),
     [
-        (("fit", "frames"), FitFrames),
+        (("fit", "frames/"), FitFrames),
         (("fit", "check", "H.h5", "frame.tif"), CheckMatrix),
         (("fit", "validate", "fit", "frames"), ValidateFitByFrames),
         (("fit", "object", "fit", "frame.tif", "--scene", "object.npy"), PredictObject),
