@@ -72,9 +72,9 @@ def usage_line(error: Any, words: Sequence[str]) -> str:
         return f"{unknown}: expected another spelling; type {now}"
     if missing and (meant := nearest_option(str(unknown), words, context.command.params)):
         said += f". Did you mean {meant}?"
-    if type(error).__name__ == "MissingParameter" and Path(context.info_name).is_dir():
-        said += f". To use the folder {context.info_name}, type {context.info_name}/. See"
-        return f"{said} {context.command_path} --help"
+    name = context.command_path.split()[-1]
+    if type(error).__name__ == "MissingParameter" and Path(name).is_dir():
+        return f"{said}; see {context.command_path} --help. To use the folder {name}, type {name}/"
     return f"{said}{' See' if said.endswith('?') else '; see'} {context.command_path} --help"
 
 
