@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import InputError
-from lfcal.camera import ScanPlan, preset
+from lfcal.camera import LensType, MainLens, ScanPlan, preset
 from lfcal.simulate.effects import (
     CATALOGUE,
     ActsOn,
@@ -140,6 +140,22 @@ def test_bandwidth_estimate(plans: dict[float, ScanPlan], v: float, width: float
     off = PlaneResponse(plans[v], 0, BASE, sampling=sampling).rows(ys, xs)
     on = PlaneResponse(plans[v], 0, (*BASE, effect), sampling=sampling).rows(ys, xs)
     estimate = effect.estimate(outlook_of(plans[v], 0)).error
+    assert 0.5 * estimate <= difference(off, on) <= 2 * estimate
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize(("v", "faster"), [(3.0, 2.5), (-2.0, 2.0)])
+def test_pixels_larger_than_the_fringes_hide_the_bandwidth(v: float, faster: float) -> None:
+    camera = preset("bench")
+    assert isinstance(camera.optics, MainLens)
+    gap = camera.lattice.gap_um / faster
+    lattice = replace(camera.lattice, gap_um=gap, types=tuple(LensType.focused_at(k, gap) for k in (2.0, 3.0, 4.0)))
+    optics = replace(camera.optics, f_number=camera.optics.f_number / faster)
+    plan = ScanPlan.for_camera(replace(camera, optics=optics, lattice=lattice), virtual_depths=[v])
+    effect, sampling = Bandwidth(0.1), Sampling(nodes_per_px=8, margin_px=12, coherent=True)
+    off = PlaneResponse(plan, 0, BASE, sampling=sampling).rows([2], [9])
+    on = PlaneResponse(plan, 0, (*BASE, effect), sampling=sampling).rows([2], [9])
+    estimate = effect.estimate(outlook_of(plan, 0)).error
     assert 0.5 * estimate <= difference(off, on) <= 2 * estimate
 
 

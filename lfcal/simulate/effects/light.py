@@ -130,7 +130,7 @@ class Bandwidth(LightEffect):
     >>> plane = Outlook(camera, camera.depth_of(4.0), cutout=(127, 127), period=(55, 95))
     >>> found = Bandwidth(0.055).estimate(plane)
     >>> print(f"{found.size:.0%} of 0.55 µm washes out {found.error:.1%} of the image")
-    10% of 0.55 µm washes out 0.3% of the image
+    10% of 0.55 µm washes out 0.4% of the image
     """
 
     width_um: float | None = None
@@ -154,7 +154,7 @@ class Bandwidth(LightEffect):
         For narrow bands, the error is quadratic in the bandwidth. Above a relative bandwidth of about a tenth, the
         outer fringes of the spots have vanished, and the error grows linearly. Interference fringes between
         neighbouring lenslets are finer and vanish sooner. The larger the lenslets, the less light these fringes
-        contain.
+        contain. Behind a main lens, pixels larger than lambda F average the fringes in any light.
         """
         x = self.width(outlook) / outlook.wavelength_um
         fringes = sum(outlook.fresnel_lenslets) / len(outlook.fresnel_lenslets)
@@ -162,8 +162,13 @@ class Bandwidth(LightEffect):
         iris = 0.25 * (x / outlook.lenslets) ** 2
         if not outlook.camera.has_lattice:  # the rings of each spot scale with the wavelength
             return Estimate(x, "relative", min(1.0, x * (0.2 + 0.03 * fringes)), "x = dl/l; (0.2 + 0.03 N_F) x")
-        error = min(1.0, spots + iris + self._between(outlook, x))
-        return Estimate(x, "relative", error, "x = dl/l; (0.25 + 0.13 N_F) x²/(1 + 8.3 x (1 + 0.1 N_F)) + fringes")
+        pixels = outlook.pixel_um / (outlook.wavelength_um * outlook.f_number)
+        seen = 2.2 / (1.0 + (0.45 * pixels) ** 2) if outlook.has_lens else 1.0
+        error = min(1.0, seen * (spots + self._between(outlook, x)) + iris)
+        formula = "x = dl/l; (0.25 + 0.13 N_F) x²/(1 + 8.3 x (1 + 0.1 N_F)) + fringes"
+        if outlook.has_lens:
+            formula += ", both times 2.2/(1 + (0.45 p/(l F))²)"
+        return Estimate(x, "relative", error, formula)
 
     def holds(self, outlook: Outlook) -> bool:
         """Return whether each lenslet receives enough diffraction fringes of the iris for the formula to be valid."""
