@@ -2,13 +2,86 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PySide6.QtWidgets import QApplication, QPushButton
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import (
+    QApplication,
+    QCheckBox,
+    QComboBox,
+    QDoubleSpinBox,
+    QLineEdit,
+    QPlainTextEdit,
+    QPushButton,
+    QSpinBox,
+    QTextEdit,
+    QVBoxLayout,
+    QWidget,
+)
+from pytestqt.qtbot import QtBot
 
 from lfcal_gui.models.shot import Shot
-from lfcal_gui.theme import DARK, LIGHT, apply_theme, current_theme, style_sheet
+from lfcal_gui.theme import DARK, LIGHT, NIGHT, Theme, apply_theme, current_theme, style_sheet
 from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.window import MainWindow
 from tests.gui.layout_colours import of_other_themes
+
+
+def luminance(colour: QColor) -> float:
+    """Return the relative luminance of WCAG 2."""
+    shares = (colour.redF(), colour.greenF(), colour.blueF())
+    linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in shares]
+    return float(np.dot((0.2126, 0.7152, 0.0722), linear))
+
+
+def contrast(one: QColor, other: QColor) -> float:
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def drawn(part: QWidget, theme: Theme, qtbot: QtBot) -> tuple[QWidget, list[list[QColor]]]:
+    """Return the pixels of a part on a panel, and the panel."""
+    app = QApplication.instance()
+    assert isinstance(app, QApplication)
+    apply_theme(app, theme)
+    panel = QWidget()
+    qtbot.addWidget(panel)
+    panel.setStyleSheet(style_sheet())
+    column = QVBoxLayout(panel)
+    first = QPushButton("has the focus")
+    for one in (first, part):
+        column.addWidget(one)
+    panel.resize(200, 200)
+    panel.show()
+    first.setFocus()
+    QApplication.processEvents()
+    image = part.grab().toImage()
+    apply_theme(app, LIGHT)
+    return panel, [[image.pixelColor(x, y) for x in range(image.width())] for y in range(image.height())]
+
+
+@pytest.mark.parametrize("kind", [QLineEdit, QPlainTextEdit, QTextEdit, QSpinBox, QDoubleSpinBox, QComboBox])
+@pytest.mark.parametrize("theme", [LIGHT, DARK, NIGHT], ids=lambda theme: theme.name)
+def test_the_edge_of_a_field_differs_from_its_panel(
+    qapp: QApplication, qtbot: QtBot, theme: Theme, kind: type[QWidget]
+) -> None:
+    """It had a contrast of 1.4 or less; guidelines for accessibility ask for 3."""
+    _, pixels = drawn(kind(), theme, qtbot)
+    middle = [row[len(row) // 2] for row in pixels]
+    for side in (middle[:3], middle[-3:], pixels[len(pixels) // 2][:3]):
+        assert max(contrast(pixel, QColor(theme.panel)) for pixel in side) >= 3
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+@pytest.mark.parametrize("theme", [LIGHT, DARK, NIGHT], ids=lambda theme: theme.name)
+def test_a_checked_box_has_a_tick(qapp: QApplication, qtbot: QtBot, theme: Theme, enabled: bool) -> None:
+    box = QCheckBox()
+    box.setChecked(True)
+    box.setEnabled(enabled)
+    _, pixels = drawn(box, theme, qtbot)
+    filled = [(y, x) for y, row in enumerate(pixels) for x, pixel in enumerate(row) if pixel == QColor(theme.accent)]
+    low, high = np.min(filled, axis=0) + 1, np.max(filled, axis=0)
+    inside = [pixel for row in pixels[low[0] : high[0]] for pixel in row[low[1] : high[1]]]
+    tick = sum(contrast(pixel, QColor(theme.accent)) >= 3 for pixel in inside)
+    assert 8 <= tick <= len(inside) / 3
 
 
 def test_another_theme_leaves_the_style(qapp: QApplication, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -24,11 +97,11 @@ def test_the_theme_it_has_already_is_not_worked_out_anew(qapp: QApplication, mon
     apply_theme(qapp, LIGHT)
     made: list[object] = []
     with monkeypatch.context() as patched:
-        patched.setattr(QApplication, "setPalette", made.append)
+        patched.setattr(QApplication, "setPalette", lambda *args: made.append(args))
         apply_theme(qapp, LIGHT)
         assert made == []
         apply_theme(qapp, DARK)
-        assert len(made) == 1 and current_theme() is DARK
+        assert made and current_theme() is DARK
         apply_theme(qapp, LIGHT)
 
 
