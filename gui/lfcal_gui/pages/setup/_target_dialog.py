@@ -53,7 +53,7 @@ POINT_WORDS = (
 COSTS = (
     "Noise: expected error of a recorded pattern from sensor noise in the middle plane, as "
     "the sum of errors divided by the sum of light. Phases: percentage of positions that are "
-    "covered. Both are given for all frames and for the first half of them"
+    "covered, of all planes. Both are given for all frames and for the first half of them"
 )
 PLAN, STOP = "Search for the fewest frames that cover all phases", "Stop searching without creating a plan"
 SAVE = "Save the position of the target in each frame (.json). Record it in Record > Rig, with Target …"
@@ -83,7 +83,7 @@ def _costs(found: PlannedTarget) -> str:
 
 def _covered(plane: PlaneDrawing) -> str:
     missing, most = int((plane.shown == 0).sum()), int(plane.shown.max())
-    crossed = f"{missing} of {plane.shown.size} are not covered (grey). " if missing else ""
+    crossed = f"{missing:,} of {plane.shown.size:,} are not covered (grey). " if missing else ""
     return (
         f"{crossed}The brighter a position, the more frames show it (at most {most}). Click a "
         "position to read its number."
@@ -97,7 +97,7 @@ def _note(found: PlannedTarget) -> str:
     words = NUMBERS.sub(lambda number: rounded(number[0]), target_words(found.plan.target))
     if missing:
         words += (
-            f". {missing} phases are not covered: allow more frames, or fit the optics to the phases that are covered"
+            f". {missing:,} phases are not covered: allow more frames, or fit the optics to the phases that are covered"
         )
     words += ". Crosstalk is computed from rays, without diffraction" if found.plan.tails == "geometric" else ""
     return f"{words}. {found.coding_briefly}".rstrip()
@@ -149,9 +149,9 @@ class TargetDialog(QDialog):
         self.note = WrappedLabel("", role="hint")
         column.addWidget(self.form)
         column.addLayout(line(self.plan_button, self.stop_button))
+        column.addWidget(self.save_button)
         column.addWidget(self.costs)
         column.addWidget(self.note)
-        column.addWidget(self.save_button)
         return frame
 
     def _build_images(self) -> None:

@@ -199,27 +199,30 @@ class PlannedTarget:
                 if getattr(ours, key) is not None
             ),
             *self._expected(),
-            *self._regions(single.frames),
+            *self._regions(single.frames, ours.frames),
         ]
 
     def _expected(self) -> Iterator[tuple[str, str, str]]:
-        """Yield rows of expected noise and covered phases, for all and for half of the frames of the middle plane."""
-        errors = self.made.facts["expected_error"]
-        found = errors[len(errors) // 2]
-        count = len(found["error"])
-        if not count:
-            return
-        half = max(1, count // 2) - 1
-        yield "Noise, in all", format_share(found["error"][-1]), format_share(found["single_point"])
-        yield "  half-way", format_share(found["error"][half]), ""
-        yield "Phases, in all", format_share(found["shown"][-1]), "100 %"
-        yield "  half-way", format_share(found["shown"][half]), ""
+        """Yield rows of expected noise in the middle plane and covered phases of all, for all and half of the frames.
 
-    def _regions(self, single: int) -> Iterator[tuple[str, str, str]]:
+        All planes have the same number of phases.
+        """
+        errors = self.made.facts["expected_error"]
+        if not all(len(found["error"]) for found in errors):
+            return
+        middle = errors[len(errors) // 2]
+        half = max(1, len(middle["error"]) // 2) - 1
+        yield "Noise, middle plane", format_share(middle["error"][-1]), format_share(middle["single_point"])
+        yield "  half-way", format_share(middle["error"][half]), ""
+        halves = [found["shown"][max(1, len(found["shown"]) // 2) - 1] for found in errors]
+        yield "Phases, all planes", format_share(np.mean([plane.coverage for plane in self.planes])), "100 %"
+        yield "  half-way", format_share(np.mean(halves)), ""
+
+    def _regions(self, single: int, frames: int) -> Iterator[tuple[str, str, str]]:
         if "regions" in self.made.facts:
             found = self.made.facts["regions"]["regions"]
-            yield f"For {len(found)} regions", "same frames", f"{len(found) * single}"
-            yield "  points in each", f"{min(min(one['points']) for one in found)} …", ""
+            yield f"Frames, {len(found)} regions", f"{frames:,}", f"{len(found) * single:,}"
+            yield "  points in each", f"≥ {min(min(one['points']) for one in found):,}", ""
 
 
 def iter_target(scan: ScanPlan, settings: PlanSettings) -> Work[PlannedTarget]:

@@ -61,13 +61,22 @@ def test_a_plan_is_the_library_s_and_its_drawing_tells_what_is_covered() -> None
     summary = {name: (ours, single) for name, ours, single in found.summary()}
     assert summary["Frames"] == ("12", "252")
     # the noise compared with a single point
-    assert all(summary["Noise, in all"]) and "For 3 regions" not in summary
+    assert all(summary["Noise, middle plane"]) and "Frames, 3 regions" not in summary
     assert found.coding.startswith("Showing 7 frames together, coded: does not pay at 16000 electrons")
     assert found.coding_briefly == "Showing 7 frames together, coded: does not pay."
-    assert summary["Phases, in all"] == (f"{100 * plane.coverage:.2g} %", "100 %")
+    assert summary["Phases, all planes"] == (f"{100 * plane.coverage:.2g} %", "100 %")
     lines = list(point_lines(plane, ","))
     assert lines[0] == "frame,row_px,column_px\n" and len(lines) == len(plane.points) + 1
     assert lines[1].startswith("1,") and lines[-1].startswith("12,")
+
+
+def test_phases_in_the_summary_are_those_of_all_planes() -> None:
+    scan = ScanPlan.for_camera(small(), virtual_depths=(4.0, 3.0), cutout=31)
+    found = drain(iter_target(scan, PlanSettings("array:4x4@1300um", tolerance=0.3, most_frames=12)))
+    shown = [found.plan.shown(z) > 0 for z in range(2)]
+    assert shown[0].mean() != shown[1].mean()
+    summary = {name: ours for name, ours, _ in found.summary()}
+    assert summary["Phases, all planes"] == f"{100 * np.mean(shown):.2g} %"
 
 
 def test_pose_and_regions_are_those_of_the_command() -> None:
@@ -80,7 +89,8 @@ def test_pose_and_regions_are_those_of_the_command() -> None:
         found.plan.target.pose == Pose.parse("rotation=1,right=200")
         and len(found.made.facts["regions"]["regions"]) == 3
     )
-    assert {name: single for name, _, single in found.summary()}["For 3 regions"] == "756"
+    summary = {name: given for name, *given in found.summary()}
+    assert summary["Frames, 3 regions"] == ["3", "756"]
     assert PlanSettings.of_plan(found.plan).pose == "rotation=1,right=200"
 
 
