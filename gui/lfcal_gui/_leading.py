@@ -128,12 +128,12 @@ class Leading(QObject):
         path, jobs = self.context.state.recording, self.context.jobs
         jobs.drop(SESSION)
         if path:
-            jobs.load(SESSION, lambda: session_counts(path), lambda found: self._counted(*found), lambda _: None)
+            jobs.load(SESSION, lambda: session_counts(path), self._counted, lambda _: None)
         else:
-            self._counted(0, 0)
+            self._counted({"done": 0, "total": 0})
 
-    def _counted(self, done: int, total: int) -> None:
-        self.context.report("session", done=done, total=total)
+    def _counted(self, facts: dict[str, Any]) -> None:
+        self.context.report("session", **facts)
 
     def gather(self) -> None:
         """Show what comes next now."""

@@ -192,20 +192,20 @@ def _left(record: Progress) -> float | None:
     return eta if eta is not None and record.seconds >= LEAST_S and record.done < record.total else None
 
 
-def session_counts(folder: str) -> tuple[int, int]:
-    """Return the number of recorded positions of the session in ``folder`` and of all; (0, 0) if there is none."""
+def session_counts(folder: str) -> dict[str, Any]:
+    """Return ``done`` and ``total`` of the session in ``folder``, 0 if there is none, and what is ``counted``."""
     from lfcal.acquire import SessionFile
     from lfcal.base import LfcalError
 
     if not (Path(folder) / "session.json").is_file():
-        return 0, 0
+        return {"done": 0, "total": 0}
     try:
         session = SessionFile.read(Path(folder))
         there = session.acknowledged(Path(folder))
     except (LfcalError, OSError):
-        return 0, 0
-    wanted = session.chosen
-    return int(there[wanted].sum()), int(wanted.sum())
+        return {"done": 0, "total": 0}
+    counted = {} if session.target is None else {"counted": "frame"}
+    return {"done": int(there[session.chosen].sum()), "total": int(session.chosen.sum()), **counted}
 
 
 # -- what the project remembers ----------------------------------------------------------------------------

@@ -56,8 +56,9 @@ class Sitting:
         Names of values that were not stated and that time, cutout or H depend on.
     wrong, movable
         Why the plan cannot work; empty where it can; and whether another place of the scan on the sensor helps.
-    plan, positions, planes
-        Whether there is a plan; number of positions and of planes.
+    plan, positions, planes, counted
+        Whether there is a plan; number of positions and of planes; what is counted: for a target the frames of its
+        plan and session, ``"frame"``.
     record_s, frame_bytes
         Forecast of a recording, None where nothing was measured; and what its frames need.
     source
@@ -98,6 +99,7 @@ class Sitting:
     plan: bool = False
     positions: int = 0
     planes: int = 0
+    counted: Literal["position", "frame"] = "position"
     record_s: float | None = None
     frame_bytes: float = 0.0
     source: Literal["rig", "folder", "compute"] = "rig"
@@ -241,7 +243,7 @@ def _cause(stopped: str, most: int) -> str:
 
 
 def _scan(s: Sitting) -> str:
-    return f"{_count(s.positions, 'position')} in {_count(s.planes, 'plane')}"
+    return f"{_count(s.positions, s.counted)} in {_count(s.planes, 'plane')}"
 
 
 # -- rows --------------------------------------------------------------------------------------------------
@@ -255,7 +257,7 @@ def _recording(s: Sitting) -> Step | None:
     if not s.recording or s.paused:
         return None
     of = f"plane {s.plane + 1} of {s.planes}: " if s.planes else ""
-    words = f"{of}{s.done:,} of {_count(s.total, 'position')}{_left(s.left_s)}."
+    words = f"{of}{s.done:,} of {_count(s.total, s.counted)}{_left(s.left_s)}."
     return Step("Recording", words, "Pause", "acquire.pause", "record", stop="acquire.stop")
 
 
@@ -264,7 +266,7 @@ def _paused(s: Sitting) -> Step | None:
         return None
     left = max(0, s.total - s.done)
     verb = "is" if left == 1 else "are"
-    words = f"{_count(left, 'position')} {verb} left{_takes(s.left_s, about='')}."
+    words = f"{_count(left, s.counted)} {verb} left{_takes(s.left_s, about='')}."
     return Step("Paused", words, "Resume", "acquire.resume", "record")
 
 
@@ -337,7 +339,7 @@ def _assemble(s: Sitting) -> Step | None:
 def _assemble_session(s: Sitting) -> Step | None:
     if s.h or not s.total or s.done < s.total or s.source != "rig":
         return None
-    words = f"assemble H from {_count(s.total, 'recorded position')}{_takes(s.make_s)}."
+    words = f"assemble H from {_count(s.total, f'recorded {s.counted}')}{_takes(s.make_s)}."
     return Step("Next", words, "Assemble H", "acquire.assemble", "record")
 
 
@@ -352,7 +354,7 @@ def _compute(s: Sitting) -> Step | None:
 def _connect(s: Sitting) -> Step | None:
     if s.h or s.rig:
         return None
-    words = f"record the scan: {_scan(s)}{_takes(s.record_s)}."
+    words = f"record the {'scan' if s.counted == 'position' else 'target'}: {_scan(s)}{_takes(s.record_s)}."
     return Step("Next", words, "Connect camera and stage", "acquire.connect", "record")
 
 

@@ -49,6 +49,18 @@ TABLE = (
         {"record": "plane 7 of 9"},
     ),
     (
+        replace(CAMERA, counted="frame", positions=120, planes=4, record_s=32),
+        "Next: record the target: 120 frames in 4 planes, about 32 s.",
+        "acquire.connect",
+        {"record": "no rig"},
+    ),
+    (
+        replace(CAMERA, counted="frame", done=120, total=120),
+        "Next: assemble H from 120 recorded frames.",
+        "acquire.assemble",
+        {"record": "complete"},
+    ),
+    (
         replace(CAMERA, done=4120, total=5643, left_s=183),
         "Paused: 1,523 positions are left, 3 min 03 s.",
         "acquire.resume",
@@ -296,6 +308,7 @@ VERDICTS = st.none() | st.builds(
     TEXT,
 )
 SPECIAL = {
+    "counted": st.sampled_from(("position", "frame")),
     "place": st.sampled_from(PLACES),
     "source": st.sampled_from(("rig", "folder", "compute")),
     "job": st.sampled_from(("", *JOBS)),

@@ -190,6 +190,19 @@ class Recorder:
         self.taken += step.kind is Kind.POSITION
 
 
+def target_facts(plan: ScanPlan | TargetPlan) -> dict[str, Any]:
+    """Return what the next step depends on if a target is recorded: its frames, their time and their bytes."""
+    if isinstance(plan, ScanPlan):
+        return {}
+    frames, size = len(plan.frames), plan.single().frame_bytes / plan.scan.n_positions
+    return {
+        "counted": "frame",
+        "positions": frames,
+        "record_s": 3600 * plan.forecast().hours,
+        "frame_bytes": frames * size,
+    }
+
+
 def _watching(plan: ScanPlan | TargetPlan, options: Options) -> LiveQuality | LiveCoverage:
     return LiveQuality(plan, window_shape(plan, options)) if isinstance(plan, ScanPlan) else LiveCoverage(plan)
 

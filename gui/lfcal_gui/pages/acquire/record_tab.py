@@ -240,6 +240,8 @@ class RecordTab(QObject):
             "recording": self.recording,
             "stopped": self._stopped,
         }
+        if plan := self.context.state.plan:
+            facts |= model_recorder.target_facts(self.target.shown(plan, self.folder))
         done, total = self.folder.counts
         if self.recording and recorder is not None:
             facts |= {"paused": recorder.control.pausing, "plane": self._plane}

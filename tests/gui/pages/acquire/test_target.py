@@ -17,6 +17,7 @@ from lfcal.frames.source import Position
 from lfcal.psf import open_psf
 from lfcal.targets import Target, TargetPlan, Wishes, plan_target
 from lfcal_gui.context import Context
+from lfcal_gui.models.gathering import session_counts
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
@@ -74,6 +75,10 @@ def test_a_target_is_recorded_while_its_phases_fill_the_map(
     context.project.update("folder", recording=str(folder))
     idle(context.jobs, qtbot)
     assert panel.map_box.isHidden(), "nothing is covered yet"
+    facts = context.reported["acquire"]
+    assert (facts["counted"], facts["positions"]) == ("frame", 5)
+    assert facts["record_s"] == pytest.approx(3600 * plan.forecast().hours)
+    assert facts["frame_bytes"] == pytest.approx(5 * 2 * np.prod(SCAN.camera.sensor.shape))
     seen: list[int] = []
     frame = page.panel.setup.view
     captions: set[str] = set()
@@ -95,6 +100,7 @@ def test_a_target_is_recorded_while_its_phases_fill_the_map(
     qtbot.waitUntil(lambda: context.state.psf.endswith("H.h5"), timeout=GUARD_MS)
     with open_psf(tmp_path / "H.h5") as H:
         assert "target" in H.provenance and 0 < (H.recorded > 0).sum() < 252
+    assert session_counts(str(folder)) == {"done": 5, "total": 5, "counted": "frame"}
     found = folder_state(str(folder))
     assert found.target == plan and found.complete and found.planes() == ()
     idle(context.jobs, qtbot)
