@@ -21,7 +21,9 @@ class Axis(pg.AxisItem):
     """An axis whose numbers are the values themselves. A long name is shortened before its unit."""
 
     def updateAutoSIPrefix(self) -> None:
-        """Make up no prefix for a unit."""
+        """Draw the numbers of the new range; make up no prefix for a unit."""
+        self.picture = None
+        self.update()
 
     def labelString(self) -> str:
         """Return the name as rich text, as much as there is room for."""

@@ -174,3 +174,18 @@ def test_numbers_of_a_low_plot_do_not_lie_over_each_other(qtbot: QtBot, top: flo
         apart = np.diff(ticks) * axis.height() / (high - low)
         assert not apart.size or apart.min() > 12
     assert not flaws(plot)
+
+
+def test_numbers_of_an_axis_follow_a_growing_curve(qtbot: QtBot) -> None:
+    drawn = []
+    for counts in ((1, 8, 120), (120,)):
+        plot = LinePlot("frame", "light (counts)", counted=True)
+        qtbot.addWidget(plot)
+        plot.resize(280, 180)
+        for count in counts:
+            number = np.arange(1.0, count + 1)
+            plot.set_curve("light", number, 1e5 + number)
+            plot.plot.vb.setYRange(0.0, 2e5, padding=0)
+            found = plot.grab().toImage()  # the range follows when it is drawn
+        drawn.append(found)
+    assert drawn[0] == drawn[1]
