@@ -14,6 +14,7 @@ order in which data pass through them (``tests/architecture/test_imports.py`` st
 - ``judge``: the quality of H: metrics, faults, findings, the verdict, reports, trends, comparisons
 - ``devices``, ``acquire``: cameras and stages; the crash-safe recording
 - ``targets``, ``campaign``: many points in one frame; several regions, and sessions that end when H is accurate enough
+- ``recalibrate``: the camera, from ordinary frames of unknown objects
 - ``reconstruct``: the projector pair and the solvers
 - ``multiplex``: plenoptic multiplexing
 - ``accuracy``: curves of error against seconds, bytes or frames

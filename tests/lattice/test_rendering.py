@@ -152,7 +152,7 @@ def test_depths_and_slopes_are_each_other_s_inverse() -> None:
 
 def test_what_cannot_be_rendered_is_refused(camera: Camera) -> None:
     frame, lattice = np.ones(SHAPE), lattice_of(camera)
-    with pytest.raises(InputError, match=r"beyond ±1.5, got 1"):
+    with pytest.raises(InputError, match=r"below -1.5 or above 1.5, got 1;"):
         render(frame, lattice, [1.0])
     with pytest.raises(InputError, match="light-field frame"):
         render(frame[1:], lattice, [2.0])

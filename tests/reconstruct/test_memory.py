@@ -90,7 +90,7 @@ def test_no_room_is_told_with_what_to_do():
     shape = (8, 1000, 1000)
     with pytest.raises(InputError, match=r"rl-biggs alone.*choose rl, which needs 3 volumes in memory instead of 8"):
         room_for_projections(shape, SolverChoice("rl-biggs"), 4, memory=200_000_000)
-    with pytest.raises(InputError, match=r"smaller image or fewer planes; or use fewer than 4 --workers$"):
+    with pytest.raises(InputError, match=r"smaller image or fewer planes; or use fewer than 4 threads \(--workers\)$"):
         room_for_projections(shape, SolverChoice("rl"), 4, memory=200_000_000, share=4)
 
 

@@ -105,10 +105,11 @@ def test_an_effect_that_is_not_called_for_costs_nothing(name: str, monkeypatch: 
         calls.append(list(counted))
     assert calls[:2] == calls[2:] and all(calls)
     assert scene_for(plan, 0, (*BASE, effect)) == scene_for(plan, 0, BASE)
+    planned = plan_effects(plan, 0.2)  # a plan asks what each effect would cost
     methods = ("on_scene", "spread", "kernel", "on_frame")
     for method in (m for m in methods if hasattr(CATALOGUE.get(name), m)):
         monkeypatch.setattr(type(effect), method, lambda *_: pytest.fail("an effect that is off was asked"))
-    simulate_psf(plan, plan_effects(plan, 0.2), sampling=FAST)
+    simulate_psf(plan, planned, sampling=FAST)
 
 
 @pytest.mark.parametrize("name", [*sorted(NOMINAL), "angular_response"])
