@@ -46,11 +46,11 @@ def random_plan(number: int) -> tuple[ScanPlan, tuple[Effect, ...]]:
 
     rng = np.random.default_rng(7000 + number)
     while True:
-        camera, z_um = _microscope(rng) if rng.random() < 0.25 else _photographic(rng)
         try:
+            camera, z_um = _microscope(rng) if rng.random() < 0.25 else _photographic(rng)
             plan = ScanPlan.for_camera(camera, depths_um=[z_um])
         except LfcalError:
-            continue  # the lens has no image there, or the pattern is wider than the sensor
+            continue  # no object has its image there, or the pattern is wider than the sensor
         plan = replace(plan, cutout=(min(plan.cutout[0], WIDEST), min(plan.cutout[1], WIDEST)))
         return plan, _known(rng, plan)
 
