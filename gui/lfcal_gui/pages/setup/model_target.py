@@ -215,8 +215,8 @@ class PlannedTarget:
         yield "Noise, middle plane", format_share(middle["error"][-1]), format_share(middle["single_point"])
         yield "  half-way", format_share(middle["error"][half]), ""
         halves = [found["shown"][max(1, len(found["shown"]) // 2) - 1] for found in errors]
-        yield "Phases, all planes", format_share(np.mean([plane.coverage for plane in self.planes])), "100 %"
-        yield "  half-way", format_share(np.mean(halves)), ""
+        yield "Phases, all planes", format_share(float(np.mean([plane.coverage for plane in self.planes]))), "100 %"
+        yield "  half-way", format_share(float(np.mean(halves))), ""
 
     def _regions(self, single: int, frames: int) -> Iterator[tuple[str, str, str]]:
         if "regions" in self.made.facts:
