@@ -92,7 +92,7 @@ def test_the_lines_of_the_readme_run_in_an_empty_folder_with_good_results(tmp_pa
     work = tmp_path / "work"
     with open_psf(work / "H.h5") as recorded, open_psf(work / "fit" / "H.h5") as fitted:
         assert recorded.provenance["optics"] == "auto"
-        assert inspect(recorded).verdict.startswith("This PSF is good")
+        assert inspect(recorded).verdict.startswith("This H is good")
         for at in [(0, 9, 16), (1, 9, 16), (0, 3, 29), (1, 14, 2)]:
             one, other = (np.asarray(matrix[at], np.float64).ravel() for matrix in (recorded, fitted))
             other *= (one @ other) / (other @ other)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 from PySide6.QtCore import QPoint, Qt, QTimer
@@ -15,6 +16,9 @@ WAIT_MS = 300
 
 HEIGHT = 20
 """Of the buttons: a status bar is as low as without them (px)."""
+
+LONG = re.compile(r"\S{2,}(\S{23})")
+"""A path, and its end: where the line has no room for the message, the reason matters more than the whole path."""
 
 WIDEST = 560
 """Width of a message that is shown whole (px)."""
@@ -124,7 +128,7 @@ class Notice(QFrame):
         self._refused = False
         self._timer.stop()
         self.leave.hide()
-        self.label.setText(text)
+        self.label.setText(text, LONG.sub(r"…\1", text))
         self.button.setText(button)
         self.button.setAccessibleName(button)
         self.button.setToolTip(tip)

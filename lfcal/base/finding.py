@@ -119,20 +119,20 @@ class Judgement:
     Attributes
     ----------
     data
-        Kind of data: "PSF", "session", "camera".
+        Kind of data: "H", "session", "camera".
     findings
         All findings, the worst first. Findings rated ``"good"`` concern positions to record again; findings rated
         ``"unknown"`` explain why the quality is unknown.
     known
-        Summary of what was found to be good, such as "good by 26 metrics"; may be empty.
+        Summary of what was found to be good, such as "good by 26 checks"; may be empty.
 
     Examples
     --------
     >>> from lfcal.judge import Finding, Judgement
-    >>> print(Judgement("PSF", (), "good by 26 metrics").verdict)
-    This PSF is good by 26 metrics.
+    >>> print(Judgement("H", (), "good by 26 checks").verdict)
+    This H is good by 26 checks.
     >>> hot = Finding(kind="hot_line", what="hot line", detail="60 counts", cost_words="0.31", remedy="Use a dark.")
-    >>> print(Judgement("PSF", (hot,), "good").verdict.partition(". ")[2])
+    >>> print(Judgement("H", (hot,), "good").verdict.partition(". ")[2])
     Hot line: 60 counts; it costs 0.31. Use a dark. What remains is good.
     """
 

@@ -101,7 +101,7 @@ class Inspection:
     0 H has no camera
     """
 
-    data: ClassVar[str] = "PSF"
+    data: ClassVar[str] = "H"
 
     quality: QualityReport
     faults: tuple[FoundFault, ...] = ()
@@ -162,7 +162,7 @@ class Inspection:
     def known(self) -> str:
         """Text that summarizes the checks that H passed; empty if it passed none."""
         good = sum(m.merit == "good" for m in self.quality.metrics)
-        by = f"good by {format_count(good, 'metric', 'metrics')}"
+        by = f"good by {format_count(good, 'check', 'checks')}"
         if self.compared or self.faults:
             return f"{by}, and {self._shown}"
         if not good:
@@ -291,7 +291,7 @@ def iter_inspection(
     >>> with open_psf("H.h5") as H:
     ...     found = drain(iter_inspection(H, inspect(H), patterns=24))
     >>> print(found.verdict)
-    This PSF is good by ... metrics, and 24 patterns compared with the camera show no fault.
+    This H is good by ... checks, and 24 patterns compared with the camera show no fault.
     """
     start = time.perf_counter()
     kept = [Inspection(quality)]

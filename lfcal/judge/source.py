@@ -17,12 +17,12 @@ class Judged(Protocol):
 
     @property
     def data(self) -> str:
-        """Kind of the data for the verdict: "PSF", "session", "camera"."""
+        """Kind of the data for the verdict: "H", "session", "camera"."""
         ...
 
     @property
     def known(self) -> str:
-        """Summary of the checks that the data passed, such as "good by 26 metrics"; may be empty."""
+        """Summary of the checks that the data passed, such as "good by 26 checks"; may be empty."""
         ...
 
 

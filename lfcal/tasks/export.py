@@ -158,7 +158,7 @@ def _uncompressed() -> bool:
 
 @record
 class ExportMat(_Export):
-    """Export H and Ht to a MATLAB file (v7.3), for a deconvolution code."""
+    """Export H and HT to a MATLAB file (v7.3), for a deconvolution code."""
 
     input_words: ClassVar[str] = "a .mat file"
     in_units: ClassVar[bool] = True
@@ -266,7 +266,7 @@ class ExportTiff(_ExportView):
 
 @record
 class ExportFor(_Export):
-    """Export H and Ht to a file for one deconvolution code."""
+    """Export H and HT to a file for one deconvolution code."""
 
     input_words: ClassVar[str] = "a file for one code (--for)"
     suffixes: ClassVar[tuple[str, ...]] = (".mat", ".npz", ".tif")

@@ -55,7 +55,7 @@ def test_files_of_other_codes_are_whole(lfcal: Lfcal, H: Path, tmp_path: Path, s
 def test_numbers_then_report(lfcal: Lfcal, H: Path, tmp_path: Path) -> None:
     run = lfcal("inspect", H, "--report", tmp_path / "out")
     assert run.code == 0, run.err
-    verdict, table, page = (run.out.index(w) for w in ("This PSF should not", "Missing frames", "report: "))
+    verdict, table, page = (run.out.index(w) for w in ("This H should not", "Missing frames", "report: "))
     assert verdict < table < page
     listed = tmp_path / "out" / "redo.json"
     assert f"1 position to record again; listed in {listed}" in " ".join(run.out.split("\n"))

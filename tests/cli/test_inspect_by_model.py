@@ -41,7 +41,7 @@ def test_a_hot_column_is_named_and_not_a_step_of_the_stage(
     asked = lfcal("inspect", "H.h5", "--patterns", 24, "--json", "--report", "report")
     told = asked.json
     assert isinstance(told, dict) and told["model"]["faults"][0]["name"] == "hot_line"
-    assert told["verdict"].startswith("This PSF should not be used as it is: hot line")
+    assert told["verdict"].startswith("This H should not be used as it is: hot line")
     assert asked.code == 0
     page = (place / "report" / "index.html").read_text()
     assert "should not be used as it is: hot line" in page and "Compared with the camera" in page and "hot line" in page
@@ -82,7 +82,7 @@ def test_strict_ends_with_one_where_the_camera_does_not_explain_H(lfcal: Lfcal, 
     assert run.code == 1 and words in " ".join(run.out.split())
     save(matrix(clean()), place / "H.h5")
     cut = lfcal("inspect", "H.h5", "--strict", "--seconds", 1e-9)
-    assert cut.code == 1 and "This PSF is not fully judged" in cut.out
+    assert cut.code == 1 and "This H is not fully judged" in cut.out
 
 
 def test_metrics_that_do_not_apply_are_counted_not_listed(lfcal: Lfcal, place: Path) -> None:

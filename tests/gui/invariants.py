@@ -116,6 +116,7 @@ def _h_pictures(page: Any) -> None:
     shown = [title for title, button in panel.view_buttons.items() if button.isChecked()]
     assert shown == [VIEWS.get(intent.view, "HT" if intent.transposed else "H")]
     if intent.view == "fit":
+        assert panel.fitted.place == (intent.z, intent.y, intent.x)
         return
     names, at = ("HT", "H") if intent.transposed else ("H", "HT"), f"position y {intent.y}, x {intent.x}"
     shows = "measured" if intent.view == "difference" or page.reference_plane is None else intent.show

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtWidgets import QApplication, QWidget
+from PySide6.QtWidgets import QApplication, QLabel, QWidget
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.notice import Notice
@@ -24,5 +24,7 @@ def test_a_message_without_room_is_opened_whole(qtbot: QtBot) -> None:
     QApplication.processEvents()
     assert notice.more.isVisible() and notice.label.toolTip() == WHY
     words = notice.show_whole()
+    notice.refuse(f"/data/{'long_' * 20}name.h5: expected an HDF5 file, got 3000 bytes")
+    assert "name.h5: expected an HDF5 " in QLabel.text(notice.label), "the reason counts more than the path"
     assert words.isVisible() and words.text() == WHY and words.height() >= words.heightForWidth(words.width())
     words.window().close()

@@ -174,7 +174,7 @@ def test_another_camera_than_described_is_never_good(case: str) -> None:
     camera, words = cameras()[case]
     found = inspected(one_plane(recorded_by(camera)))
     assert found.merit in ("bad", "unknown") and words in found.verdict, found.verdict
-    assert not found.verdict.startswith("This PSF is good") and found.disagreement is not None
+    assert not found.verdict.startswith("This H is good") and found.disagreement is not None
 
 
 def test_orientation_is_known_only_where_the_camera_confirms_it() -> None:
@@ -207,7 +207,7 @@ def timeless(found: Inspection) -> object:
 @pytest.mark.parametrize("seconds", [0.0, 1e-9])
 def test_a_comparison_that_is_not_finished_is_never_good(seconds: float) -> None:
     found = inspected(one_plane(clean()[1:]), seconds)
-    assert found.merit == "unknown" and found.verdict.startswith("This PSF is not fully judged")
+    assert found.merit == "unknown" and found.verdict.startswith("This H is not fully judged")
     assert "--seconds" in found.verdict and found.unfinished
 
 

@@ -118,13 +118,14 @@ def test_a_lamp_that_fades_and_one_that_flickers() -> None:
     assert set(found) == {"flicker"} and 4 < float(found["flicker"].detail.split()[0]) < 6.5
 
 
-def test_a_frame_of_three_exposures_is_to_be_recorded_again() -> None:
+@pytest.mark.parametrize(("ratio", "words"), [(3, "2.98 times the light"), (0, "no light")])
+def test_a_frame_with_another_exposure_is_to_be_recorded_again(ratio: int, words: str) -> None:
     values = light()
     place = evidence_of(clean()).index[17]
-    values[tuple(place)] *= 3
+    values[tuple(place)] *= ratio
     found = faults_of(noisy(values))
     assert set(found) == {"exposure"} and found["exposure"].redo
-    assert found["exposure"].positions.tolist() == [place.tolist()]
+    assert found["exposure"].positions.tolist() == [place.tolist()] and f"has {words}" in found["exposure"].detail
 
 
 @pytest.mark.long

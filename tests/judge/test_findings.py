@@ -72,7 +72,7 @@ def test_a_source_of_others_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def judged(*findings: Finding, known: str = "good by all") -> Judgement:
-    return Judgement.of("PSF", findings, known)
+    return Judgement.of("H", findings, known)
 
 
 def test_findings_are_grouped_in_the_order_of_a_report() -> None:
@@ -93,7 +93,7 @@ def test_the_worst_finding_gives_the_merit() -> None:
 @pytest.mark.parametrize(
     ("findings", "words"),
     [
-        ([], "This PSF is good by all."),
+        ([], "This H is good by all."),
         (
             [finding()],
             "should not be used as it is: hot line. Hot line. Mend the hot line. What remains is good by all.",

@@ -35,7 +35,7 @@ def inspected_hot() -> Inspection:
 def test_a_clean_recording_is_good() -> None:
     found = inspected(matrix(clean()))
     assert found.compared == common.PATTERNS and not found.faults and not found.bad
-    assert found.verdict.startswith("This PSF is usable, but should be checked: light at the edge. "), "a small cutout"
+    assert found.verdict.startswith("This H is usable, but should be checked: light at the edge. "), "a small cutout"
     assert "show no fault" in found.verdict and "Assemble again with a larger cutout" in found.verdict
 
 
@@ -43,7 +43,7 @@ def test_a_clean_recording_is_good() -> None:
 def test_a_fault_stands_for_the_metrics_that_it_looks_like() -> None:
     found = inspected_hot()
     assert found.bad and found.faults[0].name == "hot_line"
-    assert found.verdict.startswith("This PSF should not be used as it is: hot line of the sensor")
+    assert found.verdict.startswith("This H should not be used as it is: hot line of the sensor")
     step = found.quality["stage_gain"]
     assert found.settled(step) is found.faults[0] and step not in found.alarms
     assert found.quality.redo() and not found.redo(), "no frame is recorded again for a line of the sensor"

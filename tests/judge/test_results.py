@@ -32,7 +32,7 @@ from lfcal.reconstruct import save_volume
 from tests.judge.test_trend import write_fit
 
 DEPTHS = (-2000.0, -1000.0)
-QUALITY = {"format": "lfcal-quality", "metrics": [], "verdict": "This PSF is good.", "merit": "good", "model": None}
+QUALITY = {"format": "lfcal-quality", "metrics": [], "verdict": "This H is good.", "merit": "good", "model": None}
 
 
 def matrix(light: float = 1.0) -> PSFMatrix:
@@ -76,7 +76,7 @@ def test_each_kind_is_found_by_its_content(one_of_each: Path) -> None:
         **dict.fromkeys(("v.tif", "v.ome.tif", "v.h5", "v.npy"), "volume"),
     }
     by_name = {one.name: one for one in found.results}
-    assert (by_name["report"].verdict, by_name["report"].merit) == ("This PSF is good.", "good")
+    assert (by_name["report"].verdict, by_name["report"].merit) == ("This H is good.", "good")
     assert by_name["recorded"].verdict == "complete: 627 positions" and by_name["recorded"].dated
     assert by_name["H.h5"].verdict == "" and by_name["H.h5"].merit == "unknown", "judged nowhere"
     facts = {name: dict(one.facts) for name, one in by_name.items()}

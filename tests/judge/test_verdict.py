@@ -58,7 +58,7 @@ def test_the_verdict_says_what_the_table_says(quality: QualityReport, seed: int)
     every = {*merits, *(m.merit for m in standing if m.merit != "unknown")}
     worst = next(merit for merit in ("bad", "fair", "good") if merit in every)
     starts = {"bad": "should not be used", "fair": "is usable, but should be checked", "good": "is good"}
-    assert verdict.startswith(f"This PSF {starts[worst]}") and found.merit == worst
+    assert verdict.startswith(f"This H {starts[worst]}") and found.merit == worst
     assert found.bad == (worst == "bad")
     # what decides is named, or counted among the others
     names = [f.title for f, merit in zip(findings, merits, strict=True) if merit == worst]
@@ -68,7 +68,7 @@ def test_the_verdict_says_what_the_table_says(quality: QualityReport, seed: int)
         not missing or f"and {len(names) - (3 if worst == 'bad' else 4)} more" in verdict or not (compared or findings)
     )
     if worst == "good" and compared:
-        assert f"by {sum(m.merit == 'good' for m in metrics)} metric" in verdict
+        assert f"by {sum(m.merit == 'good' for m in metrics)} check" in verdict
 
 
 @pytest.mark.parametrize(

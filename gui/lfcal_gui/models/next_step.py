@@ -396,8 +396,9 @@ def _few_bad(s: Sitting) -> Step | None:
         words = f"record {many} again; the rest of H is {rest}."
         return Step("Next", words, f"Record {many}", "acquire.redo", "h", optional=v.usable)
     if s.folder or s.total:
-        words = f"leave {bad} out of H, and fill it from the fit; the rest is {rest}."
-        button = "Leave it out" if s.bad == 1 else "Leave them out"
+        them = "it" if s.bad == 1 else "them"
+        words = f"leave {bad} out of H, and fill {them} from the fit; the rest is {rest}."
+        button = f"Leave {them} out"
         return Step("Next", words, button, "h.leave_out", "h", optional=v.usable)
     words = f"look at {bad}; the rest of H is {rest}."
     return Step("Next", words, "Show them", "h.worst", "h", optional=True)

@@ -87,9 +87,11 @@ class ExposureFault(Fault):
         worst = bad[np.argmax(np.abs(gains[bad]))]
         place = tuple(int(v) for v in evidence.index[worst])
         many = "1 frame" if bad.size == 1 else f"{bad.size} frames"
+        ratio = f"{1 + gains[worst]:.2f}"
+        light = "no light" if ratio in ("0.00", "-0.00") else f"{ratio} times the light"
         yield FoundFault(
             self,
-            f"{many} of {len(evidence)} compared; the worst, at {place}, has {1 + gains[worst]:.2f} times the light",
+            f"{many} of {len(evidence)} compared; the worst, at {place}, has {light}",
             float(abs(gains[worst]) / max(scatter, float(sigmas[worst]))),
             float(np.abs(gains[bad]).mean()) * evidence.extent(bad),
             positions=evidence.index[bad],

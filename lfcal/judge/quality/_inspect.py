@@ -80,11 +80,11 @@ def iter_inspect(
     >>> from lfcal.psf import PSFMatrix
     >>> from lfcal.judge import iter_inspect
     >>> drain(iter_inspect(PSFMatrix(np.zeros((2, 3, 3, 9, 9))))).verdict.partition(". ")[0]
-    'This PSF should not be used as it is: dark planes'
+    'This H should not be used as it is: dark planes'
     """
     start = time.perf_counter()
     H = straight(matrix)
-    clock = Clock("inspecting planes", PASSES * len(H))
+    clock = Clock("inspection steps", PASSES * len(H))
     planes: list[InspectedPlane] = []
     yield clock.at(0)
     for z in range(len(H)):

@@ -56,6 +56,9 @@ class Reading:
 LARGEST = 1.0
 """Error of a volume that has nothing in common with the true one, which is the largest possible error."""
 
+COUNTED = ("frames", "pixels", "planes")
+"""Units that are counted: one of them has no final s."""
+
 UNKNOWN = Reading()
 """Value of a metric that could not be measured; zero would mean a good value."""
 
@@ -268,7 +271,7 @@ class Metric:
     >>> H = PSFMatrix(np.ones((1, 2, 2, 9, 9)), recorded=[[[1, 0], [1, 1]]])
     >>> missing: Metric = inspect(H)["missing"]
     >>> print(missing.text, missing.merit, missing.positions.tolist())
-    1 frames bad [[0, 0, 1]]
+    1 frame bad [[0, 0, 1]]
     """
 
     spec: MetricSpec
@@ -301,7 +304,10 @@ class Metric:
             if self.value == round(self.value) and abs(self.value) < 1e6
             else format_number(self.value)
         )
-        return f"{digits} {self.spec.unit}".strip()
+        unit = self.spec.unit
+        if digits == "1" and unit in COUNTED:
+            unit = unit[:-1]
+        return f"{digits} {unit}".strip()
 
     @property
     def cost_text(self) -> str:
@@ -313,9 +319,12 @@ class Metric:
     @property
     def limits(self) -> str:
         """Text with the limits of good and bad values."""
-        better, worse = ("≥", "<") if self.spec.limits.higher_is_better else ("≤", ">")
-        unit = f" {self.spec.unit}" if self.spec.unit else ""
-        return f"{better} {self.spec.limits.good:g}{unit} good, {worse} {self.spec.limits.bad:g}{unit} bad"
+        limits = self.spec.limits
+        better, worse = ("at least", "less") if limits.higher_is_better else ("at most", "more")
+        good, bad = (f"{one:g} {self.spec.unit}".strip() for one in (limits.good, limits.bad))
+        if limits.good or limits.higher_is_better:
+            good = f"{better} {good}"
+        return f"{good} is good, {worse if limits.good == limits.bad else f'{worse} than {bad}'} is bad"
 
     def to_dict(self) -> dict[str, object]:
         """Return the metric as plain JSON types, with positions but without maps; NaN means unknown."""

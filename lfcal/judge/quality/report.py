@@ -62,7 +62,7 @@ class QualityReport:
     bad [((0, 0, 1), 'missing frames')]
     """
 
-    data: ClassVar[str] = "PSF"
+    data: ClassVar[str] = "H"
 
     shape: tuple[int, int, int, int, int]
     depths: NDArray[np.float64]
@@ -120,7 +120,7 @@ class QualityReport:
     def known(self) -> str:
         """Text with the number of good metrics, for a verdict; empty if there are none."""
         good = sum(m.merit == "good" for m in self.metrics)
-        by = f"good by {format_count(good, 'metric', 'metrics')}; it was not compared with a camera"
+        by = f"good by {format_count(good, 'check', 'checks')}; it was not compared with a camera"
         return by if good else ""
 
     @property

@@ -70,7 +70,7 @@ def iter_report(
     >>> work = iter_report(PSFMatrix(np.ones((2, 3, 3, 9, 9))), "quality")
     >>> step = next(work)
     >>> print(step.stage, step.count)
-    inspecting planes 0 of 12
+    inspection steps 0 of 12
     >>> work.close()  # cancelled: nothing is written
     """
     target = Path(folder)

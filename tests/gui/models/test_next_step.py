@@ -174,7 +174,7 @@ TABLE = (
     ),
     (
         replace(H, verdict=FEW, folder=True),
-        "Next: leave 5 bad positions out of H, and fill it from the fit; the rest is good.",
+        "Next: leave 5 bad positions out of H, and fill them from the fit; the rest is good.",
         "h.leave_out",
         {"h": "5 to redo"},
     ),

@@ -51,18 +51,18 @@ def test_verdicts_on_other_h_stay(tmp_path: Path) -> None:
 
 
 def test_a_verdict_says_what_is_left_once_its_positions_are_recorded_again() -> None:
-    few = verdict_of(Judgement("PSF", (LOST,), "good by 30 metrics"), REDO, 627, 39)
+    few = verdict_of(Judgement("H", (LOST,), "good by 30 checks"), REDO, 627, 39)
     assert few.few and (few.bad, few.rest, few.failed, few.checks) == (5, "good", 1, 39)
-    assert few.share == 4 / 627 and few.sentence.startswith("This PSF should not be used")
-    assert not verdict_of(Judgement("PSF", (LOST,), ""), REDO, 40, 39).few, "a tenth of a plane"
-    both = verdict_of(Judgement.of("PSF", (LOST, DARK), ""), REDO, 627, 39)
+    assert few.share == 4 / 627 and few.sentence.startswith("This H should not be used")
+    assert not verdict_of(Judgement("H", (LOST,), ""), REDO, 40, 39).few, "a tenth of a plane"
+    both = verdict_of(Judgement.of("H", (LOST, DARK), ""), REDO, 627, 39)
     assert both.rest == "bad" and not both.few
     doubt = Finding(kind="unfinished", what="comparison", merit="unknown")
-    assert verdict_of(Judgement.of("PSF", (LOST, doubt), ""), REDO, 627).rest == "unknown"
+    assert verdict_of(Judgement.of("H", (LOST, doubt), ""), REDO, 627).rest == "unknown"
 
 
 def test_a_remedy_is_kept_where_a_correction_of_frames_is_one() -> None:
-    assert verdict_of(Judgement("PSF", (DARK,), "")).remedy == "dark"
-    assert verdict_of(Judgement("PSF", (LOST,), "")).remedy == ""
-    good = verdict_of(Judgement("PSF", (), "good by 30 metrics"))
-    assert good.usable and not good.few and good == Verdict("good", "This PSF is good by 30 metrics.")
+    assert verdict_of(Judgement("H", (DARK,), "")).remedy == "dark"
+    assert verdict_of(Judgement("H", (LOST,), "")).remedy == ""
+    good = verdict_of(Judgement("H", (), "good by 30 checks"))
+    assert good.usable and not good.few and good == Verdict("good", "This H is good by 30 checks.")

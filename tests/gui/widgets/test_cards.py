@@ -16,11 +16,11 @@ FAULTS = "(0, 1, 2) belongs to another position: its light is displaced by 3.0 p
 def test_a_long_verdict_shows_its_first_sentence_and_the_rest_in_its_tip(qtbot: QtBot) -> None:
     card = VerdictCard("All checks")
     qtbot.addWidget(card)
-    card.show_verdict("good", "This PSF is good by 31 metrics. No fault was found.")
-    assert card.sentence.text() == "This PSF is good by 31 metrics. No fault was found."
-    whole = f"This PSF can be used; look at 4 positions. {FAULTS}"
+    card.show_verdict("good", "This H is good by 31 checks. No fault was found.")
+    assert card.sentence.text() == "This H is good by 31 checks. No fault was found."
+    whole = f"This H can be used; look at 4 positions. {FAULTS}"
     card.show_verdict("fair", whole)
-    assert card.sentence.text() == "This PSF can be used; look at 4 positions." and card.sentence.toolTip() == whole
+    assert card.sentence.text() == "This H can be used; look at 4 positions." and card.sentence.toolTip() == whole
 
 
 def test_a_whole_table_has_no_scroll_bar_until_it_is_enlarged(qtbot: QtBot) -> None:

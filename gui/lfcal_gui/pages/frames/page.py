@@ -286,7 +286,7 @@ class Page(BasePage):
         self._opening = False
         self.notice.clear()
         folder = self.context.state.frames
-        self._unread = folder, f"import the frames again: {Path(folder).name} is not open"
+        self._unread = folder, f"import the frames again: “{Path(folder).name}” is not open"
         self._report()
         self.show_empty(words, {"Import any folder …": (IMPORT, self.choose_folder), "Try again": (AGAIN, self._open)})
         self.context.message.emit(words)

@@ -206,8 +206,7 @@ class Checking:
         if found is None:
             failed = "not inspected" if kept is None else f"{kept.failed} failed" if kept.failed else "none failed"
             return self.title, "inspecting …" if self._job else failed
-        count = sum(metric.applies for metric in found.quality.metrics)
-        return f"{count} checks", model_checks.count_words(found).partition(";")[0].rstrip(".")
+        return self.title, model_checks.count_words(found)
 
     def _show_buttons(self) -> None:
         self._page.show_levels()

@@ -240,13 +240,18 @@ class FitPictures(QWidget):
         for view in self.views:
             view.set_shot(None)
 
+    def nearest(self, place: Place) -> Place:
+        """Return the fitted position that is nearest to (z, y, x), in its plane if that has one."""
+        places = () if self._found is None else self._found.places
+        own = [one for one in places if one[0] == place[0]] or places
+        return min(own, key=lambda one: math.dist(one, place), default=place)
+
     def show_place(self, place: Place) -> None:
-        """Show the fitted pattern that is nearest to a position (z, y, x), in its plane if that has one."""
+        """Show the fitted pattern that is nearest to a position (z, y, x)."""
         found = self._found
         if found is None:
             return
-        own = [one for one in found.places if one[0] == place[0]] or found.places
-        self.place = nearest = min(own, key=lambda one: math.dist(one, place))
+        self.place = nearest = self.nearest(place)
         self.words = model_fit_run.place_words(found, nearest)
         measured, model = found.patterns[nearest], found.model[nearest]
         levels = levels_of(np.stack([measured, model]))

@@ -315,11 +315,14 @@ def shown_unit(intent: HIntent, matrix: PSFMatrix, reference: PSFMatrix | None) 
     return unit_of(reference if other and reference is not None else matrix)
 
 
-def pixel_words(picture: HPicture, pixel: Pixel, unit: str) -> str:
-    """Return pixel (t, s) of the main image and its value in ``unit`` as text."""
+def pixel_words(picture: HPicture, pixel: Pixel, unit: str) -> tuple[str, str]:
+    """Return pixel (t, s) of the main image and its value in ``unit`` as text, and a shorter text."""
     t, s = pixel
-    apart = f", {picture.linked[t, s]:+.4g} relative to the other H" if picture.signed else ""
-    return f"t {t}, s {s}: {picture.main[t, s]:.5g} {'counts' if 'counts' in unit else 'of the light'}{apart}"
+    whole = f"t {t}, s {s}: {picture.main[t, s]:.5g} {'counts' if 'counts' in unit else 'of the light'}"
+    if not picture.signed:
+        return whole, ""
+    apart = picture.linked[t, s]
+    return f"{whole}, {apart:+.4g} relative to the other H", f"t {t}, s {s}: difference {apart:+.4g}"
 
 
 def _virtual_words(camera: Camera | None, depth_um: float) -> str:
@@ -340,7 +343,7 @@ def place_words(matrix: PSFMatrix, intent: HIntent) -> tuple[str, str]:
     ny, nx = matrix.period
     return (
         f"{plane_words(intent.z, len(matrix))}: {at}",
-        f"Position y {intent.y}, x {intent.x} of {ny} × {nx} px",
+        f"Position y {intent.y}, x {intent.x} of {ny} × {nx}",
     )
 
 

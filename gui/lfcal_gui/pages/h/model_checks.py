@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -208,10 +209,11 @@ def place_words(one: FoundFault) -> str:
 
 # -- metrics -----------------------------------------------------------------------------------------------
 def count_words(inspection: Inspection) -> str:
-    """Return the number of good metrics and of metrics that do not apply, as text."""
-    from lfcal.judge.quality import counted_words
-
-    return capital(counted_words(inspection.quality.metrics))
+    """Return the number of checks of each merit, and of metrics that do not apply, as text."""
+    found = Counter(check.merit for check in checks_of(inspection))
+    found["not applicable"] = sum(not metric.applies for metric in inspection.quality.metrics)
+    shown = {**dict.fromkeys(RANK, ""), "unknown": "not rated", "not applicable": ""}
+    return ", ".join(f"{found[key]} {words or key}" for key, words in shown.items() if found[key])
 
 
 def _of_metric(inspection: Inspection, m: Metric) -> CheckRow:
@@ -219,7 +221,7 @@ def _of_metric(inspection: Inspection, m: Metric) -> CheckRow:
 
     merit, reading = _reading_of(inspection, m)
     cost = m.cost_text if m.cost > 0 else "–"
-    return CheckRow(m, m.spec.title, m.text, *limits(m), merit, reading, cost, _metric_words(inspection, m))
+    return CheckRow(m, m.spec.title, m.text, *limits(m), merit, reading, cost, _metric_words(inspection, m, reading))
 
 
 def _reading_of(inspection: Inspection, metric: Metric) -> tuple[str, str]:
@@ -231,11 +233,12 @@ def _reading_of(inspection: Inspection, metric: Metric) -> tuple[str, str]:
             return "unknown", "see fault"
         if inspection.withdrawn(metric):
             return "unknown", "not confirmed"
-    return merit_of(metric), merit_word(metric)
+    merit, word = merit_of(metric), merit_word(metric)
+    return merit if word == merit else "fair", word  # positions to record again are not marked as good
 
 
-def _metric_words(inspection: Inspection, metric: Metric) -> str:
-    parts = [f"<b>{metric.spec.title}: {metric.text}</b> ({metric.merit}; {metric.limits})", metric.spec.meaning]
+def _metric_words(inspection: Inspection, metric: Metric, reading: str) -> str:
+    parts = [f"<b>{metric.spec.title}: {metric.text}</b>, {reading} ({metric.limits})", metric.spec.meaning]
     if metric.detail:
         parts.append(metric.detail)
     if metric.merit in ("fair", "bad"):

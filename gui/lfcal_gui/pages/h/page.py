@@ -266,6 +266,7 @@ class Page(BasePage):
             return
         self._both = self._comparable(matrix, state.reference)
         self.reference = None if self._both is None else self._both.b
+        self.panel.readout.show()
         self.panel.frame_button.setVisible(bool(state.frames))
         self.show_body()
         self._show_hint(matrix)
@@ -333,6 +334,8 @@ class Page(BasePage):
             return None
 
     def _show_none(self, path: str) -> None:
+        self.panel.readout.hide()
+        self.panel.view_buttons["Difference"].hide()
         self.hint.setText(self.spec.hint)
         self.show_no_matrix(
             path,
@@ -425,6 +428,9 @@ class Page(BasePage):
             return
         there = self.reference is not None
         self.intent = replace(self.intent, **changes).clamped(self.matrix.shape, reference=there)
+        if self.intent.view == "fit" and "fitting" in self.__dict__:
+            z, y, x = self.panel.fitted.nearest((self.intent.z, self.intent.y, self.intent.x))
+            self.intent = replace(self.intent, z=z, y=y, x=x)
         self.panel.show_intent(self.intent, *model.place_words(self.matrix, self.intent))
         if self.plane is None or self.plane.z != self.intent.z:
             self._load_plane()

@@ -333,8 +333,8 @@ class HPanel(QWidget):
         self.sum_place = QWidget()
         column_of(self.sum_view, of=self.sum_place)
         column.addLayout(line(heading("Aperture"), self.legend, larger, stretch=1))
+        column.addWidget(self.aperture_text)  # in a low window, only what is first is seen
         column.addWidget(self.sum_place)
-        column.addWidget(self.aperture_text)
         return panel
 
     # -- showing ---------------------------------------------------------------------------------------
@@ -434,7 +434,7 @@ class HPanel(QWidget):
             apart = picture.signed and view is self.linked_view
             shot = Shot(image, title, unit, "psf", signed if apart else levels, apart, cross=cross)
             view.set_shot(replace(shot, pixel_um=self._pixel_um))
-        words = (HOVER, HOVER_BRIEF) if intent.pixel is None else (pixel_words(picture, intent.pixel, unit),)
+        words = (HOVER, HOVER_BRIEF) if intent.pixel is None else pixel_words(picture, intent.pixel, unit)
         self.readout.setText(*words)
         self._show_profile(picture.main, intent, levels)
 

@@ -34,7 +34,7 @@ from lfcal_gui.widgets import (
 LEAST = 100
 """Least width of the kind of file (px): its entries are long."""
 
-FACTS = ("H and Ht", "Order", "Quality")
+FACTS = ("H and HT", "Order", "Quality")
 
 
 class ExportCard(QWidget):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from lfcal.tasks import Task
 
 KINDS = {
-    ".mat": (ExportMat, "MATLAB v7.3, H and Ht"),
+    ".mat": (ExportMat, "MATLAB v7.3, H and HT"),
     ".h5": (ExportH5, "H file, with all metadata"),
     ".npy": (ExportNpy, "NumPy array"),
     ".tif": (ExportTiff, "ImageJ hyperstack, to view"),

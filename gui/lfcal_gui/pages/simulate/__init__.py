@@ -13,7 +13,7 @@ def state(project: ProjectState) -> PageState:
 PAGE = PageSpec(
     "simulate",
     "Compute",
-    "Compute the PSF of the described camera",
+    "Compute H of the described camera",
     order=70,
     package=__name__,
     state=state,

@@ -95,7 +95,10 @@ def test_a_depth_that_h_does_not_state_is_not_told() -> None:
     values = np.ones((2, 3, 3, 5, 5), np.float32)
     assert place_words(PSFMatrix(values), HIntent(z=1))[0] == "Plane 1 (0 to 1): depth\u00a0not\u00a0stated"
     known = PSFMatrix(values, depths=[-2000.0, -1000.0])
-    assert place_words(known, HIntent(z=1))[0] == "Plane 1 (0 to 1): z\u00a0=\u00a0-1\u00a0mm"
+    assert place_words(known, HIntent(z=1)) == (
+        "Plane 1 (0 to 1): z\u00a0=\u00a0-1\u00a0mm",
+        "Position y 0, x 0 of 3 × 3",
+    )
     # its focal length before the lens
     other = PSFMatrix(values, depths=(-260e3, 0.0), camera=preset("bench"))
     told = [place_words(other, HIntent(z=z))[0].replace("\u00a0", " ") for z in (0, 1)]

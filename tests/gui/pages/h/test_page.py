@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import QSize
 from PySide6.QtGui import QColor, QIcon
-from PySide6.QtWidgets import QApplication, QScrollArea
+from PySide6.QtWidgets import QApplication, QLabel, QScrollArea
 from pytestqt.qtbot import QtBot
 
 from lfcal.camera import preset
@@ -126,7 +126,7 @@ def test_the_inspector_is_whole(
     window.go("h")
     page: Any = window.page("h")
     idle(window.jobs, qtbot)
-    long = "This PSF is good by 31 metrics, and 60 patterns compared with the camera show no fault."
+    long = "This H is good by 31 checks, and 60 patterns compared with the camera show no fault."
     page.panel.verdict.show_verdict("good", long)
     words = page.panel.map_range
 
@@ -199,6 +199,7 @@ def test_what_another_page_sent_is_shown_once_h_and_its_reference_are_open(
     page: Any, context: Context, qtbot: QtBot, files: tuple[str, str, str]
 ) -> None:
     context.project.update("neither", psf="", reference="")
+    assert page.panel.readout.isHidden() and page.panel.view_buttons["Difference"].isHidden(), "there is no H"
     page.receive({"place": (0, 2, 1), "view": "difference"})
     context.project.update("H alone", psf=files[0])
     idle(context.jobs, qtbot)
@@ -218,7 +219,12 @@ def test_the_readout_follows_the_picture(page: Any, context: Context, qtbot: QtB
         assert panel.readout.text() == f"t 2, s 3: {panel.main_view.values[2, 3]:.5g} {unit}", change
     assert panel.main_view.quantity == "fraction of the light"
     page.set_intent(show="measured")
-    assert panel.main_view.quantity == "intensity (counts)"
+    assert panel.main_view.quantity == "intensity (counts)" and not panel.readout.isHidden()
+    page.set_intent(view="difference")
+    idle(context.jobs, qtbot)
+    panel.readout.resize(240, 20)
+    assert panel.readout.text().endswith("relative to the other H")
+    assert QLabel.text(panel.readout) == f"t 2, s 3: difference {panel.linked_view.values[2, 3]:+.4g}"
     panel.main_view.hovered.emit(-1, -1, float("nan"))
     assert panel.readout.text().startswith("Point at")
 

@@ -114,7 +114,7 @@ def test_the_next_step_exports_for_a_code_with_the_quality_of_h(
     page = opened(window, qtbot, tmp_path / "H.h5")
     stamp = stamp_of(str(tmp_path / "H.h5"))
     assert stamp is not None
-    verdict = verdict_of(Judgement("PSF", (), "good by 26 metrics"))
+    verdict = verdict_of(Judgement("H", (), "good by 26 checks"))
     window.project.note(settings=with_verdict(window.project.state, stamp, verdict))
     assert page.panel.export.facts["Quality"][0].text() == "good"
     page.panel.export.codes["prevedel"].click()

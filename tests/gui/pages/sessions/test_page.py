@@ -92,7 +92,7 @@ def test_what_is_found_has_its_verdict_and_date(page: Page) -> None:
     assert set(names(page)) == {"may.h5", "june.h5", "recorded_may", "recorded_june", "report", "torn.h5"}
     assert page.panel.counted.text() == "6 results" and page.panel.stack.currentIndex() == 1
     assert NOT_JUDGED in spoken(page, "may.h5"), "nothing is judged without being asked to"
-    assert spoken(page, "report") == "report, 2026-05-01, Report, This PSF is good."
+    assert spoken(page, "report") == "report, 2026-05-01, Report, This H is good."
     assert "unfinished: 100 of 627 positions" in spoken(page, "recorded_june")
     assert "HDF5" in spoken(page, "torn.h5") and str(page.folders[0]) not in spoken(page, "torn.h5")
     click(page, "may.h5")
@@ -176,7 +176,7 @@ def test_pictures_of_what_is_seen_are_read_once(page: Page, qtbot: QtBot, cache:
 
 def test_judging_is_asked_for_and_kept(page: Page, qtbot: QtBot, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def at_once(path: str, order: str, kept: Any) -> Any:
-        kept.verdict = "bad", "This PSF should not be used."
+        kept.verdict = "bad", "This H should not be used."
         yield from ()
 
     monkeypatch.setattr("lfcal_gui.pages.sessions.page.iter_judged", at_once)
@@ -184,7 +184,7 @@ def test_judging_is_asked_for_and_kept(page: Page, qtbot: QtBot, folder: Path, m
     QTest.mouseClick(page.judge_button, LEFT)
     idle(page.context.jobs, qtbot)
     assert "should not be used" in spoken(page, "may.h5") and NOT_JUDGED in spoken(page, "june.h5")
-    assert facts(page)["Verdict"] == "This PSF should not be used."
+    assert facts(page)["Verdict"] == "This H should not be used."
     page.look()
     idle(page.context.jobs, qtbot)
     assert "should not be used" in spoken(page, "may.h5"), "kept"
@@ -218,7 +218,7 @@ def test_an_h_is_judged_by_its_metrics(page: Page, qtbot: QtBot) -> None:
     click(page, "may.h5")
     page.judge()
     idle(page.context.jobs, qtbot)
-    assert "This PSF" in spoken(page, "may.h5")
+    assert "This H" in spoken(page, "may.h5")
 
 
 def test_what_cannot_be_judged_says_why(page: Page, qtbot: QtBot, folder: Path) -> None:
@@ -352,7 +352,7 @@ def test_where_nothing_can_be_kept_nothing_fails(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     kept, one = KeptResults(tmp_path / "file" / "below"), find_results(tmp_path).results[0]
     assert kept.picture(one) is not None and kept.verdict(one) is None
-    kept.keep_verdict(one, ("good", "This PSF is good."))
+    kept.keep_verdict(one, ("good", "This H is good."))
     assert kept.verdict(one) is None
     kept.sweep()
 
@@ -361,8 +361,8 @@ def test_a_damaged_entry_of_the_cache_is_made_again(tmp_path: Path) -> None:
     save(matrix(), tmp_path / "H.h5")
     one, kept = find_results(tmp_path).results[0], KeptResults(tmp_path / "cache")
     first = kept.picture(one)
-    kept.keep_verdict(one, ("good", "This PSF is good."))
-    assert kept.verdict(one) == ("good", "This PSF is good.")
+    kept.keep_verdict(one, ("good", "This H is good."))
+    assert kept.verdict(one) == ("good", "This H is good.")
     for path in (tmp_path / "cache").iterdir():
         path.write_bytes(b"[")
     assert np.array_equal(kept.picture(one), first) and kept.verdict(one) is None  # type: ignore[arg-type]

@@ -66,7 +66,14 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
     page.panel.map.chosen.emit(2, 3)
     assert (page.intent.z, page.intent.y, page.intent.x) == (1, 2, 3)
     row = page.panel.rows["checks"]
-    assert row.name.text() == f"{len(listed)} checks" and "good" in row.state.text()
+    state, many = row.state.text(), sum(not metric.applies for metric in found.quality.metrics)
+    assert row.name.text() == "Checks" and f"{many} not applicable" in state
+    assert sum(int(part.split()[0]) for part in state.split(", ")) == len(listed) + many, "all rows are counted"
+    assert listed[missing].value == "1 frame" and ", bad (0 frames is good, more is bad)" in listed[missing].words
+    cheap = tuple(replace(one, cost=0.01) if one.key == "missing" else one for one in found.quality.metrics)
+    few = checks_of(replace(found, quality=replace(found.quality, metrics=cheap)))
+    told = next(one for one in few if one.title == "Missing frames")
+    assert (told.merit, told.rating) == ("fair", "repeat"), "no tick at a position to record again"
     page.panel.level_asked.emit("")
     assert page.panel.map_title.text() == "Position error"
     assert [[2, 3]] in [marks.points.tolist() for marks in page.panel.map.overlays], "crossed out or ringed"

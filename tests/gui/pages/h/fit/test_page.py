@@ -71,6 +71,9 @@ def test_pictures_of_a_position(fitted: Page) -> None:
         fitted._step(0, 1)
     place = found.places[2]
     assert view.place == place == (fitted.intent.z, fitted.intent.y, fitted.intent.x)
+    fitted.panel.map.chosen.emit(place[1], place[2] + 1)
+    assert view.place == (fitted.intent.z, fitted.intent.y, fitted.intent.x) and view.place in found.places
+    fitted.set_intent(z=place[0], y=place[1], x=place[2])
     for picture, values in ((view.measured, found.patterns), (view.model, found.model)):
         np.testing.assert_array_equal(picture.values, values[place])
     np.testing.assert_array_equal(view.residual.values, found.fit.residual(*place))
