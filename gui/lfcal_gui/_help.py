@@ -76,7 +76,7 @@ def about_text() -> str:
     )
 
 
-SIZE = (640, 620)
+SIZE = (640, 560)
 
 
 class DoctorDialog(QDialog):
@@ -115,7 +115,7 @@ class DoctorDialog(QDialog):
         self.copy.setEnabled(True)
 
 
-MANUAL_SIZE = (760, 620)
+MANUAL_SIZE = (760, 560)
 
 
 class Manual(QDialog):

@@ -91,6 +91,14 @@ def test_what_was_found_in_one_place_is_not_sent_for_another(window: MainWindow,
     assert dialog.found.toPlainText() == "" and not dialog.again.isVisible()
 
 
+def test_long_texts_fit_the_smallest_window(window: MainWindow) -> None:
+    """They scroll in dialogs that were 620 px high."""
+    window.show_manual("faults.md")
+    for dialog in (window.tools.doctor(), window._manual):
+        assert dialog is not None and dialog.width() <= 1000 and dialog.height() <= 600
+        dialog.close()
+
+
 def test_the_doctor_tells_what_is_there_and_why_not(window: MainWindow, qtbot: QtBot) -> None:
     dialog = window.tools.doctor()
     idle(window.jobs, qtbot)

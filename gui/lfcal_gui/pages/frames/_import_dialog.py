@@ -41,6 +41,7 @@ from lfcal_gui.widgets import (
     column_of,
     heading,
     line,
+    scrolling,
     set_role,
     told_or_shown,
     wrapped,
@@ -198,8 +199,10 @@ class ImportDialog(QDialog):
         self._camera: Camera | None = None
         self.choice = ImportChoice("")
         self.survey: Survey | None = None
-        column = QVBoxLayout(self)
-        column.setContentsMargins(16, 12, 16, 12)
+        whole, inner = QVBoxLayout(self), QWidget()
+        whole.setContentsMargins(16, 12, 16, 12)
+        column = QVBoxLayout(inner)
+        column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(8)
         column.addLayout(self._source())
         self.columns = ColumnsTable()
@@ -217,7 +220,11 @@ class ImportDialog(QDialog):
         column.addWidget(said)
         self.previews = ImportPreviews(jobs)
         column.addWidget(self.previews, 1)
-        column.addLayout(self._buttons())
+        area = scrolling(inner)
+        area.setMinimumWidth(inner.minimumSizeHint().width())
+        clear(area)
+        whole.addWidget(area, 1)
+        whole.addLayout(self._buttons())
 
     # -- building --------------------------------------------------------------------------------------
     def _source(self) -> QGridLayout:

@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from lfcal_gui.pages.h.model_fit_run import FoundFit
 
 LARGE = 200
-SIZE = (930, 640)
+SIZE = (930, 560)
 
 
 def tip_of(z: int, tile: PlaneTile, count: int) -> str:

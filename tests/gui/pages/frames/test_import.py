@@ -104,6 +104,9 @@ def test_the_dialog_opens_the_frames(qtbot: QtBot, context: Context, open_page: 
     assert dialog.survey.problem == "" and "columns: file=Bild" in dialog.words.text()
     assert dialog.previews.labels[2].text() == "last frame: z 1, y 0, x 0"
     assert [stack.currentIndex() for stack in dialog.previews.stacks] == [1, 1, 1]
+    dialog.resize(1000, 600)
+    assert (dialog.width(), dialog.height()) == (1000, 600), "it fits the smallest window"
+    assert dialog.rect().contains(dialog.open_button.geometry()) and dialog.open_button.isVisible()
     dialog.open_button.click()
     qtbot.waitUntil(lambda: page.loaded is not None, timeout=GUARD_MS)
     assert (page.opened.frames >= 0).all()

@@ -377,6 +377,7 @@ def test_the_large_apertures_follow_the_strip_and_choose_planes(page: Any, conte
     large = page.panel.show_apertures()
     qtbot.addWidget(large)
     assert large.grid.count() == page.panel.strip.count() == 2 and large.isVisible()
+    assert large.width() <= 1000 and large.height() <= 600, "it fits the smallest window"
     assert large.grid.currentRow() == page.intent.z
     large.grid.setCurrentRow(0)
     idle(context.jobs, qtbot)
