@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -120,6 +120,7 @@ def points_of(curve: Curve, picked: CostPoint | None, in_use: CostPoint | None =
     from lfcal.accuracy import cost_axis
 
     _, scale = cost_axis(curve)
+    labels = [point.label for point in curve.points]
     return tuple(
         ChartPoint(
             math.log10(max(point.cost / scale, FLOOR)),
@@ -127,17 +128,19 @@ def points_of(curve: Curve, picked: CostPoint | None, in_use: CostPoint | None =
             point.efficient,
             point is picked,
             point is in_use,
-            _name_of(point) + (" (in use)" if point is in_use else ""),
+            _name_of(point.label, labels) + (" (in use)" if point is in_use else ""),
             point_words(point),
         )
         for point in curve.points
     )
 
 
-def _name_of(point: CostPoint) -> str:
-    """Return the first words of a point's label, short enough to fit next to its point."""
-    words = ", ".join(point.label.split(", ")[:2])
-    return typeset(words.removeprefix("tolerance "))
+def _name_of(label: str, labels: Sequence[str]) -> str:
+    """Return the first words of a point's label that distinguish it from the other labels."""
+    words = label.split(", ")
+    others = [other.split(", ") for other in labels if other != label]
+    count = next((n for n in range(2, len(words)) if all(other[:n] != words[:n] for other in others)), len(words))
+    return typeset(", ".join(words[:count]).removeprefix("tolerance "))
 
 
 def axis_labels(curve: Curve) -> tuple[str, str]:

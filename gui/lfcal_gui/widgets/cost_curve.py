@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise, product
 from typing import Any
@@ -32,8 +33,14 @@ STEP = 0.05
 
 NOT_MEASURED = "Measure to see error and cost of each setting."
 
-ANCHORS = ((0.0, 1.0), (1.0, 0.0), (0.0, 0.0), (1.0, 1.0))
-"""Corner of a name that lies at its point, best first: right above, left below, right below, left above."""
+SIDES = ((1, -1), (-1, 1), (1, 1), (-1, -1), (1, 0), (-1, 0), (0, -1), (0, 1))
+"""Directions from a point to its name, best first: right above, left below, right below, left above, and between."""
+
+MARGIN = 4
+"""Room round the words of a name (px)."""
+
+CROSSED = 10.0
+"""Area of another name or point that is as bad to cover as the curve (px²)."""
 
 BOUNDED = QLineF.IntersectionType.BoundedIntersection
 PLACES = ((0.02, (0.0, 1.0)), (0.98, (1.0, 1.0)), (0.02, (0.0, 0.0)), (0.98, (1.0, 0.0)))
@@ -43,6 +50,28 @@ PLACES = ((0.02, (0.0, 1.0)), (0.98, (1.0, 1.0)), (0.02, (0.0, 0.0)), (0.98, (1.
 def _rank(point: ChartPoint) -> tuple[bool, bool, bool]:
     """Return the order in which points are named."""
     return not point.picked, not point.in_use, not point.efficient
+
+
+def _areas(at: QPointF, wide: float, high: float, reach: float) -> Iterator[QRectF]:
+    """Yield areas of a name next to its point, best first; ``reach``: radius of the point or its ring (px)."""
+    for across, down in SIDES:
+        x = at.x() + across * (SIZE / 2 if down else reach) + (across - 1) / 2 * wide
+        y = at.y() + down * (2 if across else reach - MARGIN) + (down - 1) / 2 * high
+        yield QRectF(x, y, wide, high)
+
+
+def _distance(area: QRectF, point: QPointF) -> float:
+    """Return how far a point is from the words in an area (px)."""
+    words = area.adjusted(MARGIN, MARGIN, -MARGIN, -MARGIN)
+    across = max(words.left() - point.x(), 0.0, point.x() - words.right())
+    return math.hypot(across, max(words.top() - point.y(), 0.0, point.y() - words.bottom()))
+
+
+def _crossed(area: QRectF, lines: Sequence[QLineF]) -> bool:
+    """Return whether a line crosses the words in an area, and with them a diagonal, or ends there."""
+    words = area.adjusted(MARGIN, MARGIN, -MARGIN, -MARGIN)
+    diagonals = QLineF(words.topLeft(), words.bottomRight()), QLineF(words.topRight(), words.bottomLeft())
+    return any(one.intersects(other)[0] == BOUNDED for one, other in product(lines, diagonals))
 
 
 class CostCurve(LinePlot):
@@ -164,53 +193,70 @@ class CostCurve(LinePlot):
             self.plot.vb.setRange(**{f"{name}Range": bounds}, padding=0.02)
 
     def _place_names(self) -> None:
-        """Write names where they cover neither points nor each other; those that matter come first."""
+        """Write names where they cover nothing, next to their own point; the chosen and the used point have one."""
         for item in self.names:
             self.plot.removeItem(item)
         self.names = []
-        box, theme, metrics = self.plot.vb, current_theme(), self.fontMetrics()
+        box, points = self.plot.vb, self._points
+        at = [box.mapViewToScene(QPointF(point.x, point.y)) for point in points]
+        reach = [(RING if point.picked or point.in_use else SIZE) / 2 for point in points]
+        taken = [QRectF(p.x() - r, p.y() - r, 2 * r, 2 * r) for p, r in zip(at, reach, strict=True)]
+        curve = [QLineF(*ends) for ends in pairwise(p for p, point in zip(at, points, strict=True) if point.efficient)]
         inside = box.sceneBoundingRect()
-        at = [box.mapViewToScene(QPointF(point.x, point.y)) for point in self._points]
-        taken = [QRectF(p.x() - SIZE / 2, p.y() - SIZE / 2, SIZE, SIZE) for p in at]
-        if self.limit.isVisible():
-            taken.append(self._place_label(taken))
-            height = box.mapViewToScene(QPointF(0, self.limit.value())).y()
-            taken.append(QRectF(inside.left(), height - 1, inside.width(), 2))
-        for k in sorted(range(len(at)), key=lambda k: (*_rank(self._points[k]), k)):
-            point = self._points[k]
-            wide, high = metrics.horizontalAdvance(point.name) + 8, metrics.height() + 8
-            for across, down in ANCHORS:
-                x, y = at[k].x() + (SIZE / 2 if across == 0 else -SIZE / 2), at[k].y() + (-2 if down else 2)
-                area = QRectF(x - across * wide, y - down * high, wide, high)
-                if inside.contains(area) and not any(area.intersects(other) for other in taken):
-                    break
-            else:
-                continue
+        height = box.mapViewToScene(QPointF(0, self.limit.value())).y()
+        line = [QRectF(inside.left(), height - 1, inside.width(), 2)] if self.limit.isVisible() else []
+        order = sorted(range(len(at)), key=lambda k: (*_rank(points[k]), k))
+        marked = [k for k in order if points[k].picked or points[k].in_use]
+        for k in marked:
+            area = self._area_of(k, at, reach[k], taken + line, curve)[1]
             taken.append(area)
-            tone = theme.text if any(not low for low in _rank(point)) else theme.muted
-            item = pg.TextItem(point.name, color=tone, anchor=(across, down))
-            item.setPos(box.mapSceneToView(QPointF(x, y)))
-            self.plot.addItem(item, ignoreBounds=True)
-            self.names.append(item)
+            self._write_name(points[k], area)
+        if self.limit.isVisible():
+            taken.append(self._place_label(taken, curve))
+        for k in order[len(marked) :]:
+            cost, area = self._area_of(k, at, reach[k], taken + line, curve)
+            if not cost:
+                taken.append(area)
+                self._write_name(points[k], area)
 
-    def _place_label(self, points: Sequence[QRectF]) -> QRectF:
-        """Write the label of the line where neither points nor the curve cross it, and return its area.
+    def _area_of(
+        self, k: int, at: Sequence[QPointF], reach: float, taken: Sequence[QRectF], curve: Sequence[QLineF]
+    ) -> tuple[float, QRectF]:
+        """Return the best area for the name of a point, and what it covers there (px²)."""
+        metrics, inside = self.fontMetrics(), self.plot.vb.sceneBoundingRect()
+        wide = metrics.horizontalAdvance(self._points[k].name) + 2 * MARGIN
+        found = []
+        for area in _areas(at[k], wide, metrics.height() + 2 * MARGIN, reach):
+            overlaps = [area.intersected(other) for n, other in enumerate(taken) if n != k]
+            cost = sum(one.width() * one.height() for one in overlaps)
+            cost += CROSSED * _crossed(area, curve)
+            clear = _distance(area, at[k]) + SIZE / 2
+            cost += CROSSED * any(_distance(area, other) < clear for n, other in enumerate(at) if n != k)
+            shown = area.intersected(inside)
+            cost += 10 * (area.width() * area.height() - shown.width() * shown.height())
+            found.append((cost, area))
+        return min(found, key=lambda one: one[0])
+
+    def _write_name(self, point: ChartPoint, area: QRectF) -> None:
+        tone = current_theme().text if any(not low for low in _rank(point)) else current_theme().muted
+        item = pg.TextItem(point.name, color=tone)
+        item.setPos(self.plot.vb.mapSceneToView(area.topLeft()))
+        self.plot.addItem(item, ignoreBounds=True)
+        self.names.append(item)
+
+    def _place_label(self, taken: Sequence[QRectF], curve: Sequence[QLineF]) -> QRectF:
+        """Write the label of the line where neither names, points nor the curve cross it, and return its area.
 
         Where there is no room for its words, the number alone is shown.
         """
         label, area = self.limit.label, QRectF()
-        front = [self.plot.vb.mapViewToScene(QPointF(p.x, p.y)) for p in self._points if p.efficient]
-        curve = [QLineF(*ends) for ends in pairwise(front)]
         self.limit.boundingRect()  # computes the ends of the line, which place its label
         for words, (position, corner) in product((self._asked, self._asked.partition(" ")[2]), PLACES):
             label.setFormat(words)
             label.anchors = [corner, corner]
             label.setPosition(position)
             area = label.mapRectToScene(label.boundingRect())
-            # a line that crosses the area crosses a diagonal
-            across = QLineF(area.topLeft(), area.bottomRight()), QLineF(area.topRight(), area.bottomLeft())
-            crossed = any(a.intersects(b)[0] == BOUNDED for a, b in product(curve, across))
-            if not crossed and not any(area.intersects(point) for point in points):
+            if not _crossed(area, curve) and not any(area.intersects(one) for one in taken):
                 break
         return area
 

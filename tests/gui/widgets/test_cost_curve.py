@@ -132,6 +132,49 @@ def test_names_cover_neither_points_nor_the_line_nor_each_other(
     assert names[0] == "3 %, wave" and len(names) >= (3 if size[0] == 400 else 2)
 
 
+def crowd(used: int = 10) -> tuple[ChartPoint, ...]:
+    """Return points close to a curve, two at the same place, of which the later is chosen."""
+    front = [(0.1 * k, 1.5 - 0.2 * k + 0.008 * k**2) for k in range(12)]
+    rest = [(0.1 * k + 0.08, 1.55 - 0.2 * k + 0.008 * k**2) for k in range(12)]
+    spots = [*((x, y, True) for x, y in front), *((x, y, False) for x, y in rest), (0.5, front[5][1], False)]
+    return tuple(
+        ChartPoint(x, y, efficient, k == len(spots) - 1, k == used, f"setting {k}, of many", "")
+        for k, (x, y, efficient) in enumerate(spots)
+    )
+
+
+@pytest.mark.parametrize("size", [(700, 500), (400, 400), (260, 300)])
+def test_the_chosen_and_the_used_point_always_have_their_name(curve: CostCurve, size: tuple[int, int]) -> None:
+    """Another point's name was there: the chosen one was hidden by another at the same place."""
+    points = crowd()
+    curve.resize(*size)
+    curve.show_points(points, 0.3)
+    QApplication.processEvents()
+    assert [item.toPlainText() for item in curve.names[:2]] == [points[-1].name, points[10].name]
+    assert points[5].name not in [item.toPlainText() for item in curve.names], "its place is named already"
+
+
+@pytest.mark.parametrize("size", [(1100, 700), (700, 500), (400, 400)])
+def test_names_are_nearest_to_their_own_point_and_off_the_curve(curve: CostCurve, size: tuple[int, int]) -> None:
+    points, box = crowd(), curve.plot.vb
+    curve.resize(*size)
+    curve.show_points(points, 0.3)
+    QApplication.processEvents()
+    at = [box.mapViewToScene(QPointF(p.x, p.y)) for p in points]
+    xs, ys = zip(*((p.x(), p.y()) for p, point in zip(at, points, strict=True) if point.efficient), strict=True)
+    names = [point.name for point in points]
+    assert len(curve.names) >= 4
+    for item in curve.names[2:]:
+        area = item.mapRectToScene(item.boundingRect()).adjusted(4, 4, -4, -4)
+        gaps = [
+            np.hypot(*(np.clip(p.toTuple(), area.topLeft().toTuple(), area.bottomRight().toTuple()) - p.toTuple()))
+            for p in at
+        ]
+        assert int(np.argmin(gaps)) == names.index(item.toPlainText())
+        across = np.linspace(min(xs), max(xs), 5000)
+        assert not any(map(area.contains, map(QPointF, across, np.interp(across, xs, ys))))
+
+
 def test_without_points_it_says_what_to_do(curve: CostCurve) -> None:
     curve.show_points((), 0.0)
     assert curve.blank.isVisible() and "Measure" in curve.blank.text() and not curve.names

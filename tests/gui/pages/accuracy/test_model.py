@@ -52,6 +52,20 @@ def test_points_are_logarithms_with_the_front_and_the_pick() -> None:
     assert axis_labels(made) == ("time (s)", "relative L1 error (%)")
 
 
+def test_names_distinguish_points() -> None:
+    """Different thresholds had the same name."""
+    labels = (
+        "sparse, f4, above 1",
+        "sparse, f4, above 0.1",
+        "sparse, f8, above 1",
+        "sparse, f4",
+        "tolerance 3 %, grid, of 2",
+    )
+    made = curve(*(CostPoint(label, {}, 0.1, k + 1.0, "seconds") for k, label in enumerate(labels)))
+    names = ["sparse, f4, above 1", "sparse, f4, above 0.1", "sparse, f8", "sparse, f4", "3 %, grid"]
+    assert [p.name for p in points_of(made, None)] == names
+
+
 def test_words_say_what_to_do_and_why_there_is_nothing() -> None:
     assert words_of(None, 0.01, running=False)[0] == "Not measured yet: press Measure."
     assert words_of(curve(), 0.01, running=True)[0] == "measuring the reference …"
