@@ -447,7 +447,10 @@ def jobs_words(active: list[WindowJob], failed: list[WindowJob]) -> str:
 
 
 class JobsLine(QWidget):
-    """Progress bar and text; a click opens the list. A failed job stays in red until the list was opened."""
+    """Progress bar and text; a click opens the list.
+
+    A failed job stays in red until the list is opened, the same job succeeds, or another project begins.
+    """
 
     def __init__(self, jobs: Jobs, window: QMainWindow) -> None:
         super().__init__(window)
@@ -473,8 +476,12 @@ class JobsLine(QWidget):
 
     def toggle(self) -> None:
         """Open or close the list; failed jobs count as read."""
-        self._failed.clear()
         self.sheet.setVisible(self.sheet.isHidden())
+        self.forget_failed()
+
+    def forget_failed(self) -> None:
+        """Show no failed jobs: they were read, or belong to another project."""
+        self._failed.clear()
         self.refresh()
 
     def refresh(self) -> None:
@@ -499,6 +506,8 @@ class JobsLine(QWidget):
             and all(job.number != one.number for one in self._failed)
         ):
             self._failed.append(job)
+        elif job.state is JobState.DONE:
+            self._failed = [one for one in self._failed if (one.page, one.title) != (job.page, job.title)]
         self.refresh()
 
 

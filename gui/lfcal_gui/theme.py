@@ -17,7 +17,7 @@ QLabel[role="lead"] {{ font-size: 11pt; font-weight: 600; color: {accent}; }}
 QLabel[role="next"] {{ font-size: 11pt; font-weight: 500; color: {text}; }}
 QLabel[role="heading"] {{ font-weight: 600; color: {text}; }}
 QLabel[role="hint"] {{ color: {muted}; }}
-QLabel[role="error"] {{ color: {bad}; }}
+QLabel[role="error"], QToolButton[role="error"] {{ color: {bad}; }}
 QToolButton[role="mark"], QToolButton[role="reset"] {{ border: 1px solid transparent; border-radius: 4px;
     background: transparent; padding: 0; }}
 QToolButton[role="mark"][mark="assumed"] {{ color: {fair}; border-color: {fair}; }}
@@ -44,7 +44,8 @@ QLabel[role="bad"] {{ color: {bad}; }}
 QPushButton {{ background: {raised}; border: 1px solid {line}; border-radius: 5px; padding: 5px 12px; }}
 QPushButton:hover {{ border-color: {accent}; }}
 QPushButton:disabled {{ color: {muted}; background: {window}; }}
-QPushButton:checked {{ background: {accent}; color: {accent_text}; border-color: {accent}; }}
+QPushButton[checkable="true"] {{ background: transparent; }}
+QPushButton:checked {{ background: {raised}; color: {accent}; border-color: {accent}; }}
 QPushButton[role="rail"] {{ background: transparent; border: 1px solid transparent; border-radius: 7px; padding: 0; }}
 QPushButton[role="rail"]:hover {{ background: {raised}; }}
 QPushButton[role="rail"]:checked {{ background: {raised}; border-left: 3px solid {accent}; }}

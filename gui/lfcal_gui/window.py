@@ -152,6 +152,7 @@ class MainWindow(QMainWindow):
         self.resizeDocks([self.log_dock], [110], Qt.Orientation.Vertical)
         self.log_dock.hide()
         self.job_line = JobsLine(self.jobs, self)
+        self._begun = self.project.begun
         self.message = ElidedLabel(sentence=True, role="hint")
         self.message.setContentsMargins(6, 0, 0, 0)
         self._silence = QTimer(self, singleShot=True, interval=MESSAGE_MS)
@@ -279,6 +280,9 @@ class MainWindow(QMainWindow):
     def _state_changed(self, old: ProjectState, new: ProjectState) -> None:
         for path in {old.psf, old.reference} - {new.psf, new.reference}:
             self.context.forget(path)
+        if self._begun != self.project.begun:
+            self._begun = self.project.begun
+            self.job_line.forget_failed()
         self._refresh()
 
     def _job_changed(self, job: WindowJob) -> None:

@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.models.shot import Shot
-from lfcal_gui.theme import DARK, LIGHT, NIGHT, Theme, apply_theme, current_theme, style_sheet
+from lfcal_gui.theme import DARK, LIGHT, NIGHT, THEMES, Theme, apply_theme, current_theme, style_sheet
 from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.window import MainWindow
 from tests.gui.layout_colours import of_other_themes
@@ -137,6 +137,25 @@ def test_icons_of_places_follow_theme_and_place(window: MainWindow) -> None:
         assert theme.accent in colours(0) and theme.text in colours(1)
         window.go_place("record")
         assert theme.text in colours(0) and theme.accent in colours(1)
+
+
+@pytest.mark.parametrize("theme", THEMES.values(), ids=lambda theme: theme.name)
+def test_only_a_primary_button_is_filled_with_the_accent(window: MainWindow, theme: Theme) -> None:
+    """A chosen segment looked like the primary button, so that three buttons seemed to be the next step."""
+    window.set_theme(theme.name)
+    window.go("frames")
+    page = window.page("frames")
+    chosen, other, primary = (QPushButton("One", page.panel) for _ in range(3))
+    for one in (chosen, other):
+        one.setCheckable(True)
+    chosen.setChecked(True)
+    primary.setProperty("role", "primary")
+    fills = []
+    for one in (chosen, other, primary):
+        one.resize(80, 28)
+        fills.append(one.grab().toImage().pixelColor(10, 6).name())
+    assert fills[0] == theme.raised and fills[2] == theme.accent
+    assert fills[1] not in (theme.accent, theme.raised)
 
 
 def test_a_dialog_that_is_open_takes_another_theme(window: MainWindow) -> None:

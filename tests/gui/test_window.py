@@ -358,6 +358,35 @@ def test_jobs_are_listed_without_moving_the_page(window: MainWindow, qtbot: QtBo
     assert line.button.text() == "No jobs running", "it was seen as it failed"
 
 
+def test_a_failed_job_is_forgotten_when_it_succeeds_or_another_project_begins(
+    window: MainWindow, qtbot: QtBot
+) -> None:
+    """The status bar still said that a recording failed when it was complete, and in a new project."""
+
+    def work(error: str = "") -> Work[int]:
+        yield Progress(0, 1, "at it")
+        if error:
+            raise InputError(error)
+        return 1
+
+    def run(title: str, error: str = "") -> str:
+        window.jobs.start(title, "acquire", lambda: work(error))
+        idle(window.jobs, qtbot)
+        return window.job_line.button.text()
+
+    assert run("Record session", "no frame") == "Failed: Record session"
+    drawn = window.job_line.button.grab().toImage()
+    colours = {drawn.pixelColor(x, y).name() for x in range(drawn.width()) for y in range(drawn.height())}
+    assert current_theme().bad in colours, "drawn in the colour of an error"
+    assert run("Assemble H.h5") == "Failed: Record session", "another job"
+    assert run("Record session") == "No jobs running"
+    assert run("Record session", "no frame") == "Failed: Record session"
+    window.project.update("name", name="another name")
+    assert window.job_line.button.text() == "Failed: Record session"
+    window.project.start(ProjectState())
+    assert window.job_line.button.text() == "No jobs running"
+
+
 def test_places_are_left_and_found_again(window: MainWindow, qtbot: QtBot) -> None:
     keys = Qt.KeyboardModifier
     qtbot.keyClick(window, Qt.Key.Key_2, keys.ControlModifier)
