@@ -358,9 +358,7 @@ def test_jobs_are_listed_without_moving_the_page(window: MainWindow, qtbot: QtBo
     assert line.button.text() == "No jobs running", "it was seen as it failed"
 
 
-def test_a_failed_job_is_forgotten_when_it_succeeds_or_another_project_begins(
-    window: MainWindow, qtbot: QtBot
-) -> None:
+def test_a_failed_job_is_forgotten_when_it_succeeds_or_another_project_begins(window: MainWindow, qtbot: QtBot) -> None:
     """The status bar still said that a recording failed when it was complete, and in a new project."""
 
     def work(error: str = "") -> Work[int]:

@@ -63,9 +63,9 @@ class Sitting:
         Forecast of a recording, None where nothing was measured; and what its frames need.
     source
         Where H is to come from: ``"rig"``, ``"folder"``, ``"compute"``.
-    folder, unread, frames, fresh
+    folder, unread, frames, missing, fresh
         Whether a folder of frames is chosen; why its frames are not understood; their number, 0 where it is not known
-        yet; whether H is older than they are.
+        yet; number of positions without one; whether H is older than they are.
     corrections
         Corrections of these frames that could be made and are not: ``"dark"``.
     make_s, compute_s, error
@@ -106,6 +106,7 @@ class Sitting:
     folder: bool = False
     unread: str = ""
     frames: int = 0
+    missing: int = 0
     fresh: bool = False
     corrections: tuple[str, ...] = ()
     make_s: float | None = None
@@ -333,6 +334,9 @@ def _assemble(s: Sitting) -> Step | None:
         return Step("Next", "choose the folder with the frames.", "Import folder …", "frames.import", "record")
     frames = _count(s.frames, "frame") if s.frames else "the frames"
     words = f"assemble H from {frames}{_takes(s.make_s)}."
+    if s.missing > s.frames:
+        total = _count(s.frames + s.missing, "position")
+        words = f"assemble H from {frames}; {s.missing:,} of {total} have none."
     return Step("Next", words, "Assemble H", "frames.assemble", "record")
 
 

@@ -122,6 +122,18 @@ TABLE = (
         {"record": "folder", "h": "none yet"},
     ),
     (
+        replace(FOLDER, frames=3, missing=20_897, make_s=0.1),
+        "Next: assemble H from 3 frames; 20,897 of 20,900 positions have none.",
+        "frames.assemble",
+        {"record": "folder"},
+    ),
+    (
+        replace(FOLDER, frames=1_250, missing=4),
+        "Next: assemble H from 1,250 frames.",
+        "frames.assemble",
+        {"record": "folder"},
+    ),
+    (
         replace(FOLDER, h=True, h_camera=True, fresh=True, verdict=Verdict("good")),
         "Next: assemble H from 1,254 frames.",
         "frames.assemble",

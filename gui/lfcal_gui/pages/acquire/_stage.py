@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -18,7 +19,7 @@ from lfcal_gui.widgets import button, column_of, heading, line, wrapped
 Limits = tuple[tuple[float, float], ...]
 HOW = "Type a position and press Return, or press ↑ and ↓ in a field. Esc stops."
 FARTHEST_UM = 1e9
-"""What can be typed (µm); limits of the stage are checked when it is asked to move."""
+"""What can be typed (µm); limits of the stage are checked when it is asked to move. The least shows a dash."""
 
 
 class _AxisField(QDoubleSpinBox):
@@ -29,8 +30,10 @@ class _AxisField(QDoubleSpinBox):
 
     def __init__(self, name: str) -> None:
         super().__init__()
-        self._typed, self._um = False, 0.0
+        self._typed, self._um = False, -FARTHEST_UM
         self.setRange(-FARTHEST_UM, FARTHEST_UM)
+        self.setSpecialValueText("–")
+        self.setValue(self._um)
         self.setSuffix(" µm")
         self.setMinimumWidth(90)
         self.setAccessibleName(f"position {name} of the stage (µm)")
@@ -40,10 +43,10 @@ class _AxisField(QDoubleSpinBox):
         self._typed = True
 
     def show_position(self, um: float) -> None:
-        """Show where the axis is, unless another place is being typed."""
-        self._um = um
+        """Show where the axis is, unless another place is being typed; NaN: not known."""
+        self._um = self.minimum() if math.isnan(um) else um
         if not self._typed:
-            self.setValue(um)
+            self.setValue(self._um)
 
     def stepBy(self, steps: int) -> None:
         """Move by steps of the stage, not of the last digit."""
@@ -54,7 +57,8 @@ class _AxisField(QDoubleSpinBox):
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
             self.interpretText()
             self._typed = False
-            self.asked.emit(self.value())
+            if self.value() > self.minimum():
+                self.asked.emit(self.value())
             return
         if event.key() == Qt.Key.Key_Escape:
             self._forget()
@@ -133,7 +137,7 @@ class StagePanel(QWidget):
             field.setToolTip(f"Position {name}{travel}. Type a value and press Return, or move by a step with ↑ and ↓")
 
     def set_position(self, stage_um: tuple[float, float, float]) -> None:
-        """Show where the stage is (µm)."""
+        """Show where the stage is (µm); NaN: not known."""
         for field, value in zip(self.fields, stage_um, strict=True):
             field.show_position(value)
 
@@ -221,6 +225,11 @@ class StageMoves(QObject):
             MOVES if under_way else WAITS if self._moving else REST if self._free else USED, moving=moving
         )
         if stage_um is not None:
+            self._show_position(stage_um)
+
+    def _show_position(self, stage_um: Point) -> None:
+        """Show where the stage is, unless it was released meanwhile."""
+        if self._station() is not None:
             self._panel.set_position(stage_um)
             self.placed.emit(stage_um)
 
@@ -275,8 +284,7 @@ class StageMoves(QObject):
             self._context.jobs.compute("acquire move", self._moves.pop(0), self._moved, self._failed)
 
     def _moved(self, stage_um: Point) -> None:
-        self._panel.set_position(stage_um)
-        self.placed.emit(stage_um)
+        self._show_position(stage_um)
         self._next()
 
     def _failed(self, words: str) -> None:

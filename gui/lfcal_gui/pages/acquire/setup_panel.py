@@ -212,9 +212,11 @@ class SetupPanel(QWidget):
             widget.setEnabled(connected and free)
         for one, simulated in zip(self.connect_buttons, (False, True), strict=True):
             one.setVisible(not (connected or (simulated and self.devices.backend.currentData() in (None, "sim"))))
-        for widget in (self.exposure, self.overlay):
-            widget.setVisible(connected)
+        self.overlay.setVisible(connected)
+        self.exposure.setVisible(connected and free)  # others use the exposures of the plan
         self.stage.set_free(connected and free)
+        if free and not connected:
+            self.stage.set_position((math.nan,) * 3)
         for view in (self.view, self.seen, self.predicted):
             view.blank.wait(WAITING if connected and self._last is None else "")
         self.results_changed.emit()

@@ -267,7 +267,8 @@ class SetupTab(QObject):
         quick = self.station is not None and optics_of(self.station.rig) == "pattern"
         self.panel.show_live(picture, plan, QUICK if quick else "")
         seen = picture.stage_um if self.station is None else self.station.seen or picture.stage_um
-        self.panel.stage.set_position(seen)
+        if self.station is not None or not self.free:  # else the devices were released meanwhile
+            self.panel.stage.set_position(seen)
         self._placed(seen)
         if picture.frame is not None:
             self.context.frame_seen.emit(picture.frame, picture.first)

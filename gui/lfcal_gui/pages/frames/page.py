@@ -153,6 +153,7 @@ class Page(BasePage):
             folder=bool(self.context.state.frames or path),
             unread=why,
             frames=0 if opened is None else int((opened.frames >= 0).sum()),
+            missing=0 if opened is None else opened.missing,
             fresh=self._fresh,
             make_s=self._seconds,
             corrections=("dark",) if settings.dark and not settings.use_dark else (),

@@ -192,10 +192,11 @@ def test_overlays_are_switched_without_another_frame(page: Page, qtbot: QtBot, c
 def test_the_stage_goes_to_a_typed_position(page: Page, qtbot: QtBot, context: Context) -> None:
     """There were steps and planes only."""
     stage = page.panel.setup.stage
-    assert not stage.fields[0].isEnabled()
+    assert not stage.fields[0].isEnabled() and [field.text() for field in stage.fields] == ["–"] * 3
     connect(page, qtbot)
     station = page.setup.station
     assert station is not None
+    qtbot.waitUntil(lambda: [field.text() for field in stage.fields] == ["0.00 µm"] * 3, timeout=GUARD_MS)
     page.panel.setCurrentWidget(page.panel.record)
     qtbot.keyClick(page, Qt.Key.Key_G, Qt.KeyboardModifier.ControlModifier)
     assert stage.fields[0].hasFocus()
@@ -227,6 +228,9 @@ def test_the_stage_goes_to_a_typed_position(page: Page, qtbot: QtBot, context: C
     ):
         qtbot.keyClick(page, key, modifier)
     qtbot.waitUntil(lambda: np.allclose(station.position(), (60, 20, -20), atol=0.5), timeout=GUARD_MS)
+    page.setup.disconnect_devices()
+    idle(context.jobs, qtbot)
+    assert [field.text() for field in stage.fields] == ["–"] * 3, "nobody knows where a released stage is"
 
 
 def test_a_wrong_sign_is_caught_in_red_and_corrected(page: Page, qtbot: QtBot, context: Context) -> None:
@@ -341,9 +345,13 @@ def test_a_session_from_start_to_h(page: Page, context: Context, qtbot: QtBot, t
 def test_a_fault_stops_safely_and_is_said(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
     page.setup._devices_edited("sim", (("faults", "vanishes@42"),), "")
     connect(page, qtbot)
+    exposure, seen = page.panel.setup.exposure, set[tuple[bool, bool]]()
+    assert not exposure.isHidden()
+    context.jobs.changed.connect(lambda _: seen.add((page.record.recording, exposure.isHidden())))
     context.project.update("folder", recording=str(tmp_path / "s"))
     page.record.start()
     qtbot.waitUntil(lambda: "fault" in page.panel.record.status.text(), timeout=GUARD_MS)
+    assert (True, True) in seen and (True, False) not in seen, "recorded frames have the exposures of the plan"
     qtbot.waitUntil(lambda: page.record.folder.there is not None, timeout=GUARD_MS)
     # still shown after the folder was read, together with the next action
     assert "resume" in page.panel.record.detail.text()

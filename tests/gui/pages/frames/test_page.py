@@ -248,6 +248,7 @@ def test_it_is_said_whether_the_frames_are_understood(scanned: Any, context: Con
     rows = {name: (number, remark) for name, number, remark in facts_of(opened)}
     assert rows["Frames"][0] == f"{len(opened.source):,}" and rows["Missing"][0] == f"{opened.missing}"
     assert "Some positions have no frame" in page.panel.found.text()
+    assert context.reported["frames"]["missing"] == opened.missing > 0
     fold = page.panel.choices
     assert (fold.head.text(), fold.head.words) == ("How the frames are read", "defaults")
     page.panel.choices.editor("use_defects").setChecked(True)
