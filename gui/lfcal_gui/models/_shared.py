@@ -86,7 +86,7 @@ from lfcal_gui.models.job import (
 from lfcal_gui.models.manual import ATLAS, doctor_html, doctor_text, manual_folder, section_of
 from lfcal_gui.models.measure import line_profile, region_numbers, sampled, value_histogram
 from lfcal_gui.models.mishaps import Mishap, Mishaps, safe_words
-from lfcal_gui.models.next_step import Sitting, Step, next_step, rail_words
+from lfcal_gui.models.next_step import JOBS, Sitting, Step, next_step, rail_words
 from lfcal_gui.models.pace import FORECASTS, Paces
 from lfcal_gui.models.page import (
     PAGES,

@@ -16,6 +16,7 @@ from lfcal.psf import PSFMatrix, mat_orders_of, opening_notes
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.models import (
+    JOBS,
     OpeningSettings,
     PageSpec,
     Place,
@@ -84,8 +85,13 @@ class Page(BasePage):
         self.tools.addWidget(self.panel.own_scale)
         self.stop_button = self.stop_tool("Stop the running job of this page; earlier results are kept")
         self.stop_button.hide()
-        self.context.jobs.changed.connect(lambda _: self.stop_button.setVisible(self.stop_button.isEnabled()))
+        self.context.jobs.changed.connect(lambda _: self._show_stop_button())
         self.tool_button("Open H …", OPEN, self.choose_file)
+
+    def _show_stop_button(self) -> None:
+        """Offer to stop jobs that the line of the next step does not show: that line has its own button."""
+        others = (job.active and job.page == self.spec.key and job.kind not in JOBS for job in self.context.jobs.jobs())
+        self.stop_button.setVisible(any(others))
 
     # -- levels of the inspector -------------------------------------------------------------------------
     @cached_property

@@ -205,6 +205,7 @@ OF_ROWS = ("lattice.row_pitch_um", "lattice.shear_rad", "lattice.distortion")
 TIPS = {
     "assumed": "This value was not stated, so lfcal uses a typical one. Type the true value, or click "
     "the mark if it is right.",
+    "example": "This is an example, until you choose a camera or type values.",
     "derived": "This value is derived from stated or measured values.",
     "measured": "This value was measured in frames of the camera.",
     "stated": "This value is stated.",

@@ -16,7 +16,7 @@ from lfcal.camera import CAMERA_FORMATS, Camera, Imported, ScanPlan, doubts, imp
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, with_checked, with_described
+from lfcal_gui.models import PageSpec, ProjectState, described, with_checked, with_described
 from lfcal_gui.pages.setup import takes
 from lfcal_gui.pages.setup.model import apply_change, confirmed, name_at, state_with, weighed, weighed_key
 from lfcal_gui.pages.setup.model_picture import expected_light, light_key
@@ -170,6 +170,7 @@ class Page(BasePage):
         if (
             other
             or old.camera.marks != new.camera.marks
+            or described(old) != described(new)
             or old.plan != new.plan
             or PlanSettings.of(old) != PlanSettings.of(new)
         ):
@@ -182,6 +183,7 @@ class Page(BasePage):
 
     def _show(self, state: ProjectState) -> None:
         self._off = ""
+        self.hint.setText("" if state.plan is None else self.spec.hint)
         self.panel.show_state(state, self._checked, self._light_of(state.plan))
         if self._target is not None:
             self._target.show_state(state)

@@ -197,7 +197,7 @@ def test_h_fills_in_the_map_while_it_is_assembled(
             if isinstance(record, AssemblyProgress) and not go_on.is_set():
                 go_on.wait(GUARD_MS / 1e3)
 
-    monkeypatch.setattr("lfcal_gui.pages.frames.page.iter_assembly", held)
+    monkeypatch.setattr("lfcal_gui.pages.frames.model.iter_assembly", held)
     shown: list[Any] = []
     monkeypatch.setattr(panel.map, "set_values", lambda values, recorded: shown.append((values, recorded)))
     page.go_to(Position(1, 0, 0))

@@ -23,7 +23,7 @@ from lfcal.camera import (
     preset,
 )
 from lfcal_gui.context import Context
-from lfcal_gui.models.project import Hold
+from lfcal_gui.models.project import Hold, ProjectState
 from lfcal_gui.pages.setup._check_dialog import OFF_BY, SIZE
 from lfcal_gui.window import MainWindow
 from tests.camera.importers.files import OLAF
@@ -41,6 +41,22 @@ def mark(page: Any, key: str) -> str:
 def confirm(page: Any, key: str) -> None:
     """Click the word beside a field."""
     page.panel.inspector.values.mark(key).click()
+
+
+def test_values_are_marked_as_known_once_a_camera_is_chosen(window: MainWindow) -> None:
+    """An empty project asked for the camera, over ticks at all its values; a hint named a cutout that is not there."""
+    page: Any = window.page("setup")
+    form = page.panel.inspector.values
+    keys = [key for key in form.fields if not form.editor(key).isHidden()]
+    assert {mark(page, key) for key in keys} == {"example"} and not any(form.mark(key).text() for key in keys)
+    assert form.head.words == "examples" and page.hint.text() == ""
+    page._set(preset("bench"), "the same as the example")
+    assert form.head.words == "all known" and {mark(page, key) for key in keys} <= {"stated", "derived"}
+    assert page.hint.text() == "", "no plan yet"
+    page.make_default()
+    assert page.hint.text() == page.spec.hint
+    window.project.start(ProjectState())
+    assert form.head.words == "examples" and page.hint.text() == ""
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
 from lfcal.base.errors import InputError
@@ -93,11 +94,30 @@ def test_stop_ends_every_job_of_its_page(window: MainWindow, qtbot: QtBot, key: 
     assert not page.stop_button.isEnabled()
     number = window.jobs.start("Report", key, report)
     qtbot.waitUntil(going_on.is_set, timeout=GUARD_MS)
-    assert page.stop_button.isEnabled()
+    assert page.stop_button.isEnabled() and not page.stop_button.isHidden()
     page.stop_button.click()
     idle(window.jobs, qtbot)
     assert not page.stop_button.isEnabled()
     assert {job.number: job.state for job in window.jobs.jobs()}[number] is JobState.CANCELLED
+
+
+def test_a_job_of_the_next_step_has_one_button_stop(window: MainWindow, qtbot: QtBot) -> None:
+    """Judging could be stopped in the header, and in the view bar right below."""
+    window.go("h")
+    page: Any = window.page("h")
+    going_on = threading.Event()
+
+    def judging() -> Work[None]:
+        while True:
+            yield Progress(0, 1, "inspecting")
+            going_on.set()
+
+    window.jobs.start("Inspect H.h5", "h", judging, kind="judge")
+    qtbot.waitUntil(going_on.is_set, timeout=GUARD_MS)
+    window.leading.gather()
+    assert window.leading.sitting.job == "judge" and page.stop_button.isHidden()
+    qtbot.keyClick(page, Qt.Key.Key_Escape)
+    idle(window.jobs, qtbot)
 
 
 def test_what_was_found_before_is_said_to_be_where_the_next_inspection_fails(
