@@ -36,7 +36,7 @@ from lfcal_gui.jobs import JOBS_S, Jobs, JobState, WindowJob
 from lfcal_gui.models import PAGES, PageSpec, Project, ProjectState, Sitting, available_pages, page_states, rail_words
 from lfcal_gui.palette import Palette, doable
 from lfcal_gui.theme import DARK, LIGHT, THEMES, Themed, apply_theme, current_theme, style_sheet
-from lfcal_gui.widgets import ElidedLabel, column_of, name_controls, row_of, toggle_in
+from lfcal_gui.widgets import ElidedLabel, column_of, name_controls, row_of, set_role, toggle_in
 from lfcal_gui.workers import LOG
 
 LOOK_MS = 20
@@ -287,7 +287,7 @@ class MainWindow(QMainWindow):
 
     def _job_changed(self, job: WindowJob) -> None:
         if job.state is JobState.FAILED:
-            self.log(f"{job.title}: {job.error}")
+            self.log(f"{job.title}: {job.error}", role="error")
         if not job.active or job.progress is None:
             self._refresh()
 
@@ -312,11 +312,12 @@ class MainWindow(QMainWindow):
         for place, said in rail_words(sitting).items():
             self.rail.say(place, said.words, said.mark)
 
-    def log(self, text: str) -> None:
-        """Add a line to the log and show it in the status bar."""
+    def log(self, text: str, *, role: str = "hint") -> None:
+        """Add a line to the log and show it in the status bar, in the look of a role."""
         line = " ".join(str(text).split())
         self.log_view.appendPlainText(f"{datetime.now():%H:%M:%S}  {line}")
         self.message.setText(line)
+        set_role(self.message, role)
         self._silence.start()
         LOG.info("%s", line)
 

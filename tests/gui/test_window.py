@@ -343,6 +343,9 @@ def test_jobs_are_listed_without_moving_the_page(window: MainWindow, qtbot: QtBo
     window.jobs.start("Export H.mat", "plan", lambda: work("no room"))
     idle(window.jobs, qtbot)
     assert line.button.text() == "Failed: Export H.mat" and line.button.property("role") == "error"
+    assert window.message.text() == "Export H.mat: no room" and window.message.property("role") == "error"
+    window.log("something else")
+    assert window.message.property("role") == "hint"
     window.jobs.start("Inspect H.h5", "plan", work)
     idle(window.jobs, qtbot)
     assert line.button.text() == "Failed: Export H.mat", "an error stays until it was read"
