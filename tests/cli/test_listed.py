@@ -40,7 +40,7 @@ def test_what_is_said_of_binned_frames_makes_their_camera(
     (tmp_path / "camera.json").write_text(camera.to_json())
     tell_size((SENSOR[0] // 2, SENSOR[1] // 2), camera)
     said = caplog.text
-    words = said[said.index("camera import") : said.index("BINNED;")].split()
+    words = said[said.index("camera import") : said.index("BINNED,")].split()
     names = {"CAMERA": tmp_path / "camera.json"}
     assert lfcal(*(names.get(word, word) for word in words), tmp_path / "binned.json").code == 0
     binned = Camera.from_json((tmp_path / "binned.json").read_text())

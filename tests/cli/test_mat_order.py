@@ -118,7 +118,10 @@ def test_it_is_refused_where_no_file_is_mat(lfcal: Lfcal, theirs: np.ndarray, tm
         if "reconstruct" in words:
             tifffile.imwrite(frame, np.ones((12, 15), np.float32))
         done = lfcal(*words, *ROWS)
-        assert done.code == 2 and "--mat-order: expected a .mat file, got right.h5" in done.err, (words, done.err)
+        assert done.code == 2 and "expected a .mat file, got right.h5" in done.err and "--mat-order" in done.err, (
+            words,
+            done.err,
+        )
         wrong = lfcal(*words, "--mat-order", "stxyz")
         assert wrong.code == 2 and "expected rows-first or columns-first, got" in wrong.err and "stxyz" in wrong.err
     assert not out.exists()

@@ -39,6 +39,7 @@ COMMANDS = (
     ("inspect",),
     ("compare",),
     ("fit",),
+    ("fit", "frames"),
     ("trend",),
     ("transpose",),
     ("reduce",),

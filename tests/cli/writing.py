@@ -22,6 +22,8 @@ from tests.acquire.rigs import small_plan
 from tests.fit.common import few_patterns
 from tests.judge.test_trend import write_fit
 from tests.lattice.white_frames import draw_white
+from tests.recalibrate.common import beads, frame_of
+from tests.recalibrate.common import small_plan as beads_plan
 
 HANG_S = 600
 """Only to end a run that hangs."""
@@ -57,7 +59,12 @@ WRITERS = {
     ),
     "inspect": Writer("inspect H.h5 --report out", "out/index.html", 3000),
     "compare": Writer("compare H.h5 H.h5 --report out", "out/index.html", 3000),
-    "fit": Writer("fit fit.h5 --unknowns geometry -o out", "out/H.h5", 8000),
+    "fit": Writer("fit fit.h5 --unknowns geometry,iris -o out", "out/H.h5", 8000),
+    "fit frames": Writer(
+        "fit frames beads.tif --camera beads.json --black-level 64 --noise 9,1 --unknowns geometry,iris -o out",
+        "out/H.h5",
+        8000,
+    ),
     "trend": Writer("trend fits -o out.png", "out.png", 3000),
     "transpose": Writer("transpose H.h5 -o out.h5", "out.h5", 60_000),
     "reduce": Writer("reduce H.h5 -o out.h5", "out.h5", 8000),
@@ -87,7 +94,7 @@ WRITERS = {
 }
 if find_spec("zarr"):  # a folder: what is asked of it as a file holds for the file of that name that it replaces
     WRITERS["reconstruct zarr"] = Writer("reconstruct H.h5 frame.tif -n 1 -o out.ome.zarr", "out.ome.zarr", 3000)
-LONG = {"accuracy", "compare", "demo", "fit", "inspect", "trend", "white", "views"}
+LONG = {"accuracy", "compare", "demo", "fit", "fit frames", "inspect", "trend", "white", "views"}
 LONG |= {f"multiplex {name}" for name in ("compare", "show", "search", "filters", "figures", "map", "design", "coding")}
 """Those that take a second or more."""
 
@@ -100,6 +107,11 @@ def make_inputs(folder: Path) -> None:
     cv2.imwrite(str(folder / "frame.tif"), frames[0])
     tifffile.imwrite(folder / "stack.tif", frames)
     save(few_patterns(), folder / "fit.h5")
+    plan = beads_plan()
+    (folder / "beads.json").write_text(plan.to_json())
+    tifffile.imwrite(
+        folder / "beads.tif", np.maximum(frame_of(plan, beads(plan, 1), 1).values + 64, 0).astype(np.uint16)
+    )
     for name, day in (("a", 0), ("b", 30)):
         write_fit(folder / "fits" / name, day)
     (folder / "scan.json").write_text(small_plan((2, 2), 1).to_json())

@@ -76,7 +76,7 @@ class PlannedEffect:
     >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
     >>> row: PlannedEffect = plan_effects(plan).row("bandwidth")
     >>> print(row.on, row.brief, row.reason, sep="; ")
-    False; small; 0.0364 relative: 0.47 % of the image, within the 1.5 % that may be left out
+    False; small; 0.0364 relative: 0.56 % of the image, within the 1.5 % that may be left out
     """
 
     effect: Effect
@@ -135,7 +135,7 @@ class EffectSelection:
     >>> plan = ScanPlan(camera, (3, 5), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
     >>> found: EffectSelection = plan_effects(plan, overrides={"iris_shape": "off"})
     >>> print(found.level, f"{found.left_out[0]:.2%} left out", found.row("iris_shape").brief, sep="; ")
-    wave; 0.47% left out; switched off
+    wave; 0.56% left out; switched off
     """
 
     rows: tuple[PlannedEffect, ...]
