@@ -17,8 +17,21 @@ GRID = 38
 """Opacity of the lines of a grid, of 255."""
 
 
+def _lines(name: str, metrics: QFontMetricsF, room: float, most: int) -> list[str]:
+    """Return the name of an axis in at most ``most`` lines, as much as there is room for (px)."""
+    words = name.split(" ")
+    if most == 1 or len(words) == 1 or metrics.horizontalAdvance(name) <= room:
+        return [shortened(name, metrics, room)]
+    fits = [n for n in range(1, len(words)) if metrics.horizontalAdvance(" ".join(words[:n])) <= room]
+    first = max(fits, default=1)
+    return [shortened(" ".join(part), metrics, room) for part in (words[:first], words[first:])]
+
+
 class Axis(pg.AxisItem):
-    """An axis whose numbers are the values themselves. A long name is shortened before its unit."""
+    """An axis whose numbers are the values themselves.
+
+    A name that is longer than an upright axis has two lines; one that needs more is shortened before its unit.
+    """
 
     def updateAutoSIPrefix(self) -> None:
         """Draw the numbers of the new range; make up no prefix for a unit."""
@@ -29,19 +42,32 @@ class Axis(pg.AxisItem):
         """Return the name as rich text, as much as there is room for."""
         name = self.labelText
         room = self.size().height() if self.orientation in ("left", "right") else self.size().width()
+        lines = [name]
         if name and room:
-            self.labelText = shortened(name, QFontMetricsF(self.label.font()), room)
+            most = 2 if self.orientation == "left" and self.fixedWidth is None else 1
+            lines = _lines(name, QFontMetricsF(self.label.font()), room, most)
+        self.labelText = "<br>".join(lines)
         try:
             shown: str = super().labelString()
-            self.setToolTip(name if self.labelText != name else "")
+            self.setToolTip(name if " ".join(lines) != name else "")
         finally:
             self.labelText = name
         return shown
+
+    def _updateWidth(self) -> None:
+        """Keep a name of two lines off the numbers."""
+        super()._updateWidth()
+        if self.fixedWidth is None and "\n" in self.label.toPlainText():
+            width = self.maximumWidth() + 4
+            self.setMaximumWidth(width)
+            self.setMinimumWidth(width)
 
     def resizeEvent(self, event: QGraphicsSceneResizeEvent | None = None) -> None:
         """Show as much of the name as there is room for now."""
         if self.label is not None and self.label.isVisible():  # None once it is closed
             self.label.setHtml(self.labelString())
+            if self.orientation == "left":
+                self._updateWidth()  # it may have another number of lines
         super().resizeEvent(event)
 
 

@@ -22,8 +22,8 @@ from lfcal_gui.widgets.words import ElidedLabel
 SIZE, RING = 10, 20
 """Diameter of a point, and of the ring around the one in use (px)."""
 
-LEFT = 64
-"""Width of the axis of errors (px): its numbers change while it is measured, the chart is not to jump."""
+NUMBERS = 42
+"""Width of the numbers of errors (px): they change while it is measured, the chart is not to jump."""
 
 LEAST, MOST = -2.0, 2.0
 """Decimal logarithms of the errors (%) between which the line is dragged."""
@@ -91,7 +91,7 @@ class CostCurve(LinePlot):
     def __init__(self) -> None:
         super().__init__("cost", "error (%)")
         self.plot.set_axes(DecadeAxis("bottom"), DecadeAxis("left"))
-        self.plot.getAxis("left").setWidth(LEFT)
+        self.plot.getAxis("left").setStyle(autoExpandTextSpace=False, tickTextWidth=NUMBERS)
         self.plot.vb.setMouseEnabled(x=False, y=False)
         self.blank.show_blank(False)
         self.blank.show_blank(True)

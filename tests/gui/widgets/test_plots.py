@@ -143,6 +143,30 @@ def test_another_name_of_an_axis_stands_in_its_middle(qtbot: QtBot) -> None:
         assert along == pytest.approx(length / 2, abs=3)
 
 
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [
+        ("misfit (%)", (260, 130)),
+        ("relative L1 error of a pattern whose image is between pixels (%)", (500, 400)),
+    ],
+)
+def test_an_upright_name_is_whole_in_two_lines(qtbot: QtBot, name: str, size: tuple[int, int]) -> None:
+    """It was shortened to "mi… (%)", which names nothing."""
+    plot = LinePlot("x", "y")
+    qtbot.addWidget(plot)
+    plot.resize(*size)
+    plot.show()
+    qtbot.waitExposed(plot, timeout=GUARD_MS)
+    plot.set_labels("x", name)
+    plot.set_curve("curve", [1, 2, 3], [0, 5000, 90000])
+    left = plot.plot.getAxis("left")
+    qtbot.waitUntil(lambda: not flaws(plot), timeout=GUARD_MS)
+    assert left.label.toPlainText().split() == name.split() and not left.toolTip()
+    assert not flaws(plot)
+    plot.resize(size[0], 900)
+    qtbot.waitUntil(lambda: "\n" not in left.label.toPlainText() and not flaws(plot), timeout=GUARD_MS)
+
+
 def test_what_is_counted_has_no_ticks_between(qtbot: QtBot) -> None:
     """Iterations had ticks at 1.5 and 2.5."""
     plot = LinePlot("iteration", "residual (%)", counted=True)
