@@ -583,7 +583,7 @@ def link(*pictures: Picture) -> None:
     def follow(moved: Picture) -> None:
         for picture in pictures:
             if picture is not moved:
-                picture.box.setRange(moved.box.viewRect(), padding=0)
+                picture.box.setRange(moved.box.targetRect(), padding=0)
 
     for picture in pictures:
         picture.moved.connect(lambda moved=picture: follow(moved))

@@ -76,6 +76,17 @@ def test_it_starts_in_3_d_with_the_brightest_voxel_in_view(view: VolumeView) -> 
     assert {one.words for one in picture.overlays if isinstance(one, Label)} == {"x", "y", "z"}
 
 
+def test_volume_and_truth_keep_one_zoom_in_a_lower_window(view: VolumeView) -> None:
+    """A log below the page had one of them drawn smaller."""
+    view.set_volume(volume(), DEPTHS, (60.0, 60.0), volume())
+    view.show_all()
+    for height in (900, 300):
+        view.resize(1000, height)
+        QApplication.processEvents()
+        first, second = (look.solid.box.viewRect() for look in view.looks)
+        assert first.getRect() == pytest.approx(second.getRect(), rel=0.01), "one may be a pixel wider"
+
+
 def test_contrast_and_scaling_are_those_of_every_picture(view: VolumeView) -> None:
     """The levels are those of the volume, the handles act on the turned picture, and both views share them."""
     assert view.solid.levels == (0.0, 3.0)
