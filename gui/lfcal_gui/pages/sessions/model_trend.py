@@ -16,7 +16,7 @@ from lfcal.base import InputError, format_dates, format_number, format_slope
 if TYPE_CHECKING:
     from lfcal.judge import Course, CoursePoint, Trend
 
-TREND_COLUMNS = ("Check", "Before", "Newest", "Per month", "")
+TREND_COLUMNS = ("Check", "Before", "Newest", "Per month", "Change")
 
 F8 = NDArray[np.float64]
 DAY_S = 86400.0

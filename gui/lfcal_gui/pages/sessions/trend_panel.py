@@ -90,6 +90,8 @@ class TrendPanel(QWidget):
         with QSignalBlocker(self.table):
             self.table.show_rows(rows, colour=lambda row, column: colours[merits[row]] if column == 2 else "")
             self.table.clearSelection()
+        for column in (3, 4):  # what is known for no row is not shown
+            self.table.setColumnHidden(column, not any(row[column] for row in rows))
         self.picture_button.setEnabled(True)
         self.stack.setCurrentIndex(1)
         self.table.selectRow(0)
@@ -106,6 +108,10 @@ class TrendPanel(QWidget):
                 self.curve.set_curve(name, ends, np.full(2, limit), colour=colour, dashed=True)
         self.curve.set_curve("value", curve.days, curve.values, symbol="o", colour=LINES[0])
         self.curve.plot.vb.autoRange()
+        limits = [limit for limit in (curve.good, curve.bad) if np.isfinite(limit)]
+        every = np.concatenate([curve.values, limits])
+        if every.min() >= 0:  # counts and sizes begin at zero
+            self.curve.plot.vb.setYRange(0.0, 1.05 * every.max() or 1.0, padding=0.02)
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

@@ -12,6 +12,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.base._plain import plain
 from lfcal.judge.quality import inspect
+from lfcal_gui.pages.sessions.model_trend import TrendCurve
 from lfcal_gui.pages.sessions.page import Page
 from tests.cli.test_trend_quality import dated, write
 from tests.gui.conftest import OpenPage
@@ -53,6 +54,8 @@ def test_what_got_worse_comes_first_with_its_course(open_page: OpenPage, qtbot: 
     x, y = panel.curve._curves["value"].getData()
     np.testing.assert_allclose(x, [0, 31, 61])
     np.testing.assert_allclose(y, [1, 2, 3.5])
+    assert not any(panel.table.isColumnHidden(k) for k in range(5))
+    assert panel.curve.plot.vb.viewRange()[1][0] == pytest.approx(0, abs=0.2)
     assert "Lamp" in panel.title.text() and {"good", "bad"} <= panel.curve._curves.keys()
     trending.save_picture(str(reports / "trend.png"))
     idle(page.context.jobs, qtbot)
@@ -87,3 +90,17 @@ def test_values_of_one_day_have_no_change_per_month(
     assert (
         "3 sessions, 2026-05-01." in panel.notes.text() and "A change per month is not estimated" in panel.notes.text()
     )
+
+
+def test_columns_without_values_are_hidden_and_a_count_of_none_begins_at_zero(
+    open_page: OpenPage, qtbot: QtBot, tmp_path: Path, record: dict[str, Any]
+) -> None:
+    for month in (5, 6):
+        write(tmp_path / f"m{month}", record, month, (1.0, "good"))
+    page: Page = open_page("sessions")
+    looked(page, tmp_path, qtbot)
+    panel = page.panel.trend
+    assert [panel.table.isColumnHidden(k) for k in range(5)] == [False, False, False, True, True]
+    panel.show_curve(TrendCurve("Missing frames (frames)", np.array([0.0, 31.0]), np.zeros(2), 0.0, 0.0))
+    low, high = panel.curve.plot.vb.viewRange()[1]
+    assert low == pytest.approx(0, abs=0.05) and high == pytest.approx(1, abs=0.05)
