@@ -79,8 +79,8 @@ class MechanicalVignetting(SceneEffect):
     >>> camera = preset("r29")
     >>> plane = Outlook(camera, camera.depth_of(4.0), (127, 127), (55, 95), field_um=(0.0, 10e3))
     >>> found = MechanicalVignetting(distance_um=100e3, radius=1.0).estimate(plane)
-    >>> print(f"rim {found.size:.2f} {found.unit} aside: light lost over light left {found.error:.0%}")
-    rim 0.16 pupil radii aside: light lost over light left 11%
+    >>> print(f"rim {found.size:.2f} {found.unit}: light lost over light left {found.error:.0%}")
+    rim 0.16 pupil radii off axis: light lost over light left 11%
     """
 
     distance_um: float = 30e3
@@ -109,7 +109,7 @@ class MechanicalVignetting(SceneEffect):
         shift = math.hypot(*self.shift(outlook))
         kept = overlap(shift, self.radius)
         error = min(2.0, (1.0 - kept) / max(kept, 1e-9))
-        return Estimate(shift, "pupil radii", error, "overlap of two discs; 1.27 s/D for equal ones")
+        return Estimate(shift, "pupil radii off axis", error, "overlap of two discs; 1.27 s/D for equal ones")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
         """Return ``scene`` with the rim as a second stop, or unchanged if the rim clips no light."""
