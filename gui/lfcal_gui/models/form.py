@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass
 from typing import Any
@@ -78,6 +79,9 @@ def text_of(field: Field, value: Any) -> str:
         return ", ".join(f"{v / field.scale:.10g}" for v in value)
     return str(value)
 
+
+BETWEEN = re.compile(r"(?<=[\d.]),(?=[-\d])")
+"""Comma between the numbers of a list."""
 
 DIGITS = 6
 """Significant digits of a number that is shown and not typed."""
@@ -208,10 +212,11 @@ def _shown(row: FieldRow, value: Any) -> Any:
 
 
 def text_in_form(row: FieldRow, value: Any) -> str:
-    """Return the text of a value in a form: as on the command line, but fractions in per cent."""
+    """Return the text of a value in a form: as on the command line, but fractions in per cent and spaced numbers."""
     if row.opt.read is read_share and isinstance(value, int | float):
         return show_share(value)
-    return row.text(value)
+    text = row.text(value)
+    return BETWEEN.sub(", ", text) if isinstance(value, tuple) else text
 
 
 def _value(row: FieldRow, given: Any) -> Any:

@@ -129,6 +129,9 @@ SEARCHED = 12
 SMALL = 18
 """Side of the buttons next to a field (px)."""
 
+UNIT_PX = 27
+"""Room for a short unit (px): fields of forms above each other end at one edge."""
+
 MARKS = {"stated": "✓", "measured": "✓", "assumed": "✓", "derived": "=", "example": ""}
 """What is shown of where a value comes from."""
 
@@ -308,6 +311,8 @@ class FoldedForm(QFrame):
         self._grid.setColumnStretch(EDITOR, 1)
         if self._defaults:
             self._grid.setColumnMinimumWidth(RESET, SMALL)
+        if any(field.unit for field in self.fields.values()):
+            self._grid.setColumnMinimumWidth(UNIT, UNIT_PX)
         self._next = 0
         for field in fields:
             self._add(field, rare=False)
@@ -317,7 +322,7 @@ class FoldedForm(QFrame):
         if more:
             self._grid.addWidget(self.reset_all, self._next, RESET)
         if len(more) >= SEARCHED:
-            self.search = QLineEdit(placeholderText=f"Search {len(more)} values")
+            self.search = QLineEdit(placeholderText="Search values")
             self.search.setAccessibleName("search values")
             self.search.setToolTip("Show only the values whose name or description contains these words")
             self.search.textChanged.connect(lambda _: self._show_rows())
@@ -388,9 +393,11 @@ class FoldedForm(QFrame):
         return edit
 
     def own_line(self, key: str) -> None:
-        """Give the field of a long text a line below its label."""
+        """Give the field of a long text, with its unit, a line below its label."""
         row = self._rows[key]
-        self._grid.addWidget(row.editor, row.line + 1, LABEL, 1, RESET + 1)
+        self._grid.addWidget(row.editor, row.line + 1, LABEL, 1, RESET + 1 if row.unit is None else UNIT)
+        if row.unit is not None:
+            self._grid.addWidget(row.unit, row.line + 1, UNIT)
 
     def fold_line(self, *parts: QWidget, above: bool = False) -> None:
         """Add widgets side by side to the fold, below or ``above`` its fields."""

@@ -9,7 +9,7 @@ import pytest
 
 from lfcal.base.errors import InputError
 from lfcal.records import rows
-from lfcal.tasks import AcquireUntil, SimulateH
+from lfcal.tasks import AcquireUntil, PlanScan, SimulateH
 from lfcal_gui.models import check_of, fields_of, options_in, shown_of, text_of
 from lfcal_gui.models.form import Field, parse
 
@@ -117,3 +117,14 @@ def test_several_names_are_typed() -> None:
     assert options_in(AcquireUntil, {"unknowns": "iris, distance"}) == {"unknowns": ("iris", "distance")}
     assert shown_of(AcquireUntil, {"unknowns": ("iris", "distance")})["unknowns"] == "iris,distance"
     assert "nonsense" in check_of(AcquireUntil)("unknowns", "iris, nonsense")
+
+
+def test_numbers_of_a_list_are_shown_apart_and_read_back() -> None:
+    by_name = {row.name: row for row in rows(PlanScan)}
+    for name, value, text in (
+        ("cutout", (55, 95), "55, 95"),
+        ("virtual_depths", (3.0, -4.25), "3, -4.25"),
+        ("anchor", (1.5, 20.0), "1.5, 20"),
+    ):
+        assert shown_of(PlanScan, {name: value})[name] == text
+        assert by_name[name].value(text, name) == value

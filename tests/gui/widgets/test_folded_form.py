@@ -105,7 +105,7 @@ def test_what_becomes_another_value_elsewhere_is_shown(page: Kept) -> None:
 
 
 def test_a_text_that_says_the_same_in_other_words_stands(qtbot: QtBot) -> None:
-    """Of planes "3, 4.0" the page shows "3,4": it must not replace what is being typed."""
+    """Of planes "3, 4.0" the page shows "3, 4": it must not replace what is being typed."""
     fields = fields_of(PlanScan)
     form = FoldedForm(tuple(one for one in fields if one.key == "virtual_depths"))
     qtbot.addWidget(form)
@@ -220,6 +220,29 @@ def test_labels_fields_and_units_have_their_edges(qtbot: QtBot) -> None:
     assert len({one.x() for one in labels}) == 1 and len({one.x() for one in units}) == 1
     assert len({one.geometry().right() for one in editors}) == 1 and len({one.x() for one in editors}) == 1
     assert all(one.x() > editors[0].geometry().right() for one in units)
+
+
+def test_the_unit_of_a_long_text_is_on_its_line(qtbot: QtBot) -> None:
+    form = FoldedForm((Field("f", "Focal length", "mm"), Field("cutout", "Cutout", "px"), Field("t", "Time", "s")))
+    qtbot.addWidget(form)
+    form.own_line("cutout")
+    form.resize(260, 200)
+    form.show()
+    (unit,) = [one for one in form.findChildren(QLabel) if one.text() == "px"]
+    edges = {key: form.editor(key).geometry() for key in form.fields}
+    assert edges["cutout"].top() <= unit.geometry().center().y() <= edges["cutout"].bottom()
+    assert edges["cutout"].right() == edges["f"].right() < unit.x() and edges["cutout"].left() < edges["f"].left()
+
+
+def test_fields_of_forms_with_units_end_at_one_edge(qtbot: QtBot) -> None:
+    found = []
+    for unit in ("mm", "s"):
+        form = FoldedForm((Field("f", "Value", unit),))
+        qtbot.addWidget(form)
+        form.resize(260, 60)
+        form.show()
+        found.append(form.editor("f").geometry().right())
+    assert found[0] == found[1]
 
 
 def test_the_words_of_a_choice_take_the_room_of_units(qtbot: QtBot) -> None:

@@ -336,5 +336,5 @@ def _noise(costs: ScanCosts) -> Number:
     if costs.unknown:
         return Number("-", "noise of H", costs.unknown)
     if costs.own < 0:
-        return Number("…", "", "expected noise of H")
+        return Number("…", "", "computing noise of H")
     return Number.of(format_share(costs.choices[costs.own].noise), "expected noise of H")

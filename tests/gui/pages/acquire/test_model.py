@@ -58,7 +58,7 @@ def test_every_field_changes_one_thing() -> None:
     changes: dict[str, tuple[object, object]] = {
         "order": ("coarse", "coarse"),
         "frames_averaged": (4, 4),
-        "bracket": ("1, 0.5", "1,0.5"),
+        "bracket": ("1, 0.5", "1, 0.5"),
         "darks": (5, 5),
         "dark_every": (7, 7),
         "reference_every": (9, 9),
@@ -67,8 +67,8 @@ def test_every_field_changes_one_thing() -> None:
         "on_suspect": ("flag", "flag"),
         "suspend": ("temperature=20:22; lamp=90:", "temperature=20:22; lamp=90:"),
         "margin": (2, 2),
-        "tolerance": ("1,1,2", "1,1,2"),
-        "overshoot": ("0,0,0", "0,0,0"),
+        "tolerance": ("1,1,2", "1, 1, 2"),
+        "overshoot": ("0,0,0", "0, 0, 0"),
         "keep_free": (0.5, 0.5),
         "check_stage": (False, False),
         "check_origin": (False, False),
@@ -77,7 +77,7 @@ def test_every_field_changes_one_thing() -> None:
         "unknowns": ("iris, distance", "iris,distance"),
         "positions": ("half.json", "half.json"),
         "cover": (True, True),
-        "origin": ("1, -2.5,3", "1,-2.5,3"),
+        "origin": ("1, -2.5,3", "1, -2.5, 3"),
     }
     for key, (value, shown) in changes.items():
         settings, plan = AcquireSettings().changed_on(PLAN, key, value)

@@ -24,10 +24,10 @@ def test_plan_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Non
     plan = window.project.state.plan
     assert plan is not None and not inspector.scan.isHidden() and page.panel.strip.count() == 4
     editor = page.panel.inspector.scan.editor("cutout")
-    assert editor.text() == f"{plan.cutout[0]},{plan.cutout[1]}"
+    assert editor.text() == f"{plan.cutout[0]}, {plan.cutout[1]}"
     editor.setText("")
     editor.textEdited.emit("")
-    assert window.project.state.plan == plan and editor.text() == f"{plan.cutout[0]},{plan.cutout[1]}"  # by default
+    assert window.project.state.plan == plan and editor.text() == f"{plan.cutout[0]}, {plan.cutout[1]}"  # by default
     editor.setText("41x43")
     editor.textEdited.emit("41x43")
     changed = window.project.state.plan
