@@ -53,7 +53,7 @@ def test_every_field_has_label_and_help() -> None:
 
 def test_the_form_shows_and_refuses_what_the_command_does() -> None:
     shown, check = shown_of(Assemble, CHOSEN.option_values), check_of(Assemble)
-    assert (shown["cutout"], shown["dtype"], shown["pad"], shown["lost"]) == ("41,31", "float32", True, "0.5 %")
+    assert (shown["cutout"], shown["dtype"], shown["pad"], shown["lost"]) == ("41, 31", "float32", True, "0.5 %")
     for key, value in shown.items():
         if key not in HELD:
             assert not check(key, value), (key, value)

@@ -112,7 +112,7 @@ def test_all_routes_write_the_half_cell_scan_of_the_page(
 def test_a_half_cell_scan_is_drawn_and_forecast_by_half() -> None:
     half = half_of(HALF)
     rows, whole = (dict(ScanCosts.of(HALF, PlanSettings(), one, None).rows()) for one in (half, None))
-    assert rows["Positions"] == f"{len(half)} of {HALF.n_positions} (half cell)"
+    assert rows["Positions"] == f"{len(half):,} of {HALF.n_positions:,} (half cell)"
     assert int(rows["Frames"]) * 2 == int(whole["Frames"]) and rows["H, float32"] == whole["H, float32"]
     assert 2 * len(scan_path(HALF, half)) == len(scan_path(HALF)) == 72
     assert len(list(path_lines(HALF, ",", half))) == 37
