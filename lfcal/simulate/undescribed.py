@@ -39,7 +39,7 @@ class EffectMeasurement:
         Object depth of the point source (µm, relative to the working plane, positive away from the camera); None if no
         point source is used.
     commands
-        Commands to run, in order; ``CAMERA`` stands for the camera's file or preset.
+        Commands to run, in order; ``CAMERA`` is the camera's file or preset.
 
     Examples
     --------
