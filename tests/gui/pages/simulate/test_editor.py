@@ -350,7 +350,7 @@ def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
     assert any(words.startswith(f"kept {out}, all planes within") for words in said)
     assert context.state.reference == str(out)
     with open_psf(out) as kept:
-        assert 0.05 < float(np.max(kept.facts.known()["error"])) <= 0.5
+        assert float(np.max(kept.facts.known()["error"])) <= 1 / 6
         assert kept.provenance["simulated"]["tolerance"] == pytest.approx(1 / 6)
     context.matrices.forget(str(out))
     kept_words = context.jobs.jobs()[0].kept
