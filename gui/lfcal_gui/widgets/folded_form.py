@@ -129,7 +129,7 @@ SEARCHED = 12
 SMALL = 18
 """Side of the buttons next to a field (px)."""
 
-UNIT_PX = 27
+UNIT_PX = 26
 """Room for a short unit (px): fields of forms above each other end at one edge."""
 
 MARKS = {"stated": "✓", "measured": "✓", "assumed": "✓", "derived": "=", "example": ""}
@@ -393,11 +393,14 @@ class FoldedForm(QFrame):
         return edit
 
     def own_line(self, key: str) -> None:
-        """Give the field of a long text, with its unit, a line below its label."""
+        """Give the field of a long text a line below its label, which then names the unit."""
         row = self._rows[key]
-        self._grid.addWidget(row.editor, row.line + 1, LABEL, 1, RESET + 1 if row.unit is None else UNIT)
+        self._grid.addWidget(row.editor, row.line + 1, LABEL, 1, RESET + 1)
         if row.unit is not None:
-            self._grid.addWidget(row.unit, row.line + 1, UNIT)
+            row.label.setText(f"{row.label.text()} ({row.unit.text()})")
+            self._grid.removeWidget(row.unit)
+            row.unit.deleteLater()
+            row.unit = None
 
     def fold_line(self, *parts: QWidget, above: bool = False) -> None:
         """Add widgets side by side to the fold, below or ``above`` its fields."""
