@@ -398,6 +398,7 @@ class FoldedForm(QFrame):
         self._grid.addWidget(row.editor, row.line + 1, LABEL, 1, RESET + 1)
         if row.unit is not None:
             row.label.setText(f"{row.label.text()} ({row.unit.text()})")
+            self._grid.addWidget(row.label, row.line, LABEL, 1, EDITOR - LABEL + 1)
             self._grid.removeWidget(row.unit)
             row.unit.deleteLater()
             row.unit = None
