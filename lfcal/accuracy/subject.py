@@ -217,7 +217,8 @@ class Subject:
         waves = found.seconds <= LONGEST_WAVES
         scene, level = resolve_level(scene_for(part, 0, found.effects), "auto" if waves else "geometric")
         # the sampling expected to be sufficient, without a test in every plane
-        sampling = step_for(scene, level, TOLERANCE).sampling if level != "geometric" else None
+        step = step_for(scene, level, TOLERANCE) if level != "geometric" else None
+        sampling, level = (None, level) if step is None else (step.sampling, step.level)
         made = yield from iter_simulate_psf(
             part, found, level, tolerance=TOLERANCE, sampling=sampling, workers=self.workers
         )

@@ -12,7 +12,7 @@ from lfcal.accuracy import PARTS, Subject, measure_curve
 from lfcal.accuracy import subject as module
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
-from lfcal.camera import ScanPlan
+from lfcal.camera import ScanPlan, preset
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.simulate import plan_effects, simulate_psf
 
@@ -101,3 +101,10 @@ def test_a_camera_that_h_does_not_fit_is_said(plan: ScanPlan) -> None:
     H = PSFMatrix(np.ones((1, 3, 3, 201, 201), np.float32), camera=plan.camera, depths=[-2e4], anchor=plan.anchor)
     with pytest.raises(InputError, match="a camera that does not fit H"):
         _ = Subject.of_matrix(H, "H").planned
+
+
+def test_a_sample_is_simulated_at_the_level_of_its_sampling() -> None:
+    """For this plan, the fastest sampling of waves is that of a grid, which windows about lenslets cannot use."""
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=55)
+    sample = drain(Subject("bench", plan, workers=1).iter_sample(1))
+    assert "level grid" in sample.notes[0], sample.notes

@@ -68,8 +68,8 @@ def _pattern(plan: ScanPlan, depth: float, effects: tuple[Effect, ...]) -> NDArr
     one = replace(plan, depths_um=(depth,), exposure_s=plan.exposures[0], period=(1, 1), anchor=anchor, resample=False)
     scene, level = resolve_level(scene_for(one, 0, effects))
     # the sampling expected to be sufficient, without a test, and equal for all depths
-    sampling = step_for(scene, level, TOLERANCE).sampling
-    response = PlaneResponse(one, 0, effects, level=level, sampling=sampling)
+    step = step_for(scene, level, TOLERANCE)
+    response = PlaneResponse(one, 0, effects, level=step.level, sampling=step.sampling)
     pattern: NDArray[np.float64] = response.rows([0], [0], 1)[0, 0].astype(np.float64)
     return pattern
 

@@ -230,7 +230,7 @@ def test_the_stage_goes_to_a_typed_position(page: Page, qtbot: QtBot, context: C
     qtbot.waitUntil(lambda: np.allclose(station.position(), (60, 20, -20), atol=0.5), timeout=GUARD_MS)
     page.setup.disconnect_devices()
     idle(context.jobs, qtbot)
-    assert [field.text() for field in stage.fields] == ["–"] * 3, "nobody knows where a released stage is"
+    assert [field.text() for field in stage.fields] == ["–"] * 3, "the position of a released stage is unknown"
 
 
 def test_a_wrong_sign_is_caught_in_red_and_corrected(page: Page, qtbot: QtBot, context: Context) -> None:
