@@ -19,6 +19,9 @@ from lfcal_gui.widgets.cards import button
 from lfcal_gui.widgets.plots import LinePlot, line_px
 from lfcal_gui.widgets.words import ElidedLabel
 
+MOST_NAMED = 60
+"""Number of points above which only the chosen and the used point are named: more names take seconds to place."""
+
 SIZE, RING = 10, 20
 """Diameter of a point, and of the ring around the one in use (px)."""
 
@@ -213,7 +216,7 @@ class CostCurve(LinePlot):
             self._write_name(points[k], area)
         if self.limit.isVisible():
             taken.append(self._place_label(taken, curve))
-        for k in order[len(marked) :]:
+        for k in order[len(marked) :] if len(points) <= MOST_NAMED else ():
             cost, area = self._area_of(k, at, reach[k], taken + line, curve)
             if not cost:
                 taken.append(area)
