@@ -23,4 +23,5 @@ def show(made: tuple[Recalibrated, ...]) -> None:
             report(f"note: {words}")
         if found.undetermined:
             report(f"note: these frames do not determine {', '.join(found.undetermined)}")
-        typer.echo(f"{one.out}: {', '.join(path.name for path in one.files)}")
+        if one.files:
+            typer.echo(f"{one.out}: {', '.join(path.name for path in one.files)}")

@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from lfcal.base import Work, plain, write_text
-from lfcal.fit import CAMERA, EFFECTS, MODEL, ModelPlanes, json_text, measured_camera, write_found
+from lfcal.base import Work, plain
+from lfcal.fit import CAMERA, EFFECTS, MODEL, ModelPlanes, measured_camera, write_found
 from lfcal.psf import Header, Stored, iter_write
 from lfcal.recalibrate.recalibrate import Recalibration
 
@@ -45,14 +45,10 @@ def recalibration_outputs(folder: Path, *, with_h: bool = True) -> tuple[Path, .
     return tuple(folder / name for name in ((MODEL, *names) if with_h else names))
 
 
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
-
-
 def iter_write_recalibration(
     found: Recalibration, folder: Path, known: Mapping[str, Any], *, with_h: bool = True, workers: int | None = None
 ) -> Work[tuple[Path, ...]]:
-    """Write the files of a recalibration to ``folder``; if it was not accepted, only its numbers.
+    """Write the files of a recalibration to ``folder``; if it was not accepted, none.
 
     Parameters
     ----------
@@ -72,23 +68,20 @@ def iter_write_recalibration(
     StorageError
         If a file cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    numbers = recalibration_dict(found) | dict(known)
     if not found.accepted:
-        numbers["fitted"] = _now()
-        write_text(folder / NUMBERS, json_text(numbers))
-        return (folder / NUMBERS,)
+        return ()
+    folder.mkdir(parents=True, exist_ok=True)
     files: list[Path] = []
     if with_h:
         plan = found.planned
         origin = {
             "verdict": found.verdict,
             "frames": {name: one.ratio for name, one in found.goodness.items()},
-            "date": _now(),
+            "date": datetime.now(UTC).isoformat(timespec="seconds"),
         }
         effects = [{"name": one.name, **plain(one)} for one in found.effects]
         provenance = {"recalibration": origin, "effects": effects, "plan": found.setup.plan(plan).to_dict(), **known}
         header = Header(plan.shape, plan.depths_um, measured_camera(found), plan.anchor, provenance)
         planes = ModelPlanes(header, found.setup, plan, (1.0,) * len(plan.depths_um))
         files.append((yield from iter_write(planes, folder / MODEL, Stored(), workers=workers)))
-    return (*files, *write_found(found, folder, NUMBERS, numbers))
+    return (*files, *write_found(found, folder, NUMBERS, recalibration_dict(found) | dict(known)))

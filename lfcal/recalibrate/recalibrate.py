@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Work, check_number, drained, note
-from lfcal.camera import Camera, ScanPlan
+from lfcal.base import Clock, InputError, Work, check_number, drained, format_bytes, free_memory, note
+from lfcal.camera import Camera, NoLatticeError, ScanPlan
 from lfcal.fit import (
     Fineness,
     NewFrame,
@@ -27,6 +27,7 @@ from lfcal.recalibrate._scene import ObjectFrame
 from lfcal.recalibrate._score import Goodness, Score
 from lfcal.recalibrate._window import SensorWindow, windows_of
 from lfcal.simulate.effects import Effect
+from lfcal.simulate.engines import EnergyError
 
 __all__ = ["ALARM", "DETERMINED", "Recalibration", "iter_recalibrate", "recalibrate"]
 
@@ -219,14 +220,18 @@ def iter_recalibrate(
     """
     if not frames:
         raise InputError.expected("frames", "at least one", "none", "give frames of structured objects")
+    if not plan.camera.has_lattice:
+        raise NoLatticeError.of("recalibration on frames")
     begins = starting_effects(plan) if effects is None else tuple(effects)
     setup = Setup(plan.camera, begins, (0.0,) * len(plan.depths_um))
     without = lacking(setup, plan)
     groups = tuple(name for name in DETERMINED if name not in without) if unknowns is None else tuple(unknowns)
     check_groups(setup, plan, groups)
     places = windows_of(plan, windows)
-    every = [[_window_frame(frame, window, noise) for frame in frames] for window in places]
-    lit = [(window, own) for window, own in zip(places, every, strict=True) if all(one.valid.any() for one in own)]
+    _check_memory(places[0].plan)
+    wholes = [_whole_frame(frame, name, plan, noise) for frame, name in zip(frames, _names(frames), strict=True)]
+    every = [(window, [_in_window(whole, window) for whole in wholes]) for window in places]
+    lit = [(window, own) for window, own in every if all(one.valid.any() for one in own)]
     if not lit:
         raise InputError.expected(
             "frames", "valid pixels in a window of the sensor", "none", "check mask and saturation level"
@@ -327,7 +332,10 @@ class _Run:
         """
         best, reason = at, ""
         for one in _remedies(self.plan):
-            again = yield from self._iter_fit(one.contents, f"recalibration with {one.remedy}")
+            try:
+                again = yield from self._iter_fit(one.contents, f"recalibration with {one.remedy}")
+            except (InputError, EnergyError):  # the engine cannot compute these planes
+                continue
             if again.worst <= ALARM:
                 return again, (f"{one.reason}; the fit was repeated with {one.remedy}",)
             if again.worst - 1 < HELPS * (best.worst - 1):
@@ -356,23 +364,46 @@ class _Run:
         return Recalibration(setup, self.plan, found, at.goodness, at.contents, words, tuple(weak))
 
 
-def _window_frame(frame: NewFrame, window: SensorWindow, given: tuple[float, float] | None) -> ObjectFrame:
-    """Return the part of a frame in a window, in electrons."""
-    noise = given or frame.noise
-    sensor = window.plan.camera.sensor
+def _names(frames: Sequence[NewFrame]) -> list[str]:
+    """Return the labels of frames, with a number appended to those that occur before."""
+    found: list[str] = []
+    for frame in frames:
+        name, number = frame.label, 1
+        while name in found:
+            number += 1
+            name = f"{frame.label} ({number})"
+        found.append(name)
+    return found
+
+
+def _check_memory(plan: ScanPlan) -> None:
+    """Raise `InputError` unless the patterns of a window fit into memory, twice while some are selected."""
+    needed, free = 2 * 4 * math.prod(plan.shape), free_memory()
+    if free and needed > free:
+        raise InputError.expected(
+            "memory for the patterns of a window",
+            f"at least {format_bytes(needed)}",
+            f"{format_bytes(free)} free",
+            "choose a smaller cutout or fewer planes",
+        )
+
+
+def _whole_frame(frame: NewFrame, name: str, plan: ScanPlan, given: tuple[float, float] | None) -> ObjectFrame:
+    """Return a frame on the pixels of the sensor, in electrons."""
+    noise, sensor = given or frame.noise, plan.camera.sensor
     if noise is None or not noise[1] > 0:
         raise InputError.expected(
-            f"{frame.label}, noise",
+            f"{name}, noise",
             "a variance that grows with the signal, from photon noise",
             "none" if noise is None else f"the variance {noise[0]:g} + {noise[1]:g} x value",
             "give the constant and the slope of the variance (--noise)",
         )
     check_number("noise: constant", noise[0], at_least=0)
     (row, column), (rows, columns) = frame.origin, frame.values.shape
-    whole_frame = frame.origin != (0, 0) or frame.values.shape == sensor.shape
-    if not whole_frame or row + rows > sensor.shape[0] or column + columns > sensor.shape[1]:
+    complete = frame.origin != (0, 0) or frame.values.shape == sensor.shape
+    if not complete or row + rows > sensor.shape[0] or column + columns > sensor.shape[1]:
         raise InputError.expected(
-            f"{frame.label}, pixels",
+            f"{name}, pixels",
             f"{sensor.shape}, as in the camera",
             f"{frame.values.shape} from {frame.origin} on",
             "give whole frames of this camera",
@@ -380,16 +411,20 @@ def _window_frame(frame: NewFrame, window: SensorWindow, given: tuple[float, flo
     whole, valid = np.zeros(sensor.shape, np.float32), np.zeros(sensor.shape, np.float32)
     inside = np.s_[row : row + rows, column : column + columns]
     good = np.isfinite(frame.values) if frame.valid is None else frame.valid & np.isfinite(frame.values)
-    most = frame.values.max(where=good, initial=-math.inf)
-    flat = good & (frame.values == most)
+    flat = good & (frame.values == frame.values.max(where=good, initial=-math.inf))
     if flat.sum() > PLATEAU:
-        note(f"{frame.label}: {flat.sum()} pixels have the largest value and are left out as saturated")
+        note(f"{name}: {flat.sum()} pixels have the largest value and are left out as saturated")
         good = good & ~flat
     whole[inside] = np.where(good, frame.values, 0) / np.float32(noise[1])
     valid[inside] = good
-    own = np.ascontiguousarray(window.part(whole))
-    weight = window.trusted(own, np.ascontiguousarray(window.part(valid)))
-    return ObjectFrame(own, weight, math.sqrt(noise[0]) / noise[1], sensor.prnu, frame.label)
+    return ObjectFrame(whole, valid, math.sqrt(noise[0]) / noise[1], sensor.prnu, name)
+
+
+def _in_window(whole: ObjectFrame, window: SensorWindow) -> ObjectFrame:
+    """Return the part of a frame in a window."""
+    electrons = np.ascontiguousarray(window.part(whole.electrons))
+    valid = np.ascontiguousarray(window.part(whole.valid))
+    return replace(whole, electrons=electrons, valid=window.trusted(electrons, valid))
 
 
 def _remedies(plan: ScanPlan) -> list[Remedy]:

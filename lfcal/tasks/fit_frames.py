@@ -14,13 +14,14 @@ from lfcal.records import (
     panel,
     read_cutout,
     read_depths,
+    read_orientation,
     read_virtual_depths,
     record,
     required,
     show_pair,
     show_planes,
 )
-from lfcal.tasks._patterns import NO_PLACE, noise_field, open_upright, orientation_field, own_words
+from lfcal.tasks._patterns import NO_PLACE, noise_field, open_upright, own_words
 from lfcal.tasks.cameras import is_camera_file, preset_names
 from lfcal.tasks.fit import FOLDER, read_unknowns
 from lfcal.tasks.planned import planned_scan
@@ -35,6 +36,12 @@ if TYPE_CHECKING:
 __all__ = ["FIT_FRAMES", "Recalibrate", "Recalibrated"]
 
 
+def _turns() -> tuple[str, ...]:
+    from lfcal.frames import ORIENTATIONS
+
+    return tuple(one.option for one in ORIENTATIONS.values())
+
+
 @dataclass(frozen=True, kw_only=True)
 class Recalibrated(TaskResult):
     """A camera recalibrated on frames, and its files."""
@@ -45,7 +52,7 @@ class Recalibrated(TaskResult):
 
     @property
     def failed(self) -> bool:
-        """Whether the camera does not explain the frames, so that only numbers were written."""
+        """Whether the camera does not explain the frames, so that nothing was written."""
         return not self.found.accepted
 
     def to_dict(self) -> dict[str, Any]:
@@ -62,7 +69,7 @@ class Recalibrate(Task):
     The frames may show any structured objects within the depth planes. The fit estimates gap, rotation, offset and
     pitch of the array, focal lengths, iris and aberrations together with each object and dark field. It writes
     camera.json, effects.json, H.h5 and recalibration.json into a folder. Exit code 1: the camera does not explain the
-    frames, and only recalibration.json is written.
+    frames, and nothing is written.
 
     Examples
     --------
@@ -135,7 +142,12 @@ class Recalibrate(Task):
         more=True,
     )
     noise: tuple[float, float] | None = noise_field("as stated by the frames")
-    orientation: str = orientation_field()
+    orientation: str = opt(
+        "as-is",
+        "How to turn the frames upright. Frames of unknown objects do not show their orientation.",
+        choices=_turns,
+        read=read_orientation,
+    )
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
     write_h: bool = opt(True, "Do not compute and write H of the camera.", label="Compute H", flag="--no-h")
 
@@ -194,12 +206,10 @@ class Recalibrate(Task):
         """Return the corrected frames of a file or folder, in the orientation of the sensor."""
         from lfcal.frames import corrected_view, named_orientation, open_unplaced, oriented
         from lfcal.judge import new_frame
-        from lfcal.psf import AUTO, CHECK
 
         with own_words(without=NO_PLACE):
             view: FrameSource = corrected_view(stack.enter_context(open_unplaced(path)), self.corrections, plan)
-            if self.orientation not in (AUTO, CHECK):
-                view = oriented(view, named_orientation(self.orientation), plan.camera.sensor.shape)
+            view = oriented(view, named_orientation(self.orientation), plan.camera.sensor.shape)
             return [new_frame(view, k, view.info(k).label) for k in range(len(view))]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from functools import cache
 
@@ -10,11 +11,13 @@ import pytest
 
 from lfcal.base import InputError
 from lfcal.base.notes import notes_to
+from lfcal.camera import NoLatticeError, ScanPlan, preset
 from lfcal.fit import NewFrame
 from lfcal.fit.model import Fineness
 from lfcal.recalibrate import Recalibration, recalibrate
 from lfcal.recalibrate._patterns import every_voxel, patterns_at
 from lfcal.recalibrate._score import Goodness
+from lfcal.recalibrate.recalibrate import _names
 from tests.recalibrate.common import (
     GROUPS,
     WRONG,
@@ -28,6 +31,7 @@ from tests.recalibrate.common import (
 )
 
 PLAN = small_plan()
+MODULE = importlib.import_module("lfcal.recalibrate.recalibrate")
 
 
 def fitted(*frames: NewFrame, **options: object) -> Recalibration:
@@ -128,3 +132,20 @@ def test_frames_that_cannot_be_used_are_refused(frame: NewFrame, message: str) -
 def test_groups_that_the_camera_lacks_are_refused() -> None:
     with pytest.raises(InputError, match="lens_centres"):
         recalibrate([frame_of(PLAN, beads(PLAN, 1), 1)], PLAN, unknowns=("lens_centres",))
+
+
+def test_frames_with_one_label_are_told_apart() -> None:
+    frame = NewFrame(np.zeros((2, 2), np.float32), label="a.tif")
+    assert _names([frame, replace(frame, label="b.tif"), frame, frame]) == ["a.tif", "b.tif", "a.tif (2)", "a.tif (3)"]
+
+
+def test_a_camera_without_a_lattice_is_refused() -> None:
+    plan = ScanPlan.for_camera(preset("flfm_20x05"), depths_um=[0.0], cutout=21)
+    with pytest.raises(NoLatticeError, match="recalibration on frames"):
+        recalibrate([NewFrame(np.zeros((2, 2), np.float32))], plan)
+
+
+def test_patterns_that_do_not_fit_into_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(MODULE, "free_memory", lambda: 1_000_000)
+    with pytest.raises(InputError, match=r"memory for the patterns of a window: expected at least .* got 1.0 MB free"):
+        fitted(frame_of(PLAN, beads(PLAN, 1), 1))
