@@ -2,8 +2,8 @@
 
 - ``_window``: windows of the sensor on which frames are compared with a model
 - ``_patterns``: H over a window, without a period, and sums over it
-- ``_scene``: the object and dark field of a frame; ``_score``: what the frame says about the camera in spite of them
-- ``_model``: frames of a window with the model that explains them; ``recalibrate``: the complete fit; ``files``: its
+- ``_scene``: the object and dark field of a frame; ``score``: what the frame says about the camera in spite of them
+- ``model``: frames of a window with the model that explains them; ``recalibrate``: the complete fit; ``files``: its
   files
 """
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from lfcal.recalibrate.model import Contents
 from lfcal.recalibrate.recalibrate import Recalibration, iter_recalibrate, recalibrate
+from lfcal.recalibrate.score import Goodness
 
-__all__ = ["Recalibration", "iter_recalibrate", "recalibrate"]
+__all__ = ["Contents", "Goodness", "Recalibration", "iter_recalibrate", "recalibrate"]

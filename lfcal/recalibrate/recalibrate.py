@@ -22,10 +22,10 @@ from lfcal.fit import (
     lacking,
     starting_effects,
 )
-from lfcal.recalibrate._model import Contents, WindowModel
 from lfcal.recalibrate._scene import ObjectFrame
-from lfcal.recalibrate._score import Goodness, Score
 from lfcal.recalibrate._window import SensorWindow, windows_of
+from lfcal.recalibrate.model import Contents, WindowModel
+from lfcal.recalibrate.score import Goodness, Score
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import EnergyError
 
@@ -111,9 +111,14 @@ class Recalibration:
 
     Examples
     --------
-    >>> from lfcal.recalibrate import Recalibration
-    >>> sorted(name for name in Recalibration.__dataclass_fields__ if name.startswith("g"))
-    ['goodness']
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.fit import Setup
+    >>> from lfcal.recalibrate import Contents, Goodness, Recalibration
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3], cutout=49)
+    >>> setup, contents = Setup(plan.camera, (), (0.0,)), Contents(plan.depths_um)
+    >>> found = Recalibration(setup, plan, {}, {"beads.tif": Goodness(1.2, 9000.0)}, contents)
+    >>> print(found.accepted, found.verdict, sep="; ")
+    False; not recalibrated: the goodness of fit is 1.20, but at most 1.05 is allowed
     """
 
     setup: Setup
@@ -179,7 +184,7 @@ def iter_recalibrate(
     """Return the camera that explains frames of unknown objects.
 
     For each frame, the object and the dark field are estimated together with the camera. What a change of the object
-    can imitate does not count as information on the camera (`lfcal.recalibrate._score`).
+    can imitate does not count as information on the camera.
 
     Parameters
     ----------

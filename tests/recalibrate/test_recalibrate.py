@@ -16,8 +16,8 @@ from lfcal.fit import NewFrame
 from lfcal.fit.model import Fineness
 from lfcal.recalibrate import Recalibration, recalibrate
 from lfcal.recalibrate._patterns import every_voxel, patterns_at
-from lfcal.recalibrate._score import Goodness
 from lfcal.recalibrate.recalibrate import _names
+from lfcal.recalibrate.score import Goodness
 from tests.recalibrate.common import (
     GROUPS,
     WRONG,

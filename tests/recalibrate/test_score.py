@@ -7,7 +7,7 @@ import pytest
 
 from lfcal.recalibrate._patterns import VoxelPatterns
 from lfcal.recalibrate._scene import ObjectFrame, SceneEstimate
-from lfcal.recalibrate._score import RIDGE, goodness, orthogonal, score_of
+from lfcal.recalibrate.score import RIDGE, goodness, orthogonal, score_of
 
 
 def problem(seed: int = 0, count: int = 12) -> tuple[VoxelPatterns, ObjectFrame, SceneEstimate, np.ndarray, np.ndarray]:

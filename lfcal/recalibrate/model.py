@@ -12,8 +12,8 @@ from lfcal.base import worker_count
 from lfcal.fit import Setup, Vector
 from lfcal.recalibrate._patterns import VoxelPatterns, Voxels, every_voxel, patterns_at
 from lfcal.recalibrate._scene import ObjectFrame, SceneEstimate, dark_fields, estimate_scene
-from lfcal.recalibrate._score import Goodness, Score, goodness, score_of
 from lfcal.recalibrate._window import SensorWindow
+from lfcal.recalibrate.score import Goodness, Score, goodness, score_of
 from lfcal.simulate import Sampling
 
 __all__ = ["Contents", "WindowModel"]
@@ -91,7 +91,7 @@ class WindowModel:
         return sum(scores, Score.none(len(u)))
 
     def goodness(self, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate]) -> list[Goodness]:
-        """Return the goodness of fit of each frame: see `lfcal.recalibrate._score.goodness`."""
+        """Return the goodness of fit of each frame: see `lfcal.recalibrate.score.goodness`."""
         pairs = zip(self.frames, scenes, strict=True)
         return [goodness(patterns, frame, scene, self.fields) for frame, scene in pairs]
 
