@@ -26,7 +26,7 @@ from tests.simulate.brute_force import brute_force
 
 pytestmark = pytest.mark.long
 
-BEADS, UNSEEN = 40, 12
+BEADS, UNSEEN = 24, 6
 WRONG = {"gap_um": 1.5, "rotation_rad": 5e-4, "pitch_um": 0.03, "offset_y_um": -1.1, "offset_x_um": 1.6}
 WRONG |= {"focal_1_um": 4.0, "f_number": 0.15}
 
@@ -46,10 +46,9 @@ def paraxial(setup: Setup) -> Setup:
     return replace(setup, effects=tuple(one for one in setup.effects if not isinstance(one, ExactAngles)))
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_h_of_an_independent_simulator_is_found_on_one_frame_of_beads(seed: int) -> None:
+def test_h_of_an_independent_simulator_is_found_on_one_frame_of_beads() -> None:
     plan = small_plan(side=80)
-    own, rng = the_window(plan).plan, np.random.default_rng(seed)
+    own, rng = the_window(plan).plan, np.random.default_rng(0)
     start = paraxial(described(plan))
     vector = Vector(start, ScanScales.of(own), DETERMINED)
     signs = rng.choice([-1.0, 1.0], len(WRONG)) * rng.uniform(0.5, 1, len(WRONG))

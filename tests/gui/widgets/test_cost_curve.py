@@ -181,3 +181,13 @@ def test_without_points_it_says_what_to_do(curve: CostCurve) -> None:
     assert not curve.limit.isVisible()
     curve.show_status("", "")
     assert not curve.measure_button.isEnabled() and curve.measure_button.text() == "Measuring …"
+
+
+def test_of_many_points_only_the_chosen_and_the_used_one_are_named(curve: CostCurve) -> None:
+    """Placing thousands of names would stop the window for minutes."""
+    rng = np.random.default_rng(0)
+    every = [replace(POINTS[0], x=float(x), y=float(y), picked=False) for x, y in rng.random((2000, 2))]
+    every[7] = replace(every[7], picked=True, name="chosen")
+    every[9] = replace(every[9], in_use=True, name="used")
+    curve.show_points(tuple(every), 0.3)
+    assert sorted(item.toPlainText() for item in curve.names) == ["chosen", "used"]
