@@ -318,6 +318,8 @@ class _Costs:
             try:
                 scene = scene_for(self._plan, 0, chosen)
             except LfcalError:  # for example, a typical cover glass thicker than the gap
+                if not chosen:
+                    raise
                 return self._traits_of(chosen[:-1])
             self._traits[names] = None if isinstance(scene, PupilScene) else Traits.of(scene)
         return self._traits[names]
