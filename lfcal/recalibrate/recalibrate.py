@@ -67,6 +67,9 @@ FLOORS = {"focal_lengths": 2e-3, "iris": 1e-3, "geometry": 2e-4, "pitch": 1e-5}
 PLATEAU = 12
 """Number of pixels with exactly the largest value of a frame above which the frame is taken as saturated there."""
 
+STRUCTURE = 1.1
+"""Least mean square difference of neighbouring pixels of a frame, relative to that of noise."""
+
 HELPS = 0.7
 """Excess of the goodness of fit with a remedy, relative to that without, below which it names the likely reason."""
 
@@ -422,7 +425,26 @@ def _whole_frame(frame: NewFrame, name: str, plan: ScanPlan, given: tuple[float,
         good = good & ~flat
     whole[inside] = np.where(good, frame.values, 0) / np.float32(noise[1])
     valid[inside] = good
-    return ObjectFrame(whole, valid, math.sqrt(noise[0]) / noise[1], sensor.prnu, name)
+    found = ObjectFrame(whole, valid, math.sqrt(noise[0]) / noise[1], sensor.prnu, name)
+    _check_structure(found)
+    return found
+
+
+def _check_structure(frame: ObjectFrame) -> None:
+    """Raise `InputError` if neighbouring pixels differ by noise only: an object could be fitted to any noise."""
+    differ = expected = 0.0
+    noise = frame.valid / np.maximum(frame.inverse_variance(np.maximum(frame.electrons, 0)), 1e-12)
+    for axis in (0, 1):
+        both = np.minimum(*(np.delete(frame.valid, end, axis) for end in (0, -1)))
+        differ += float((both * np.diff(frame.electrons, axis=axis) ** 2).sum())
+        expected += float((both * (np.delete(noise, 0, axis) + np.delete(noise, -1, axis))).sum())
+    if differ < STRUCTURE * expected and expected > 0:
+        raise InputError.expected(
+            f"{frame.name}, objects",
+            "structure that is larger than the noise",
+            f"neighbouring pixels that differ by {math.sqrt(differ / expected):.2f} times the noise",
+            "give brighter frames of objects with fine structure, or correct the noise",
+        )
 
 
 def _in_window(whole: ObjectFrame, window: SensorWindow) -> ObjectFrame:

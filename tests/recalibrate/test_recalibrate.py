@@ -149,3 +149,9 @@ def test_patterns_that_do_not_fit_into_memory_are_refused(monkeypatch: pytest.Mo
     monkeypatch.setattr(MODULE, "free_memory", lambda: 1_000_000)
     with pytest.raises(InputError, match=r"memory for the patterns of a window: expected at least .* got 1.0 MB free"):
         fitted(frame_of(PLAN, beads(PLAN, 1), 1))
+
+
+def test_a_frame_without_objects_is_refused() -> None:
+    noise = np.random.default_rng(0).poisson(200, (60, 60)) + 3 * np.random.default_rng(1).standard_normal((60, 60))
+    with pytest.raises(InputError, match=r"objects: expected structure .* differ by (0.9|1.0)\d times the noise"):
+        fitted(NewFrame(noise.astype(np.float32), noise=(9.0, 1.0)))
