@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, InputError, Work, check_number, drained, format_bytes, free_memory, note
+from lfcal.base import Clock, InputError, Work, drained
 from lfcal.camera import Camera, NoLatticeError, ScanPlan
 from lfcal.fit import (
     Fineness,
@@ -22,6 +22,7 @@ from lfcal.fit import (
     lacking,
     starting_effects,
 )
+from lfcal.recalibrate._frames import check_memory, distinct_label, in_window, whole_frame
 from lfcal.recalibrate._scene import ObjectFrame
 from lfcal.recalibrate._window import SensorWindow, windows_of
 from lfcal.recalibrate.model import Contents, WindowModel
@@ -63,12 +64,6 @@ UNCERTAINTY = 3.0
 
 FLOORS = {"focal_lengths": 2e-3, "iris": 1e-3, "geometry": 2e-4, "pitch": 1e-5}
 """Error of the model by group of unknowns, as a fraction of the described value: stated noise does not include it."""
-
-PLATEAU = 12
-"""Number of pixels with exactly the largest value of a frame above which the frame is taken as saturated there."""
-
-STRUCTURE = 1.1
-"""Least mean square difference of neighbouring pixels of a frame, relative to that of noise."""
 
 HELPS = 0.7
 """Excess of the goodness of fit with a remedy, relative to that without, below which it names the likely reason."""
@@ -236,9 +231,12 @@ def iter_recalibrate(
     groups = tuple(name for name in DETERMINED if name not in without) if unknowns is None else tuple(unknowns)
     check_groups(setup, plan, groups)
     places = windows_of(plan, windows)
-    _check_memory(places[0].plan)
-    wholes = [_whole_frame(frame, name, plan, noise) for frame, name in zip(frames, _names(frames), strict=True)]
-    every = [(window, [_in_window(whole, window) for whole in wholes]) for window in places]
+    check_memory(places[0].plan)
+    wholes: dict[str, ObjectFrame] = {}
+    for frame in frames:
+        name = distinct_label(frame.label, wholes)
+        wholes[name] = whole_frame(frame, name, plan, noise)
+    every = [(window, [in_window(whole, window) for whole in wholes.values()]) for window in places]
     lit = [(window, own) for window, own in every if all(one.valid.any() for one in own)]
     if not lit:
         raise InputError.expected(
@@ -370,88 +368,6 @@ class _Run:
                 weak.append(one.name)
         setup = self.vector.setup_at(at.u)
         return Recalibration(setup, self.plan, found, at.goodness, at.contents, words, tuple(weak))
-
-
-def _names(frames: Sequence[NewFrame]) -> list[str]:
-    """Return the labels of frames, with a number appended to those that occur before."""
-    found: list[str] = []
-    for frame in frames:
-        name, number = frame.label, 1
-        while name in found:
-            number += 1
-            name = f"{frame.label} ({number})"
-        found.append(name)
-    return found
-
-
-def _check_memory(plan: ScanPlan) -> None:
-    """Raise `InputError` unless the patterns of a window fit into memory, twice while some are selected."""
-    needed, free = 2 * 4 * math.prod(plan.shape), free_memory()
-    if free and needed > free:
-        raise InputError.expected(
-            "memory for the patterns of a window",
-            f"at least {format_bytes(needed)}",
-            f"{format_bytes(free)} free",
-            "choose a smaller cutout or fewer planes",
-        )
-
-
-def _whole_frame(frame: NewFrame, name: str, plan: ScanPlan, given: tuple[float, float] | None) -> ObjectFrame:
-    """Return a frame on the pixels of the sensor, in electrons."""
-    noise, sensor = given or frame.noise, plan.camera.sensor
-    if noise is None or not noise[1] > 0:
-        raise InputError.expected(
-            f"{name}, noise",
-            "a variance that grows with the signal, from photon noise",
-            "none" if noise is None else f"the variance {noise[0]:g} + {noise[1]:g} x value",
-            "give the constant and the slope of the variance (--noise)",
-        )
-    check_number("noise: constant", noise[0], at_least=0)
-    (row, column), (rows, columns) = frame.origin, frame.values.shape
-    complete = frame.origin != (0, 0) or frame.values.shape == sensor.shape
-    if not complete or row + rows > sensor.shape[0] or column + columns > sensor.shape[1]:
-        raise InputError.expected(
-            f"{name}, pixels",
-            f"{sensor.shape}, as in the camera",
-            f"{frame.values.shape} from {frame.origin} on",
-            "give whole frames of this camera",
-        )
-    whole, valid = np.zeros(sensor.shape, np.float32), np.zeros(sensor.shape, np.float32)
-    inside = np.s_[row : row + rows, column : column + columns]
-    good = np.isfinite(frame.values) if frame.valid is None else frame.valid & np.isfinite(frame.values)
-    flat = good & (frame.values == frame.values.max(where=good, initial=-math.inf))
-    if flat.sum() > PLATEAU:
-        note(f"{name}: {flat.sum()} pixels have the largest value and are left out as saturated")
-        good = good & ~flat
-    whole[inside] = np.where(good, frame.values, 0) / np.float32(noise[1])
-    valid[inside] = good
-    found = ObjectFrame(whole, valid, math.sqrt(noise[0]) / noise[1], sensor.prnu, name)
-    _check_structure(found)
-    return found
-
-
-def _check_structure(frame: ObjectFrame) -> None:
-    """Raise `InputError` if neighbouring pixels differ by noise only: an object could be fitted to any noise."""
-    differ = expected = 0.0
-    noise = frame.valid / np.maximum(frame.inverse_variance(np.maximum(frame.electrons, 0)), 1e-12)
-    for axis in (0, 1):
-        both = np.minimum(*(np.delete(frame.valid, end, axis) for end in (0, -1)))
-        differ += float((both * np.diff(frame.electrons, axis=axis) ** 2).sum())
-        expected += float((both * (np.delete(noise, 0, axis) + np.delete(noise, -1, axis))).sum())
-    if differ < STRUCTURE * expected and expected > 0:
-        raise InputError.expected(
-            f"{frame.name}, objects",
-            "structure that is larger than the noise",
-            f"neighbouring pixels that differ by {math.sqrt(differ / expected):.2f} times the noise",
-            "give brighter frames of objects with fine structure, or correct the noise",
-        )
-
-
-def _in_window(whole: ObjectFrame, window: SensorWindow) -> ObjectFrame:
-    """Return the part of a frame in a window."""
-    electrons = np.ascontiguousarray(window.part(whole.electrons))
-    valid = np.ascontiguousarray(window.part(whole.valid))
-    return replace(whole, electrons=electrons, valid=window.trusted(electrons, valid))
 
 
 def _remedies(plan: ScanPlan) -> list[Remedy]:

@@ -15,8 +15,8 @@ from lfcal.camera import NoLatticeError, ScanPlan, preset
 from lfcal.fit import NewFrame
 from lfcal.fit.model import Fineness
 from lfcal.recalibrate import Recalibration, recalibrate
+from lfcal.recalibrate._frames import distinct_label
 from lfcal.recalibrate._patterns import every_voxel, patterns_at
-from lfcal.recalibrate.recalibrate import _names
 from lfcal.recalibrate.score import Goodness
 from tests.recalibrate.common import (
     GROUPS,
@@ -31,7 +31,7 @@ from tests.recalibrate.common import (
 )
 
 PLAN = small_plan()
-MODULE = importlib.import_module("lfcal.recalibrate.recalibrate")
+MODULE = importlib.import_module("lfcal.recalibrate._frames")
 
 
 def fitted(*frames: NewFrame, **options: object) -> Recalibration:
@@ -135,8 +135,8 @@ def test_groups_that_the_camera_lacks_are_refused() -> None:
 
 
 def test_frames_with_one_label_are_told_apart() -> None:
-    frame = NewFrame(np.zeros((2, 2), np.float32), label="a.tif")
-    assert _names([frame, replace(frame, label="b.tif"), frame, frame]) == ["a.tif", "b.tif", "a.tif (2)", "a.tif (3)"]
+    assert distinct_label("a.tif", ["b.tif"]) == "a.tif"
+    assert distinct_label("a.tif", ["a.tif", "b.tif", "a.tif (2)"]) == "a.tif (3)"
 
 
 def test_a_camera_without_a_lattice_is_refused() -> None:
