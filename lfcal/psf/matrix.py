@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,8 @@ from lfcal.psf._travel import reduced
 from lfcal.psf.facts import Facts, Origin, fitting, unpack_valid
 
 if TYPE_CHECKING:
+    import xarray
+
     from lfcal.camera import Camera
     from lfcal.psf.aperture import Aperture
 
@@ -366,6 +368,10 @@ class PSFMatrix:
         """Return the number of depth planes."""
         return self._shape[0]
 
+    def __iter__(self) -> Iterator[NDArray[Any]]:
+        """Yield the planes, each ``(ny, nx, nt, ns)`` and read-only."""
+        return map(self.plane, range(self._shape[0]))
+
     def __getitem__(self, key: Any) -> Any:
         """Return the selected values, by numpy's rules for integers, slices and ellipsis."""
         index = resolved(key, self._shape)
@@ -407,6 +413,21 @@ class PSFMatrix:
         for z in range(self._shape[0]):
             out[z] = self._planes.plane(z)
         return out
+
+    def to_xarray(self) -> xarray.DataArray:
+        """Return H as an `xarray.DataArray` that reads from the file only the values that are used.
+
+        Its dimensions are z, y, x, t and s. The coordinate z contains the `depths`; y and x count source positions, t
+        and s pixels from the centre of the cutout.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        from lfcal.psf._xarray import data_array
+
+        return data_array(self)
 
     def close(self) -> None:
         """Close the file of H, if there is one; its values can then no longer be read."""

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pickle
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -244,3 +245,55 @@ def test_open_data_of_nobody_do_not_travel(tmp_path: Path) -> None:
     save(PSFMatrix(random_matrix()), tmp_path / "H.h5")
     with h5py.File(tmp_path / "H.h5") as file, pytest.raises(InputError, match=r"opened by open_psf"):
         pickle.dumps(PSFMatrix(file["H"]).T)
+
+
+@pytest.mark.parametrize("kind", NAMES)
+def test_iterating_yields_the_planes(kinds: dict[str, tuple[PSFMatrix, np.ndarray]], kind: str) -> None:
+    H, values = kinds[kind]
+    planes = list(H)
+    assert len(planes) == len(values)
+    for plane, expected in zip(planes, values, strict=True):
+        np.testing.assert_array_equal(plane, expected)
+
+
+@pytest.mark.parametrize("kind", NAMES)
+def test_the_array_of_xarray_selects_as_numpy_does(kinds: dict[str, tuple[PSFMatrix, np.ndarray]], kind: str) -> None:
+    H, values = kinds[kind]
+    array = H.to_xarray()
+    assert array.dims == ("z", "y", "x", "t", "s") and array.shape == values.shape and array.dtype == H.dtype
+    np.testing.assert_array_equal(array.values, values)
+    for chosen in ({"z": 1}, {"y": slice(None, None, -2), "t": 3}, {"x": [4, 0, 2], "s": slice(1, 5)}):
+        expected = values
+        for axis, key in chosen.items():
+            k = array.dims.index(axis)
+            expected = np.moveaxis(np.moveaxis(expected, k, 0)[key if not isinstance(key, int) else [key]], 0, k)
+        found = H.to_xarray().isel(chosen).values
+        np.testing.assert_array_equal(
+            found, expected.squeeze(tuple(array.dims.index(a) for a, k in chosen.items() if isinstance(k, int)))
+        )
+    np.testing.assert_array_equal(array.sum(("t", "s")).values, values.sum((3, 4)))
+
+
+def test_the_array_of_xarray_has_coordinates_in_units() -> None:
+    H = PSFMatrix(random_matrix(), depths=[-20.0, -10.0, 5.0], camera=preset("bench"), anchor=(3.0, 4.0), region="left")
+    array = H.to_xarray()
+    assert array.name == "H" and H.T.to_xarray().name == "HT"
+    assert array.attrs == {"anchor": (3.0, 4.0), "region": "left", "camera": preset("bench").name}
+    assert array.sel(z=-10.0, t=0, s=0)[2, 3] == H[1, 2, 3, 3, 4]
+    assert array.z.attrs["units"] == "um" and array.t.attrs["units"] == "px"
+    assert array.t.values.tolist() == [*range(-3, 4)] and array.x.values.tolist() == [*range(5)]
+    assert "units" not in PSFMatrix(random_matrix()).to_xarray().z.attrs
+
+
+def test_xarray_reads_only_what_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    save(PSFMatrix(random_matrix()), tmp_path / "H.h5")
+    with open_psf(tmp_path / "H.h5") as H:
+        monkeypatch.setattr(type(H.planes), "plane", lambda *_: pytest.fail("a complete plane is read"))
+        found = H.to_xarray()[2, 1, 3, 2:4]
+        np.testing.assert_array_equal(found.values, random_matrix()[2, 1, 3, 2:4])
+
+
+def test_a_missing_xarray_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="xarray is not installed; run: pip install xarray"):
+        PSFMatrix(random_matrix()).to_xarray()
