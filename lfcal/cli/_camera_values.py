@@ -9,6 +9,7 @@ from typing import Any
 import typer
 
 from lfcal.camera import read_camera_value, read_length, read_pitch, read_sensor, read_values
+from lfcal.cli._lazy import docstring
 
 __all__ = ["with_values"]
 
@@ -26,7 +27,7 @@ def with_values(command: Callable[..., None]) -> Callable[..., None]:
     ]
     with_options.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
     with_options.__annotations__ = {one.name: one.annotation for one in parameters}
-    with_options.__doc__ = command.__doc__
+    with_options.__doc__ = docstring(command)
     return with_options
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import MISSING
@@ -13,6 +14,7 @@ import typer
 
 from lfcal.base import InputError, LfcalError, Work, bounded_threads
 from lfcal.cli._console import KEPT, print_json, report, run_work
+from lfcal.cli._lazy import docstring
 from lfcal.records import FieldRow, from_flat, rows, value_at
 from lfcal.tasks import RunSettings, Task, TaskSet
 
@@ -104,7 +106,7 @@ def _say_kept(error: BaseException, out: Path) -> None:
 
 
 def _help(tasks: TaskSet, cls: Any) -> str:
-    said = inspect.cleandoc(tasks.help or str(tasks.kinds[0].__doc__).partition("\nAttributes\n")[0])
+    said = inspect.cleandoc(tasks.help) or re.split(r"\n(?:Attributes|Examples)\n-", docstring(tasks.kinds[0]))[0]
     for part in cls.parts.listed.values() if cls else ():
         said += f"\n\n`lfcal {tasks.name} {part.name}`: {part.summary}"
     return f"{said}\n\nExample: `{tasks.example}`"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import typer
 
 from lfcal.cli._console import print_json, print_result, print_written
+from lfcal.cli._lazy import docstring
 from lfcal.cli._multiplex_coding import coding
 from lfcal.cli._multiplex_frames import demosaic, recover, views
 from lfcal.cli._multiplex_search import chi2_of, design, figures, filters, search
@@ -61,7 +62,7 @@ def register(app: typer.Typer) -> None:
     )
     commands = (compare, show, demosaic, views, search, filters, figures, merits, map, design, recover, coding)
     for command in commands:
-        group.command(command.__name__)(command)
+        group.command(command.__name__, help=docstring(command))(command)
     app.add_typer(group, name="multiplex")
 
 

@@ -78,6 +78,27 @@ def test_a_folder_that_is_gone(place: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize(
+    "words",
+    [[], ["simulate"], ["camera", "new"], ["camera", "import"], ["multiplex", "compare"], ["doctor"]],
+    ids=" ".join,
+)
+def test_help_is_the_same_without_docstrings_in_compiled_code(place: Path, words: list[str]) -> None:
+    """``python -OO`` drops docstrings, which once emptied the list of commands."""
+    env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "COLUMNS": "100"}
+    usual, without = (
+        subprocess.run(
+            [sys.executable, *flags, "-m", "lfcal", *words, "--help"],
+            cwd=place,
+            capture_output=True,
+            env=env,
+            check=True,
+        ).stdout
+        for flags in ([], ["-OO"])
+    )
+    assert without == usual
+
+
 def test_a_report_of_a_file_whose_name_is_not_text(place: Path) -> None:
     odd = os.fsdecode(b"H\xff.h5")
     os.rename(place / "H.h5", place / odd)
