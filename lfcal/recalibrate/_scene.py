@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import BSpline
 
 from lfcal.recalibrate._patterns import VoxelPatterns
 
@@ -71,15 +72,16 @@ class SceneEstimate:
     expected: F4
 
 
-def dark_fields(shape: tuple[int, int], degree: int = 1) -> F4:
-    """Return positive images ``(d, rows, columns)`` whose sums are all polynomials of a degree over the image.
+def dark_fields(shape: tuple[int, int], parts: int = 1) -> F4:
+    """Return positive images ``(d, rows, columns)`` whose sums are smooth dark fields of ``parts`` x ``parts`` pieces.
 
-    Positive images allow the multiplicative steps of Richardson-Lucy.
+    They are products of B-splines. One piece is bilinear; more are at most cubic. Positive images allow the
+    multiplicative steps of Richardson-Lucy.
     """
-    y, x = np.mgrid[-1 : 1 : shape[0] * 1j, -1 : 1 : shape[1] * 1j]
-    powers = [(a, b) for a in range(degree + 1) for b in range(degree + 1 - a)]
-    found = [1 + 0.9 * y**a * x**b if a + b else np.ones(shape) for a, b in powers]
-    return np.stack(found).astype(np.float32)
+    degree = min(parts, 3)
+    knots = np.clip(np.linspace(-degree, parts + degree, parts + 2 * degree + 1) / parts, 0, 1)
+    y, x = (BSpline.design_matrix(np.linspace(0, 1, n), knots, degree).toarray() for n in shape)
+    return np.einsum("ya,xb->abyx", y, x).reshape(-1, *shape).astype(np.float32)
 
 
 def estimate_scene(patterns: VoxelPatterns, frame: ObjectFrame, fields: F4, iterations: int) -> SceneEstimate:
@@ -106,19 +108,19 @@ def estimate_scene(patterns: VoxelPatterns, frame: ObjectFrame, fields: F4, iter
     light = float((frame.valid * np.maximum(frame.electrons, 0)).sum())
     now = np.full(len(patterns), 0.8 * light / float(whole.sum()), np.float32)
     dark = (0.2 * light / len(fields) / shares).astype(np.float32)
-    before: F4 | None = None
+    before, dark_before = now, dark
     change: F4 | None = None
-    step = 0.0
+    step = np.float32(0)
     for _ in range(iterations):
-        point = now if before is None else np.maximum(now + np.float32(step) * (now - before), np.float32(0.01) * now)
-        expected = patterns.images(point[None])[0] + np.einsum("d,dyx->yx", dark, fields) + shift
+        point = np.maximum(now + step * (now - before), np.float32(0.01) * now)
+        dark_point = np.maximum(dark + step * (dark - dark_before), np.float32(0.01) * dark)
+        expected = patterns.images(point[None])[0] + np.einsum("d,dyx->yx", dark_point, fields) + shift
         ratio = data / np.maximum(expected, LEAST)
-        new = point * patterns.sums(ratio[None])[0] / whole
-        last, change = change, new - point
+        before, now = now, point * patterns.sums(ratio[None])[0] / whole
+        dark_before, dark = dark, dark_point * np.einsum("dyx,yx->d", fields, ratio) / shares
+        last, change = change, now - point
         if last is not None:
             power = float(np.vdot(last, last))
-            step = min(MOST_EXTRAPOLATED, max(0.0, float(np.vdot(change, last)) / max(power, 1e-20)))
-        before, now = now, new
-        dark = dark * np.einsum("dyx,yx->d", fields, ratio) / shares
+            step = np.float32(min(MOST_EXTRAPOLATED, max(0.0, float(np.vdot(change, last)) / max(power, 1e-20))))
     image = patterns.images(now[None])[0]
     return SceneEstimate(now, dark, image, image + np.einsum("d,dyx->yx", dark, fields))

@@ -38,13 +38,13 @@ class Contents:
         Depths of the planes of the volume (µm).
     halves
         Whether the volume has four voxels per position, half a pixel apart.
-    dark_degree
-        Degree of the polynomial of the dark field.
+    dark_parts
+        Number of pieces of the smooth dark field along each side.
     """
 
     depths_um: tuple[float, ...]
     halves: bool = False
-    dark_degree: int = 1
+    dark_parts: int = 1
 
     def setup(self, setup: Setup) -> Setup:
         """Return ``setup`` with the planes of these contents."""
@@ -69,7 +69,7 @@ class WindowModel:
     ) -> None:
         self.frames, self.contents, self.workers = tuple(frames), contents, worker_count(workers)
         self.plan = replace(window.plan, depths_um=contents.depths_um, exposure_s=window.plan.exposures[0])
-        self.fields = dark_fields(window.shape, contents.dark_degree)
+        self.fields = dark_fields(window.shape, contents.dark_parts)
         self._voxels = every_voxel(self.plan, halves=contents.halves)
 
     def patterns(self, setup: Setup, sampling: Sampling, voxels: Voxels | None = None) -> VoxelPatterns:
@@ -81,21 +81,18 @@ class WindowModel:
         """Return the estimated object of each frame."""
         return [estimate_scene(patterns, frame, self.fields, iterations) for frame in self.frames]
 
-    def score(
-        self, vector: Vector, u: F8, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate], sampling: Sampling
-    ) -> Score:
-        """Return the score of all frames together for the unknowns at ``u``."""
-        derivatives = self._derivatives(vector, u, patterns, scenes, sampling)
+    def score(self, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate], derivatives: F4) -> Score:
+        """Return the score of all frames together, given the ``derivatives`` of their expected values."""
         parts = zip(self.frames, scenes, np.moveaxis(derivatives, 1, 0), strict=True)
         scores = [score_of(patterns, frame, scene, own, self.fields) for frame, scene, own in parts]
-        return sum(scores, Score.none(len(u)))
+        return sum(scores, Score.none(len(derivatives)))
 
     def goodness(self, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate]) -> list[Goodness]:
         """Return the goodness of fit of each frame: see `lfcal.recalibrate.score.goodness`."""
         pairs = zip(self.frames, scenes, strict=True)
         return [goodness(patterns, frame, scene, self.fields) for frame, scene in pairs]
 
-    def _derivatives(
+    def derivatives(
         self, vector: Vector, u: F8, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate], sampling: Sampling
     ) -> F4:
         """Return the derivatives of all expected frames ``(k, frames, rows, columns)`` for fixed volumes."""

@@ -48,13 +48,17 @@ DETERMINED = ("geometry", "pitch", "focal_lengths", "iris", "wavefront")
 """Groups of unknowns that frames of unknown objects determine."""
 
 ROUNDS = (
-    (15, Fineness.coarse),
-    (30, Fineness.coarse),
-    (60, Fineness.coarse),
-    (100, Fineness.coarse),
-    (100, Fineness.fine),
+    (15, Fineness.coarse, True),
+    (30, Fineness.coarse, True),
+    (60, Fineness.coarse, True),
+    (100, Fineness.coarse, False),
+    (100, Fineness.fine, False),
 )
-"""Iterations for the object, and sampling, of each round: the object is known better from round to round."""
+"""Iterations for the object, sampling, and whether derivatives are computed, of each round.
+
+The object is known better from round to round. Old derivatives change the length of a step, not the camera at which the
+score vanishes.
+"""
 
 LONGEST = 8.0
 """Longest step of a round, in scales."""
@@ -306,14 +310,16 @@ class _Run:
 
     def _iter_fit(self, contents: Contents, note: str) -> Work[_At]:
         u, models, total = np.zeros(len(self.vector)), self._models(contents), Score.none(len(self.vector))
-        clock = Clock(note, (len(ROUNDS) + 1) * len(models))
+        clock, derivatives = Clock(note, (len(ROUNDS) + 1) * len(models)), dict[int, F4]()
         yield clock.at(0)
-        for turn, (iterations, sampling) in enumerate(ROUNDS):
+        for turn, (iterations, sampling, renewed) in enumerate(ROUNDS):
             total = Score.none(len(u))
             for k, model in enumerate(models):
                 patterns = model.patterns(self.vector.setup_at(u), sampling)
                 scenes = model.scenes(patterns, iterations)
-                total += model.score(self.vector, u, patterns, scenes, sampling)
+                if renewed:
+                    derivatives[k] = model.derivatives(self.vector, u, patterns, scenes, sampling)
+                total += model.score(patterns, scenes, derivatives[k])
                 yield clock.at(turn * len(models) + k + 1)
             step = np.linalg.solve(total.information + np.diag(self.precision), total.gradient - self.precision * u)
             u = self.vector.clipped(u + np.clip(step, -LONGEST, LONGEST))
@@ -325,7 +331,7 @@ class _Run:
 
     def _goodness(self, u: F8, models: Sequence[WindowModel]) -> Iterator[dict[str, Goodness]]:
         """Yield the goodness of fit of the frames, by name, in each window."""
-        iterations, sampling = ROUNDS[-1]
+        iterations, sampling, _ = ROUNDS[-1]
         for model in models:
             patterns = model.patterns(self.vector.setup_at(u), sampling)
             found = model.goodness(patterns, model.scenes(patterns, iterations))
@@ -375,7 +381,7 @@ def _remedies(plan: ScanPlan) -> list[Remedy]:
     own = Contents(plan.depths_um)
     between, small = "objects between or outside the planes", "objects smaller than a pixel, between the voxels"
     return [
-        Remedy("a dark field with structure", "a polynomial of degree 6", replace(own, dark_degree=6)),
+        Remedy("a dark field with structure", "a smooth dark field of 8 x 8 parts", replace(own, dark_parts=8)),
         Remedy(between, "more planes", replace(own, depths_um=_closer(plan))),
         Remedy(small, "voxels of half a pixel", replace(own, halves=True)),
     ]

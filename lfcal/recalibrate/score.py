@@ -60,8 +60,10 @@ class Score:
         return Score(self.information + other.information, self.gradient + other.gradient)
 
 
-def orthogonal(patterns: VoxelPatterns, volume: F4, weight: F4, images: F4, steps: int = STEPS) -> F4:
-    """Return ``images`` ``(k, rows, columns)`` without the part that changes of the volume can produce.
+def orthogonal(
+    patterns: VoxelPatterns, volume: F4, weight: F4, images: F4, fields: F4 | None = None, steps: int = STEPS
+) -> F4:
+    """Return ``images`` ``(k, rows, columns)`` without the part that changes of volume and dark field can produce.
 
     Parameters
     ----------
@@ -71,17 +73,25 @@ def orthogonal(patterns: VoxelPatterns, volume: F4, weight: F4, images: F4, step
         Inverse variance of each pixel ``(rows, columns)``.
     images
         Images to project.
+    fields
+        Dark fields ``(d, rows, columns)``; None: none.
     steps
         Largest number of conjugate-gradient steps.
     """
     light = np.maximum(volume, 0)
     lit = light > DARK * light.max(initial=0.0)
     patterns, root = patterns.of(lit), np.sqrt(light[lit]).astype(np.float32)[None]
+    own = _orthonormal(weight, images[:0] if fields is None else fields)
+
+    def rest(some: F4) -> F4:
+        flat = some.reshape(len(some), -1)
+        return (flat - (flat * weight.ravel()) @ own.T @ own).reshape(some.shape)
 
     def normal(v: F4) -> F4:
-        found: F4 = root * patterns.sums(weight * patterns.images(root * v))
+        found: F4 = root * patterns.sums(weight * rest(patterns.images(root * v)))
         return found
 
+    images = rest(images)
     right = root * patterns.sums(weight * images)
     ridge = np.float32(RIDGE * float(normal(np.ones_like(root)).max(initial=0.0)))
     found, left = np.zeros_like(right), right.copy()
@@ -98,8 +108,16 @@ def orthogonal(patterns: VoxelPatterns, volume: F4, weight: F4, images: F4, step
         now = np.square(left, dtype=np.float64).sum(1)
         direction = left + (now / np.maximum(power, 1e-30)).astype(np.float32)[:, None] * direction
         power = now
-    rest: F4 = images - patterns.images(root * found)
-    return rest
+    return images - rest(patterns.images(root * found))
+
+
+def _orthonormal(weight: F4, fields: F4) -> F4:
+    """Return an orthonormal basis ``(d, pixels)`` of images ``(d, rows, columns)`` in the product with ``weight``."""
+    flat = fields.reshape(len(fields), weight.size).astype(np.float64)
+    values, vectors = np.linalg.eigh((flat * weight.ravel()) @ flat.T)
+    good = values > 1e-10 * values.max(initial=0.0)
+    basis: F4 = ((vectors[:, good] / np.sqrt(values[good])).T @ flat).astype(np.float32)
+    return basis
 
 
 def score_of(patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, derivatives: F4, fields: F4) -> Score:
@@ -115,13 +133,10 @@ def score_of(patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, 
         Dark fields ``(d, rows, columns)``, which are eliminated as well.
     """
     weight = frame.inverse_variance(scene.expected)
-    free = orthogonal(patterns, scene.volume, weight, np.concatenate([derivatives, fields]))
-    weighted = (free * weight).reshape(len(free), -1).astype(np.float64)
-    matrix = weighted @ free.reshape(len(free), -1).T.astype(np.float64)
-    slope = weighted @ (frame.electrons - scene.expected).ravel().astype(np.float64)
-    k = len(derivatives)
-    gain = matrix[:k, k:] @ np.linalg.pinv(matrix[k:, k:], rcond=1e-10, hermitian=True)
-    return Score(matrix[:k, :k] - gain @ matrix[k:, :k], slope[:k] - gain @ slope[k:])
+    free = orthogonal(patterns, scene.volume, weight, derivatives, fields).reshape(len(derivatives), -1)
+    weighted = (free * weight.ravel()).astype(np.float64)
+    residual = (frame.electrons - scene.expected).ravel().astype(np.float64)
+    return Score(weighted @ free.T.astype(np.float64), weighted @ residual)
 
 
 class Goodness(NamedTuple):
@@ -150,11 +165,7 @@ def goodness(patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, 
     scale = np.where(weight > 0, 1 / np.sqrt(np.maximum(weight, 1e-12)), 0)
     probes = (scale * rng.standard_normal((PROBES, *weight.shape))).astype(np.float32)
     residual = (frame.valid * (frame.electrons - scene.expected))[None]
-    free = orthogonal(patterns, scene.volume, weight, np.concatenate([residual, probes, fields]))
-    flat, rest = free[: -len(fields)].reshape(1 + PROBES, -1), free[-len(fields) :].reshape(len(fields), -1)
-    w = weight.ravel()
-    inner = np.linalg.pinv((rest * w) @ rest.T, rcond=1e-10, hermitian=True)
-    left = flat - (flat * w) @ rest.T @ inner @ rest
-    sums = (np.square(left, dtype=np.float64) * w).sum(1)
+    free = orthogonal(patterns, scene.volume, weight, np.concatenate([residual, probes]), fields)
+    sums = (np.square(free, dtype=np.float64) * weight).sum((1, 2))
     freedom = float(sums[1:].mean())
     return Goodness(float(sums[0]) / freedom, freedom)

@@ -32,7 +32,7 @@ def columns(patterns: VoxelPatterns, volume: np.ndarray) -> np.ndarray:
 def test_projected_images_cannot_be_produced_by_the_volume() -> None:
     patterns, frame, scene, images, _ = problem()
     weight = frame.inverse_variance(scene.expected)
-    free = orthogonal(patterns, scene.volume, weight, images, 200)
+    free = orthogonal(patterns, scene.volume, weight, images, steps=200)
     left = patterns.sums(weight * free) * np.sqrt(scene.volume)
     whole = patterns.sums(weight * images) * np.sqrt(scene.volume)
     assert np.abs(left).max() < 0.05 * np.abs(whole).max()
