@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lfcal.frames.aligned import chosen_shift, find_shift
 from lfcal.frames.cfa import cfa_from, check_cfa, pattern_side
-from lfcal.frames.channels import ThinnedSource, colour_scan, colours_of
+from lfcal.frames.channels import OneColourSource, ThinnedSource, colour_scan, colours_of
 from lfcal.frames.damage import SelectedSource, frame_errors
 from lfcal.frames.described import stated_noise
 from lfcal.frames.formats import split_dataset
@@ -32,6 +32,7 @@ __all__ = [
     "RECORDINGS",
     "SOURCES",
     "TABLES",
+    "OneColourSource",
     "SelectedSource",
     "SourceView",
     "ThinnedSource",

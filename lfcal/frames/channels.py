@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, Position, Region, check_region, whole
 from lfcal.camera import ScanPlan
 from lfcal.frames.cfa import channel_names, channel_phase, pattern_side, phases
-from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Samples
+from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Samples, masked
 from lfcal.frames.view import SourceView
 
 __all__ = [
     "BalancedSource",
     "ChannelSource",
     "ColourScan",
+    "OneColourSource",
     "ThinnedSource",
     "are_cutouts",
     "balanced_source",
@@ -123,6 +124,24 @@ class ChannelSource(SourceView):
     def samples(self, index: int, region: Region | None = None) -> Samples:
         """Return the samples of the channel in frame ``index``, or in its rows and columns ``region``."""
         return Frames.samples(self, index, region)
+
+
+class OneColourSource(SourceView):
+    """View of a source of mosaics in which only the pixels of one channel are valid.
+
+    Their pattern is that of the frames, or else of the sensor of ``plan``.
+    """
+
+    def __init__(self, source: FrameSource, channel: str, plan: ScanPlan) -> None:
+        super().__init__(source)
+        cfa = _filter(source, plan)
+        (row, column), step = channel_phase(cfa, channel), pattern_side(cfa)
+        self._mask = np.zeros(source.shape, np.bool_)
+        self._mask[row::step, column::step] = True
+
+    def samples(self, index: int, region: Region | None = None) -> Samples:
+        """Return the samples of frame ``index``, or of its rows and columns ``region``; other colours are invalid."""
+        return masked(self.source.samples(index, region), self._mask[region or whole(self.shape)])
 
 
 class BalancedSource(SourceView):

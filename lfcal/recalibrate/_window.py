@@ -64,18 +64,17 @@ class SensorWindow:
         A side has a margin, as wide as a cutout, if its edge is lit. A window that is too small for margins has none:
         its objects must be inside, and the goodness of fit shows if they are not.
         """
-        good = electrons[valid > 0]
-        if not good.size:
+        if not valid.any():
             return valid
-        dark, light = np.quantile(good, (0.05, 0.99))
+        dark, light = np.quantile(electrons[valid > 0], (0.05, 0.99))
         found = valid.copy()
         if min(n - 2 * (m - 1) for n, m in zip(self.shape, self.plan.cutout, strict=True)) < LEAST_SIDE:
             return found
         for axis in (0, 1):
             margin = self.plan.cutout[axis] - 1
             for end in (1, -1):
-                edge = np.moveaxis(electrons, axis, 0)[::end][:EDGE_PX]
-                if float(edge.mean()) - dark > LIT * (light - dark):
+                edge, good = (np.moveaxis(one, axis, 0)[::end][:EDGE_PX] for one in (electrons, valid))
+                if float((edge * good).sum() / max(1, good.sum())) - dark > LIT * (light - dark):
                     np.moveaxis(found, axis, 0)[::end][:margin] = 0
         return found
 

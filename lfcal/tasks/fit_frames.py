@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -21,7 +21,7 @@ from lfcal.records import (
     show_pair,
     show_planes,
 )
-from lfcal.tasks._patterns import NO_PLACE, noise_field, open_upright, own_words
+from lfcal.tasks._patterns import NO_PLACE, check_colours, noise_field, open_upright, own_words
 from lfcal.tasks.cameras import is_camera_file, preset_names
 from lfcal.tasks.fit import FOLDER, read_unknowns
 from lfcal.tasks.planned import planned_scan
@@ -148,6 +148,12 @@ class Recalibrate(Task):
         choices=_turns,
         read=read_orientation,
     )
+    channel: str = opt(
+        "",
+        "Colour channel to use: R, G1, G2 or B of a mosaic; R, G or B of a colour image.",
+        examples=("R", "G", "B", "G1", "G2"),
+        empty="frames are used unchanged",
+    )
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
     write_h: bool = opt(True, "Do not compute and write H of the camera.", label="Compute H", flag="--no-h")
 
@@ -204,13 +210,34 @@ class Recalibrate(Task):
 
     def _read(self, path: Path, plan: ScanPlan, stack: ExitStack) -> list[NewFrame]:
         """Return the corrected frames of a file or folder, in the orientation of the sensor."""
-        from lfcal.frames import corrected_view, named_orientation, open_unplaced, oriented
+        from lfcal.frames import check_turned_colours, named_orientation, open_component, open_unplaced, oriented
         from lfcal.judge import new_frame
 
+        def opened(colour: str | None = None) -> FrameSource:
+            return stack.enter_context(open_unplaced(path, colour))
+
         with own_words(without=NO_PLACE):
-            view: FrameSource = corrected_view(stack.enter_context(open_unplaced(path)), self.corrections, plan)
-            view = oriented(view, named_orientation(self.orientation), plan.camera.sensor.shape)
+            frames = open_component(opened, self.channel)
+            turn = named_orientation(self.orientation)
+            check_turned_colours(frames, plan, replace(self.corrections, channel=self.channel), turn.name)
+            view = oriented(self._corrected(path, frames, plan), turn, plan.camera.sensor.shape)
             return [new_frame(view, k, view.info(k).label) for k in range(len(view))]
+
+    def _corrected(self, path: Path, frames: FrameSource, plan: ScanPlan) -> FrameSource:
+        """Return the corrected frames; of a mosaic, only the pixels of the channel are valid.
+
+        If H was assembled from a channel, the pixels of its camera are those of the channel.
+        """
+        from lfcal.frames import OneColourSource, colours_of, corrected_view
+
+        if frames.metadata.colour:
+            return corrected_view(frames, self.corrections, plan)
+        if not self.channel:
+            check_colours(path, frames, plan, lambda colours: f"choose one of them (--channel {colours[0]})")
+            return corrected_view(frames, self.corrections, plan)
+        if colours_of(frames, plan) and frames.shape != plan.camera.sensor.shape:
+            return corrected_view(frames, replace(self.corrections, channel=self.channel), plan)
+        return OneColourSource(corrected_view(frames, self.corrections, plan), self.channel, plan)
 
 
 FIT_FRAMES = TaskSet(

@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base import InputError
+from lfcal.camera import Camera
+from lfcal.fit import NewFrame
 from lfcal.psf import PSFMatrix, open_psf, save
 from tests.cli.conftest import Run
 from tests.recalibrate.common import WRONG, beads, frame_of, small_plan
@@ -52,8 +55,6 @@ def test_one_frame_of_beads_gives_the_camera_and_h(lfcal: Lfcal, place: Path) ->
 
 
 def test_h_is_the_start_and_answers_are_json(lfcal: Lfcal, place: Path) -> None:
-    from lfcal.camera import Camera
-
     plan = small_plan()
     camera = Camera.from_json((place / "camera.json").read_text())
     old = PSFMatrix(np.ones(plan.shape, np.float32), depths=plan.depths_um, camera=camera, anchor=plan.anchor)
@@ -110,6 +111,65 @@ def test_corrections_are_those_of_other_frames(lfcal: Lfcal, place: Path, option
     run = lfcal("fit", "frames", "beads.tif", *START, *FAST, option, value)
     assert run.code == 2 and run.err, run.out
     assert value in run.err or option.lstrip("-").split("-")[0] in run.err.lower()
+
+
+class _SeenError(InputError):
+    """Raised once the frames are read."""
+
+
+@pytest.fixture
+def read(lfcal: Lfcal, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[NewFrame]]:
+    """Return a function that runs the command up to the recalibration, and returns the frames it reads."""
+    seen: list[NewFrame] = []
+
+    def stop(frames: list[NewFrame], *_: object, **__: object) -> None:
+        seen[:] = frames
+        raise _SeenError("read")
+
+    monkeypatch.setattr("lfcal.recalibrate.iter_recalibrate", stop)
+
+    def run(*words: object) -> list[NewFrame]:
+        done = lfcal("fit", "frames", *words, *FAST, "--black-level", 100)
+        assert "read" in done.err, done.err
+        return seen
+
+    return run
+
+
+def test_one_component_of_a_colour_image_is_used(read: Callable[..., list[NewFrame]], lfcal: Lfcal, place: Path) -> None:
+    beads = tifffile.imread("beads.tif")
+    tifffile.imwrite("rgb.tif", np.stack([beads // 2, beads, beads // 4], axis=-1), photometric="rgb")
+    (found,) = read("rgb.tif", *START, "--channel", "G")
+    assert np.array_equal(found.values, beads.astype(np.float32) - 100) and found.valid is None
+    run = lfcal("fit", "frames", "rgb.tif", *START, *FAST)
+    assert run.code == 2 and "use one colour: --channel G" in run.err and "colour=" not in run.err
+
+
+def test_pixels_of_one_colour_of_a_mosaic_are_used(
+    read: Callable[..., list[NewFrame]], lfcal: Lfcal, place: Path
+) -> None:
+    camera = Camera.from_json((place / "camera.json").read_text())
+    mosaic = replace(camera, sensor=replace(camera.sensor, cfa="GRBG"))
+    (place / "mosaic.json").write_text(mosaic.to_json())
+    start = ("--camera", "mosaic.json", *START[2:])
+    (found,) = read("beads.tif", *start, "--channel", "B")
+    wanted = np.zeros(found.values.shape, bool)
+    wanted[1::2, ::2] = True
+    assert found.valid is not None and np.array_equal(found.valid, wanted)
+    run = lfcal("fit", "frames", "beads.tif", *start, *FAST)
+    assert run.code == 2 and "got a mosaic of G1, R, B, G2; choose one of them (--channel G1)" in run.err
+    run = lfcal("fit", "frames", "beads.tif", *START, *FAST, "--channel", "R")
+    assert run.code == 2 and "colour channel: expected one of none (monochrome frames)" in run.err
+
+
+def test_frames_of_the_camera_of_one_channel_are_thinned(read: Callable[..., list[NewFrame]], place: Path) -> None:
+    camera = Camera.from_json((place / "camera.json").read_text())
+    rows, columns = camera.sensor.shape
+    raw = np.arange(4 * rows * columns, dtype=np.uint16).reshape(2 * rows, 2 * columns)
+    pattern = ((33421, "H", 2, (2, 2), True), (33422, "B", 4, bytes([1, 0, 2, 1]), True))  # GRBG
+    tifffile.imwrite("mosaic.tif", raw, photometric="cfa", extratags=pattern)
+    (found,) = read("mosaic.tif", *START, "--channel", "R")
+    assert np.array_equal(found.values, raw[::2, 1::2].astype(np.float32) - 100)
 
 
 def test_a_folder_with_the_name_of_the_command_is_named_with_a_slash(

@@ -36,6 +36,12 @@ def test_a_side_with_light_at_its_edge_has_a_margin() -> None:
     light[:, -2:] = 500
     found = window.trusted(light, valid)
     assert found[:, -20:].max() == 0 and found[:, :-20].min() == 1
+    # of a mosaic, other colours are 0 and not valid
+    colour = np.zeros_like(light)
+    colour[1::2, ::2] = 1
+    assert np.array_equal(window.trusted(light * colour, colour), found * colour)
+    light[:, -2:] = 30
+    assert np.array_equal(window.trusted(light * colour, colour), colour)
 
 
 def test_a_window_too_small_for_margins_has_none() -> None:

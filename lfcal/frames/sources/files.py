@@ -56,8 +56,10 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
     )
 
 
-def open_unplaced(path: Path) -> FolderSource:
+def open_unplaced(path: Path, colour: str | None = None) -> FolderSource:
     """Open all pages of the image file ``path``, or all images in that folder, as frames without known positions.
+
+    ``colour`` is the component of colour images to read, as in `open_image`.
 
     Raises
     ------
@@ -81,12 +83,12 @@ def open_unplaced(path: Path) -> FolderSource:
             raise InputError.expected(f"frames in {path}", "images", "none", "name the folder that contains them")
     entries = []
     for name in sorted(names, key=natural_key):
-        image = open_image(root / name)
+        image = open_image(root / name, colour=colour)
         try:
             entries += [FrameEntry(name, Position(0, 0, 0), page) for page in range(image.pages)]
         finally:
             image.close()
-    return FolderSource(root, Manifest(tuple(entries)))
+    return FolderSource(root, Manifest(tuple(entries)), colour=colour)
 
 
 def _listed(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
