@@ -136,7 +136,9 @@ def read(lfcal: Lfcal, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Ne
     return run
 
 
-def test_one_component_of_a_colour_image_is_used(read: Callable[..., list[NewFrame]], lfcal: Lfcal, place: Path) -> None:
+def test_one_component_of_a_colour_image_is_used(
+    read: Callable[..., list[NewFrame]], lfcal: Lfcal, place: Path
+) -> None:
     beads = tifffile.imread("beads.tif")
     tifffile.imwrite("rgb.tif", np.stack([beads // 2, beads, beads // 4], axis=-1), photometric="rgb")
     (found,) = read("rgb.tif", *START, "--channel", "G")
