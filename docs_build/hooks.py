@@ -6,6 +6,7 @@ import re
 import shutil
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,9 @@ example. The tests run each example, in a folder that holds the sample session
 (`session`), a session that lfcal recorded (`recorded`; both are in `sample_data`), and `H.h5`, the H that `lfcal demo`
 assembles."""
 
+LATE = ("reference/", "changelog.md", "tests.md")
+"""Pages that come after the guides in the search."""
+
 _RAN: dict[str, str] = {}
 """Pages as they are shown after they were run, by their place."""
 
@@ -68,11 +72,13 @@ def on_files(files: Files, config: Any) -> Files:
     for place, content in {**_beside(), **_reference()}.items():
         files.append(File.generated(config, place, content=content))
     files.append(File.generated(config, SHIM, content=Path(__file__).with_name(Path(SHIM).name).read_text()))
-    with tempfile.TemporaryDirectory() as scratch:
-        for key, picture in take_screens(Path(scratch)).items():
+    with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(1) as pool:
+        # another process takes the pictures while the tutorials run
+        screens = pool.submit(take_screens, Path(scratch))
+        for file in [file for file in files.documentation_pages() if file.generated_by is None]:
+            _run(file, files, config)
+        for key, picture in screens.result().items():
             files.append(File.generated(config, f"images/workstation/{key}.png", content=picture))
-    for file in [file for file in files.documentation_pages() if file.generated_by is None]:
-        _run(file, files, config)
     return files
 
 
@@ -113,6 +119,8 @@ def _run(file: File, files: Files, config: Any) -> None:
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Return a page as it is shown: after it was run, with links to files of the repository that lead into the site."""
+    if page.file.src_uri.startswith(LATE):
+        page.meta["search"] = {"boost": 0.01}
     text = _RAN.get(page.file.src_uri, markdown)
     up = "../" * page.file.src_uri.count("/")
     for name, place in BESIDE.items():

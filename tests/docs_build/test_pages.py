@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 import lfcal
-from docs_build.screens import SCENES, SHOWN
+from docs_build.screens import PICTURES
 from lfcal.accuracy import PARTS
 from tests.distribution import code_of
 
@@ -46,15 +46,16 @@ def test_every_page_of_the_window_is_shown_with_its_picture_and_keys() -> None:
 
 
 def test_every_picture_of_a_page_is_taken_in_a_scene() -> None:
-    text = "".join(
-        (ROOT / "gui" / "lfcal_gui" / "scenes" / f"{name}.py").read_text(encoding="utf-8") for name in SCENES
-    )
-    # a name that a scene makes of others stands for any
-    taken = [re.sub(r"\\{\w+\\}", r"\\w+", re.escape(name)) for name in re.findall(r'Capture\(f?"([^"]+)"', text)]
     pages = "".join(path.read_text(encoding="utf-8") for path in DOCS.rglob("*.md"))
-    for key in set(re.findall(r"images/workstation/(\w+)\.png", pages)):
-        assert any(re.fullmatch(pattern, SHOWN.get(key, key)) for pattern in taken), key
-    assert SHOWN["accuracy"].removeprefix("accuracy_") in PARTS.names()
+    assert set(re.findall(r"images/workstation/(\w+)\.png", pages)) == set(PICTURES)
+    for scene, state in PICTURES.values():
+        module, _, function = scene.partition(".")
+        text = (ROOT / "gui" / "lfcal_gui" / "scenes" / f"{module}.py").read_text(encoding="utf-8")
+        assert f"def {function}(stage: Stage)" in text, scene
+        # a name that a scene makes of others can be any
+        taken = [re.sub(r"\\{\w+\\}", r"\\w+", re.escape(name)) for name in re.findall(r'Capture\(f?"([^"]+)"', text)]
+        assert any(re.fullmatch(pattern, state) for pattern in taken), state
+    assert PICTURES["accuracy"][1].removeprefix("accuracy_") in PARTS.names()
 
 
 def test_the_version_is_the_same_everywhere() -> None:
