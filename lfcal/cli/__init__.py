@@ -40,7 +40,7 @@ def main(command_line: Callable[[], Any] | None = None, program: str = "lfcal") 
     Parameters
     ----------
     command_line
-        Function that runs the commands; None: those of lfcal. Another program may pass its own function to report
+        Function that runs the commands. None: those of lfcal. Another program may pass its own function to report
         errors in the same way.
     program
         Name of the program, as shown in its help.

@@ -133,7 +133,7 @@ def _except(having: list[str], lacking: list[str]) -> str:
 
 def _parameter(row: FieldRow, heading: str, only: str = "") -> inspect.Parameter:
     opt, kind = row.opt, inspect.Parameter.KEYWORD_ONLY
-    how: dict[str, Any] = {"help": row.described + only, "rich_help_panel": heading, "show_default": False}
+    how: dict[str, Any] = {"help": row.option_help + only, "rich_help_panel": heading, "show_default": False}
     if opt.examples or opt.choices:
         how["autocompletion"] = _completing(row)
     if row.kind is bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import re
 import textwrap
 import types
 import typing
@@ -201,8 +202,15 @@ def record(kind: type[T]) -> type[T]:
     return made
 
 
+_BEFORE_UNIT = re.compile(r"(?<=\d) (?=\S{1,4}(?:\s|$))")
+"""Space between a number and what may be its unit."""
+
+
 def _indented(text: str) -> str:
-    return textwrap.fill(text, 100, initial_indent="    ", subsequent_indent="    ")
+    """Return a text as an indented paragraph; no line ends between a number and its unit."""
+    kept = _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
+    filled = textwrap.fill(kept, 100, initial_indent="    ", subsequent_indent="    ")
+    return filled.replace("\N{NO-BREAK SPACE}", " ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,6 +291,12 @@ class FieldRow:
         """Help text of the field with its unit, range, choices and default."""
         shown = self.default is not MISSING and self.kind is not bool
         return self.opt.described(self.opt.empty or self.text(self.default) if shown else "")
+
+    @property
+    def option_help(self) -> str:
+        """`described` for the command line, where the option of a flag that is on by default turns it off."""
+        said = self.described
+        return f"Do not {said[0].lower()}{said[1:]}" if self.turns_off else said
 
     @property
     def choices(self) -> tuple[str, ...]:

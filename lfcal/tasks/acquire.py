@@ -260,14 +260,14 @@ class _Acquire(Task):
     )
     check_origin: bool = opt(
         True,
-        "Do not check the origin when a session continues. The check records the last position again.",
+        "Check the origin when a session continues. The check records the last position again.",
         label="Check the origin",
         more=True,
     )
     assemble: Path | None = opt(
         None, "H file (.h5) to assemble after the recording.", label="H file", file="out", empty="not assembled"
     )
-    pack: bool = opt(True, "Do not compress the finished recording.", label="Compress the recording", more=True)
+    pack: bool = opt(True, "Compress the finished recording.", label="Compress the recording", more=True)
     dry_run: bool = opt(
         False,
         "Check everything and show the time and disk space, without moving the stage or recording.",

@@ -133,7 +133,7 @@ class _Fit(Task):
         more=True,
     )
     positions: int | None = positions_field("Number of positions to fit, spread evenly. 0 uses all positions.")
-    write_h: bool = opt(True, "Do not simulate and write H of the fitted camera.", label="Compute H", flag="--no-h")
+    write_h: bool = opt(True, "Simulate and write H of the fitted camera.", label="Compute H", flag="--no-h")
 
     @property
     def groups(self) -> str | tuple[str, ...]:
@@ -146,7 +146,7 @@ class _Fit(Task):
         return {"task": self.to_dict(absolute=True, outputs=False)}
 
     def starting(self, plan: ScanPlan) -> tuple[Effect, ...] | None:
-        """Return the effects at the start of the fit; None: the effects that the camera describes."""
+        """Return the effects at the start of the fit. None: the effects that the camera describes."""
         from lfcal.fit import starting_effects, with_given
         from lfcal.simulate.effects import parse_effects
 

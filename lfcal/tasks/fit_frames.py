@@ -155,7 +155,7 @@ class Recalibrate(Task):
         empty="frames are used unchanged",
     )
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
-    write_h: bool = opt(True, "Do not compute and write H of the camera.", label="Compute H", flag="--no-h")
+    write_h: bool = opt(True, "Compute and write H of the camera.", label="Compute H", flag="--no-h")
 
     def __post_init__(self) -> None:
         """Check every field and the combinations that exclude each other."""

@@ -58,6 +58,10 @@ def test_every_command_is_listed_with_its_options() -> None:
             assert f"`{option.opts[0]}`" in section or f"`{option.name.upper()}`" in section, (name, option.name)
 
 
+def test_the_option_of_a_flag_that_is_on_states_what_it_turns_off() -> None:
+    assert "| `--no-pack` |  | Do not compress the finished recording. |" in options_table()
+
+
 def test_cells_are_kept_whole() -> None:
     assert table(("a", "b"), [("x | y", "two\nlines")]) == "| a | b |\n| --- | --- |\n| x \\| y | two lines |"
 

@@ -57,6 +57,22 @@ def test_rows_are_flat_and_in_order() -> None:
     assert ROWS["pack"].flag == "--no-pack" and ROWS["black_level"].flag == "--black-level"
 
 
+def test_help_of_a_flag_that_is_on_is_positive_except_for_its_option() -> None:
+    assert ROWS["pack"].described == "Pack it." and "\n    Pack it." in str(Whole.__doc__)
+    assert ROWS["pack"].option_help == "Do not pack it."
+    assert ROWS["count"].option_help == ROWS["count"].described
+
+
+@pytest.mark.parametrize("before", range(60, 110))
+def test_no_line_of_a_docstring_ends_between_a_number_and_its_unit(before: int) -> None:
+    @record
+    class Wrapped:
+        width: float = opt(0.5, "x" * before + " by default 0.5 µm, then 3 %")
+
+    said = str(Wrapped.__doc__)
+    assert "0.5 µm," in said and "3 %" in said and "\N{NO-BREAK SPACE}" not in said
+
+
 @pytest.mark.parametrize(
     ("name", "given", "value"),
     [

@@ -100,7 +100,7 @@ def test_forms_offer_no_value_first_and_several_values_by_semicolons() -> None:
     fields = {one.key: one for one in MORE}
     assert fields["on_suspect"].choices == ((None, "default (stop)"), ("stop", "stop"), ("flag", "flag"))
     assert [value for value, _ in fields["check_stage"].choices] == [None, True, False]
-    assert fields["check_origin"].tip.startswith("Off: Do not check the origin")
+    assert fields["check_origin"].tip.startswith("Check the origin")
     given = {"suspend": " temperature=20:22 ;lamp=90: ", "on_suspect": None, "check_stage": False}
     found = options_in(Acquire, given)
     assert found == {"suspend": ("temperature=20:22", "lamp=90:"), "check_stage": False}
