@@ -79,7 +79,7 @@ class Context(QObject):
         self.matrices = Matrices(jobs, lambda path: stated_order(self.state, path), self)
         self.matrices.failed.connect(self.message.emit)
         self.preferences: QSettings | None = None
-        """What is kept between starts; None: nothing is."""
+        """What is kept between starts. None: nothing is."""
         self._closers: list[Callable[[], None]] = []
         self._fitted: FittedCamera | None = None
         self.history = History()
@@ -144,7 +144,7 @@ class Context(QObject):
         form.edited.connect(lambda key, value: self.edit(settings(), key, value, label))
 
     def set_fitted(self, fitted: FittedCamera | None) -> None:
-        """Send all pages the camera of a fit; None: there is no valid fit."""
+        """Send all pages the camera of a fit. None: there is no valid fit."""
         if fitted is not self._fitted:
             self._fitted = fitted
             self.fitted_changed.emit()

@@ -82,11 +82,11 @@ class Subject:
     plan
         The scan plan; None if unknown.
     matrix
-        H; None: samples of H are simulated from the plan.
+        H. None: samples of H are simulated from the plan.
     no_plan
         Reason why there is no plan; empty if there is one.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
 
     Examples
     --------

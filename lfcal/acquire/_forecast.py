@@ -76,7 +76,7 @@ def forecast(
     folder
         Folder of the session, whose disk must have enough free space.
     frames_per_s
-        Highest frame rate of the camera for the region that is read (frames/s); None: unknown.
+        Highest frame rate of the camera for the region that is read (frames/s). None: unknown.
 
     Raises
     ------

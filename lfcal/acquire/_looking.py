@@ -33,7 +33,7 @@ class Looker:
     targets
         ``(N, 3)`` stage coordinates of all positions to visit (µm).
     roi
-        Region of the sensor to read; None: the whole sensor.
+        Region of the sensor to read. None: the whole sensor.
     bracket
         Multiples of the exposure time; see `Options.bracket`.
 

@@ -37,11 +37,11 @@ def iter_assemble_session(
     folder
         Folder of the session.
     out
-        Path of the H file to write; None: keep H in memory.
+        Path of the H file to write. None: keep H in memory.
     planes
-        Indices of the depth planes to use; None: all, with missing positions marked.
+        Indices of the depth planes to use. None: all, with missing positions marked.
     recipe
-        Corrections of the frames; None: only the session's dark frames.
+        Corrections of the frames. None: only the session's dark frames.
     settings
         As in `lfcal.psf.iter_assemble_plan`.
     skip_damaged

@@ -84,7 +84,7 @@ class LiveCoverage:
     plan
         Plan of the session.
     folder
-        Folder of a session to resume, whose recorded frames are counted; None: a new session.
+        Folder of a session to resume, whose recorded frames are counted. None: a new session.
 
     Examples
     --------

@@ -54,7 +54,7 @@ class Options:
         Longest waiting times for the stage to arrive and for a frame (beyond its exposure), and the settling time after
         switching the light (s).
     keep_free_bytes
-        Free disk space required in addition to the recording (bytes); None: a tenth of the recording, at least 16 MiB.
+        Free disk space required in addition to the recording (bytes). None: a tenth of the recording, at least 16 MiB.
         With less, the session does not start, or is paused.
     origin_tolerance_px
         Largest shift of the image when the last position is recorded again on resuming (px). A larger shift means that

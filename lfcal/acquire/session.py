@@ -126,7 +126,7 @@ def iter_record(
         the latest is used. Positions that the session does not have are added. Whole frames are numbered as in
         `lfcal.acquire.frame_plan`.
     only
-        Positions (z, y, x) of the scan to record; None: all.
+        Positions (z, y, x) of the scan to record. None: all.
     kept_aside
         Recorded positions (z, y, x) whose patterns are held out from a fit.
     control, preview, observers

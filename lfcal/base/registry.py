@@ -43,11 +43,11 @@ class Registry(Generic[T]):
     group
         Entry point group of other distributions; each point loads a part or a tuple of parts.
     order
-        Sort key of the parts; None: by name.
+        Sort key of the parts. None: by name.
     check
         Function called with every part of another distribution; it raises an error if the part cannot be used.
     make
-        Function that turns the loaded object of an entry point into the part; None: the object is the part.
+        Function that turns the loaded object of an entry point into the part. None: the object is the part.
     """
 
     def __init__(

@@ -248,7 +248,7 @@ def for_each_chunk(
     n
         Number of independent items.
     workers
-        Number of threads; None: all available processors.
+        Number of threads. None: all available processors.
     parts_per_worker
         Average number of chunks per worker; more chunks balance better but need more calls.
     """

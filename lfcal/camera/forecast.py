@@ -102,8 +102,8 @@ class Forecast:
     ) -> Forecast:
         """Return the forecast of ``plan`` for a stage that moves all axes simultaneously at ``stage_um_per_s`` (µm/s).
 
-        ``frames_per_s`` is the largest frame rate of the camera for the region that it reads out; None: unknown.
-        ``positions`` contains the positions (z, y, x) to record in this order, ``(n, 3)``; None: all positions of the
+        ``frames_per_s`` is the largest frame rate of the camera for the region that it reads out. None: unknown.
+        ``positions`` contains the positions (z, y, x) to record in this order, ``(n, 3)``. None: all positions of the
         plan. The size of H does not depend on ``positions``.
         """
         check_number("stage speed (µm/s)", stage_um_per_s, at_least=MIN_RATE)

@@ -114,7 +114,7 @@ class LensletLattice:
         Shear of the lattice (rad): relative to the previous row, each row is shifted along its direction by an
         additional ``tan(shear)`` times the row distance.
     distortion
-        Distortion of the micro-image lattice on the sensor, in µm from the sensor's centre; None: no distortion.
+        Distortion of the micro-image lattice on the sensor, in µm from the sensor's centre. None: no distortion.
         `centres_um`, `lenslet_at` and `lenslets_within` include it; pitch, period and `basis_um` are those of the
         undistorted lattice. `local` returns the lattice at a point.
 

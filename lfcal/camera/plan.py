@@ -372,7 +372,7 @@ class ScanPlan:
         return np.stack([offset[..., 1] * steps, offset[..., 0] * steps, depth], axis=-1)
 
     def stage_um(self, positions: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Return stage coordinates (x, y, z), ``(..., 3)``, in µm, of positions (z, y, x); None: all, in scan order."""
+        """Return stage coordinates (x, y, z), ``(..., 3)``, in µm, of positions (z, y, x). None: all, in scan order."""
         return self.stage.to_stage(self.object_um(self.order_indices() if positions is None else positions))
 
     # -- order -----------------------------------------------------------------------------------------
@@ -495,7 +495,7 @@ def moved_onto_sensor(
     plan
         Plan to move.
     cutout, anchor
-        Size ``(nt, ns)`` of the cutout (px), and sensor position ``(row, column)`` of the anchor; None: those of
+        Size ``(nt, ns)`` of the cutout (px), and sensor position ``(row, column)`` of the anchor. None: those of
         ``plan``.
 
     Raises

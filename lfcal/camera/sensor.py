@@ -42,11 +42,11 @@ class Sensor:
         Letters of the colour filters of one unit of the pattern in row-major order, such as ``"GRBG"`` for 2 x 2
         pixels; empty for a monochrome sensor.
     saturation
-        Lowest sample value that counts as saturated (counts); None: the highest sample value.
+        Lowest sample value that counts as saturated (counts). None: the highest sample value.
     dsnu_e
-        Dark-signal non-uniformity (DSNU): rms of the pixel offsets in the dark (electrons); None: unknown.
+        Dark-signal non-uniformity (DSNU): rms of the pixel offsets in the dark (electrons). None: unknown.
     linearity
-        Largest relative deviation of the signal from a linear response to exposure; None: unknown.
+        Largest relative deviation of the signal from a linear response to exposure. None: unknown.
 
     Examples
     --------

@@ -97,7 +97,7 @@ class Goal:
     error
         Target relative error (L2) of H, such as 0.01 for 1 %; it cannot be below the error of the simulated patterns.
     most
-        Largest number of positions; None: all positions of the plan.
+        Largest number of positions. None: all positions of the plan.
     first
         Number of positions before the first fit.
     unknowns
@@ -243,7 +243,7 @@ def iter_adaptive(
     seen
         Function that is called with each `AdaptiveStep` after its fit.
     workers
-        Number of threads for fits and for the choice of positions; None: all processors.
+        Number of threads for fits and for the choice of positions. None: all processors.
 
     Raises
     ------

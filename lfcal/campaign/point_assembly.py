@@ -38,7 +38,7 @@ def shown_positions(
     points
         Points found in the frames.
     tolerance_px
-        Largest deviation of phase and chief ray along rows and along columns; None: that of the plan.
+        Largest deviation of phase and chief ray along rows and along columns. None: that of the plan.
     resampled
         Whether patterns are shifted by the fraction of a pixel between chief ray and pixel centre. In this case, only
         the phase must match, and the deviation is that fraction. The pixels must be fine enough to sample all details
@@ -75,7 +75,7 @@ class PointFrames(SourceView):
     tolerance_px
         As in `shown_positions`.
     resampled
-        As in `shown_positions`; None: True if the camera's pixels are fine enough.
+        As in `shown_positions`. None: True if the camera's pixels are fine enough.
 
     Raises
     ------

@@ -371,7 +371,7 @@ def iter_fit_points(
     parts
         Number of parts of the sensor (rows, columns).
     most
-        Largest number of points, spread evenly over the parts; None: all.
+        Largest number of points, spread evenly over the parts. None: all.
 
     Yields
     ------
@@ -527,7 +527,7 @@ def iter_write_points(
     with_h
         Whether to compute and write H.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
 
     Raises
     ------

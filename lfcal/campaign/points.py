@@ -134,7 +134,7 @@ def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] 
     plan
         The target with its planned positions.
     frames
-        Indices of the frames to read; None: all.
+        Indices of the frames to read. None: all.
 
     Yields
     ------
@@ -238,7 +238,7 @@ def measured_points(
     parts
         Number of parts of the sensor (rows, columns); each is computed with the optics of its middle.
     most
-        Largest number of points, spread evenly over the parts; None: all.
+        Largest number of points, spread evenly over the parts. None: all.
 
     Raises
     ------

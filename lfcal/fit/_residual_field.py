@@ -369,7 +369,7 @@ class ResidualKind:
     Attributes
     ----------
     spots, stray
-        Correlation of the residuals of spots and stray light; None: only noise.
+        Correlation of the residuals of spots and stray light. None: only noise.
     near
         Fraction of the variance of the spots that is hardly correlated between neighbouring positions.
     supported

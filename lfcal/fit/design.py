@@ -254,15 +254,15 @@ def iter_next_positions(
     count
         Number of positions; a fifth of them is evenly spread and held out.
     setup
-        The assumed camera; None: the camera of ``earlier``, or of the plan.
+        The assumed camera. None: the camera of ``earlier``, or of the plan.
     groups
-        Groups of unknowns; None: those of ``earlier``, or else gap, rotation and offset, focal lengths and iris.
+        Groups of unknowns. None: those of ``earlier``, or else gap, rotation and offset, focal lengths and iris.
     earlier
         An earlier fit whose covariance is used as a prior; its positions are not chosen again.
     recorded
         Further positions ``(n, 3)`` that have already been recorded.
     expected
-        Expected light and stability; None: the brightest pixel at 80 % of the full well, and sources exactly at their
+        Expected light and stability. None: the brightest pixel at 80 % of the full well, and sources exactly at their
         positions.
     candidates
         Number of evenly spread candidate positions; 0: all.
@@ -270,7 +270,7 @@ def iter_next_positions(
         Speed of the stage (µm/s) and frame rate of the camera (1/s), which determine the recording time. Without a
         frame rate, readout is not counted.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
 
     Yields
     ------

@@ -117,7 +117,7 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
     patterns
         Patterns of each region, by name.
     camera
-        The described camera; None: that of the first region.
+        The described camera. None: that of the first region.
 
     Raises
     ------
@@ -289,7 +289,7 @@ def iter_fit_field(
     patterns
         Patterns of each region, by name; the anchor of their plan states the position of the region on the sensor.
     camera
-        Camera from which the fit starts; None: that of the first region.
+        Camera from which the fit starts. None: that of the first region.
     unknowns, effects, stage, workers
         As in `fit_camera`; the pitch of the array and the positions of the sources are always fitted.
 

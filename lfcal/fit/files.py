@@ -245,13 +245,13 @@ def iter_write_fit(
     known
         Facts about the source of the patterns, as plain JSON types; ``"source"`` is its name.
     patterns, noise
-        Patterns for a hybrid H, and their noise if they do not state it; None: H is the model.
+        Patterns for a hybrid H, and their noise if they do not state it. None: H is the model.
     with_h
         Whether to compute and write H of the fitted camera.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
     run
-        Executor that computes the planes of a model H as separate units; None: one after the other. A hybrid H has no
+        Executor that computes the planes of a model H as separate units. None: one after the other. A hybrid H has no
         units, because its summary covers all planes.
 
     Raises

@@ -143,18 +143,18 @@ def iter_fit_camera(
     source
         H, whose recorded positions are used, or measured patterns.
     camera
-        Camera from which the fit starts; None: the camera of the source.
+        Camera from which the fit starts. None: the camera of the source.
     unknowns
         Groups of unknowns by name; or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
         all other groups that lower the error of held-out patterns.
     effects
-        Effects simulated at the start; None: those in the camera's description, and the vector field if its effect is
+        Effects simulated at the start. None: those in the camera's description, and the vector field if its effect is
         noticeable (`starting_effects`).
     stage
         Rms position error of the sources along each axis of the sensor (px); 0: none; ``"auto"``: estimated from the
         patterns.
     workers
-        Number of threads that compute derivatives; None: all processors.
+        Number of threads that compute derivatives. None: all processors.
     reading
         Further keyword arguments for `measured_of`, if the source is an H.
 
@@ -263,9 +263,9 @@ def iter_retrieved(
     stage
         As in `fit_camera`.
     start
-        Vector to start from; None: start from the description.
+        Vector to start from. None: start from the description.
     local
-        Unknowns of single patterns at the start; None: there are none until the patterns show that they are needed.
+        Unknowns of single patterns at the start. None: there are none until the patterns show that they are needed.
 
     Raises
     ------

@@ -110,7 +110,7 @@ def iter_information(
     expected
         Expected light, and stability of stage and lamp.
     workers
-        Number of threads over derivatives; None: all processors.
+        Number of threads over derivatives. None: all processors.
 
     Notes
     -----

@@ -34,16 +34,16 @@ class NewFrame:
     values
         Samples with the dark level subtracted (counts), ``(rows, columns)``.
     valid
-        Mask ``(rows, columns)``, True at valid samples; None: all are valid.
+        Mask ``(rows, columns)``, True at valid samples. None: all are valid.
     noise
         ``(constant, slope)``: the variance of a sample of value v is ``constant + slope * max(v, 0)`` (counts²). None:
         unknown.
     origin
         Position (row, column) of the first pixel of the frame on the sensor (px).
     place
-        Position (row, column) of the image of the source on the sensor (px); None: unknown, so it is searched for.
+        Position (row, column) of the image of the source on the sensor (px). None: unknown, so it is searched for.
     plane
-        Index of the depth plane of H in which the source is; None: unknown.
+        Index of the depth plane of H in which the source is. None: unknown.
     label
         Name of the frame in messages.
 

@@ -158,7 +158,7 @@ class Measured:
         return {name: getattr(self, name)[keep] for name in names} | {"blurred_um": self.blurred_um}
 
     def more_light(self, hole_um: float | None) -> NDArray[np.float32] | None:
-        """Return the light ``(n, nt, ns)`` to add to predictions for holes of diameter ``hole_um`` (µm); None: none."""
+        """Return the light ``(n, nt, ns)`` to add to predictions for holes of diameter ``hole_um`` (µm). None: none."""
         if self.extra_light is None or self.blur is None or hole_um is None:
             return self.extra_light
         return self.extra_light + np.float32(hole_um**2 - self.blurred_um**2) * self.blur
@@ -181,17 +181,17 @@ def measured_of(
     matrix
         H. Positions that were never recorded, and copied patterns of a half-cell scan, are left out.
     camera
-        Camera from which the fit starts; None: that of H.
+        Camera from which the fit starts. None: that of H.
     positions
-        Positions (z, y, x) to use; None: all recorded ones.
+        Positions (z, y, x) to use. None: all recorded ones.
     noise
         ``(constant, slope)``: the variance of a sample of value v is ``constant + slope * max(v, 0)`` (counts²). None:
         as stated in H.
     cutout
-        Rows and columns of the middle part of the cutout to use (odd; px), or one number for both; None: the whole
+        Rows and columns of the middle part of the cutout to use (odd; px), or one number for both. None: the whole
         cutout.
     most
-        Largest number of patterns to use, evenly spread over the positions; None: all.
+        Largest number of patterns to use, evenly spread over the positions. None: all.
     held_out
         Fraction of the patterns to hold out, evenly spread over each plane, or the positions (z, y, x) to hold out.
 

@@ -175,7 +175,7 @@ def held_out_error(
 ) -> ModelError:
     """Return the error of the model from held-out patterns; ``spread`` is the covariance of shared unknowns.
 
-    ``among`` is a mask that selects patterns; None: all. The fitted patterns are used if none of them was held out. All
+    ``among`` is a mask that selects patterns. None: all. The fitted patterns are used if none of them was held out. All
     patterns are used if the model is not ``complete``. The residuals of its fitted patterns exceed the noise, are
     hardly smaller than those of held-out patterns, and are four times as many. Squared residuals contain the variance
     of the noise in addition to the error: E[(d - m)² - v] = error². Effects on single patterns, such as those of the

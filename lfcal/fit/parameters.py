@@ -87,7 +87,7 @@ class Unknown:
     scale
         Change that noticeably affects the patterns; the unit in which the fit measures steps of the parameter.
     sigma
-        Standard deviation of the prior, which is centred at ``start``; None: no prior.
+        Standard deviation of the prior, which is centred at ``start``. None: no prior.
     low, high
         Smallest and largest allowed value.
     squared
@@ -297,7 +297,7 @@ class Vector:
 def lacking(setup: Setup, plan: ScanPlan, frame: ScanScales | None = None) -> dict[str, str]:
     """Return, for each group without unknowns, what the camera or scan would need to have some, in words.
 
-    Keys are the names of the groups. ``frame`` describes the scan of several regions; None: that of ``plan``.
+    Keys are the names of the groups. ``frame`` describes the scan of several regions. None: that of ``plan``.
     """
     frame = frame or ScanScales.of(plan)
     return {group.name: group.needs for group in GROUPS if not group.unknowns(setup, frame)}

@@ -72,7 +72,7 @@ class Problem:
     vector
         All unknowns that the fit may change.
     workers
-        Number of threads over derivatives; None: all processors.
+        Number of threads over derivatives. None: all processors.
     """
 
     def __init__(self, measured: Measured, vector: Vector, workers: int | None = None) -> None:

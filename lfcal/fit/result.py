@@ -207,7 +207,7 @@ class Fit:
     def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
         """Return the H of the fitted camera for all positions and depths, without noise, in counts.
 
-        ``workers`` is the number of threads; None: all processors.
+        ``workers`` is the number of threads. None: all processors.
 
         Yields
         ------
@@ -279,7 +279,7 @@ class Fit:
             ``(constant, slope)``: the variance of a sample of value v is ``constant + slope * max(v, 0)`` (counts²).
             None: as stated by the source.
         workers
-            Number of threads; None: all processors.
+            Number of threads. None: all processors.
 
         Yields
         ------

@@ -71,7 +71,7 @@ class Setup:
     regions
         Additional displacements, one for each region of the field; empty for a single region.
     hole_um
-        Diameter of the holes of a target (µm), if `lfcal.fit.measured.Measured.blur` describes their light; None: the
+        Diameter of the holes of a target (µm), if `lfcal.fit.measured.Measured.blur` describes their light. None: the
         effects describe the sources.
     travel_rad
         Tilt (down the rows, along the columns) of the direction in which the stage moves the source in depth, relative

@@ -244,7 +244,7 @@ class Filler:
     plan
         The scan that is assembled.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
     """
 
     def __init__(self, fit: StoredFit, plan: ScanPlan, workers: int | None = None) -> None:

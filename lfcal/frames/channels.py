@@ -148,7 +148,7 @@ class BalancedSource(SourceView):
     """View of a source of mosaics, with balanced colours as float32; use it on dark-corrected frames.
 
     Each position of the colour filter pattern is multiplied by its gain. ``gains`` lists the gains by rows of the
-    pattern; None: those of the camera's white balance.
+    pattern. None: those of the camera's white balance.
     """
 
     def __init__(self, source: FrameSource, gains: Sequence[float] | None = None) -> None:

@@ -74,7 +74,7 @@ def iter_undamaged(source: FrameSource, *, workers: int | None = None) -> Work[S
     source
         Raw frames.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
 
     Raises
     ------

@@ -50,7 +50,7 @@ class FrameEntry:
     page
         Index of the page of a multi-page file, or of the frame in a stack, from 0.
     exposure_s
-        Exposure time (s); None: unknown.
+        Exposure time (s). None: unknown.
     dy, dx
         Displacement of the paraxial image from its planned position (px on the sensor): rows, columns.
 
@@ -104,7 +104,7 @@ class Manifest:
     entries
         The frames.
     plan_shape
-        Number of positions of the scan, ``(nz, ny, nx)``; None: unknown.
+        Number of positions of the scan, ``(nz, ny, nx)``. None: unknown.
     shape, dtype
         Rows and columns (px), and sample type, that every frame must have. None and an empty text: those of the first
         frame.
@@ -192,7 +192,7 @@ class Manifest:
     ) -> Manifest:
         """Return the manifest of the relative paths ``names`` that match ``pattern``; other paths are ignored.
 
-        ``plan_shape`` is the number of positions of the scan, ``(nz, ny, nx)``; None: unknown.
+        ``plan_shape`` is the number of positions of the scan, ``(nz, ny, nx)``. None: unknown.
 
         Raises
         ------

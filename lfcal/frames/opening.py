@@ -84,7 +84,7 @@ def open_frames(
         Assignment of a list's columns, such as ``"file=Name,y_um=PosY,x_um=PosX"``. The roles of other columns are
         guessed from their names.
     first
-        Number of the first position along each axis in names or lists, 0 or 1; None: detected.
+        Number of the first position along each axis in names or lists, 0 or 1. None: detected.
     plan
         Scan plan with which the stage coordinates of a list are compared; it also defines ``plan_shape``.
     orientation

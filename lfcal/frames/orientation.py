@@ -184,7 +184,7 @@ class OrientedSource(SourceView):
     turn
         The orientation that makes them upright.
     sensor
-        Shape ``(rows, columns)`` of the sensor as delivered (px); None: the frames show the whole sensor.
+        Shape ``(rows, columns)`` of the sensor as delivered (px). None: the frames show the whole sensor.
     """
 
     def __init__(self, source: FrameSource, turn: Orientation, sensor: tuple[int, int] | None = None) -> None:

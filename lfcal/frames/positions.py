@@ -100,7 +100,7 @@ def first_number(numbers: NDArray[np.intp], counts: Sequence[int] | NDArray[np.i
     numbers
         Position numbers ``(N, axes)`` found in names or lists.
     counts
-        Number of positions along each axis; None: the number of different values.
+        Number of positions along each axis. None: the number of different values.
     """
     if not numbers.size or numbers.min() < 1:
         return 0

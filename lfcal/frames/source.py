@@ -54,7 +54,7 @@ class FrameInfo:
     label
         Short name for messages, such as the file name.
     mask
-        Mask ``(rows, columns)``, True at pixels with a measurement; None: no invalid pixels are known.
+        Mask ``(rows, columns)``, True at pixels with a measurement. None: no invalid pixels are known.
 
     Examples
     --------
@@ -102,7 +102,7 @@ class Noise(NamedTuple):
 
     A sensor with g electrons per count and r electrons of read noise has ``constant = (r / g)^2 + 1/12`` (quantization)
     and ``slope = 1 / g`` (photon noise). Both are numbers, or arrays ``(rows, columns)`` with a value for every sample.
-    ``black`` is the sample value without light (counts); None: unknown, and treated as 0.
+    ``black`` is the sample value without light (counts). None: unknown, and treated as 0.
 
     Examples
     --------
@@ -230,7 +230,7 @@ class FrameMetadata:
     corrections
         The applied corrections (`CorrectionChain.describe`). Stored with H.
     keeps_level
-        Whether the corrected frames still contain the black level; None: no corrections were applied.
+        Whether the corrected frames still contain the black level. None: no corrections were applied.
     dark_noise
         Noise added by the subtracted dark frame, if it is the same for all frames.
     half_cell
@@ -238,7 +238,7 @@ class FrameMetadata:
         keys are ``frames`` (number copied), ``filled`` (number of positions), ``shift`` (in positions), ``residual_px``
         and ``positions`` (ranges).
     orientation
-        Name of the orientation that was applied to make the frames upright (`lfcal.frames.ORIENTATIONS`); None: as
+        Name of the orientation that was applied to make the frames upright (`lfcal.frames.ORIENTATIONS`). None: as
         delivered.
     session
         Identifier of the recorded session. Stored with H.
@@ -349,11 +349,11 @@ class Samples(NamedTuple):
     values
         Values of the samples (counts), ``(rows, columns)``.
     valid
-        Mask ``(rows, columns)``, False at samples without a measurement (saturated or masked); None: all are valid.
+        Mask ``(rows, columns)``, False at samples without a measurement (saturated or masked). None: all are valid.
     noise
-        Noise of the samples; None: unknown.
+        Noise of the samples. None: unknown.
     saturated
-        Number of saturated pixels in this part; None: unknown.
+        Number of saturated pixels in this part. None: unknown.
 
     Examples
     --------

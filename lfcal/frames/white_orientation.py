@@ -45,7 +45,7 @@ class TurnedWhite:
     away_px, as_is_px
         Rms distance of the micro-images from those of the camera in the best orientation, and as delivered (px).
     sigmas
-        Significance, in standard errors, of the finding that the order of the lens types is reversed; None: no such
+        Significance, in standard errors, of the finding that the order of the lens types is reversed. None: no such
         finding.
     """
 

@@ -88,7 +88,7 @@ def iter_costs(evidence: Evidence, faults: Sequence[FoundFault], many: int | Non
     faults
         The faults found.
     many
-        Number of positions of a smaller patch, whose image is smaller too; None: the largest allowed number. It never
+        Number of positions of a smaller patch, whose image is smaller too. None: the largest allowed number. It never
         depends on time, so that costs are the same on every machine.
     """
     clock = Clock("measuring the cost of faults", len(faults) + 2)

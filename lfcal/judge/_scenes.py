@@ -117,7 +117,7 @@ class SceneTrial:
     scenes
         Functions that make the scenes.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
     """
 
     def __init__(self, light: F4, side: int, scenes: Sequence[Scene] = SCENES, workers: int | None = None) -> None:

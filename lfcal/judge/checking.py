@@ -74,7 +74,7 @@ class Check:
     suspects
         Possible changes of the camera since H was made, the best explanation first.
     model_misfit
-        Fraction of the light of H that its camera does not explain (relative L2); None: H has no camera.
+        Fraction of the light of H that its camera does not explain (relative L2). None: H has no camera.
     noise_from
         Text that states how the noise of the frames was determined.
     notes
@@ -96,7 +96,7 @@ class Check:
 
     @property
     def holds(self) -> bool | None:
-        """Whether H is still valid; None: the frames are not sufficient to decide."""
+        """Whether H is still valid. None: the frames are not sufficient to decide."""
         sure = CLEAR * self.error.squared_sigma
         own = math.hypot(self.stated, self.doubt)
         off = self.error.squared - sure > self.limit**2 + own**2

@@ -80,7 +80,7 @@ class PlaneFigures:
     types
         Differences over the pixels behind the lenslets of each type; empty without a camera to identify the types.
     like
-        Index of another plane of the second H that matches this plane of the first better; None: the same plane matches
+        Index of another plane of the second H that matches this plane of the first better. None: the same plane matches
         best.
     """
 
@@ -228,7 +228,7 @@ def iter_compare(
     a, b, by_number, by_index
         As in `pair`, which selects the parts to compare.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
 
     Raises
     ------

@@ -199,7 +199,7 @@ class DatedInspection:
     values, scales
         Value and scale of each metric by its key.
     faults
-        Fraction of the light that each fault changes, by its title; None: H was not compared with a camera.
+        Fraction of the light that each fault changes, by its title. None: H was not compared with a camera.
     period
         Number of positions ``(ny, nx)`` of H; None if not stated.
     """

@@ -65,7 +65,7 @@ class Unlike:
     camera
         The stated camera; None if its patterns cannot be computed.
     correlation
-        Median correlation of the patterns with those of the camera; None: not measured.
+        Median correlation of the patterns with those of the camera. None: not measured.
 
     Examples
     --------
@@ -288,7 +288,7 @@ class Evidence:
     def followed(self, values: F8 | None = None) -> Evidence:
         """Return new evidence whose predictions are computed at the apparent positions of the patterns.
 
-        ``values`` ``(n, 7)`` are the parameters that define these positions; None: those of this evidence. If the
+        ``values`` ``(n, 7)`` are the parameters that define these positions. None: those of this evidence. If the
         positions are close to those of the current predictions, this evidence is returned unchanged.
         """
         planes = self.index[:, 0]
@@ -420,11 +420,11 @@ def iter_evidence(
     matrix
         H.
     setup
-        Setup with the camera of a fit; None: the camera stated in H.
+        Setup with the camera of a fit. None: the camera stated in H.
     patterns
         Number of evenly spread patterns to compare; fewer if H has fewer, or if they are very large.
     suspected
-        Suspect positions (z, y, x) that are also compared, ``(n, 3)``; None: none.
+        Suspect positions (z, y, x) that are also compared, ``(n, 3)``. None: none.
     more_suspected
         Number of further suspect positions that are not compared.
 

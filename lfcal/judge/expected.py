@@ -141,7 +141,7 @@ class ExpectedPattern:
     matrix, z, y, x
         H, and the position in it.
     camera
-        The camera of H, if it explains H; None: interpolate between neighbouring positions of H.
+        The camera of H, if it explains H. None: interpolate between neighbouring positions of H.
     """
 
     def __init__(self, matrix: PSFMatrix, z: int, y: int, x: int, camera: Behind | None) -> None:

@@ -150,9 +150,9 @@ class Disagreement:
         Description of the disagreement, as text.
     misfit, correlation
         Fraction of the light that the camera does not explain (relative L2), and median correlation of the patterns
-        with its predictions; None: not measured.
+        with its predictions. None: not measured.
     explanation
-        A change of the description that explains the patterns much better; None: none was found.
+        A change of the description that explains the patterns much better. None: none was found.
     fitted
         Whether the camera comes from a fit.
 
@@ -249,7 +249,7 @@ def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = Non
     matrix, known
         H, and its camera.
     misfit
-        Fraction of the light of other patterns that the description leaves unexplained; None: unknown.
+        Fraction of the light of other patterns that the description leaves unexplained. None: unknown.
     """
     few = yield from _iter_few(matrix, known, misfit)
     for look in (_orientation, _rows, _part):
@@ -366,9 +366,9 @@ def iter_explained(
     matrix, known
         H, and its camera.
     iris
-        The iris visible in the sums of the depth planes; None: not visible.
+        The iris visible in the sums of the depth planes. None: not visible.
     evidence
-        Patterns that were compared with the camera; None: a partly blocked pupil is not considered.
+        Patterns that were compared with the camera. None: a partly blocked pupil is not considered.
     """
     few = yield from _iter_few(matrix, known, None if evidence is None else evidence.misfit)
     found: list[Explanation] = []

@@ -47,7 +47,7 @@ class FaultPicture:
     axes
         Labels of the axes: rows and columns of a map, or the abscissa of a curve.
     across
-        Abscissa of a curve ``(n,)``; None: indices from 0.
+        Abscissa of a curve ``(n,)``. None: indices from 0.
     origin
         Coordinates (row, column) of the first row and column of a map.
 
@@ -89,18 +89,18 @@ class FoundFault:
     pixels
         Affected pixels (row, column) of the sensor, relative to the first cutout of H, ``(n, 2)``.
     picture
-        Plot that shows the fault; None: there is none.
+        Plot that shows the fault. None: there is none.
     repair
-        Function that removes the fault from patterns (`Repair`); None: only a new recording helps.
+        Function that removes the fault from patterns (`Repair`). None: only a new recording helps.
     blinds
         Whether the values of ``pixels`` are invalid.
     masked
-        Function that takes patterns ``(n, nt, ns)`` and returns a mask of their invalid values; None: no values are
+        Function that takes patterns ``(n, nt, ns)`` and returns a mask of their invalid values. None: no values are
         invalid.
     redo
         Whether the positions should be recorded again.
     put_in
-        Function that adds the fault to patterns without it, to measure its cost (`PutIn`); None: the cost is not
+        Function that adds the fault to patterns without it, to measure its cost (`PutIn`). None: the cost is not
         measured.
     extent
         Fraction of all positions that have the fault; None if it does not concern single frames.

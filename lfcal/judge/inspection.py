@@ -79,11 +79,11 @@ class Inspection:
     seconds
         Duration of the comparison (s).
     clean
-        Error of a reconstruction due to the noise of H alone (NRMSE); None: not measured.
+        Error of a reconstruction due to the noise of H alone (NRMSE). None: not measured.
     as_it_is
-        Error of a reconstruction due to the noise and faults of H (NRMSE); None: not measured.
+        Error of a reconstruction due to the noise and faults of H (NRMSE). None: not measured.
     disagreement
-        Disagreement of the stated camera with H; None: there is none. An H with a disagreement is never good.
+        Disagreement of the stated camera with H. None: there is none. An H with a disagreement is never good.
     unfinished
         Reason why the comparison with the stated camera is unfinished; empty: it is finished. An H with an unfinished
         comparison is never good.
@@ -275,7 +275,7 @@ def iter_inspection(
     quality
         Metrics of H.
     setup
-        Setup with the camera of a fit; None: the camera stated in H.
+        Setup with the camera of a fit. None: the camera stated in H.
     seconds
         Time limit of the comparison (s). If it is reached, the comparison ends, and the verdict states that H was not
         fully examined.

@@ -35,7 +35,7 @@ def new_frames(
     source
         Name for messages.
     plan
-        Plan of the scan of the frames; None: each frame is a single file, whose name may state the position of its
+        Plan of the scan of the frames. None: each frame is a single file, whose name may state the position of its
         source.
     most
         Largest number of frames, spread evenly; 0: all.

@@ -590,7 +590,7 @@ def picture_of(result: StoredResult) -> NDArray[Any] | None:
 
 
 def _sum_of(path: Path) -> NDArray[Any] | None:
-    """Return the sum of the middle plane of an H file; None: the file has none."""
+    """Return the sum of the middle plane of an H file. None: the file has none."""
     with H5File(path, only=("depth_sum",)) as file:
         sums = file.dataset("depth_sum") if "depth_sum" in file.names() else None
         return None if sums is None or sums.ndim != 3 else sums.read(sums.shape[0] // 2)

@@ -91,7 +91,7 @@ def iris_centre(
     centres, light
         Lattice points (x, y) of working lenslets ``(n, 2)``, and the normalization of each ``(n,)``.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
     """
     chosen = thinned(len(centres))
     about = _waves(image, model, centres[chosen], light[chosen], workers)

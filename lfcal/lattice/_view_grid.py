@@ -209,7 +209,7 @@ def view_grid(
     missing
         Lenslets (q, r) without light, which do not reduce the box; samples that need them are masked.
     raster
-        Lattice that defines the positions of the samples if ``axes`` is ``"frame"``; None: ``lattice``. With a common
+        Lattice that defines the positions of the samples if ``axes`` is ``"frame"``. None: ``lattice``. With a common
         raster, views of different lens types have the same sample positions.
 
     Returns

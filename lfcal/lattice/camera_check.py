@@ -94,10 +94,10 @@ def check_camera(
     white, dark
         White frame ``(rows, columns)``, and the dark frame or dark level to subtract.
     origin
-        Sensor row and column of the first pixel, if the frames show only a part of the sensor; None: the frames show
+        Sensor row and column of the first pixel, if the frames show only a part of the sensor. None: the frames show
         the whole sensor. Positions in the comparison are relative to the frames.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Raises
     ------

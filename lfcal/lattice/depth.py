@@ -206,9 +206,9 @@ def iter_depth_map(
         As in `extract_views`. Without a white frame, the fall-off of light within the micro-images is estimated from
         the frame.
     mask
-        Boolean mask ``(rows, columns)``, true at pixels to leave out; None: all pixels are used.
+        Boolean mask ``(rows, columns)``, true at pixels to leave out. None: all pixels are used.
     camera
-        Camera, from which the range of slopes, the blur of the lens types and the method are derived; None: unknown.
+        Camera, from which the range of slopes, the blur of the lens types and the method are derived. None: unknown.
     type_of
         Function that returns the lens types of lenslets (q, r): `LensTypes.type_of`, or `LensletLattice.type_of` if
         ``lattice`` is that of the camera. Comparisons of lenslets with different blur then have less weight. None: a
@@ -219,12 +219,12 @@ def iter_depth_map(
         by the focus of the camera's lenslets; without a camera, choose the method that explains more of the light in
         the middle of the frame.
     slopes
-        Smallest and largest slope to consider; None: those of the camera's lenslets, or the limits of the method
+        Smallest and largest slope to consider. None: those of the camera's lenslets, or the limits of the method
         without a camera.
     radius_px
-        Radius of the micro-images (px); None: 0.45 of the pitch.
+        Radius of the micro-images (px). None: 0.45 of the pitch.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Yields
     ------

@@ -73,11 +73,11 @@ def fit_lattice(
     dark
         Dark frame, or dark level (counts), to subtract.
     kind
-        Kind of lattice: ``"square"`` (including rectangular cells) or ``"hexagonal"``; None: detected.
+        Kind of lattice: ``"square"`` (including rectangular cells) or ``"hexagonal"``. None: detected.
     pitch_px
-        Nominal pitch along a row (px), accurate to 10 %; None: detected.
+        Nominal pitch along a row (px), accurate to 10 %. None: detected.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Raises
     ------

@@ -99,7 +99,7 @@ class LatticeFit:
     dead
         True for lenslets that are too dark or cannot be located, ``(n,)``.
     distortion
-        Displacement from the undistorted lattice as a function of the point (column, row) (px); None: no distortion.
+        Displacement from the undistorted lattice as a function of the point (column, row) (px). None: no distortion.
         Pitch, row pitch, rotation and shear are those of the undistorted lattice.
     errors
         Standard errors of the lattice parameters; None if unknown.
@@ -191,10 +191,10 @@ class LatticeFit:
         camera
             Camera with which the frame was recorded; its lens types and gap remain unchanged.
         origin
-            Lenslet (q, r) that defines the offset, which has type 0 if there are three types; None: the lenslet nearest
+            Lenslet (q, r) that defines the offset, which has type 0 if there are three types. None: the lenslet nearest
             to the current offset.
         type_step
-            Type (1 or 2) of the lenslet that follows a type-0 lenslet along a row; None: unchanged.
+            Type (1 or 2) of the lenslet that follows a type-0 lenslet along a row. None: unchanged.
 
         Raises
         ------

@@ -139,7 +139,7 @@ def classify_lens_types(
     dark
         Dark frame, or dark level (counts), to subtract.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Raises
     ------

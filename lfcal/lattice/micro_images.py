@@ -245,9 +245,9 @@ def lattice_of(
     camera
         Description of the camera; no white image is required.
     shape
-        Shape ``(rows, columns)`` of the frames; None: that of the sensor.
+        Shape ``(rows, columns)`` of the frames. None: that of the sensor.
     origin
-        Sensor position (row, column) of the first pixel of the frames, if they show only a part of the sensor; None:
+        Sensor position (row, column) of the first pixel of the frames, if they show only a part of the sensor. None:
         the frames show the complete sensor.
 
     Raises

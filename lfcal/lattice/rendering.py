@@ -111,7 +111,7 @@ def render(
     samples
         Number of image samples along each side of a view sample.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Raises
     ------

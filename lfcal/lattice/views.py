@@ -129,12 +129,12 @@ def extract_views(
     dark
         Dark frame, or dark level (counts), to subtract from both frames.
     radius_px
-        Radius of the micro-images (px); None: 0.45 of the pitch.
+        Radius of the micro-images (px). None: 0.45 of the pitch.
     axes, full, missing, raster
         As in `view_grid`: direction of the rows of a view, whether to return the complete field with a mask instead of
         the largest box, lenslets without light, and the lattice that defines the positions of the samples.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Raises
     ------

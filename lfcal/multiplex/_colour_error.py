@@ -137,14 +137,14 @@ def colour_error(
     pattern, filters, efficiency
         As in `lfcal.multiplex.spectral_array`.
     illuminant
-        Relative spectral power of the illuminant, one curve; None: D65.
+        Relative spectral power of the illuminant, one curve. None: D65.
     reflectances
-        Reflectances for the test; None: 100 random smooth ones.
+        Reflectances for the test. None: 100 random smooth ones.
     noise
         Noise model of the camera, from which the resulting colour error is computed for unmodulated light at full
         scale. None: no noise.
     rng
-        Random number generator for reflectances and noise; None: one with a fixed seed.
+        Random number generator for reflectances and noise. None: one with a fixed seed.
 
     Examples
     --------

@@ -225,7 +225,7 @@ def reconstruct_by_estimation(
     out
         Output array; its float type is also used for the calculation.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Raises
     ------

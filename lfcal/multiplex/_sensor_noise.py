@@ -168,12 +168,12 @@ def pixel_weights(
     sensor, gain, exposure_s, flat_corrected
         As in `sensor_noise`.
     dead
-        Mask of the same shape, nonzero at dead pixels; None: no dead pixels.
+        Mask of the same shape, nonzero at dead pixels. None: no dead pixels.
     expected
         Counts from which to compute the shot noise, such as a prediction or a smoothed frame, of the same shape. None:
         the frame itself; because of its noise, dark pixels then get slightly too much weight.
     black_level
-        Black level stated in the file of the frame (counts), as in `without_black_level`; None: that of ``sensor``.
+        Black level stated in the file of the frame (counts), as in `without_black_level`. None: that of ``sensor``.
 
     Raises
     ------

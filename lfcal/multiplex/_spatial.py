@@ -45,7 +45,7 @@ def reconstruct_spatial(
     out
         Output array; its float type is also used for the calculation.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
     """
     if filter == "sinc":
         return _by_sinc(frame, modulator, inverse, samples, out)

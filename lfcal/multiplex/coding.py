@@ -410,7 +410,7 @@ def coding_pays(
     code
         ``"S"``, ``"random"``, or a matrix ``(frames, points)`` as in `coding_gain`.
     signal_e
-        Signal of the brightest entry of a single point in one frame (electrons); None: the full well.
+        Signal of the brightest entry of a single point in one frame (electrons). None: the full well.
     limit
         ``"time"``: equal exposure times; those of coded frames are shortened only if the frames would saturate. ``"full
         well"``: in both cases, the brightest pixel reaches the full well.

@@ -68,7 +68,7 @@ def demultiplex(
     out
         Array to fill, float32 or float64. None: a new array, float64 for float64 frames and float32 for others.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Returns
     -------

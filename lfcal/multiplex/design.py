@@ -124,7 +124,7 @@ def best_array(
     least_light
         Smallest mean transmission of the layout, 0 to 1.
     reference
-        Modulator to compare with; None: the Bayer pattern with the same crosstalk.
+        Modulator to compare with. None: the Bayer pattern with the same crosstalk.
 
     Raises
     ------
@@ -259,7 +259,7 @@ def best_printed_mask(
     starts
         Number of random starting points.
     rng
-        Random number generator for the starting points; None: one with a fixed seed.
+        Random number generator for the starting points. None: one with a fixed seed.
 
     Examples
     --------

@@ -123,7 +123,7 @@ def iter_demultiplex_generally(
         Distance between the nodes of the grid on which samples are computed (px), one number or (rows, columns). With a
         spacing of about sqrt(N), there are as many pixels as unknowns.
     weights
-        Inverse variances of the pixels, ``(rows, columns)``, 0 for saturated and dead pixels; None: all pixels have the
+        Inverse variances of the pixels, ``(rows, columns)``, 0 for saturated and dead pixels. None: all pixels have the
         same weight.
     smoothness
         Weight of the squared differences between adjacent nodes, relative to the mean weight of the measurements. This

@@ -236,7 +236,7 @@ def lattice_channels(
     out
         Array to fill, ``(down, across, rows, columns)``, float32 or float64, which is also returned. None: a new array.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Raises
     ------

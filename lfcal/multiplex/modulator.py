@@ -58,7 +58,7 @@ class Modulator:
         Whether all pixels of a cell sample the light at the position of their lenslet instead of at their own
         positions.
     light
-        Samples of unmodulated light, ``(N,)``, which a pixel without a modulator records as 1; None: 1/N each.
+        Samples of unmodulated light, ``(N,)``, which a pixel without a modulator records as 1. None: 1/N each.
 
     Examples
     --------
@@ -208,7 +208,7 @@ class Modulator:
         Parameters
         ----------
         rcond
-            Singular values up to this fraction of the largest one count as zero; None: `default_rcond`.
+            Singular values up to this fraction of the largest one count as zero. None: `default_rcond`.
         """
         left, values, right = self._decomposition
         kept = self._kept(rcond)

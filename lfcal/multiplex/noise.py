@@ -62,7 +62,7 @@ def amplification(modulator: Modulator, *, rcond: float | None = None, recoverab
 
     It is sqrt(trace((A^T A)^-1) / N) for the matrix A = Sigma Pi^T of a modulator with N samples. It is infinite if
     some combination of samples is not measured; with ``recoverable``, only measured combinations are included. Singular
-    values of A up to ``rcond`` times the largest count as zero; None: `default_rcond`.
+    values of A up to ``rcond`` times the largest count as zero. None: `default_rcond`.
 
     Examples
     --------
@@ -419,7 +419,7 @@ def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None 
     modulator, reference
         Modulators with the same samples; the reference must recover all of them.
     chi2
-        Ratios of photon to additive noise variance, 0 to inf; None: values from 1e-4 to 1e4.
+        Ratios of photon to additive noise variance, 0 to inf. None: values from 1e-4 to 1e4.
 
     Examples
     --------

@@ -179,7 +179,7 @@ def iter_measure_filters(
     rounds
         Number of timed runs for each pair, after one run for compilation; the shortest time is returned.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Yields
     ------

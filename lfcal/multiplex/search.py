@@ -115,7 +115,7 @@ def filter_set_frontier(
     chi2
         Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
     reference
-        Modulator to compare with; None: the Bayer pattern.
+        Modulator to compare with. None: the Bayer pattern.
     letters
         Letters of the filters to choose from (`FILTERS`).
     filters
@@ -171,7 +171,7 @@ def best_filter_set(
     starts
         Number of random starting points.
     rng
-        Random number generator for the starting points; None: one with a fixed seed.
+        Random number generator for the starting points. None: one with a fixed seed.
 
     Examples
     --------
@@ -260,7 +260,7 @@ def best_mask(
     begin
         Additional patterns to start from, each with shape ``(size, size)`` and transmissions from 0 to 1.
     rng
-        Random number generator for the starting points; None: one with a fixed seed.
+        Random number generator for the starting points. None: one with a fixed seed.
 
     Examples
     --------

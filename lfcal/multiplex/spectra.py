@@ -290,13 +290,13 @@ def spectral_array(
     bands
         Number of equally wide bands between 400 and 700 nm, or the edges of the bands (nm).
     filters
-        Transmissions of the filters, 0 to 1; None: the included model filters R, G, B, C, M, Y and W.
+        Transmissions of the filters, 0 to 1. None: the included model filters R, G, B, C, M, Y and W.
     illuminant
         Relative spectral power of the illuminant (one curve). Samples are then reflectances, each multiplied by the
         relative number of photons of the illuminant in its band (`Modulator.light`, normalized to a mean of 1 over the
         bands). None: samples are the numbers of photons in each band.
     efficiency
-        Quantum efficiency of the sensor, in electrons per photon (one curve); None: 1.
+        Quantum efficiency of the sensor, in electrons per photon (one curve). None: 1.
     basis
         Basis spectra as columns, ``(bands, N)``, such as `cosine_basis`. The samples are then the coefficients of these
         spectra instead of the bands. None: the bands themselves.

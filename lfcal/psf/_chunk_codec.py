@@ -86,7 +86,7 @@ def parallel_write(
     checksums
         ``(ny, nx)``, filled with the CRC-32 of every stored pattern, little-endian.
     workers
-        Number of compressing threads; None: one for each available CPU core.
+        Number of compressing threads. None: one for each available CPU core.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def parallel_read(data: H5Data, z: int, *, out: NDArray[Any] | None = None, work
     out
         Array to fill, ``(ny, nx, nt, ns)``.
     workers
-        Number of threads that decompress; None: one for each available CPU core.
+        Number of threads that decompress. None: one for each available CPU core.
 
     Raises
     ------

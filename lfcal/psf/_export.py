@@ -75,7 +75,7 @@ def iter_write_npy(
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """Options of an export; None: the default of the format.
+    """Options of an export. None: the default of the format.
 
     Attributes
     ----------

@@ -134,9 +134,9 @@ def iter_write_mat(
     path
         The file, which is written atomically.
     options
-        Options; None: the defaults.
+        Options. None: the defaults.
     store
-        Function that writes planes which other processes have made; None: planes are made here.
+        Function that writes planes which other processes have made. None: planes are made here.
 
     Raises
     ------

@@ -44,10 +44,10 @@ def transpose(
         and leave a border of zeros in HT. ``"paper-padded"``: these equations applied to zero-padded H, which yields
         the exact transpose.
     out
-        Array to fill, with the shape and dtype of H, which must not share memory with H and is returned; None: a new
+        Array to fill, with the shape and dtype of H, which must not share memory with H and is returned. None: a new
         array.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = Non
     y, x
         Position within the period; negative numbers count from the end.
     out
-        Array ``(nt, ns)`` of H's dtype to fill; None: a new array.
+        Array ``(nt, ns)`` of H's dtype to fill. None: a new array.
 
     Raises
     ------
@@ -252,7 +252,7 @@ def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
     plane
         Depth plane of H, ``(ny, nx, nt, ns)``, any numeric dtype and memory layout.
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
     """
     _, ny, nx, nt, ns = check_psf_shape((1, *plane.shape))
     _check_dtype(plane.dtype)

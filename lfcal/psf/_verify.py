@@ -115,7 +115,7 @@ def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> 
     path
         H file (``.h5``).
     workers
-        Number of threads; None: one for each available CPU core.
+        Number of threads. None: one for each available CPU core.
 
     Raises
     ------

@@ -87,12 +87,12 @@ class Assembly:
     cutout
         The cutout, which moves with the source.
     drift
-        ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px); None: the drift
+        ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px). None: the drift
         stated by the source, which may come from its manifest.
     strict
         Whether to treat missing and repeated positions as errors.
     noise
-        Noise of the samples, used only if ``measured`` is true; None: unknown.
+        Noise of the samples, used only if ``measured`` is true. None: unknown.
     measured
         Whether ``noise`` has already been measured; otherwise it is measured here.
 
@@ -122,7 +122,7 @@ class Assembly:
         self._gatherer = Gatherer(source, infos, cutout, _drift_of(drift, len(source)))
         self._energy = np.full(shape, np.nan)
         self.filled: tuple[int, NDArray[np.float64]] | None = None
-        """The plane being assembled, and the light of all patterns so far, as in `AssemblyProgress`; None: none yet."""
+        """The plane being assembled, and the light of all patterns so far, as in `AssemblyProgress`. None: none yet."""
         self.padded, self.residual_px = _check_windows(self._gatherer, self._order)
         self.noise = noise if measured else measure_noise(self._gatherer, self._order, self._counts)
         """Noise of the samples, None if it could not be measured."""
@@ -185,7 +185,7 @@ class Assembly:
         values
             Array of zeros ``(ny, nx, nt, ns)`` that is filled with the values of the plane.
         workers
-            Number of threads; None: one for each available CPU core.
+            Number of threads. None: one for each available CPU core.
 
         Raises
         ------
@@ -234,9 +234,9 @@ class AssembledPlanes(PlaneSource):
     header
         Description of H without its values.
     fill
-        Function that fills missing positions, which stay marked as never recorded; None: their patterns are 0.
+        Function that fills missing positions, which stay marked as never recorded. None: their patterns are 0.
     reopening
-        How other processes open the same frames; None: the assembly cannot be divided among processes.
+        How other processes open the same frames. None: the assembly cannot be divided among processes.
     close
         Function that closes the frames if they were opened only for these planes.
     """
@@ -431,14 +431,14 @@ def iter_assemble(
     out
         H file to write; it never exists in an incomplete state. None: H is kept in memory as float32.
     depths, camera, provenance
-        Depths of the planes (µm), camera, and provenance (plain JSON types) to store with H; None: unknown.
+        Depths of the planes (µm), camera, and provenance (plain JSON types) to store with H. None: unknown.
     drift
-        Displacement (rows, columns; px) of the image in each frame from its planned position, ``(len(source), 2)``;
+        Displacement (rows, columns; px) of the image in each frame from its planned position, ``(len(source), 2)``.
         None: the drift stated by the source, for example in its manifest.
     strict
         Whether missing and repeated positions are errors; otherwise, they are marked in H and listed in the report.
     fill
-        Function that fills in the patterns of missing positions, which remain marked as never recorded; None: their
+        Function that fills in the patterns of missing positions, which remain marked as never recorded. None: their
         patterns are 0.
     dtype, compression, workers, store_tolerance
         As in `PSFWriter`.
@@ -511,9 +511,9 @@ def iter_assemble_plan(
     plan
         Scan plan with the positions, depths, anchor and cutout.
     out
-        H file to write; None: H is kept in memory as float32.
+        H file to write. None: H is kept in memory as float32.
     settings
-        Settings of the assembly; None: the defaults.
+        Settings of the assembly. None: the defaults.
     provenance
         Provenance to store with H, as plain JSON types, in addition to plan, corrections and settings.
     fill, run, reopening, workers
@@ -585,7 +585,7 @@ def forecast_assembly(source: FrameSource, plan: ScanPlan, *, count: int = 12, w
     count
         Number of frames that are timed, spread over the scan; the median of their CPU times is used.
     workers
-        Number of threads with which H will be assembled; None: one for each available CPU core.
+        Number of threads with which H will be assembled. None: one for each available CPU core.
 
     Raises
     ------

@@ -29,7 +29,7 @@ class AssemblyReport:
     missing, repeated
         Positions without a frame, and positions with several frames, whose patterns were averaged.
     saturated
-        Number of positions whose pattern contains saturated pixels; None: unknown for every position.
+        Number of positions whose pattern contains saturated pixels. None: unknown for every position.
     unknown_saturation
         Number of positions whose saturation is unknown.
     padded

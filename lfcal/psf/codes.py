@@ -117,7 +117,7 @@ def refused_by(code: Code, matrix: PSFMatrix, position: tuple[int, int] | None =
     code, matrix
         The code, and H.
     position
-        Position (y, x) whose patterns are used for a code that needs one pattern for each plane; None: none is chosen.
+        Position (y, x) whose patterns are used for a code that needs one pattern for each plane. None: none is chosen.
     """
 
     def needs(expected: str, got: str, action: str = OWN_CODE) -> InputError:

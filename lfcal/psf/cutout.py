@@ -208,7 +208,7 @@ def find_cutout(
         Largest fraction of the energy that may be outside the cutout, between 0 and 1; half of it is allowed along each
         axis.
     background
-        Background that is first subtracted from every pixel, in the unit of the image; None: the median of the border
+        Background that is first subtracted from every pixel, in the unit of the image. None: the median of the border
         of each image. The energy is a sum over many pixels and is therefore sensitive to this value.
 
     Raises
@@ -284,7 +284,7 @@ class Gatherer:
     cutout
         The cutout, which moves with the source.
     drift
-        ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px); None: the drift
+        ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px). None: the drift
         stated by the frames.
     noise
         Noise of samples, if the frames do not state it.

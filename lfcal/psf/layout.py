@@ -119,7 +119,7 @@ class Plane:
     facts
         Facts about the positions.
     uncertainty
-        Standard deviation of every entry ``(ny, nx, nt, ns)``, 0 where only the noise is stated; None: none is stated.
+        Standard deviation of every entry ``(ny, nx, nt, ns)``, 0 where only the noise is stated. None: none is stated.
     simulated
         Description of the simulation, as plain JSON types; None if the plane was not simulated.
     """

@@ -92,14 +92,14 @@ class PlaneSource:
         zeros
             Function that returns an array of zeros to compute into, for sources without an array.
         workers
-            Number of threads; None: one for each available CPU core.
+            Number of threads. None: one for each available CPU core.
         alone
             Whether progress refers to this plane only, as for a unit of a run; otherwise it refers to all planes.
         """
         raise NotImplementedError
 
     def reopening(self, z: int, stored: Stored) -> Reopening | None:
-        """Return how another process opens the source of plane ``z``; None: this process computes it at the end."""
+        """Return how another process opens the source of plane ``z``. None: this process computes it at the end."""
         raise NotImplementedError
 
     def named(self, out: Path) -> str:
@@ -160,14 +160,14 @@ def iter_write(
     out
         File to write.
     stored
-        How values are stored; None: as by default in `PSFWriter`.
+        How values are stored. None: as by default in `PSFWriter`.
     run
         Executor and treatment of an earlier run, to make the planes as units of a run. Finished planes are kept if the
         run is stopped.
     keep
         Whether to keep the files of the units of a ``run``, as in `lfcal.work.iter_made`.
     workers
-        Number of threads if there is no ``run``; None: all processors.
+        Number of threads if there is no ``run``. None: all processors.
 
     Raises
     ------

@@ -37,22 +37,22 @@ class PSFMatrix:
     data
         Values ``(nz, ny, nx, nt, ns)``: an array, a memory map, an HDF5 dataset, or planes of a file.
     depths
-        Object depth of each plane (µm, relative to the working plane, positive away from the camera); None: unknown.
+        Object depth of each plane (µm, relative to the working plane, positive away from the camera). None: unknown.
     camera
-        Camera to which H belongs, which requires ``depths``; None: unknown.
+        Camera to which H belongs, which requires ``depths``. None: unknown.
     anchor
         Sensor position ``(row, column)`` of the image of the source position (0, 0) (px).
     scale, offset
         Conversion of stored numbers to values, ``value = stored * scale + offset``; each is one number, or an array
         ``(nz,)``.
     recorded
-        Number of frames recorded at each position, ``(nz, ny, nx)``, 0 if it is missing; None: one at every position.
+        Number of frames recorded at each position, ``(nz, ny, nx)``, 0 if it is missing. None: one at every position.
     saturated
-        Number of saturated pixels in the pattern of each position, ``(nz, ny, nx)``, -1 if unknown; None: not counted.
+        Number of saturated pixels in the pattern of each position, ``(nz, ny, nx)``, -1 if unknown. None: not counted.
     facts
         All facts about the positions, in place of ``recorded`` and ``saturated``.
     uncertainty
-        Standard deviation of every entry, in the shape of ``data``, 0 where only the noise is known; None: not stated.
+        Standard deviation of every entry, in the shape of ``data``, 0 where only the noise is known. None: not stated.
     depth_sums
         Sums of each plane over all source positions, ``(nz, nt, ns)``, if they are already known.
     region
@@ -244,7 +244,7 @@ class PSFMatrix:
 
     @property
     def saturated(self) -> NDArray[np.int32] | None:
-        """Saturated pixels in each pattern, ``(nz, ny, nx)``, -1 if unknown; None: not counted. Only for H, not HT."""
+        """Saturated pixels in each pattern, ``(nz, ny, nx)``, -1 if unknown. None: not counted. Only for H, not HT."""
         return self.facts.saturated
 
     @property
@@ -285,7 +285,7 @@ class PSFMatrix:
 
     @property
     def stated_uncertainty(self) -> Planes | None:
-        """Stated standard deviations of all entries of H, 0 where only the noise is known; None: not stated."""
+        """Stated standard deviations of all entries of H, 0 where only the noise is known. None: not stated."""
         return self._uncertainty
 
     @property

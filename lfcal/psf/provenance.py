@@ -42,7 +42,7 @@ class Codec(NamedTuple):
     name
         Name of the codec, such as ``lzw``; ``recording`` for a session of lfcal.
     lossless
-        Whether samples are read exactly as the camera delivered them; None: unknown.
+        Whether samples are read exactly as the camera delivered them. None: unknown.
     """
 
     name: str

@@ -126,7 +126,7 @@ def iter_save(
     path
         Path of the file to write.
     dtype
-        As in `PSFWriter`; None: the dtype of ``matrix``.
+        As in `PSFWriter`. None: the dtype of ``matrix``.
     compression, workers, store_tolerance
         As in `PSFWriter`.
     provenance

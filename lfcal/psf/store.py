@@ -334,7 +334,7 @@ class PSFWriter:
     transposed
         Whether the planes are those of the transposed matrix HT.
     workers
-        Number of threads for compression; None: one for each available CPU core.
+        Number of threads for compression. None: one for each available CPU core.
     store_tolerance
         Largest relative L1 error of a pattern that lossy storage may cause, between 0 and 1, used instead of ``dtype``:
         patterns are cropped and rounded within it. None: no loss beyond that of ``dtype``. The largest error in each
@@ -418,7 +418,7 @@ class PSFWriter:
         """Write the values of plane ``z``, an array ``(ny, nx, nt, ns)``, with its facts.
 
         ``recorded`` and ``saturated`` are the numbers of frames and of saturated pixels for each position, ``(ny,
-        nx)``; None: one frame, and unknown saturation. ``facts`` replaces both and may contain more. ``uncertainty`` is
+        nx)``. None: one frame, and unknown saturation. ``facts`` replaces both and may contain more. ``uncertainty`` is
         the standard deviation of every entry in the shape of ``plane``, 0 where only the noise is known. ``simulated``
         describes how the plane was simulated, as plain JSON types.
         """

@@ -87,7 +87,7 @@ def windows_of(plan: ScanPlan, count: int | None = None, side: int = SIDE) -> tu
     plan
         Scan with the camera, the planes and the cutout.
     count
-        Number of windows; None: one if it covers a quarter of the sensor, otherwise five.
+        Number of windows. None: one if it covers a quarter of the sensor, otherwise five.
     side
         Side of the part of a window without margins (pixels).
     """

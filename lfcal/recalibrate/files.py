@@ -61,7 +61,7 @@ def iter_write_recalibration(
     with_h
         Whether to compute and write H of the recalibrated camera.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
 
     Raises
     ------

@@ -61,7 +61,7 @@ class WindowModel:
     contents
         Assumptions about the volume and the dark field.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class WindowModel:
         self._voxels = every_voxel(self.plan, halves=contents.halves)
 
     def patterns(self, setup: Setup, sampling: Sampling, voxels: Voxels | None = None) -> VoxelPatterns:
-        """Return the patterns of ``voxels``; None: of all."""
+        """Return the patterns of ``voxels``. None: of all."""
         own = self._voxels if voxels is None else voxels
         return patterns_at(self.contents.setup(setup), self.plan, own, sampling, self.workers)
 

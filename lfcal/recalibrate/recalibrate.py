@@ -195,15 +195,15 @@ def iter_recalibrate(
     plan
         Scan with the described camera, the depth planes, and a cutout that contains the patterns.
     noise
-        Constant and slope of the variance of a sample; None: as the frames state.
+        Constant and slope of the variance of a sample. None: as the frames state.
     unknowns
-        Groups of unknowns to fit; None: those of `DETERMINED` that the camera has.
+        Groups of unknowns to fit. None: those of `DETERMINED` that the camera has.
     effects
-        Effects to simulate; None: those that follow from the description of the camera.
+        Effects to simulate. None: those that follow from the description of the camera.
     windows
-        Number of windows of the sensor to use; None: one, or five of a large sensor.
+        Number of windows of the sensor to use. None: one, or five of a large sensor.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
 
     Yields
     ------

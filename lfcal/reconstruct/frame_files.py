@@ -156,7 +156,7 @@ def _frames_of_session(path: Path) -> list[FrameFile]:
 
 
 def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[float, float] | None:
-    """Return the anchor of H in the frames of a session that cover part of the sensor; None: the anchor stored in H.
+    """Return the anchor of H in the frames of a session that cover part of the sensor. None: the anchor stored in H.
 
     ``resample`` is the setting for resampling: True always, False never, None if the lattice drifts.
 
@@ -252,7 +252,7 @@ def saving(
     shape
         Shape ``(nz, Y, X)`` of a written volume.
     grid
-        Grid of voxels of one size to which volumes are resampled; None: no resampling.
+        Grid of voxels of one size to which volumes are resampled. None: no resampling.
     times_s
         Time of each frame (s); None for unknown times.
     """

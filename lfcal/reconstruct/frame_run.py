@@ -41,7 +41,7 @@ class FrameRun:
     frames, matrices
         The frames, and the H of each region.
     view
-        Resampling of frames to the period of H; None: frames are used unchanged.
+        Resampling of frames to the period of H. None: frames are used unchanged.
     optics, choice, voxels
         Settings, completed by the position of the frames, the margin and the noise.
     warm
@@ -157,7 +157,7 @@ class FrameRun:
         details
             Additional entries of all files.
         run
-            Where and how to run the work units, one per frame; None: run in this thread.
+            Where and how to run the work units, one per frame. None: run in this thread.
         """
         grid = self._grid
         sides = voxel_um(self.matrices[0]) if grid is None else (grid.voxel_um, grid.voxel_um)

@@ -73,7 +73,7 @@ class MetricGrid:
         axis
             Row and column of the optical axis in all planes (voxels of the planes, from the centre of the first).
         voxel
-            Side of the grid's voxels (µm); None: the smallest side in all planes.
+            Side of the grid's voxels (µm). None: the smallest side in all planes.
 
         Raises
         ------
@@ -115,10 +115,10 @@ class MetricGrid:
         shape
             Shape ``(y, x)`` of the image, and of each plane of the volume.
         anchor
-            Pixel (row, column) of the image onto which H's position (0, 0) is imaged; None: the anchor of H. A
+            Pixel (row, column) of the image onto which H's position (0, 0) is imaged. None: the anchor of H. A
             different anchor means that the image shows another part of the sensor.
         voxel
-            Side of the grid's voxels (µm); None: the smallest side in all planes.
+            Side of the grid's voxels (µm). None: the smallest side in all planes.
 
         Raises
         ------

@@ -33,7 +33,7 @@ class SharedOptics:
     psf, regions, mat_order, light_field, projection
         As in `lfcal.tasks.Reconstruct`.
     anchor
-        Pixel of a frame on which position (0, 0) of H is imaged; None: the anchor of H.
+        Pixel of a frame on which position (0, 0) of H is imaged. None: the anchor of H.
     resample
         Whether frames are resampled to the period of H.
     """
@@ -94,11 +94,11 @@ class SharedOptics:
         ]
 
     def view(self, H: PSFMatrix, shape: tuple[int, int]) -> Resampling | None:
-        """Return the map from frames of ``shape`` to H's period; None: frames are used unchanged."""
+        """Return the map from frames of ``shape`` to H's period. None: frames are used unchanged."""
         return resampling_for(H, shape, self.light_field) if self.resample else None
 
     def image_anchor(self, view: Resampling | None, H: PSFMatrix) -> Anchor | None:
-        """Return `anchor` if it is set, else the anchor after resampling by ``view``; None: the anchor of H."""
+        """Return `anchor` if it is set, else the anchor after resampling by ``view``. None: the anchor of H."""
         if self.anchor is not None or view is None:
             return self.anchor
         return view.anchor(lattice_anchor_of(H))

@@ -132,7 +132,7 @@ class Resampling:
             Object with the attributes ``kind``, ``shape``, ``origin_px`` (row, column) and ``distortion`` (None:
             straight rows), and a method ``basis_px()`` that returns the lattice vectors as rows (x, y) in px.
         period
-            Period ``(ny, nx)`` of the result (px); None: the nearest whole numbers.
+            Period ``(ny, nx)`` of the result (px). None: the nearest whole numbers.
         lattice_anchor
             As in `to_period`.
         types
@@ -421,7 +421,7 @@ def drift_note(camera: Any, period: tuple[int, int], shape: tuple[int, int]) -> 
 
 
 def _is_whole(camera: Any, shape: tuple[int, int]) -> bool:
-    """Return whether ``shape`` is that of the sensor of ``camera``, whose lattice may drift; None: false."""
+    """Return whether ``shape`` is that of the sensor of ``camera``, whose lattice may drift. None: false."""
     return camera is not None and camera.has_lattice and tuple(shape) == tuple(camera.sensor.shape)
 
 

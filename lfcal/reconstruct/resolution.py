@@ -129,7 +129,7 @@ def iter_two_point(
     photons
         Total number of photons in the image of a pair.
     seed
-        Seed of the Poisson noise; None: no noise.
+        Seed of the Poisson noise. None: no noise.
     limit
         Largest dip, as in `TwoPoint.dips`, of points that count as resolved (0.735: the Rayleigh criterion).
 

@@ -122,7 +122,7 @@ def iter_series(
     save
         Function that is called with the name and the result of each frame.
     weights
-        Weight of each pixel, ``(Y, X)``, not negative, for all frames; None: 1.
+        Weight of each pixel, ``(Y, X)``, not negative, for all frames. None: 1.
     warm
         Whether to start each frame from the volume of the previous one, which needs fewer iterations if the object
         hardly changes between frames. With multiplicative solvers, voxels that became zero stay zero.

@@ -65,7 +65,7 @@ class VolumeFacts:
     Attributes
     ----------
     depths_um
-        Depth of each plane (µm), ``(nz,)``; None: unknown.
+        Depth of each plane (µm), ``(nz,)``. None: unknown.
     voxel_um
         Voxel size (y, x) in object space (µm).
     details
@@ -306,9 +306,9 @@ def save_volume(
     volume
         Volume ``(nz, Y, X)``.
     depths_um
-        Depth of each plane (µm), ``(nz,)``; None: unknown.
+        Depth of each plane (µm), ``(nz,)``. None: unknown.
     voxel_um
-        Lateral voxel size in object space (µm): one number, or (y, x); None: unknown.
+        Lateral voxel size in object space (µm): one number, or (y, x). None: unknown.
     details
         Further metadata to store, by name, as plain JSON types.
 

@@ -68,7 +68,7 @@ class LightFieldSettings:
 
     @property
     def asked(self) -> bool | None:
-        """Whether to resample frames; None: only if the lattice of micro-images drifts."""
+        """Whether to resample frames. None: only if the lattice of micro-images drifts."""
         return {"always": True, "never": False}.get(self.resample, True if self.lattice else None)
 
 

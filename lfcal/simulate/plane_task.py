@@ -43,7 +43,7 @@ class Budget:
     tolerance
         Total allowed relative L1 error.
     selection
-        Effects that are on at each depth, and the omitted error; None: the same effects at all depths, with nothing
+        Effects that are on at each depth, and the omitted error. None: the same effects at all depths, with nothing
         omitted.
     """
 

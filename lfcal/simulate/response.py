@@ -41,7 +41,7 @@ class PlaneResponse:
         first engine. The sampling is refined until the energy balances at every position; earlier results are not
         computed again.
     cutout
-        Pixels ``(nt, ns)`` of the cutout; None: those of the plan.
+        Pixels ``(nt, ns)`` of the cutout. None: those of the plan.
     depth_error_um
         Displacement of the plane away from the camera, relative to the plan (µm).
     on_sensor

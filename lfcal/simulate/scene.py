@@ -283,7 +283,7 @@ class Scene:
         Whether a microscope's source is a dipole of any orientation with its vector field, instead of a scalar point
         source.
     specimen
-        Media between a microscope's source and its immersion medium; None: no specimen.
+        Media between a microscope's source and its immersion medium. None: no specimen.
     offsets_um
         Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The pixels do
         not move.

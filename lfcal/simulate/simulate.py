@@ -186,17 +186,17 @@ def iter_simulate_psf(
         Engine: ``"geometric"``, ``"wave"``, ``"grid"``, ``"microscope"`` or ``"reference"``; ``"auto"`` traces rays
         unless an effect requires wave optics.
     tolerance
-        Allowed relative L1 error, from omitted effects and computation together; None: that of the `EffectSelection` if
+        Allowed relative L1 error, from omitted effects and computation together. None: that of the `EffectSelection` if
         one is given, otherwise 0.03 (`USUAL_TOLERANCE`). The error that each plane reached is measured at a few
         positions and stored with the plane.
     sampling
-        Sampling of the engine; None: chosen for the tolerance.
+        Sampling of the engine. None: chosen for the tolerance.
     out
-        H file to write, plane by plane; None: H is kept in memory.
+        H file to write, plane by plane. None: H is kept in memory.
     dtype, compression
         As in `PSFWriter`.
     workers
-        Number of threads, among which the source rows are divided; None: one for each available CPU core.
+        Number of threads, among which the source rows are divided. None: one for each available CPU core.
     provenance
         Additional provenance to store in the file, as plain JSON types.
     store_tolerance

@@ -63,11 +63,11 @@ def scene_of(
     z_um, virtual_depth
         Depth of the plane, given by one of the two; without either, the native plane.
     cutout, period
-        Pixels ``(nt, ns)`` of a response, and source positions ``(ny, nx)``; None: the camera's period, rounded.
+        Pixels ``(nt, ns)`` of a response, and source positions ``(ny, nx)``. None: the camera's period, rounded.
     anchor_px
         Source position (0, 0), (y, x) in pixels relative to the centre of a type-0 micro-image.
     gap_um
-        Distance from lenslets to sensor (µm); None: the camera's. The image does not move.
+        Distance from lenslets to sensor (µm). None: the camera's. The image does not move.
     overrides
         Fields of `Scene` to set, for example ``pupil_um=math.inf`` for a telecentric model.
 

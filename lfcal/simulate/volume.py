@@ -198,7 +198,7 @@ def vesicle(
     radius, wall
         Radius of the sphere, and rms width of its wall, in units of the lateral voxel pitch.
     plane_step
-        Distance between adjacent planes, in units of the lateral voxel pitch; None: chosen so that the sphere just fits
+        Distance between adjacent planes, in units of the lateral voxel pitch. None: chosen so that the sphere just fits
         the planes.
 
     Examples

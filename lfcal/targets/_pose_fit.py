@@ -85,7 +85,7 @@ def fit_pose(
 
     This is a least-squares fit with the stated pose as a prior. `Target.within` gives the bounds of each value (treated
     as two standard deviations); angles without a stated value have the uncertainty of a mount. Points far from their
-    fitted positions have a lower weight (Huber loss). The fit begins at the pose ``start``; None: at the stated pose.
+    fitted positions have a lower weight (Huber loss). The fit begins at the pose ``start``. None: at the stated pose.
     """
     from scipy.optimize import least_squares
 

@@ -92,7 +92,7 @@ def find_spots(
     apart_px
         Smallest distance between neighbouring points (pixels).
     valid
-        Mask ``(rows, columns)`` of valid pixels; None: all. Saturated pixels may be valid, because they are bright.
+        Mask ``(rows, columns)`` of valid pixels. None: all. Saturated pixels may be valid, because they are bright.
 
     Raises
     ------

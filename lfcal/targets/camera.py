@@ -65,10 +65,10 @@ class TargetCamera(Frames):
         As in `SimulatedCamera`, but without motion. The diameter of the sources is the ``hole_um`` of the target,
         unless the effects include `FiniteSource`.
     really
-        The actual target, if it differs from the planned one in pose, pitch or missing holes; None: as planned.
+        The actual target, if it differs from the planned one in pose, pitch or missing holes. None: as planned.
     brightness
         Light of each hole of the actual target relative to that of the scan's source, ``(n,)`` in the order of
-        `Target.holes`; None: all 1. See `uneven`.
+        `Target.holes`. None: all 1. See `uneven`.
     level, tolerance, sampling, peak, seed
         As in `SimulatedCamera`.
 
@@ -216,9 +216,9 @@ class TargetCamera(Frames):
         Parameters
         ----------
         frames
-            Indices of the frames; None: all.
+            Indices of the frames. None: all.
         workers
-            Number of threads; None: all processors.
+            Number of threads. None: all processors.
         """
         chosen = list(range(len(self))) if frames is None else list(frames)
         out = np.zeros((len(chosen), *self.shape), np.float32)

@@ -81,7 +81,7 @@ def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
 def error_forecast(plan: TargetPlan, z: int, single: float | None = None) -> ErrorForecast:
     """Return the expected error for plane ``z`` after each frame.
 
-    ``single`` is the relative error (L1) of one pattern in the scan of a single point; None: it is computed from the
+    ``single`` is the relative error (L1) of one pattern in the scan of a single point. None: it is computed from the
     plan.
 
     Examples

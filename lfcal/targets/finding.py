@@ -346,7 +346,7 @@ def find_points(
         Displacement of the target in this frame, as the displacement (rows, columns) of images of points in the depth
         plane (px).
     valid
-        Mask ``(rows, columns)``, True at valid pixels; None: all are valid.
+        Mask ``(rows, columns)``, True at valid pixels. None: all are valid.
 
     Raises
     ------

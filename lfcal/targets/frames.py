@@ -25,7 +25,7 @@ class TargetFrames(SourceView):
     plan
         Plan of the frames.
     order
-        Index in ``source`` of each frame of the plan; None: the source is in the plan's order.
+        Index in ``source`` of each frame of the plan. None: the source is in the plan's order.
     """
 
     def __init__(self, source: FrameSource, plan: TargetPlan, order: list[int] | None = None) -> None:

@@ -197,7 +197,7 @@ class Covering:
         return float(self.shown.sum()) / self.wanted
 
     def first(self, most: int | None) -> Covering:
-        """Return the covering by the first ``most`` frames; None: by all frames."""
+        """Return the covering by the first ``most`` frames. None: by all frames."""
         return Covering(self.offsets_px[:most], self.shown[:most], self.wanted)
 
 
@@ -216,7 +216,7 @@ def iter_cover(phases: Phases, images: HoleImages, tolerance_px: float, *, most:
     tolerance_px
         Largest deviation of a phase in rows and in columns (pixels).
     most
-        Largest number of frames; None: no limit.
+        Largest number of frames. None: no limit.
     """
     check_number("tolerance of a phase (px)", tolerance_px, at_least=FINEST_PX, at_most=0.5)
     if most is not None:
@@ -301,7 +301,7 @@ def iter_whole_offsets(
     unit_px
         Pitch of the display's pixels in the image (sensor pixels).
     most
-        Largest number of frames; None: no limit.
+        Largest number of frames. None: no limit.
     """
     asked = asked_offsets(phases, images)
     cells = np.rint(asked / unit_px).astype(np.intp)

@@ -303,9 +303,9 @@ class TargetPlan:
         z
             Index of the plane.
         target
-            The target with its actual pose; None: as planned.
+            The target with its actual pose. None: as planned.
         tolerance_px
-            Largest difference of phases in rows and in columns (px); None: that of the plan.
+            Largest difference of phases in rows and in columns (px). None: that of the plan.
         """
         phases = Phases.of(self.scan)
         images = hole_images(target or self.target, self.scan.camera, self.scan.depths_um[z])

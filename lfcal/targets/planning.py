@@ -292,7 +292,7 @@ class Wishes:
     crosstalk
         Largest light from neighbouring points in a cutout, as a fraction of the light from the point at its centre.
     most_frames
-        Largest number of frames for each plane; None: as many as all phases require.
+        Largest number of frames for each plane. None: as many as all phases require.
     level
         Method with which the crosstalk is computed: ``"auto"`` (wave optics) or ``"geometric"`` (rays).
 

@@ -105,19 +105,19 @@ class PatternReading:
     Attributes
     ----------
     camera
-        The camera before the fit; None: the camera of H or of the plan.
+        The camera before the fit. None: the camera of H or of the plan.
     most
         Number of positions to use, spread evenly. 0: all. None: 40, or all in a session of chosen positions.
     noise
-        Constant (counts²) and slope (counts) of the variance of a sample; None: as stated by the source.
+        Constant (counts²) and slope (counts) of the variance of a sample. None: as stated by the source.
     plan
         Scan plan of frames, or of an H that has no camera.
     recipe
-        Corrections of frames; None: the sources are H.
+        Corrections of frames. None: the sources are H.
     orientation
         Operation that turns the frames upright.
     fit
-        A fit whose positions are left out if the source is the scan that was fitted; None: no fit.
+        A fit whose positions are left out if the source is the scan that was fitted. None: no fit.
     """
 
     camera: Camera | None = None

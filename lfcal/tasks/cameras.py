@@ -61,7 +61,7 @@ def load_camera(
     """Return the camera of a preset or of a file in any known format, and report assumed and implausible values.
 
     With ``light=False``, assumed values of light and noise are not reported, because the result does not depend on
-    them. ``only`` lists the paths of all values on which the result depends; None: all. ``without_lattice`` replaces it
+    them. ``only`` lists the paths of all values on which the result depends. None: all. ``without_lattice`` replaces it
     for a camera without a lattice.
     """
     from lfcal.camera import PRESETS, preset
@@ -143,7 +143,7 @@ def assumed_in_words(camera: Camera, *, light: bool = True, only: Collection[str
     """Return the assumed values of ``camera`` as one line; empty if there are none.
 
     Assumed values of light and noise are only counted, or ignored with ``light=False``. ``only`` contains the paths of
-    the values to consider; None: all.
+    the values to consider. None: all.
     """
     from lfcal.camera import value_at
 

@@ -121,7 +121,7 @@ class _Plan(PlanTask):
             check_planes(self.depths, self.virtual_depths)
 
     def settings(self) -> dict[str, Any]:
-        """Return the arguments of a `ScanPlan`; None: the camera determines the value."""
+        """Return the arguments of a `ScanPlan`. None: the camera determines the value."""
         from lfcal.camera import StageAxes
 
         return {
@@ -166,7 +166,7 @@ class _PlanOfCamera(_Plan):
     average: int = opt(1, "Number of frames to average at each position.", label="Frames averaged", at_least=1)
 
     def settings(self) -> dict[str, Any]:
-        """Return the arguments of a `ScanPlan`; None: the camera determines the value."""
+        """Return the arguments of a `ScanPlan`. None: the camera determines the value."""
         planes = {"depths_um": self.depths or None, "virtual_depths": self.virtual_depths or None}
         return {**super().settings(), **planes, "frames_averaged": self.average}
 

@@ -36,7 +36,7 @@ def _is_file(source: str) -> bool:
 class TargetPlanned(Planned):
     """The plan of a target, compared with the scan of a single point.
 
-    ``verdict`` states whether showing the points of several frames at once, in coded frames, reduces noise; None: there
+    ``verdict`` states whether showing the points of several frames at once, in coded frames, reduces noise. None: there
     are too few frames.
     """
 

@@ -150,6 +150,6 @@ def _ready(path: str) -> ScanPlan | RegionPlan | None:
 
 
 def write_plan(plan: ScanPlan | RegionPlan | TargetPlan, out: Path | None) -> None:
-    """Write ``plan`` to the file ``out``; None: do not write it."""
+    """Write ``plan`` to the file ``out``. None: do not write it."""
     if out is not None:
         write_text(out, plan.to_json())

@@ -97,7 +97,7 @@ class SimulationForecast(TaskResult):
 class SimulatedH(SimulationForecast):
     """One simulated H; if it is one of several regions, its matrix is already closed.
 
-    ``stored`` is the relative L1 error that writing the file may add to each pattern; None: it adds none. ``light`` is
+    ``stored`` is the relative L1 error that writing the file may add to each pattern. None: it adds none. ``light`` is
     the fraction of the light of each plane that is inside the cutout.
     """
 
@@ -284,7 +284,7 @@ class _Simulate(Task):
         stored
             As in `SimulatedH`.
         on_pass
-            Function to call with the H of each pass; None: H is not computed in passes.
+            Function to call with the H of each pass. None: H is not computed in passes.
         """
         from lfcal.simulate import iter_refine_psf, iter_simulate_psf, light_in_cutout, predict_bytes
 

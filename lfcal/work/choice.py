@@ -26,7 +26,7 @@ class RunChoice:
     executor
         Name of an executor in `EXECUTORS`.
     workers
-        Number of threads or processes; None: one for each available CPU.
+        Number of threads or processes. None: one for each available CPU.
     address
         Address of a running scheduler, such as ``tcp://host:8786``; empty: a local scheduler is started if required.
     begun

@@ -213,7 +213,7 @@ def read_notes(folder: Path, event: str) -> list[dict[str, Any]]:
 def read_run(folder: Path, now: float | None = None) -> RunState:
     """Read the state of the run whose units are in ``folder``.
 
-    ``now`` is the current time (s since 1970), from which the durations of unfinished units are computed; None: that of
+    ``now`` is the current time (s since 1970), from which the durations of unfinished units are computed. None: that of
     the computer.
 
     Raises

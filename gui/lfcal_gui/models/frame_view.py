@@ -74,7 +74,7 @@ class FrameNumbers:
     low, high, mean
         Smallest, largest and mean value.
     saturated
-        Number of saturated pixels; None: unknown.
+        Number of saturated pixels. None: unknown.
     """
 
     low: float

@@ -85,7 +85,7 @@ class Shot:
     Attributes
     ----------
     values
-        Numbers ``(rows, columns)``, with not-a-number shown dark; or RGB in 0 ... 1 ``(rows, columns, 3)``;
+        Numbers ``(rows, columns)``, with not-a-number shown dark; or RGB in 0 ... 1 ``(rows, columns, 3)``.
         None: no image.
     caption
         Caption drawn over the image.
@@ -94,7 +94,7 @@ class Shot:
     name
         Name for files of the image; empty: unchanged.
     levels
-        Values at the ends of the colour scale if it is shared with other images; None: from the values.
+        Values at the ends of the colour scale if it is shared with other images. None: from the values.
     signed
         Whether zero is in the middle of the colour scale.
     origin, step
@@ -104,11 +104,11 @@ class Shot:
     cross
         Pixel (row, column) marked with a cross.
     pixel_um
-        Side of a pixel (µm) for the scale bar; None: no scale bar.
+        Side of a pixel (µm) for the scale bar. None: no scale bar.
     tint
-        Colours of the pixels; None: from their values.
+        Colours of the pixels. None: from their values.
     whole
-        First row and column, height and width of the full image that it is a part of; None: it is the full image.
+        First row and column, height and width of the full image that it is a part of. None: it is the full image.
     readout
         Lines of numbers drawn in the upper right corner.
     """

@@ -86,7 +86,7 @@ class Picture(QWidget):
     axes
         Names of the columns and of the rows, which get numbers then.
     jobs
-        Draw large pictures in the background; None: draw all of them immediately.
+        Draw large pictures in the background. None: draw all of them immediately.
     steered
         Whether a drag with the left button points at a place (`steered_to`) and moves nothing.
     square
@@ -141,7 +141,7 @@ class Picture(QWidget):
         self._drawing = self._again = False
         self._red = current_theme().red
         self.contrast: Levels | None = None
-        """Levels that the user chose; None: those of the picture."""
+        """Levels that the user chose. None: those of the picture."""
         self.sharing: tuple[Picture, ...] = (self,)
         """Pictures that have one contrast."""
         self._steered, self._held = steered, False
@@ -224,7 +224,7 @@ class Picture(QWidget):
             self._redraw()
 
     def set_contrast(self, levels: Levels | None) -> None:
-        """Show these values in this and the next pictures, and in those that share them; None: what pictures say."""
+        """Show these values in this and the next pictures, and in those that share them. None: what pictures say."""
         for picture in self.sharing:
             if levels != picture.contrast:
                 picture.contrast = levels
@@ -247,13 +247,13 @@ class Picture(QWidget):
         return self._note
 
     def set_lattice(self, camera: Camera | None, origin: tuple[int, int] = (0, 0)) -> None:
-        """Draw the micro-image centres of ``camera`` over a frame whose first pixel is ``origin``; None: none."""
+        """Draw the micro-image centres of ``camera`` over a frame whose first pixel is ``origin``. None: none."""
         self._camera, self._lattice_at = camera, origin
         self._find_lattice()
         self.graphics.viewport().update()
 
     def set_cross(self, row: float | None, column: float | None = None) -> None:
-        """Point out a pixel of the picture that is shown; None: none."""
+        """Point out a pixel of the picture that is shown. None: none."""
         nowhere = row is None or column is None or self._wanted.values is None
         cross = None if nowhere else (row, column)
         self._wanted, self._shot = replace(self._wanted, cross=cross), replace(self._shot, cross=cross)

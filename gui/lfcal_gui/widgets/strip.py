@@ -179,7 +179,7 @@ class Strip(QListWidget):
             self.set_current(min(z, len(tiles) - 1))
 
     def show_expected(self, apertures: Sequence[Aperture | None]) -> None:
-        """Draw the apertures that are expected in the planes; None: in focus, or not to be seen."""
+        """Draw the apertures that are expected in the planes. None: in focus, or not to be seen."""
         for z, one in enumerate(apertures):
             self.set_tile(z, expected=one)
 

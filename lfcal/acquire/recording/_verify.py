@@ -157,7 +157,7 @@ def iter_verify(folder: Path, *, workers: int | None = None) -> Work[SessionRepo
     folder
         Folder of the session.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
 
     Raises
     ------

@@ -30,7 +30,7 @@ class Store:
     schedule
         The steps.
     taken
-        For each kind, whether each slot contains an intact acknowledged frame; None: none does.
+        For each kind, whether each slot contains an intact acknowledged frame. None: none does.
     earlier
         Records ``(n,)`` of each file of the recording, including packed files.
     """

@@ -156,7 +156,7 @@ def iter_live(
     exposure_s
         Initial exposure time (s).
     plan
-        Plan that predicts the position of the image; None: no prediction.
+        Plan that predicts the position of the image. None: no prediction.
     timeout_s
         Longest wait for a frame beyond its exposure (s).
 

@@ -116,7 +116,7 @@ def iter_optical_axis(
     rig, plan, options, control
         As in `lfcal.acquire.iter_record`.
     planes
-        Indices of the depth planes; None: first and last.
+        Indices of the depth planes. None: first and last.
 
     Raises
     ------

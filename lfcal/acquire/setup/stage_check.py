@@ -70,7 +70,7 @@ class StageCheck:
     repeat_px
         RMS deviation of the image, per axis, from its mean position over several visits to one stage position (px).
     depth
-        Measured movement in depth compared with the plan; None: not measured.
+        Measured movement in depth compared with the plan. None: not measured.
     notes
         Omitted checks and remarks, one sentence each.
     frames

@@ -203,7 +203,7 @@ class H5File:
         name
             Name of the dataset.
         shape
-            Required shape; None: any shape.
+            Required shape. None: any shape.
         kinds
             Accepted kinds of numbers, as in numpy's ``dtype.kind``.
         finite

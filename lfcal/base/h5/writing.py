@@ -33,7 +33,7 @@ def new_h5(
     header
         Size of the user block before the HDF5 data (bytes): 0, 512, 1024, 2048 …
     libver
-        Oldest and newest version of the format that HDF5 may use; None: HDF5 chooses.
+        Oldest and newest version of the format that HDF5 may use. None: HDF5 chooses.
 
     Raises
     ------

@@ -166,7 +166,7 @@ def import_camera(path: str | os.PathLike[str], options: ImportOptions | None = 
         Path of the file: ``camera.json``, Raytrix XML, oLaF YAML, metadata of napari-LF, configuration or metadata of
         Micro-Manager, or a format added by a plug-in package. The file must be UTF-8 or UTF-16 text of at most 16 MB.
     options
-        Values that replace those of the file, and further options; None: none.
+        Values that replace those of the file, and further options. None: none.
 
     Raises
     ------

@@ -56,17 +56,17 @@ def read_raytrix_xml(
     path
         Path of the XML file, which must be UTF-8 or UTF-16 text of at most 1 MB.
     sensor
-        Image sensor; None: that of the R29, with 4384 x 6576 pixels of 5.5 µm.
+        Image sensor. None: that of the R29, with 4384 x 6576 pixels of 5.5 µm.
     optics
-        Main lens; None: a 200 mm f/4 lens focused at 1 m.
+        Main lens. None: a 200 mm f/4 lens focused at 1 m.
     gap_um
-        Distance from the lenslets to the sensor (µm); None: the pitch times the working f-number of the main lens, at
+        Distance from the lenslets to the sensor (µm). None: the pitch times the working f-number of the main lens, at
         which adjacent micro-images just touch.
     focus_depths
-        Virtual depth v at which each lens type is in focus; None: the one with equal blur at both ends of the depth
+        Virtual depth v at which each lens type is in focus. None: the one with equal blur at both ends of the depth
         range of the type, ``1/v = (1/near + 1/far) / 2``.
     name
-        Display name of the camera; None: the name of the file.
+        Display name of the camera. None: the name of the file.
 
     Raises
     ------

@@ -44,12 +44,12 @@ def simulated_rig(
     model, faults
         Motion of the stage (None: `StageModel`, with its defaults), and faults of the devices.
     axes
-        Actual directions and origin of the stage's axes; None: as planned.
+        Actual directions and origin of the stage's axes. None: as planned.
     optics
-        A `Renderer`, or a `FrameSource` of frames of the whole sensor, such as `lfcal.simulate.SimulatedCamera`; None:
+        A `Renderer`, or a `FrameSource` of frames of the whole sensor, such as `lfcal.simulate.SimulatedCamera`. None:
         a quick pattern without lenslets.
     time
-        Clock of the rig; None: a virtual clock that advances without waiting.
+        Clock of the rig. None: a virtual clock that advances without waiting.
     automatic
         Settings that the camera keeps automatic, from ``"ExposureAuto"``, ``"GainAuto"`` and ``"Gamma"``.
     seed

@@ -38,7 +38,7 @@ def sensor_map(
     source
         The frames; if they show one channel of a mosaic, the file refers to the mosaic.
     shape
-        Rows and columns of the dark and white frames in use; None: there are none.
+        Rows and columns of the dark and white frames in use. None: there are none.
 
     Raises
     ------

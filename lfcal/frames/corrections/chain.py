@@ -51,7 +51,7 @@ class CorrectionChain:
         Sequence of `PixelMask`, `Dark`, `White`, `Defects`, `Background` and `Exposure` objects, in the order of
         application.
     saturation
-        Raw sample value at which a pixel is saturated (counts); None: the value in the frames' metadata.
+        Raw sample value at which a pixel is saturated (counts). None: the value in the frames' metadata.
 
     Raises
     ------
@@ -108,7 +108,7 @@ class CorrectionChain:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Shape ``(rows, columns)`` of the frames to which the chain applies (px); None: any shape."""
+        """Shape ``(rows, columns)`` of the frames to which the chain applies (px). None: any shape."""
         return next((step.shape for step in self.steps if step.shape is not None), None)
 
     @property
@@ -140,9 +140,9 @@ class CorrectionChain:
         exposure_s
             Exposure time of the frame (s); required if the chain has an `Exposure` step.
         out
-            Contiguous float32 array ``(rows, columns)`` for the result; None: a new array.
+            Contiguous float32 array ``(rows, columns)`` for the result. None: a new array.
         workers
-            Number of threads; None: all processors.
+            Number of threads. None: all processors.
 
         Raises
         ------
@@ -171,7 +171,7 @@ class CorrectionChain:
         region
             Rows and columns of ``part`` in sensor coordinates (px), as ``slice(start, stop)`` each.
         inside
-            Region to return, within ``region``; None: all of it. The result equals that of the whole frame if
+            Region to return, within ``region``. None: all of it. The result equals that of the whole frame if
             ``region`` exceeds ``inside`` by `margin` on every side (`grow_region`).
         exposure_s
             As in `apply`.

@@ -242,9 +242,9 @@ def iter_find_defects(
     threshold
         Threshold for hot pixels, in robust standard deviations of the differences from neighbours.
     ignore
-        Mask ``(rows, columns)``, True at pixels that are not examined; None: all pixels are examined.
+        Mask ``(rows, columns)``, True at pixels that are not examined. None: all pixels are examined.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
 
     Raises
     ------

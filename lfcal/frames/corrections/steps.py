@@ -141,7 +141,7 @@ class Dark:
     Attributes
     ----------
     frame
-        Mean dark frame (counts), ``(rows, columns)``; None: only ``level`` is subtracted.
+        Mean dark frame (counts), ``(rows, columns)``. None: only ``level`` is subtracted.
     level
         Constant level to subtract in addition to ``frame`` (counts), such as the black level of a camera RAW file.
     origin
@@ -150,7 +150,7 @@ class Dark:
     count
         Number of averaged frames, which determines the noise of ``frame``; 0: unknown.
     variance
-        Temporal variance of a sample in a single dark frame (counts²); None: not measured.
+        Temporal variance of a sample in a single dark frame (counts²). None: not measured.
 
     Raises
     ------
@@ -180,7 +180,7 @@ class Dark:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Shape ``(rows, columns)`` of the frames to which the step applies (px); None: any shape."""
+        """Shape ``(rows, columns)`` of the frames to which the step applies (px). None: any shape."""
         # a dark of a part of the sensor does not know the shape of whole frames
         if self.frame is None or self.origin != (0, 0):
             return None
@@ -231,7 +231,7 @@ class DarkSet:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """Shape ``(rows, columns)`` of the frames to which the step applies (px); None: any shape."""
+        """Shape ``(rows, columns)`` of the frames to which the step applies (px). None: any shape."""
         return next(iter(self.darks.values())).shape
 
     def at(self, exposure_s: float | None) -> Dark:
@@ -306,7 +306,7 @@ class White:
     cfa
         Colour filter pattern by rows, such as ``"RGGB"``; empty for monochrome frames.
     saturation
-        Sample value at which a pixel is saturated (counts); None: the highest value of an integer type.
+        Sample value at which a pixel is saturated (counts). None: the highest value of an integer type.
     gain, dim
         Factors by which frames are multiplied, and a mask of the pixels at which ``floor`` limits them; both
         ``(rows, columns)``, and computed.

@@ -78,7 +78,7 @@ def manifest_of(
     plan_shape
         Number of positions ``(nz, ny, nx)`` of the scan, if there is no plan.
     first
-        Number of the first position if the list states position numbers; None: detected.
+        Number of the first position if the list states position numbers. None: detected.
     read
         As in `lfcal.frames.lists.placing.place`.
     orientation, part

@@ -91,7 +91,7 @@ def place(
         ``"check"`` or ``"auto"``: frames may be flipped or turned, which is then not attributed to the stage's axes
         (`lfcal.frames.lists.motion`). Any other value: frames are upright as ``read`` returns them.
     part
-        Position on the sensor of frames that show a part of it; None: whole frames.
+        Position on the sensor of frames that show a part of it. None: whole frames.
 
     Raises
     ------

@@ -24,13 +24,13 @@ class ArraySource(Frames):
     positions
         `Position` (z, y, x) of each frame; not needed for a 5-D array, whose first three axes define the positions.
     exposures_s
-        Exposure time of each frame (s); None: unknown.
+        Exposure time of each frame (s). None: unknown.
     drifts
-        Displacement (rows, columns) of the image from its planned position in each frame (px); None: unknown.
+        Displacement (rows, columns) of the image from its planned position in each frame (px). None: unknown.
     origins
-        Position (row, column) on the sensor of each frame's first pixel (px); None: every frame shows the whole sensor.
+        Position (row, column) on the sensor of each frame's first pixel (px). None: every frame shows the whole sensor.
     mask
-        Mask ``(rows, columns)``, True at pixels that are valid in every frame; None: all pixels.
+        Mask ``(rows, columns)``, True at pixels that are valid in every frame. None: all pixels.
     metadata
         Metadata common to all frames: `FrameMetadata`, or a mapping of its fields. In a mapping, ``exposure_s`` may
         state the common exposure of all frames if ``exposures_s`` is None.

@@ -60,7 +60,7 @@ def check_frame(
     blank
         ``"reject"``: raise an error for a frame with the same value in every pixel; ``"accept"``: allow it.
     bit_depth
-        Number of bits that a sample may use; None: all bits of its type.
+        Number of bits that a sample may use. None: all bits of its type.
 
     Raises
     ------
@@ -321,7 +321,7 @@ class FolderSource(Frames):
         return found
 
     def _values(self, index: int, region: Region | None) -> tuple[NDArray[Any], NDArray[np.bool_] | None]:
-        """Return a frame without NaN, and where it had a value; None: everywhere."""
+        """Return a frame without NaN, and where it had a value. None: everywhere."""
         entry = self.manifest.entries[check_index(index, len(self))]
         label = self.info(index).label
         with frame_errors(label, entry.position):

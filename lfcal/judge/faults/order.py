@@ -167,7 +167,7 @@ class WrongOrder(Fault):
 
 
 def _best(evidence: Evidence, z: int, own: Index, orders: dict[str, Order]) -> tuple[str, float] | None:
-    """Return the order of the patterns ``own`` (indices) of a plane, and its significance; None: the planned order."""
+    """Return the order of the patterns ``own`` (indices) of a plane, and its significance. None: the planned order."""
     own = own[np.linspace(0, len(own) - 1, min(TRIED, len(own))).astype(int)]
     if not own.size:
         return None

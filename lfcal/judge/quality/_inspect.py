@@ -64,9 +64,9 @@ def iter_inspect(
         H; for a transposed view, its H is inspected. Values of other types are converted to float32.
     controls
         Mapping from the index of a depth plane to its control frames ``(n, nt, ns)`` and their positions ``(n, 2)``, as
-        for `periodicity`; None: the periodicity over the field is not measured.
+        for `periodicity`. None: the periodicity over the field is not measured.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
 
     Raises
     ------

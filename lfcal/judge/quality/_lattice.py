@@ -166,7 +166,7 @@ def find_spots(
     diameter_px
         Diameter of the pattern (pixels).
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
     """
     period = (plane.shape[0], plane.shape[1])
     y, x = _sparse_grid(use)

@@ -127,7 +127,7 @@ def measure_positions(
     diameter_px
         Diameter of the depth-plane sum (pixels).
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
     cut_off
         Whether the cutouts contain only a part of the patterns, whose centroid is not that of the source.
     """

@@ -52,7 +52,7 @@ def seam_ratio(steps: NDArray[np.float64], use: NDArray[np.bool_], slip: NDArray
         Patterns to use ``(ny, nx)``.
     slip
         For each axis, the change due to the displacement (root of 1 minus the correlation), and the additional motion
-        of the source in steps ``(2, 2)``; None: nothing.
+        of the source in steps ``(2, 2)``. None: nothing.
     """
     pairs = _pairs(steps, use)
     slip = np.zeros((2, 2)) if slip is None else slip

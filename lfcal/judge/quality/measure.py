@@ -70,7 +70,7 @@ class PlaneContext:
     waves
         Wave vectors of the lenslet lattice; see `lfcal.judge.quality._lattice.wave_vectors`.
     tiling
-        Result of the control frames; None: there are none.
+        Result of the control frames. None: there are none.
     expected
         Mean pattern expected from the camera; see `lfcal.judge.quality._expected.expected_sum`. None: unknown.
     """
@@ -193,7 +193,7 @@ class PlaneMeasures:
 
     @property
     def sensor_noise(self) -> float | None:
-        """Noise of a pixel without light as stated in H (standard deviation; median over positions); None: unknown."""
+        """Noise of a pixel without light as stated in H (standard deviation; median over positions). None: unknown."""
         noise = self.about.matrix.facts.noise
         if noise is None:
             return None

@@ -28,9 +28,9 @@ class Reading:
     value
         Value in the unit of the metric; NaN if unknown.
     map
-        Value at each position, ``(ny, nx)``; None: not measured.
+        Value at each position, ``(ny, nx)``. None: not measured.
     positions
-        Mask ``(ny, nx)``, True at affected positions; None: not determined.
+        Mask ``(ny, nx)``, True at affected positions. None: not determined.
     detail
         Details as text; may be empty.
     cost
@@ -256,7 +256,7 @@ class Metric:
     per_plane
         Value of each plane ``(nz,)``; NaN if unknown; a single value if planes have no separate values.
     map
-        Value at each position, ``(nz, ny, nx)``; None: not measured.
+        Value at each position, ``(nz, ny, nx)``. None: not measured.
     positions
         Affected positions (z, y, x), ``(n, 3)``.
     detail

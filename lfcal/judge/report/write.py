@@ -45,13 +45,13 @@ def iter_report(
     folder
         Output folder, created if needed. Files of an earlier report are replaced.
     reference
-        Another H of the same shape to compare H with; None: no comparison.
+        Another H of the same shape to compare H with. None: no comparison.
     controls
         Control frames by depth plane, as in `lfcal.judge.quality.iter_inspect`.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
     inspection
-        Inspection of this H, if already available; None: only the metrics are measured.
+        Inspection of this H, if already available. None: only the metrics are measured.
     every
         Whether to list metrics that do not apply to H.
 

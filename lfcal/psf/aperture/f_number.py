@@ -64,7 +64,7 @@ def working_f_number(
     pixel_um
         Pixel pitch (µm).
     errors_px
-        Standard error of each diameter (px); None: unknown.
+        Standard error of each diameter (px). None: unknown.
 
     Raises
     ------

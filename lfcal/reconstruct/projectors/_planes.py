@@ -135,7 +135,7 @@ def centre_of(patterns: Any) -> tuple[int, int]:
 def runs_of_rows(phases: NDArray[np.bool_] | None, height: int, first: int) -> list[tuple[int, int]]:
     """Return the runs (start, stop) of ``height`` rows with selected image phases; row 0 has phase ``first``.
 
-    ``phases`` ``(ny, nx)`` is the mask of selected phases; None: all.
+    ``phases`` ``(ny, nx)`` is the mask of selected phases. None: all.
     """
     if phases is None:
         return [(0, height)]

@@ -38,9 +38,9 @@ class Polyphase:
     dtype
         float32 (complex64 spectra) or float64 (complex128).
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
     phases
-        ``(ny, nx)`` mask of the image phases to compute and to use; None: all.
+        ``(ny, nx)`` mask of the image phases to compute and to use. None: all.
     band
         Rows of tiles processed together; fewer need less memory.
     """

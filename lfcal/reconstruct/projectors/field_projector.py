@@ -181,7 +181,7 @@ class FieldProjector(Projector):
     image_shape, method, dtype, threshold, tolerance, memory_limit, workers, phases, device
         As in `Projector`; ``phases`` refer to the first H, and the regions share the memory of a device.
     anchor
-        Pixel (row, column) of the image onto which position (0, 0) of the first H is imaged; None: the anchor of that
+        Pixel (row, column) of the image onto which position (0, 0) of the first H is imaged. None: the anchor of that
         H. The anchors of the other regions keep their distances from it.
 
     Raises

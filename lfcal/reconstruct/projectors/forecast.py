@@ -72,7 +72,7 @@ class ProjectionProblem:
     kept
         Mapping from the node spacing of a reduced H to its fraction of stored entries; empty without a tolerance.
     tiles
-        Requested tiles; None: tiles are chosen.
+        Requested tiles. None: tiles are chosen.
     noisy
         Whether the noise of H is known; planes are then also stored with reduced noise while they are read.
     """

@@ -74,9 +74,9 @@ class Projector:
         all voxels v. An H that changes slowly between positions is then projected several times faster. 0: exact
         projections.
     memory_limit
-        Largest amount of memory that a projection may use (bytes); None: half of the free memory.
+        Largest amount of memory that a projection may use (bytes). None: half of the free memory.
     workers
-        Number of threads; None: all processors.
+        Number of threads. None: all processors.
     phases
         Mask ``(ny, nx)``, True at the image phases in use; other pixels are zero in images, and ignored in back
         projections. None: all.

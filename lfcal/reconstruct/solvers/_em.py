@@ -124,16 +124,16 @@ class EmUpdates:
     Attributes
     ----------
     penalty
-        `TotalVariation` or `Tikhonov`, applied one step late (Green 1990; Dey et al. 2006); None: no penalty.
+        `TotalVariation` or `Tikhonov`, applied one step late (Green 1990; Dey et al. 2006). None: no penalty.
     acceleration
         ``"none"``, ``"biggs-andrews"`` or ``"nesterov"``.
     subsets
-        Masks of image phases for consecutive updates (`interleaved_subsets`, `angular_subsets`); None: all phases
+        Masks of image phases for consecutive updates (`interleaved_subsets`, `angular_subsets`). None: all phases
         together.
     relaxation
         Fraction of each update that is applied, in (0, 1].
     smoothing
-        `DepthSmoothing` that is applied after each iteration; None: no smoothing.
+        `DepthSmoothing` that is applied after each iteration. None: no smoothing.
     """
 
     penalty: Penalty | None = None
@@ -154,11 +154,11 @@ class EmOptions(EmUpdates):
     tolerance
         Stop when the relative change of the volume falls below this value.
     repeating
-        Removal of updates that repeat from lenslet to lenslet; None: no removal.
+        Removal of updates that repeat from lenslet to lenslet. None: no removal.
     stretch
-        Lengthening of the first updates, with the acceleration ``"nesterov"``; None: no lengthening.
+        Lengthening of the first updates, with the acceleration ``"nesterov"``. None: no lengthening.
     model_noise
-        Noise of H, for the rule ``"richardson-lucy"``; None: not used.
+        Noise of H, for the rule ``"richardson-lucy"``. None: not used.
     """
 
     rule: str = "richardson-lucy"

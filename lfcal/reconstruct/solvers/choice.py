@@ -77,7 +77,7 @@ class SolverChoice:
         Sample value at which pixels saturate; pixels at or above it are excluded (counts). None: no pixels are
         excluded.
     strength
-        Weight of the penalty of ``rl-tv`` and ``rl-tikhonov``; None: the solver's default.
+        Weight of the penalty of ``rl-tv`` and ``rl-tikhonov``. None: the solver's default.
     subsets
         Number of subsets for ``osem`` (None: 4), or number of blocks of views along each axis for ``phase-space``
         (None: 3).
@@ -93,7 +93,7 @@ class SolverChoice:
         Purpose of a run that stops by held-out pixels. ``"view"``: a volume for viewing. ``"measure"``: sums and means
         over regions of the volume. These need more iterations, after which single voxels are noisier.
     gain
-        Counts per photo-electron; None: unknown (``"discrepancy"`` then assumes 1). If it is known, the result states
+        Counts per photo-electron. None: unknown (``"discrepancy"`` then assumes 1). If it is known, the result states
         chi-square per pixel.
     noise
         ``(constant, slope)``: measured variance of a pixel without light (counts²), and its increase per count of light
@@ -196,7 +196,7 @@ class SolverChoice:
 
     @property
     def known_noise(self) -> tuple[float, float] | None:
-        """Counts per photo-electron, and rms read noise (counts), for chi-square; None: unknown."""
+        """Counts per photo-electron, and rms read noise (counts), for chi-square. None: unknown."""
         if self.gain is not None:
             return self.gain, self.read_noise
         return None if self.noise is None else (self.noise[1], math.sqrt(self.noise[0]))
@@ -225,11 +225,11 @@ def iter_reconstruct(
     image
         Image ``(Y, X)`` in counts.
     choice
-        Solver and its settings; None: the defaults of `SolverChoice`.
+        Solver and its settings. None: the defaults of `SolverChoice`.
     weights
-        Weight of each pixel, ``(Y, X)``, not negative; None: 1.
+        Weight of each pixel, ``(Y, X)``, not negative. None: 1.
     initial
-        Initial volume ``(nz, Y, X)``; None: the solver's default.
+        Initial volume ``(nz, Y, X)``. None: the solver's default.
     resume
         State of a stopped run to continue from.
 

@@ -37,7 +37,7 @@ class NothingMeasured(InputError):
 
 
 def check_counts(read_noise: float, saturation: float | None) -> None:
-    """Raise `InputError` unless read noise and saturation are possible numbers of counts; None: no saturation."""
+    """Raise `InputError` unless read noise and saturation are possible numbers of counts. None: no saturation."""
     check_number("read noise (counts)", read_noise, at_least=0, at_most=math.sqrt(MAX_SAMPLE))
     if saturation is not None:
         check_number("saturation (counts)", saturation, above=0, at_most=MAX_SAMPLE)
@@ -62,13 +62,13 @@ class Measurement:
     image
         Image (counts), ``(Y, X)``, finite, and not negative unless created with ``signed``; 0 where the weight is 0.
     weights
-        Weight of each pixel, ``(Y, X)``; None: 1 everywhere.
+        Weight of each pixel, ``(Y, X)``. None: 1 everywhere.
     background
         Expected image without light (counts), a number or ``(Y, X)``.
     notes
         Notes on how the image was changed.
     held
-        Weight of each held-out pixel, ``(Y, X)``, 0 for all others; None: no held-out pixels.
+        Weight of each held-out pixel, ``(Y, X)``, 0 for all others. None: no held-out pixels.
     """
 
     image: NDArray[Any]
@@ -99,7 +99,7 @@ class Measurement:
         dtype
             Floating-point type of the arrays of the result.
         weights
-            Weight of each pixel, ``(Y, X)``, not negative; None: 1.
+            Weight of each pixel, ``(Y, X)``, not negative. None: 1.
         saturation
             Sample value at which pixels saturate (counts, above 0); pixels at or above it get weight 0. None: no
             saturation.

@@ -42,7 +42,7 @@ def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLuc
     penalty, acceleration, subsets, relaxation, smoothing, tolerance
         As in `EmOptions`.
     initial
-        Non-negative initial volume ``(nz, Y, X)``; None: uniform, with the total light of the image.
+        Non-negative initial volume ``(nz, Y, X)``. None: uniform, with the total light of the image.
     resume
         State of a stopped run to continue from; it replaces ``initial``.
 

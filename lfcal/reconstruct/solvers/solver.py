@@ -52,13 +52,13 @@ class SolverSettings:
     background
         Expected value of a pixel without light (counts), a number or ``(Y, X)``.
     weights
-        Weight of each pixel ``(Y, X)``, not negative; None: 1.
+        Weight of each pixel ``(Y, X)``, not negative. None: 1.
     saturation
-        Pixels at or above this value are excluded (counts); None: no pixels are excluded.
+        Pixels at or above this value are excluded (counts). None: no pixels are excluded.
     tolerance
         Stop when the relative change of the volume falls below this value.
     resume
-        State of a stopped run to continue from; None: start a new run.
+        State of a stopped run to continue from. None: start a new run.
     """
 
     background: ArrayLike = 0.0
@@ -116,14 +116,14 @@ class SolverRun(SolverSettings):
     read_noise, strength, subsets
         As in `SolverChoice`.
     initial
-        Initial volume ``(nz, Y, X)``; None: the solver's default.
+        Initial volume ``(nz, Y, X)``. None: the solver's default.
     held_out
         Mask ``(Y, X)``, True at held-out pixels; `SolverProgress.held_out` measures their prediction. None: no held-out
         pixels.
     measured
         Result of `measure`, if it is already computed.
     noise
-        Counts per photo-electron, and rms read noise (counts), of the image; None: unknown.
+        Counts per photo-electron, and rms read noise (counts), of the image. None: unknown.
 
     Examples
     --------

@@ -134,18 +134,18 @@ def iter_ladder(
     plan
         Scan plan for which H is simulated.
     tolerance
-        Relative L1 error for which a sampling is selected; None: as in `simulate_psf`.
+        Relative L1 error for which a sampling is selected. None: as in `simulate_psf`.
     effects
         As in `simulate_psf`; the same effects are simulated with every sampling.
     z
-        Index of the plane in ``plan.depths_um``; None: the middle one.
+        Index of the plane in ``plan.depths_um``. None: the middle one.
     positions
         Number of source positions to compare, spread over the period.
     samplings
         What to measure: each `Sampling` is used with the wave level that the scene requires, each `LevelSampling` with
-        its own level; None: a default series from coarse to fine.
+        its own level. None: a default series from coarse to fine.
     reference
-        Sampling of the reference; None: the finest grid that fits into the size limit of grids.
+        Sampling of the reference. None: the finest grid that fits into the size limit of grids.
 
     Yields
     ------

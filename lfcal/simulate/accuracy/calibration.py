@@ -50,7 +50,7 @@ class MachineSpeed:
     Parameters
     ----------
     file
-        File in which the speed is stored; None: it is kept for this process only. A file that is damaged, or that
+        File in which the speed is stored. None: it is kept for this process only. A file that is damaged, or that
         another version or processor wrote, is replaced. If it cannot be written, nothing is stored.
     """
 

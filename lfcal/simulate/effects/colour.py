@@ -68,7 +68,7 @@ class ChromaticFocus(_Chromatic):
         Shift of the image away from the main lens per change of the wavelength (µm/µm); the shift is zero at the design
         wavelength.
     width_um
-        Full width of the spectrum (µm); None: that of the camera.
+        Full width of the spectrum (µm). None: that of the camera.
 
     Examples
     --------
@@ -125,7 +125,7 @@ class LensletDispersion(_Chromatic):
     abbe
         Abbe number of the glass, (n_d - 1)/(n_F - n_C).
     width_um
-        Full width of the spectrum (µm); None: that of the camera.
+        Full width of the spectrum (µm). None: that of the camera.
 
     Examples
     --------

@@ -28,7 +28,7 @@ class FiniteSource(LightEffect):
     Attributes
     ----------
     diameter_um
-        Diameter of the source in object space (µm); None: a pinhole of 50 µm, or a bead of 0.2 µm for a microscope.
+        Diameter of the source in object space (µm). None: a pinhole of 50 µm, or a bead of 0.2 µm for a microscope.
 
     Examples
     --------
@@ -120,7 +120,7 @@ class Bandwidth(LightEffect):
     Attributes
     ----------
     width_um
-        Full width of the spectrum (µm); None: that of the camera.
+        Full width of the spectrum (µm). None: that of the camera.
 
     Examples
     --------

@@ -78,7 +78,7 @@ class Magnitude:
     units
         Other units that may be entered, with their size in the field's unit.
     value
-        Value in the effect; None: the value in the camera's description, or a typical value.
+        Value in the effect. None: the value in the camera's description, or a typical value.
     counts
         Effective value: ``value``, or the camera's or typical value if that is None; None if there is no value at all.
     default

@@ -31,7 +31,7 @@ class PositioningError(MotionEffect):
     Attributes
     ----------
     rms_um
-        Rms error of each lateral axis (µm in object space); None: 2 µm, or 0.05 µm for a microscope.
+        Rms error of each lateral axis (µm in object space). None: 2 µm, or 0.05 µm for a microscope.
 
     Examples
     --------
@@ -81,7 +81,7 @@ class Backlash(MotionEffect):
     Attributes
     ----------
     play_um
-        Lost motion of each lateral axis at a reversal (µm in object space); None: 10 µm, or 0.2 µm for a microscope.
+        Lost motion of each lateral axis at a reversal (µm in object space). None: 10 µm, or 0.2 µm for a microscope.
 
     Examples
     --------
@@ -141,7 +141,7 @@ class Drift(MotionEffect):
     Attributes
     ----------
     rows_um, columns_um
-        Displacement along y and along x at the end of the session (µm in object space); None: 5 µm, or 0.2 µm for a
+        Displacement along y and along x at the end of the session (µm in object space). None: 5 µm, or 0.2 µm for a
         microscope.
 
     Examples
@@ -191,7 +191,7 @@ class DepthError(MotionEffect):
     Attributes
     ----------
     rms_um
-        Rms error of the depth of a plane (µm); None: 10 µm, or 0.1 µm for a microscope.
+        Rms error of the depth of a plane (µm). None: 10 µm, or 0.1 µm for a microscope.
 
     Examples
     --------

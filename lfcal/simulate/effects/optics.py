@@ -152,7 +152,7 @@ class IrisShape(SceneEffect):
     ----------
     blades, curvature, rotation_rad
         Number of blades (0: circular iris), their curvature (0: straight, 1: circular) and the rotation of the iris
-        (rad), as in `MainLens`; None: the camera's value.
+        (rad), as in `MainLens`. None: the camera's value.
 
     Examples
     --------

@@ -27,7 +27,7 @@ class PixelFill(SceneEffect):
     Attributes
     ----------
     fill_factor
-        Fill factor, the light-sensitive fraction of a pixel's area (0 to 1); None: that of the camera.
+        Fill factor, the light-sensitive fraction of a pixel's area (0 to 1). None: that of the camera.
 
     Examples
     --------

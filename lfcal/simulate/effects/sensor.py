@@ -98,7 +98,7 @@ class ColourFilter(FrameEffect):
     Attributes
     ----------
     cfa
-        Letters of the filter colours in one unit of the pattern, row by row, for example ``"GRBG"``; None: the camera's
+        Letters of the filter colours in one unit of the pattern, row by row, for example ``"GRBG"``. None: the camera's
         pattern.
     leak
         Transmission of a filter outside its pass band, 0 to 1.
@@ -159,7 +159,7 @@ class FixedPattern(FrameEffect):
     Attributes
     ----------
     prnu
-        Rms variation of the pixel gains relative to their mean; None: the camera's value.
+        Rms variation of the pixel gains relative to their mean. None: the camera's value.
     offset_e
         Rms of the pixel offsets (electrons).
 
@@ -213,7 +213,7 @@ class DarkCurrent(FrameEffect):
     Attributes
     ----------
     e_per_s
-        Dark current (electrons per pixel per second); None: the camera's value.
+        Dark current (electrons per pixel per second). None: the camera's value.
 
     Examples
     --------
@@ -324,7 +324,7 @@ class ReadNoise(FrameEffect):
     Attributes
     ----------
     rms_e
-        Rms noise of a pixel (electrons); None: the camera's value.
+        Rms noise of a pixel (electrons). None: the camera's value.
 
     Examples
     --------

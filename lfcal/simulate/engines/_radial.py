@@ -64,9 +64,9 @@ def focus_integral(
     waves
         Aberration W(rho) in waves, or None.
     nodes
-        Number of nodes; None: the number for the phase without aberration.
+        Number of nodes. None: the number for the phase without aberration.
     amplitude
-        Amplitude over the pupil A(rho), a factor of the integrand; None: 1.
+        Amplitude over the pupil A(rho), a factor of the integrand. None: 1.
     """
     at = np.asarray(v, np.float64)
     t, w = gauss_legendre(nodes or int((abs(u) / 2 + float(at.max(initial=0.0))) / 2) + SPARE_NODES, 0.0, 1.0)

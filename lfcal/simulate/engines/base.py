@@ -30,7 +30,7 @@ class Sampling:
     Attributes
     ----------
     samples_per_px
-        Samples of the field per sensor pixel, along each axis, on the lenslet array; None: the smallest number that the
+        Samples of the field per sensor pixel, along each axis, on the lenslet array. None: the smallest number that the
         window allows.
     nodes_per_px
         Number of quadrature nodes per sensor pixel along each axis.
@@ -40,7 +40,7 @@ class Sampling:
         Threshold for leaving out dim lenslets: those that transmit less than this fraction of the light of the
         brightest lenslet, or of a sixteenth of all light.
     coherent
-        Whether the fields of different lenslets are added before squaring, so that they interfere; None: chosen for the
+        Whether the fields of different lenslets are added before squaring, so that they interfere. None: chosen for the
         plane.
     double
         Whether to compute in complex128 instead of complex64.
@@ -137,7 +137,7 @@ class PlaneEngine(Protocol):
     ) -> NDArray[np.float32]:
         """Return the cutouts ``(len(ys), len(xs), nt, ns)`` of the positions ys x xs (any integers).
 
-        ``workers`` threads share the rows; None: all processors; 1: the caller's thread.
+        ``workers`` threads share the rows. None: all processors; 1: the caller's thread.
 
         Raises
         ------

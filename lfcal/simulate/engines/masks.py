@@ -139,7 +139,7 @@ def polygon_table(
 ) -> tuple[NDArray[np.float64], float]:
     """Return a fine table of the low-pass-filtered polygon from ``-reach`` to ``reach`` about its origin, and its step.
 
-    ``fine`` is the oversampling relative to ``dx``; None: `fineness`.
+    ``fine`` is the oversampling relative to ``dx``. None: `fineness`.
 
     Raises
     ------

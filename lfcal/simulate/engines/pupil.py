@@ -270,7 +270,7 @@ class PupilPlane:
         columns: F8,
         box: Box | None = None,
     ) -> tuple[float, _Behind | None]:
-        """Return the light that a lenslet at (y, x) passes, and that light in its window or ``box``; None: no light."""
+        """Return the light that a lenslet at (y, x) passes, and that light in its window or ``box``. None: no light."""
         scene, gap = self.scene, self.scene.lenslets.gap_um
         spot = [c + gap * (s + t) for c, s, t in zip(at, scene.slope(*at), tilt, strict=True)]
         if box is None:

@@ -268,7 +268,7 @@ def aperture_tables(
 ) -> LensAperture:
     """Return the tables of a lens type, scaled by ``level`` to make the squared transform energy per pixel area.
 
-    ``fine`` is the oversampling of a cell's table relative to ``dx``; None: enough for exact interpolation.
+    ``fine`` is the oversampling of a cell's table relative to ``dx``. None: enough for exact interpolation.
     """
     if scene.round_lenslets:
         m, step = disc_table(scene.clear_radius_um, dx, reach)

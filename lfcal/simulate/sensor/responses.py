@@ -43,7 +43,7 @@ class Responses:
     level, sampling
         As in `simulate_psf`.
     like
-        Responses of another region of the field, whose sampling is reused without a probe; None: determine the
+        Responses of another region of the field, whose sampling is reused without a probe. None: determine the
         sampling.
     """
 

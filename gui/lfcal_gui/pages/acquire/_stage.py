@@ -131,7 +131,7 @@ class StagePanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def set_limits(self, limits: Limits | None) -> None:
-        """Say the travel of each axis (µm); None: not known."""
+        """Say the travel of each axis (µm). None: not known."""
         for k, (name, field) in enumerate(zip("xyz", self.fields, strict=True)):
             travel = "" if limits is None else f", {format_length(limits[k][0])} to {format_length(limits[k][1])}"
             field.setToolTip(f"Position {name}{travel}. Type a value and press Return, or move by a step with ↑ and ↓")

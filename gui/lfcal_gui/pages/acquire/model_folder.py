@@ -39,7 +39,7 @@ class FolderState:
     plan, options
         Plan and options of the session.
     chosen
-        Positions chosen for recording ``(nz, ny, nx)`` (bool); None: all of the plan.
+        Positions chosen for recording ``(nz, ny, nx)`` (bool). None: all of the plan.
     target
         Plan of the target whose frames are recorded; ``there`` then refers to these frames.
     recordings

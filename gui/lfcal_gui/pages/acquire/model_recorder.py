@@ -138,7 +138,7 @@ class Recorder:
         self.plan = plan.scan
         self.redo = tuple(Position(*p) for p in redo)
         self.goal = task.goal if isinstance(task, AcquireUntil) else None
-        """The error of H that ends it, positions being chosen on the way; None: it ends with the last of the plan."""
+        """The error of H that ends it, positions being chosen on the way. None: it ends with the last of the plan."""
         self.ended = ""
         self.steps: list[AdaptiveStep] = []
         self.fit: Fit | None = None
@@ -370,7 +370,7 @@ class ErrorCurve:
     wanted
         The error that ends the recording.
     most
-        Largest number of positions to record; None: all of the plan.
+        Largest number of positions to record. None: all of the plan.
     """
 
     positions: tuple[int, ...]

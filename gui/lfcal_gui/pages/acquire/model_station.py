@@ -57,7 +57,7 @@ class Station:
     plan, choice
         The plan the devices were opened for; options of the backend, and the backend of the stage.
     devices
-        Information of the devices when they were opened; None: query it now.
+        Information of the devices when they were opened. None: query it now.
     """
 
     def __init__(

@@ -251,7 +251,7 @@ class RecordPanel(QWidget):
         self.strip.set_current(z)
 
     def show_status(self, words: str, detail: str, fraction: float | None) -> None:
-        """Show how far the session is; None: not known; no words: nothing is recorded."""
+        """Show how far the session is. None: not known; no words: nothing is recorded."""
         self.status.setText(words)
         self.detail.setText(detail)
         self.detail.setVisible(bool(detail))
@@ -304,7 +304,7 @@ class RecordPanel(QWidget):
             self.map.set_values(picture.values if known else np.where(picture.recorded, 1.0, np.nan))
 
     def show_filling(self, light: NDArray[np.float64] | None, words: str = "") -> None:
-        """Show H in the place of the map while it is assembled; None: what was recorded again."""
+        """Show H in the place of the map while it is assembled. None: what was recorded again."""
         self._light = light
         self.map_words.setText(words)
         self._show_map()

@@ -174,7 +174,7 @@ class SetupTab(QObject):
         )
 
     def when_connected(self, then: Callable[[], object] | None) -> None:
-        """Do ``then`` once devices are connected; None: nothing."""
+        """Do ``then`` once devices are connected. None: nothing."""
         self._then = then
 
     def _connected(self, station: Station) -> None:

@@ -103,7 +103,7 @@ class DepthSettings(PageSettings):
 
 
 def camera_of(settings: DepthSettings, project: ProjectState) -> Camera | None:
-    """Return the camera that is used; None: none was described, or it is not wanted."""
+    """Return the camera that is used. None: none was described, or it is not wanted."""
     return project.camera if settings.use_camera and described(project) else None
 
 

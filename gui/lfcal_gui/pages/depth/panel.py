@@ -176,7 +176,7 @@ class DepthPanel(QWidget):
         set_role(self.took, role)
 
     def show_status(self, words: str, fraction: float | None = None, *, bad: bool = False, busy: bool = False) -> None:
-        """Show words, or nothing, and how far it is while it is ``busy``; None: not known."""
+        """Show words, or nothing, and how far it is while it is ``busy``. None: not known."""
         set_role(self.status, "error" if bad else "hint")
         self.status.setText(unbroken(words))
         self.status.setVisible(bool(words))

@@ -132,7 +132,7 @@ class ChoicesPanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_source(self, name: str, offer: Offer | None, project: ProjectState) -> None:
-        """Show what the H called ``name`` offers to a fit in a project; None: it is being opened."""
+        """Show what the H called ``name`` offers to a fit in a project. None: it is being opened."""
         settings = FitSettings.of(project)
         if offer is None:
             self.source.setText(f"{name} is being opened …")
@@ -233,7 +233,7 @@ class FitPictures(QWidget):
         column_of(row, self.contrast, of=self, spacing=2, stretch=0)
 
     def show_fit(self, found: FoundFit | None) -> None:
-        """Show the patterns of a fit, from the first; None: nothing, and nothing of the fit is kept."""
+        """Show the patterns of a fit, from the first. None: nothing, and nothing of the fit is kept."""
         if found is self._found:
             return
         self._found, self.place, self.words = found, None, ""

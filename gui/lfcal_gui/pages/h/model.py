@@ -192,7 +192,7 @@ class PositionMap:
     name
         Name for files of the map.
     levels
-        Limits of the colour scale; None: from the values.
+        Limits of the colour scale. None: from the values.
     note
         Text next to the title; empty: smallest and largest value.
     lines

@@ -264,7 +264,7 @@ class CheckPicture:
     axes, unit
         Names of the axes (vertical, horizontal for a map), and quantity of the values.
     values
-        Curve ``(n,)`` at ``across``, or map ``(rows, columns)`` with first index ``origin``; None: neither.
+        Curve ``(n,)`` at ``across``, or map ``(rows, columns)`` with first index ``origin``. None: neither.
     """
 
     title: str
@@ -377,7 +377,7 @@ class InspectionRequest:
     session
         Session whose control frames are checked; empty: none.
     setup
-        Camera found by the fit; None: another camera is used.
+        Camera found by the fit. None: another camera is used.
     folder
         Folder of the fit whose camera is used; empty: none.
     mat_order

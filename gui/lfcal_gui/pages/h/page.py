@@ -138,7 +138,7 @@ class Page(BasePage):
             self.panel.say_level(level, LEVELS[level][0], state or "none")
 
     def show_fit(self, found: FoundFit | None) -> None:
-        """Offer the patterns of a fit next to H; None: there is none any more."""
+        """Offer the patterns of a fit next to H. None: there is none any more."""
         self.panel.show_fit(found)
         if found is None and self.intent.view == "fit":
             self.intent = replace(self.intent, view="both")

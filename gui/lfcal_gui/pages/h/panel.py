@@ -380,7 +380,7 @@ class HPanel(QWidget):
         self.contrast.setVisible(not by_fit)
 
     def show_fit(self, found: FoundFit | None) -> None:
-        """Offer the patterns of a fit; None: there is none."""
+        """Offer the patterns of a fit. None: there is none."""
         self.view_buttons["Fit"].setVisible(found is not None)
         if found is None:
             self.map.clear()  # its lines keep references to the fit
@@ -423,7 +423,7 @@ class HPanel(QWidget):
     def show_picture(self, picture: HPicture, intent: HIntent, ends: tuple[Levels, Levels], unit: str) -> None:
         """Show the main and the linked picture with values in ``unit``.
 
-        ``ends`` are the levels of the pictures and of a difference; None: each fills the scale.
+        ``ends`` are the levels of the pictures and of a difference. None: each fills the scale.
         """
         levels, signed = ends
         self._show_unit(unit)

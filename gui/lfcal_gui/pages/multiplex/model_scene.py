@@ -485,7 +485,7 @@ class Reconstructions:
     step
         Distance between samples (pixels of the frame).
     origin
-        Position (row, column) of the first sample in the frame (pixels); None: samples fill the frame.
+        Position (row, column) of the first sample in the frame (pixels). None: samples fill the frame.
     """
 
     spatial: Route

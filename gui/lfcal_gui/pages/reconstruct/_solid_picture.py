@@ -113,7 +113,7 @@ class SolidPicture(Picture):
 
     # -- content ---------------------------------------------------------------------------------------
     def show_volume(self, prepared: Prepared | None, view: View) -> None:
-        """Look at a volume; None: at nothing."""
+        """Look at a volume. None: at nothing."""
         before, self._prepared, self._view = self._prepared, prepared, view
         if prepared is None:
             self._drawn = None
@@ -211,7 +211,7 @@ class SolidPicture(Picture):
         return shot, found
 
     def voxel_at(self, row: int, column: int) -> tuple[int, int, int] | None:
-        """Return the voxel that is seen at a pixel; None: there is none."""
+        """Return the voxel that is seen at a pixel. None: there is none."""
         if self._drawn is None:
             return None
         scene, found, prepared = self._drawn

@@ -175,7 +175,7 @@ class VolumeView(QWidget):
     Parameters
     ----------
     jobs
-        Draw in the background; None: draw immediately.
+        Draw in the background. None: draw immediately.
     """
 
     moved = Signal(int, int, int, arguments=["z", "y", "x"])

@@ -200,11 +200,11 @@ class ReconstructSettings(PageSettings):
     stop
         Stopping rule, as in `SolverChoice`; empty: stop after ``iterations``.
     memory
-        Largest memory (GB); None: 80 % of the free memory.
+        Largest memory (GB). None: 80 % of the free memory.
     method, device, threshold, within, double
         As in `lfcal.reconstruct.Projector`, ``within`` its ``tolerance``.
     margin
-        Pixels of the volume beyond each edge of the region; None: `lfcal.reconstruct.margin.usual_margin`.
+        Pixels of the volume beyond each edge of the region. None: `lfcal.reconstruct.margin.usual_margin`.
     voxel
         Side of the voxels of a saved volume (µm); ``"auto"``: the smallest of all planes; empty: one voxel per pixel.
     region
@@ -349,7 +349,7 @@ class ReconstructSettings(PageSettings):
         return replace(choice, margin=usual_margin(H.period, (H.shape[3], H.shape[4]), used))
 
     def grid(self, H: PSFMatrix, shape: tuple[int, int], view: Resampling | None = None) -> MetricGrid | None:
-        """Return the grid of equal voxels for the used region of images of ``shape``; None: one voxel per pixel.
+        """Return the grid of equal voxels for the used region of images of ``shape``. None: one voxel per pixel.
 
         ``view``: how the light field was resampled to these images.
 
@@ -378,7 +378,7 @@ class ReconstructSettings(PageSettings):
         return H.anchor if view is None else view.anchor(lattice_anchor_of(H))
 
     def view(self, H: PSFMatrix, shape: tuple[int, int]) -> Resampling | None:
-        """Return how a light field of ``shape`` is resampled to the period of H; None: not resampled."""
+        """Return how a light field of ``shape`` is resampled to the period of H. None: not resampled."""
         placed = next((name for name in ("regions", "anchor", "region") if getattr(self, name)), "")
         return resampling_for(H, shape, self.light_field, placed)
 

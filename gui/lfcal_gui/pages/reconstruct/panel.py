@@ -247,7 +247,7 @@ class ReconstructPanel(QWidget):
         editor.setAccessibleDescription(self.no_device)
 
     def show_region(self, region: tuple[int, int, int, int] | None) -> None:
-        """Frame the region that is used: first row, row behind the last, and so for columns; None: no light field."""
+        """Frame the region that is used: first row, row behind the last, and so for columns. None: no light field."""
         if region is None:
             self.view.light_field.set_overlays()
             return

@@ -77,7 +77,7 @@ class Looking(QObject):
         self._jobs.drop("sessions list")
 
     def _list(self, folders: Sequence[str], project: ProjectState, stop: threading.Event) -> ResultList | None:
-        """Look through folders, in a thread; None: it was stopped."""
+        """Look through folders, in a thread. None: it was stopped."""
         from lfcal.judge import ListingProgress, iter_find_results
 
         self.kept.sweep()

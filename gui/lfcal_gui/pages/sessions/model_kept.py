@@ -54,7 +54,7 @@ class KeptResults:
     Parameters
     ----------
     folder
-        Folder of the cache; None: the default.
+        Folder of the cache. None: the default.
     """
 
     def __init__(self, folder: Path | None = None) -> None:

@@ -222,7 +222,7 @@ class TargetDialog(QDialog):
             )
 
     def show_planned(self, found: PlannedTarget | None) -> None:
-        """Show a plan; None: there is none."""
+        """Show a plan. None: there is none."""
         self.found = found
         self.stack.setCurrentIndex(int(found is not None))
         self.costs.setText("" if found is None else _costs(found))

@@ -44,7 +44,7 @@ class ScanScene:
     camera, plan
         Camera and plan.
     half
-        Recorded positions ``(n, 3)``; None: all.
+        Recorded positions ``(n, 3)``. None: all.
     checked
         White image with its fitted lattice; None if there is none.
     """

@@ -324,7 +324,7 @@ class PlanningPanel(QWidget):
             self.strip.set_current(len(plan.depths_um) - 1)
 
     def show_expected(self, apertures: Sequence[Aperture | None]) -> None:
-        """Draw the apertures that are expected in the planes; None: in focus, or not to be seen."""
+        """Draw the apertures that are expected in the planes. None: in focus, or not to be seen."""
         self.strip.show_expected(apertures)
         self._draw()
 

@@ -148,7 +148,7 @@ class MagnitudeEditor(QWidget):
     """Value and source of one magnitude."""
 
     given = Signal(str, object, str, arguments=["field", "value", "mark"])
-    """A value that passes, and how it is known; None: given no longer."""
+    """A value that passes, and how it is known. None: given no longer."""
 
     def __init__(self, effect: str, magnitude: Magnitude) -> None:
         super().__init__()
@@ -400,7 +400,7 @@ class EffectPanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_row(self, row: EffectRow | None) -> None:
-        """Show what is known of an effect; None: none is selected."""
+        """Show what is known of an effect. None: none is selected."""
         there = row is not None
         for widget in (self.why, self.form, self.note, self.formula, self.stop_button):
             widget.setVisible(there)
