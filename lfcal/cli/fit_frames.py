@@ -19,9 +19,7 @@ def show(made: tuple[Recalibrated, ...]) -> None:
         print_table(["parameter", "found", "±", "described", "unit"], rows)
         print_table(["frame", "goodness of fit"], [[name, f"{own.ratio:.3f}"] for name, own in found.goodness.items()])
         typer.secho(found.verdict, fg=typer.colors.GREEN if found.accepted else typer.colors.RED, bold=True)
-        for words in found.remedies:
+        for words in found.notes:
             report(f"note: {words}")
-        if found.undetermined:
-            report(f"note: these frames do not determine {', '.join(found.undetermined)}")
         if one.files:
             typer.echo(f"{one.out}: {', '.join(path.name for path in one.files)}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -99,10 +100,15 @@ class PlaneModel:
         ``offsets_px`` ``(n, 2)`` are the displacements (dy, dx) of the sources in pixels on the sensor, in addition to
         those of the stage in the setup.
         """
-        out = np.zeros((len(places), *self._scene.cutout), np.float32)
         moved = offsets_px + self._aside + self._scale * (places - self._middle)
-        for layer in _once_each(places):
-            for sample in self._samples:
+        layers = list(_once_each(places))
+        if len(layers) == len(self._samples) == 1:  # without copies
+            (only,) = self._samples
+            out = self._run(only.wavelength_um, places, moved + np.array([only.rows, only.columns]))
+            out *= np.float32(only.weight)
+        else:
+            out = np.zeros((len(places), *self._scene.cutout), np.float32)
+            for layer, sample in product(layers, self._samples):
                 at = moved[layer] + np.array([sample.rows, sample.columns])
                 out[layer] += np.float32(sample.weight) * self._run(sample.wavelength_um, places[layer], at)
         h = self._halo

@@ -81,7 +81,8 @@ def dark_fields(shape: tuple[int, int], parts: int = 1) -> F4:
     degree = min(parts, 3)
     knots = np.clip(np.linspace(-degree, parts + degree, parts + 2 * degree + 1) / parts, 0, 1)
     y, x = (BSpline.design_matrix(np.linspace(0, 1, n), knots, degree).toarray() for n in shape)
-    return np.einsum("ya,xb->abyx", y, x).reshape(-1, *shape).astype(np.float32)
+    found: F4 = np.einsum("ya,xb->abyx", y, x).reshape(-1, *shape).astype(np.float32)
+    return found
 
 
 def estimate_scene(patterns: VoxelPatterns, frame: ObjectFrame, fields: F4, iterations: int) -> SceneEstimate:

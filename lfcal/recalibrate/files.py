@@ -31,7 +31,8 @@ def recalibration_dict(found: Recalibration) -> dict[str, Any]:
             "goodness": {name: one._asdict() for name, one in found.goodness.items()},
             "parameters": list(found.parameters.values()),
             "remedies": list(found.remedies),
-            "undetermined": list(found.undetermined),
+            "undetermined": [list(names) for names in found.undetermined],
+            "depth_scale": dict(found.depth_scale),
             "contents": found.contents,
             "depths_um": found.planned.depths_um,
         }

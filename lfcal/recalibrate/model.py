@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from lfcal.recalibrate._window import SensorWindow
 from lfcal.recalibrate.score import Goodness, Score, goodness, score_of
 from lfcal.simulate import Sampling
 
-__all__ = ["Contents", "WindowModel"]
+__all__ = ["DEPTH_SCALE", "Contents", "WindowModel"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -24,8 +24,8 @@ F8 = NDArray[np.float64]
 STEP = 0.25
 """Step of a finite difference, in scales of its unknown."""
 
-BRIGHT = 0.995
-"""Fraction of the light whose voxels determine derivatives; the many dark ones would cost most of the time."""
+DEPTH_SCALE = 0.01
+"""Unit of the scale of the depths, as a fraction."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,6 @@ class Contents:
     halves: bool = False
     dark_parts: int = 1
 
-    def setup(self, setup: Setup) -> Setup:
-        """Return ``setup`` with the planes of these contents."""
-        return replace(setup, depth_errors_um=(0.0,) * len(self.depths_um))
-
 
 class WindowModel:
     """Frames of one window, with the model that explains them.
@@ -69,13 +65,17 @@ class WindowModel:
     ) -> None:
         self.frames, self.contents, self.workers = tuple(frames), contents, worker_count(workers)
         self.plan = replace(window.plan, depths_um=contents.depths_um, exposure_s=window.plan.exposures[0])
+        self._planned = window.plan.depths_um
         self.fields = dark_fields(window.shape, contents.dark_parts)
         self._voxels = every_voxel(self.plan, halves=contents.halves)
 
     def patterns(self, setup: Setup, sampling: Sampling, voxels: Voxels | None = None) -> VoxelPatterns:
         """Return the patterns of ``voxels``. None: of all."""
         own = self._voxels if voxels is None else voxels
-        return patterns_at(self.contents.setup(setup), self.plan, own, sampling, self.workers)
+        order = np.argsort(self._planned)
+        known, errors = np.array(self._planned)[order], np.array(setup.depth_errors_um)[order]
+        moved = tuple(np.interp(self.contents.depths_um, known, errors).tolist())
+        return patterns_at(replace(setup, depth_errors_um=moved), self.plan, own, sampling, self.workers)
 
     def scenes(self, patterns: VoxelPatterns, iterations: int) -> list[SceneEstimate]:
         """Return the estimated object of each frame."""
@@ -93,28 +93,54 @@ class WindowModel:
         return [goodness(patterns, frame, scene, self.fields) for frame, scene in pairs]
 
     def derivatives(
-        self, vector: Vector, u: F8, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate], sampling: Sampling
+        self,
+        vector: Vector,
+        u: F8,
+        patterns: VoxelPatterns,
+        scenes: Sequence[SceneEstimate],
+        sampling: Sampling,
+        bright: float,
     ) -> F4:
-        """Return the derivatives of all expected frames ``(k, frames, rows, columns)`` for fixed volumes."""
+        """Return the derivatives of all expected frames ``(k + 1, frames, rows, columns)`` for fixed volumes.
+
+        The last one is that by the scale of the depths, in units of `DEPTH_SCALE`. Only the brightest voxels, which
+        contain the fraction ``bright`` of the light, are used.
+        """
         light = patterns.values.sum((1, 2))
-        keep = np.logical_or.reduce([_brightest(scene.volume * light) for scene in scenes])
+        keep = np.logical_or.reduce([_brightest(scene.volume * light, bright) for scene in scenes])
         some, volumes = patterns.of(keep), np.stack([scene.volume[keep] for scene in scenes])
         base = some.images(volumes)
-        found = np.empty((len(u), *base.shape), np.float32)
+        found = np.empty((len(u) + 1, *base.shape), np.float32)
+        for k, (setup, step) in enumerate(self._displaced(vector, u)):
+            displaced = self.patterns(setup, sampling, (some.places, some.offsets_px))
+            found[k] = (displaced.images(volumes) - base) / np.float32(step)
+        return found
+
+    def _displaced(self, vector: Vector, u: F8) -> Iterator[tuple[Setup, float]]:
+        """Yield a setup for each unknown and for the scale of the depths, and its step from ``u``."""
         for k in range(len(u)):
             moved = u.copy()
             moved[k] += STEP
             step = STEP if np.isclose(vector.clipped(moved)[k], moved[k]) else -STEP
             moved[k] = u[k] + step
-            displaced = self.patterns(vector.setup_at(moved), sampling, (some.places, some.offsets_px))
-            found[k] = (displaced.images(volumes) - base) / np.float32(step)
-        return found
+            yield vector.setup_at(moved), step
+        setup = vector.setup_at(u)
+        pairs = zip(setup.depth_errors_um, self._planned, strict=True)
+        errors = tuple(error + STEP * DEPTH_SCALE * _lever(setup, z) for error, z in pairs)
+        yield replace(setup, depth_errors_um=errors), STEP
 
 
-def _brightest(light: F4) -> NDArray[np.bool_]:
-    """Return a mask of the fewest voxels that contain the fraction `BRIGHT` of the light ``(n,)``."""
+def _lever(setup: Setup, z_um: float) -> float:
+    """Return the change of a depth (µm) for a relative change of the distance of its image from the array."""
+    camera, small = setup.camera, 1e-4 * max(1.0, abs(z_um))
+    image = camera.image_shift_um(z_um)
+    return image * small / (camera.image_shift_um(z_um + small) - image)
+
+
+def _brightest(light: F4, fraction: float) -> NDArray[np.bool_]:
+    """Return a mask of the fewest voxels that contain a ``fraction`` of the light ``(n,)``."""
     order = np.argsort(-light)
     total = np.cumsum(light[order], dtype=np.float64)
     keep = np.zeros(len(light), np.bool_)
-    keep[order[: int(np.searchsorted(total, BRIGHT * total[-1])) + 1]] = True
+    keep[order[: int(np.searchsorted(total, fraction * total[-1])) + 1]] = True
     return keep

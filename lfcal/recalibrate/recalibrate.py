@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,10 @@ from lfcal.fit import (
     starting_effects,
 )
 from lfcal.recalibrate._frames import check_memory, distinct_label, in_window, whole_frame
+from lfcal.recalibrate._modes import Modes
 from lfcal.recalibrate._scene import ObjectFrame
 from lfcal.recalibrate._window import SensorWindow, windows_of
-from lfcal.recalibrate.model import Contents, WindowModel
+from lfcal.recalibrate.model import DEPTH_SCALE, Contents, WindowModel
 from lfcal.recalibrate.score import Goodness, Score
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import EnergyError
@@ -48,16 +49,17 @@ DETERMINED = ("geometry", "pitch", "focal_lengths", "iris", "wavefront")
 """Groups of unknowns that frames of unknown objects determine."""
 
 ROUNDS = (
-    (15, Fineness.coarse, True),
-    (30, Fineness.coarse, True),
-    (60, Fineness.coarse, True),
-    (100, Fineness.coarse, False),
-    (100, Fineness.fine, False),
+    (15, Fineness.coarse, 0.9),
+    (30, Fineness.coarse, 0.97),
+    (60, Fineness.coarse, 0.995),
+    (100, Fineness.coarse, 0.0),
+    (100, Fineness.fine, 0.0),
 )
-"""Iterations for the object, sampling, and whether derivatives are computed, of each round.
+"""Iterations for the object, sampling, and fraction of the light whose voxels determine derivatives, of each round.
 
-The object is known better from round to round. Old derivatives change the length of a step, not the camera at which the
-score vanishes.
+The object is known better from round to round. The many dark voxels would take most of the time for derivatives. If
+the fraction is 0, earlier derivatives are used. These change the length of a step, not the camera at which the score is
+zero.
 """
 
 LONGEST = 8.0
@@ -68,6 +70,12 @@ UNCERTAINTY = 3.0
 
 FLOORS = {"focal_lengths": 2e-3, "iris": 1e-3, "geometry": 2e-4, "pitch": 1e-5}
 """Error of the model by group of unknowns, as a fraction of the described value: stated noise does not include it."""
+
+CLEAR = 2.0
+"""Change of an unknown with the scale of the depths, in standard deviations, above which it is reported."""
+
+LEAST_SHARE = 0.2
+"""Relative change of an unknown with the depths, above which it is reported."""
 
 HELPS = 0.7
 """Excess of the goodness of fit with a remedy, relative to that without, below which it names the likely reason."""
@@ -109,7 +117,10 @@ class Recalibration:
     remedies
         What was changed, or what may be wrong, one sentence each.
     undetermined
-        Names of unknowns that the frames hardly determine; they stay near their described values.
+        Names of the unknowns in each combination that the frames do not determine; the fit does not move along it.
+    depth_scale
+        Relative change of unknowns with the depths of all planes, by name. The depths are taken as known, and H hardly
+        depends on their scale.
 
     Examples
     --------
@@ -129,7 +140,8 @@ class Recalibration:
     goodness: Mapping[str, Goodness]
     contents: Contents
     remedies: tuple[str, ...] = ()
-    undetermined: tuple[str, ...] = ()
+    undetermined: tuple[tuple[str, ...], ...] = ()
+    depth_scale: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def camera(self) -> Camera:
@@ -157,6 +169,21 @@ class Recalibration:
             found.append(f"the residual is only {least.ratio:.2f} times as large as the stated noise")
         if min(one.freedom for one in self.goodness.values()) < FREEDOM:
             found.append("too few pixels are valid")
+        return tuple(found)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was changed or may be wrong, and what the frames do not determine, one sentence each."""
+        found = list(self.remedies)
+        for names in self.undetermined:
+            what = names[0] if len(names) == 1 else f"a common change of {', '.join(names)}"
+            found.append(f"these frames do not determine {what}, so the fit does not follow it")
+        if self.depth_scale:
+            shares = ", ".join(f"{name} by {share:.1f} %" for name, share in self.depth_scale.items())
+            found.append(
+                f"scale of the depths, taken as known: if all depths are 1 % larger, so are {shares}, and H hardly "
+                "changes; only a target or a known step of the stage determines millimetres"
+            )
         return tuple(found)
 
     @property
@@ -309,20 +336,22 @@ class _Run:
         return [WindowModel(window, frames, contents, self.workers) for window, frames in self.lit]
 
     def _iter_fit(self, contents: Contents, note: str) -> Work[_At]:
-        u, models, total = np.zeros(len(self.vector)), self._models(contents), Score.none(len(self.vector))
+        count = len(self.vector)
+        u, models, total = np.zeros(count), self._models(contents), Score.none(count + 1)
         clock, derivatives = Clock(note, (len(ROUNDS) + 1) * len(models)), dict[int, F4]()
         yield clock.at(0)
-        for turn, (iterations, sampling, renewed) in enumerate(ROUNDS):
-            total = Score.none(len(u))
+        for turn, (iterations, sampling, bright) in enumerate(ROUNDS):
+            total = Score.none(count + 1)
             for k, model in enumerate(models):
                 patterns = model.patterns(self.vector.setup_at(u), sampling)
                 scenes = model.scenes(patterns, iterations)
-                if renewed:
-                    derivatives[k] = model.derivatives(self.vector, u, patterns, scenes, sampling)
+                if bright:
+                    derivatives[k] = model.derivatives(self.vector, u, patterns, scenes, sampling, bright)
                 total += model.score(patterns, scenes, derivatives[k])
                 yield clock.at(turn * len(models) + k + 1)
-            step = np.linalg.solve(total.information + np.diag(self.precision), total.gradient - self.precision * u)
-            u = self.vector.clipped(u + np.clip(step, -LONGEST, LONGEST))
+            own = total.information[:count, :count]
+            target = Modes.of(own, self.precision).estimate(total.gradient[:count] + own @ u)
+            u = self.vector.clipped(u + np.clip(target - u, -LONGEST, LONGEST))
         goodness: dict[str, Goodness] = {}
         for k, one in enumerate(self._goodness(u, models)):
             goodness = {name: max(value, goodness.get(name, value)) for name, value in one.items()}
@@ -359,21 +388,25 @@ class _Run:
         )
 
     def _summary(self, at: _At, words: tuple[str, ...]) -> Recalibration:
-        covariance = np.linalg.inv(at.information + np.diag(self.precision))
-        worst = max(1.0, at.worst)
-        found, weak = {}, []
+        information = at.information[:-1, :-1]
+        modes = Modes.of(information, self.precision)
+        sigmas = np.sqrt(np.diag(modes.covariance) * max(1.0, at.worst))
+        along = -modes.estimate(at.information[:-1, -1])
+        found, scale = {}, {}
         for k, one in enumerate(self.vector.unknowns):
-            u, sigma = float(at.u[k]), math.sqrt(max(0.0, covariance[k, k]) * worst)
+            u, sigma = float(at.u[k]), float(sigmas[k])
             floor = FLOORS.get(one.group, 0.0) * abs(one.start)
-            value, held = one.value(u), at.information[k, k] + self.precision[k]
+            value, held = one.value(u), information[k, k] + self.precision[k]
             known = math.hypot(one.sigma_of(u, sigma), floor)
             found[one.name] = Parameter(
                 one.name, one.group, one.unit, value, known, one.start, one.sigma_of(u, 1 / math.sqrt(held))
             )
-            if sigma > 0.5 / math.sqrt(self.precision[k]):
-                weak.append(one.name)
+            share = (one.value(u + along[k]) - value) / (DEPTH_SCALE * value) if value else 0.0
+            if abs(along[k]) > CLEAR * sigma and abs(share) > LEAST_SHARE:
+                scale[one.name] = share
         setup = self.vector.setup_at(at.u)
-        return Recalibration(setup, self.plan, found, at.goodness, at.contents, words, tuple(weak))
+        weak = modes.undetermined(tuple(found))
+        return Recalibration(setup, self.plan, found, at.goodness, at.contents, words, weak, scale)
 
 
 def _remedies(plan: ScanPlan) -> list[Remedy]:

@@ -85,7 +85,8 @@ def orthogonal(
 
     def rest(some: F4) -> F4:
         flat = some.reshape(len(some), -1)
-        return (flat - (flat * weight.ravel()) @ own.T @ own).reshape(some.shape)
+        imitated: F4 = np.matmul(np.matmul(flat * weight.ravel(), own.T), own)
+        return (flat - imitated).reshape(some.shape)
 
     def normal(v: F4) -> F4:
         found: F4 = root * patterns.sums(weight * rest(patterns.images(root * v)))
@@ -108,7 +109,8 @@ def orthogonal(
         now = np.square(left, dtype=np.float64).sum(1)
         direction = left + (now / np.maximum(power, 1e-30)).astype(np.float32)[:, None] * direction
         power = now
-    return images - rest(patterns.images(root * found))
+    free: F4 = images - rest(patterns.images(root * found))
+    return free
 
 
 def _orthonormal(weight: F4, fields: F4) -> F4:

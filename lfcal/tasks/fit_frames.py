@@ -12,19 +12,14 @@ from lfcal.records import (
     CorrectionRecipe,
     opt,
     panel,
-    read_cutout,
-    read_depths,
     read_orientation,
-    read_virtual_depths,
     record,
     required,
-    show_pair,
-    show_planes,
 )
 from lfcal.tasks._patterns import NO_PLACE, check_colours, noise_field, open_upright, own_words
 from lfcal.tasks.cameras import is_camera_file, preset_names
 from lfcal.tasks.fit import FOLDER, read_unknowns
-from lfcal.tasks.planned import planned_scan
+from lfcal.tasks.planned import cutout_field, depths_field, planned_scan, virtual_depths_field
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
@@ -100,31 +95,9 @@ class Recalibrate(Task):
         examples=preset_names,
         empty="the camera of H",
     )
-    depths: tuple[float, ...] = opt(
-        (),
-        "Depths of the planes of the volume, increasing away from the camera: a,b,c or start:stop:step. In µm, unless "
-        "a unit follows (1.2mm).",
-        unit="µm",
-        read=read_depths,
-        show=show_planes,
-        empty="the planes of H or of the plan",
-    )
-    virtual_depths: tuple[float, ...] = opt(
-        (),
-        "Virtual depths v = a/B of the planes of the volume: a,b,c or start:stop:step.",
-        read=read_virtual_depths,
-        show=show_planes,
-        empty="the planes of H or of the plan",
-    )
-    cutout: tuple[int, int] | None = opt(
-        None,
-        "Size of the cutout around the image of each point: an odd number of pixels, or ROWS,COLUMNS.",
-        unit="px",
-        read=read_cutout,
-        show=show_pair,
-        empty="as in H or the plan, else the geometric size of the pattern",
-        more=True,
-    )
+    depths: tuple[float, ...] = depths_field("the planes of H or of the plan")
+    virtual_depths: tuple[float, ...] = virtual_depths_field("the planes of H or of the plan")
+    cutout: tuple[int, int] | None = cutout_field("H or the plan", more=True)
     unknowns: str = opt(
         "auto",
         "Groups of unknowns to fit, separated by commas. auto: gap, rotation, offset and pitch of the array, focal "

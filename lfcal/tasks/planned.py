@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfcal.base import InputError, read_text, write_text
-from lfcal.records import check_planes, opt, record
+from lfcal.records import (
+    check_planes,
+    opt,
+    read_cutout,
+    read_depths,
+    read_virtual_depths,
+    record,
+    show_pair,
+    show_planes,
+)
 from lfcal.tasks.cameras import is_camera_file, load_camera, tell_assumed
 from lfcal.tasks.task import Task, TaskResult
 
@@ -22,14 +31,39 @@ __all__ = [
     "WITHOUT_READOUT",
     "PlanTask",
     "Planned",
+    "cutout_field",
+    "depths_field",
     "planned_scan",
     "ready_regions",
     "scan_of",
+    "virtual_depths_field",
     "write_plan",
 ]
 
 WITHOUT_READOUT = "without readout (--frame-rate)"
 """Remark on a time that does not count readout."""
+
+
+def depths_field(empty: str) -> tuple[float, ...]:
+    """Declare the field ``depths`` of a task on a scan; ``empty`` says what applies if it is not set."""
+    words = (
+        "Depths of the planes, increasing away from the camera: a,b,c or start:stop:step. In µm, unless a unit follows "
+        "(1.2mm)."
+    )
+    return opt((), words, unit="µm", read=read_depths, show=show_planes, empty=empty)
+
+
+def virtual_depths_field(empty: str) -> tuple[float, ...]:
+    """Declare the field ``virtual_depths`` of a task on a scan; ``empty`` says what applies if it is not set."""
+    words = "Virtual depths v = a/B of the planes: a,b,c or start:stop:step."
+    return opt((), words, read=read_virtual_depths, show=show_planes, empty=empty)
+
+
+def cutout_field(source: str, *, more: bool = False) -> tuple[int, int] | None:
+    """Declare the field ``cutout`` of a task on a scan; ``source`` may define it, and ``more`` is as in `opt`."""
+    words = "Size of the cutout around the image of each point: an odd number of pixels, or ROWS,COLUMNS."
+    empty = f"as in {source}, else the geometric size of the pattern"
+    return opt(None, words, unit="px", read=read_cutout, show=show_pair, empty=empty, more=more)
 
 
 @record

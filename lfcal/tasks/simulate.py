@@ -11,18 +11,19 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from lfcal.base import InputError, Work, format_bytes, format_seconds, note, warn
 from lfcal.records import (
     opt,
-    read_cutout,
-    read_depths,
     read_effect,
     read_share,
-    read_virtual_depths,
     record,
     required,
-    show_pair,
-    show_planes,
 )
 from lfcal.tasks.cameras import is_camera_file, preset_names
-from lfcal.tasks.planned import planned_scan, ready_regions
+from lfcal.tasks.planned import (
+    cutout_field,
+    depths_field,
+    planned_scan,
+    ready_regions,
+    virtual_depths_field,
+)
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
@@ -315,30 +316,9 @@ class _Simulate(Task):
 class _OfOnePlan(_Simulate):
     """Fields of simulations of one plan, or of a camera with planes."""
 
-    depths: tuple[float, ...] = opt(
-        (),
-        "Depths of the planes, increasing away from the camera: a,b,c or start:stop:step. In µm, unless a unit follows "
-        "(1.2mm).",
-        unit="µm",
-        read=read_depths,
-        show=show_planes,
-        empty="the planes of the plan",
-    )
-    virtual_depths: tuple[float, ...] = opt(
-        (),
-        "Virtual depths v = a/B of the planes: a,b,c or start:stop:step.",
-        read=read_virtual_depths,
-        show=show_planes,
-        empty="the planes of the plan",
-    )
-    cutout: tuple[int, int] | None = opt(
-        None,
-        "Size of the cutout around the image of each point: an odd number of pixels, or ROWS,COLUMNS.",
-        unit="px",
-        read=read_cutout,
-        show=show_pair,
-        empty="as in the plan, else the geometric size of the pattern",
-    )
+    depths: tuple[float, ...] = depths_field("the planes of the plan")
+    virtual_depths: tuple[float, ...] = virtual_depths_field("the planes of the plan")
+    cutout: tuple[int, int] | None = cutout_field("the plan")
 
     @property
     def camera_name(self) -> str:

@@ -60,6 +60,48 @@ def test_one_frame_of_beads_recalibrates_the_camera() -> None:
 
 
 @pytest.mark.long
+def test_the_scale_of_the_depths_is_not_determined() -> None:
+    """If the planes are 2 % farther than assumed, gap, focal lengths and iris change as much, and H hardly."""
+    groups, scale = (*GROUPS, "focal_lengths"), 0.02
+    camera = true_setup(PLAN).camera
+    lever = [v * camera.lattice.gap_um * (1 + scale) for v in map(camera.virtual_depth, PLAN.depths_um)]
+    farther = replace(PLAN, depths_um=tuple(camera.depth_of(a / camera.lattice.gap_um) for a in lever))
+    own = replace(the_window(PLAN).plan, depths_um=farther.depths_um)
+    patterns = patterns_at(true_setup(PLAN), own, every_voxel(own), Fineness.fine, 2)
+    light = patterns.images(beads(PLAN, 1)[None])[0]
+    mean = 3000 * light / light.max() + 20
+    frame = NewFrame(np.random.default_rng(1).poisson(mean).astype(np.float32), noise=(1e-3, 1.0))
+    known = recalibrate([frame], farther, unknowns=groups, workers=2)
+    found = recalibrate([frame], PLAN, unknowns=groups, workers=2)
+    assert found.accepted and known.accepted
+    assert set(found.depth_scale) >= {"gap_um", "f_number"}
+    for name, share in found.depth_scale.items():
+        change = known.parameters[name].value / found.parameters[name].value - 1
+        assert share == pytest.approx(1, abs=0.4), name
+        assert change == pytest.approx(
+            scale * share, abs=5 * found.parameters[name].sigma / known.parameters[name].value
+        )
+    made = patterns_at(found.setup, the_window(PLAN).plan, every_voxel(own), Fineness.fine, 2).values
+    assert np.abs(made - patterns.values).sum() < 0.02 * patterns.values.sum()
+    assert any(words.startswith("scale of the depths") and "gap_um by" in words for words in found.notes)
+
+
+@pytest.mark.long
+def test_free_depths_are_not_followed_where_the_frames_do_not_determine_them() -> None:
+    groups = (*GROUPS, "focal_lengths", "distance")
+    found = recalibrate([frame_of(PLAN, beads(PLAN, 1), 1)], PLAN, unknowns=groups, workers=2)
+    assert found.accepted and error_of_h(found.setup) < 0.02
+    distance = found.parameters["distance_um"]
+    assert 0 < distance.sigma_held < 0.5 * distance.sigma, "the distance changes H"
+
+
+def test_combinations_that_are_not_determined_are_named() -> None:
+    found = replace(good(), undetermined=(("gap_um", "distance_um"), ("rotation_rad",)))
+    assert "these frames do not determine a common change of gap_um, distance_um" in found.notes[0]
+    assert found.notes[1].startswith("these frames do not determine rotation_rad")
+
+
+@pytest.mark.long
 def test_frames_add_as_independent_information() -> None:
     two = fitted(*(frame_of(PLAN, beads(PLAN, seed), seed) for seed in (1, 2)))
     assert two.accepted and sorted(two.goodness) == ["beads 1", "beads 2"]

@@ -61,8 +61,8 @@ def volume_of(kind: str, rng: np.random.Generator, shape: tuple[int, int, int]) 
         for _ in range(24):
             volume[rng.integers(nz), rng.integers(3, ny - 3), rng.integers(3, nx - 3)] += rng.uniform(0.3, 1)
     elif kind == "lines":
-        for z in (0, 1, 0, 1):
-            t, angle = np.arange(-5, 6), rng.uniform(0, np.pi)
+        for z in (0, 1) * 4:
+            t, angle = np.arange(-4, 5), rng.uniform(0, np.pi)
             y, x = rng.integers(8, ny - 8), rng.integers(8, nx - 8)
             rows, columns = np.rint(y + t * np.sin(angle)), np.rint(x + t * np.cos(angle))
             volume[z, rows.astype(int), columns.astype(int)] = rng.uniform(0.3, 1)
