@@ -10,10 +10,18 @@ import typer
 
 from lfcal.base import InputError, check_choice, map_npy, write_tiff
 from lfcal.cli._console import print_json, print_written, run_work
-from lfcal.cli._options import ExposureOption, ForceOption, GainOption, JsonOption, PageOption, WorkersOption
+from lfcal.cli._options import (
+    ExposureOption,
+    ForceOption,
+    GainOption,
+    JsonOption,
+    MaskOption,
+    PageOption,
+    WorkersOption,
+)
 from lfcal.cli._usage import refuse
 from lfcal.multiplex import GRAMMAR, dark_level, modulator_of
-from lfcal.tasks import check_output, check_outputs
+from lfcal.tasks import check_outputs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,8 +33,13 @@ __all__ = ["demosaic", "recover", "views"]
 
 ROUTES = ("spatial", "fourier", "both")
 
-DeadOption: TypeAlias = Annotated[
-    Path | None, typer.Option("--dead", help="Image that is not zero at dead pixels, which are left out.")
+WithoutOption: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--mask",
+        help="Pixels to leave out: an image that is not 0 at these pixels, or a list with one ROW,COLUMN per line. "
+        "NaN is always left out.",
+    ),
 ]
 DeviationOption: TypeAlias = Annotated[
     Path | None,
@@ -50,6 +63,7 @@ def demosaic(
         "default directional.",
     ),
     dark: float | None = typer.Option(None, help="Black level; default: from the RAW file."),
+    mask: MaskOption = None,
     page: PageOption = 0,
     workers: WorkersOption = None,
     force: ForceOption = False,
@@ -59,18 +73,19 @@ def demosaic(
 
     Example: `lfcal multiplex demosaic shot.dng -o shot.tif`
     """
-    from lfcal.multiplex import cfa, demultiplex, read_recorded, without_black_level
+    from lfcal.multiplex import cfa, demultiplex, interpolated, read_recorded, without_black_level
 
     if route == "fourier":
         refuse(context, "--route spatial", route, "filter")
-    check_output(out, frame, force=force)
+    check_outputs((out,), frame, mask, force=force)
     recorded = read_recorded(frame, page)
     mosaic = pattern or recorded.filters
     if not mosaic:
         raise InputError.expected(f"colour filters of {frame}", "a pattern", "none", "give --pattern, e.g. GRBG")
     level, array = recorded.level(dark), cfa(mosaic)
     _check_recovered(array)
-    planes = demultiplex(without_black_level(recorded.raw, level), array, route=route, filter=filter)
+    light = interpolated(without_black_level(recorded.raw, level), frame, mask, cfa=mosaic)
+    planes = demultiplex(light, array, route=route, filter=filter)
     _write(out, planes)
     if not json:
         print_written(out)
@@ -102,7 +117,7 @@ def recover(
     ),
     gain: GainOption = 1.0,
     exposure: ExposureOption = 0.0,
-    dead: DeadOption = None,
+    mask: WithoutOption = None,
     deviation: DeviationOption = None,
     dark: float | None = typer.Option(None, help="Black level; default: from the file, else from --camera, else 0."),
     spacing: float | None = typer.Option(
@@ -128,7 +143,7 @@ def recover(
 
     check_choice("route", route, ROUTES)
     outputs = (out, _fourier_file(out) if route == "both" else None, deviation)
-    check_outputs(outputs, frame, transmissions, camera, dead, force=force)
+    check_outputs(outputs, frame, transmissions, camera, mask, force=force)
     if (modulator is None) == (transmissions is None):
         got = "neither" if modulator is None else "both"
         raise InputError.expected("modulator", "--modulator or --transmissions", got, "give one of them")
@@ -140,8 +155,8 @@ def recover(
     sensor = None if camera is None else load_camera(camera, only=OF_WEIGHTS).sensor
     recorded = read_recorded(frame, page)
     level = recorded.level(dark, sensor)
-    weights = recorded.weights(level, sensor, dead, gain=gain, exposure_s=exposure)
-    light = without_black_level(recorded.raw.astype(float), level)
+    weights = recorded.weights(level, sensor, mask, gain=gain, exposure_s=exposure)
+    light = without_black_level(recorded.filled.astype(float), level)
     shares: Any = modulator_of(modulator) if modulator else map_npy(str(transmissions))
     if by_iterations:
         others = {"deviation": deviation, "filter": filter, "route": None if route == "spatial" else route}
@@ -187,14 +202,14 @@ def _by_super_pixels(
     facts: dict[str, Any] = {"samples": list(modulator.sample_names)[:16]}
     if route != "fourier" and (weights is not None or filter is None):
         if filter not in (None, "linear"):
-            wanted = "linear, because --camera or --dead gives weights to the pixels"
+            wanted = "linear, because pixels have weights (--camera, --mask, or NaN in the frame)"
             raise InputError.expected("--filter", wanted, filter, "leave --filter out")
         known = np.ones(light.shape) if weights is None else weights
         found = demultiplex_weighted(light, modulator, known)
         lost = float(np.isinf(found.deviation).any(0).mean())
         if lost == 1:
             wanted = "pixels that measure all samples somewhere"
-            remedy = "reduce the exposure if pixels are saturated, or check --dead and --camera"
+            remedy = "reduce the exposure if pixels are saturated, or check --mask and --camera"
             raise InputError.expected(f"frame behind {modulator.name}", wanted, "none", remedy)
         _write(out, found.samples)
         if deviation is not None:
@@ -205,12 +220,11 @@ def _by_super_pixels(
     elif route != "fourier":
         _write(out, demultiplex(light, modulator, filter=filter))
     elif weights is not None:
-        wanted = "spatial or both, because --camera or --dead gives weights to the pixels"
+        wanted = "spatial or both, because pixels have weights (--camera, --mask, or NaN in the frame)"
         raise InputError.expected("--route", wanted, "fourier", "give --route spatial")
     if route != "spatial":
-        whole = np.where(np.isfinite(light), light, 0.0) if weights is not None else light
         target = out if route == "fourier" else _fourier_file(out)
-        _write(target, demultiplex(whole, modulator, route="fourier"))
+        _write(target, demultiplex(light, modulator, route="fourier"))
     return facts
 
 
@@ -243,7 +257,7 @@ def views(
     ),
     gain: GainOption = 1.0,
     exposure: ExposureOption = 0.0,
-    dead: DeadOption = None,
+    mask: WithoutOption = None,
     deviation: DeviationOption = None,
     workers: WorkersOption = None,
     force: ForceOption = False,
@@ -260,7 +274,7 @@ def views(
 
     check_choice("route", route, ROUTES)
     outputs = (out, _fourier_file(out) if route == "both" else None, deviation)
-    check_outputs(outputs, frame, white, lattice, camera, dark, sensor, dead, force=force)
+    check_outputs(outputs, frame, white, lattice, camera, dark, sensor, mask, force=force)
     if modulator is not None and size:  # the super-pixel of a mask fixes the number of views
         raise InputError.expected("views", "one of --size and --modulator", "both", "leave one out")
     if modulator is None and route != "spatial":
@@ -276,12 +290,13 @@ def views(
             str(frame), wanted, recorded.raw.shape, "use the lattice of the camera that recorded it"
         )
     level = recorded.level(sensor=described)
-    weights = recorded.weights(level, described, dead, gain=gain, exposure_s=exposure)
+    weights = recorded.weights(level, described, mask, gain=gain, exposure_s=exposure)
     if weights is None and deviation is not None:
         raise InputError.expected(
-            "--deviation", "pixels with weights", "none", "give --sensor or --dead, or leave --deviation out"
+            "--deviation", "pixels with weights", "none", "give --sensor or --mask, or leave --deviation out"
         )
-    light = without_black_level(recorded.raw, level) if dark is None else _without_dark(recorded.raw, dark)
+    raw = recorded.filled
+    light = without_black_level(raw, level) if dark is None else _without_dark(raw, dark)
     if modulator is None:
         # an odd number of views includes one through the centre of the pupil
         cells: Any = size or max(1, (int(min(fit.pitch_px, fit.row_pitch_px)) - 1) // 2 * 2 + 1)
@@ -290,7 +305,7 @@ def views(
         cells = modulator_of(modulator)
         grid = channel_grid(light.shape, fit, cells.side, spacing_px=None, axes=axes)
     if weights is not None and (route == "fourier" or filter not in (None, "linear")):
-        wanted = "spatial or both, and linear, because --sensor or --dead gives weights to the pixels"
+        wanted = "spatial or both, and linear, because pixels have weights (--sensor, --mask, or NaN in the frame)"
         got = f"{route} and {filter or 'linear'}"
         raise InputError.expected("--route and --filter", wanted, got, "leave both options out")
     if route != "fourier":
@@ -299,9 +314,8 @@ def views(
         if deviation is not None and spread is not None:
             _write(deviation, spread)
     if route != "spatial":
-        # this route weights all pixels equally: NaN becomes 0
-        known = np.nan_to_num(light, posinf=0.0, neginf=0.0)
-        found = demultiplex_lattice(known, fit, cells, route="fourier", axes=axes)
+        # this route weights all pixels equally, also the 0 of missing ones
+        found = demultiplex_lattice(light, fit, cells, route="fourier", axes=axes)
         _write(out if route == "fourier" else _fourier_file(out), found)
     count = cells**2 if modulator is None else cells.count
     if json:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,16 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["CHANNELS", "ColourReading", "Planes", "dark_level", "mean_plane", "read_planes", "read_white"]
+__all__ = [
+    "CHANNELS",
+    "ColourReading",
+    "Planes",
+    "dark_level",
+    "interpolated",
+    "mean_plane",
+    "read_planes",
+    "read_white",
+]
 
 CHANNELS = ("", "R", "G", "B", "each")
 """Selectable colours; empty: all colours of a mosaic, or the only plane of a grey frame."""
@@ -86,26 +96,60 @@ def _plane(path: Path, reading: ColourReading, colour: str | None) -> NDArray[np
 
 
 def _repaired(image: NDArray[np.float32], path: Path, reading: ColourReading, cfa: str = "") -> NDArray[np.float32]:
-    """Return the image with its masked and non-finite pixels interpolated, if ``reading`` requests it."""
+    return interpolated(image, path, reading.mask, reading.origin or (0, 0), cfa) if reading.repair else image
+
+
+def lost_pixels(
+    image: NDArray[Any], path: Path, mask: Path | None, origin: tuple[int, int] = (0, 0)
+) -> NDArray[np.bool_]:
+    """Return the pixels ``(rows, columns)`` of the frame in ``path`` that are not finite or marked in the file ``mask``.
+
+    ``origin`` is the sensor position (row, column) of the first pixel.
+
+    Raises
+    ------
+    InputError
+        If no other pixels remain, or the mask has another shape.
+    """
     import numpy as np
 
-    from lfcal.frames.corrections import frame_map, repair_nan
+    from lfcal.frames.corrections import frame_map
 
-    if not reading.repair:
-        return image
-    lost = ~np.isfinite(image)
-    if reading.mask is not None:
-        rows, columns = image.shape
-        lost |= frame_map(reading.mask, "mask", (rows, columns), reading.origin or (0, 0))
+    lost: NDArray[np.bool_] = ~np.isfinite(image)
+    if mask is not None:
+        lost |= frame_map(mask, "mask", (image.shape[0], image.shape[1]), origin)
     if lost.all():
         raise InputError.expected(path.name, "pixels with a value", "none", "check the frame and the mask (--mask)")
+    return lost
+
+
+def interpolated(
+    image: NDArray[np.float32], path: Path, mask: Path | None, origin: tuple[int, int] = (0, 0), cfa: str = ""
+) -> NDArray[np.float32]:
+    """Return an image whose `lost_pixels` are interpolated from neighbours behind the same filter of the mosaic ``cfa``."""
+    import numpy as np
+
+    from lfcal.frames.corrections import repair_nan
+
+    lost = lost_pixels(image, path, mask, origin)
     if lost.any():
         note(f"{path.name}: {int(lost.sum())} pixels without a value are interpolated")
         image = np.where(lost, np.float32(np.nan), image)
-        repair_nan(image, (0, 0), np.zeros(3), cfa)
+        repair_nan(image, (0, 0), np.zeros(3), _square(cfa))
         # the middle of a large hole has no neighbours
         image[np.isnan(image)] = np.nanmedian(image)
     return image
+
+
+def _square(cfa: str) -> str:
+    """Return the letters of a square that repeats the pattern, by rows; empty for no pattern."""
+    from lfcal.multiplex.colour_filters import parse_pattern
+
+    if not cfa:
+        return ""
+    rows = parse_pattern(cfa)
+    side = math.lcm(len(rows), len(rows[0]))
+    return "".join(row * (side // len(row)) for row in rows * (side // len(rows)))
 
 
 def dark_level(dark: Path, shape: tuple[int, ...], colour: str | None = None) -> NDArray[Any]:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
+from lfcal.base import note
 from lfcal.camera import Sensor
-from lfcal.frames import open_image, read_image
+from lfcal.frames import open_image
 from lfcal.multiplex._sensor_noise import pixel_weights
+from lfcal.multiplex.colour_planes import lost_pixels
 
 __all__ = ["RecordedFrame", "read_recorded"]
 
@@ -19,6 +21,7 @@ __all__ = ["RecordedFrame", "read_recorded"]
 class RecordedFrame(NamedTuple):
     """Recorded frame, with its colour filters and black level if the file states them."""
 
+    path: Path
     raw: NDArray[Any]
     filters: str
     black_level: Any
@@ -31,23 +34,24 @@ class RecordedFrame(NamedTuple):
             return self.black_level
         return 0.0 if sensor is None else sensor.black_level
 
-    def weights(
-        self, level: Any, sensor: Sensor | None, dead: str | os.PathLike[str] | None, **how: Any
-    ) -> NDArray[Any] | None:
-        """Return the weight ``(rows, columns)`` of each pixel; None if neither ``sensor`` nor ``dead`` is given.
+    def weights(self, level: Any, sensor: Sensor | None, mask: Path | None, **how: Any) -> NDArray[Any] | None:
+        """Return the weight ``(rows, columns)`` of each pixel; None if all weights are equal.
 
-        ``level`` is the black level (counts), and ``dead`` an image that is not 0 at dead pixels. ``how`` contains
-        further options of `lfcal.multiplex.pixel_weights`.
+        Pixels that are not finite, and those that the file ``mask`` marks, have no weight. ``level`` is the black level
+        (counts). ``how`` contains further options of `lfcal.multiplex.pixel_weights`.
         """
-        bad = None if dead is None else read_image(dead)
-        if bad is not None and bad.shape != self.raw.shape:
-            wanted = f"{self.raw.shape} px"
-            raise InputError.expected(
-                "dead pixels", wanted, f"shape {bad.shape}", "use the dead pixels of the camera that recorded the frame"
-            )
+        lost = lost_pixels(self.raw, self.path, mask)
+        missing = int(np.count_nonzero(~np.isfinite(self.raw)))
+        if missing:
+            note(f"{self.path.name}: {missing} pixels without a value are left out")
         if sensor is None:
-            return None if bad is None else np.where(bad == 0, 1.0, 0.0)
-        return pixel_weights(self.raw, sensor, dead=bad, black_level=level, **how)
+            return np.where(lost, 0.0, 1.0) if missing or mask is not None else None
+        return pixel_weights(self.filled, sensor, dead=lost, black_level=level, **how)
+
+    @property
+    def filled(self) -> NDArray[Any]:
+        """The frame, with 0 at pixels that are not finite."""
+        return self.raw if self.raw.dtype.kind != "f" else np.where(np.isfinite(self.raw), self.raw, 0)
 
 
 def read_recorded(path: str | os.PathLike[str], page: int = 0) -> RecordedFrame:
@@ -55,6 +59,6 @@ def read_recorded(path: str | os.PathLike[str], page: int = 0) -> RecordedFrame:
     image = open_image(path)
     try:
         frame: NDArray[Any] = image.read(image.check_page(page))
-        return RecordedFrame(frame, str(image.metadata.get("cfa", "")), image.metadata.get("black_level"))
+        return RecordedFrame(Path(path), frame, str(image.metadata.get("cfa", "")), image.metadata.get("black_level"))
     finally:
         image.close()

@@ -12,7 +12,7 @@ import tifffile
 
 from lfcal.camera import preset
 from lfcal.lattice import lattice_of
-from lfcal.multiplex import cfa, demultiplex, demultiplex_lattice, mask
+from lfcal.multiplex import cfa, demultiplex, demultiplex_lattice, mask, multiplex
 from tests.cli.conftest import Run
 
 
@@ -29,6 +29,54 @@ def test_demosaic_by_a_route(lfcal: Callable[..., Run], tmp_path: Path, route: s
     assert np.abs(made - ways.popitem()[1]).max() > 10, "the routes differ"
     refused = lfcal(*command, "--force", "--route", "scenic")
     assert refused.code == 2 and "spatial" in refused.err
+
+
+@pytest.mark.parametrize("pattern", ["GRBG", "X-Trans"])
+def test_demosaic_interpolates_nan_and_masked_pixels(lfcal: Callable[..., Run], tmp_path: Path, pattern: str) -> None:
+    """A uniform colour is the same everywhere, also where pixels behind each filter of the pattern are lost."""
+    light = np.array([300.0, 200, 100])[:, None, None] * np.ones((24, 30))
+    frame = multiplex(light, cfa(pattern)).astype(np.float32)
+    frame[5, 6:9], frame[11, 12], lost = np.nan, np.inf, [(16, 17), (16, 18), (17, 17)]
+    for pixel in lost:
+        frame[pixel] = 60000
+    tifffile.imwrite(tmp_path / "frame.tif", frame)
+    (tmp_path / "mask.csv").write_text("".join(f"{row},{column}\n" for row, column in lost))
+    command = ("multiplex", "demosaic", tmp_path / "frame.tif", "-o", tmp_path / "rgb.tif", "--pattern", pattern)
+    done = lfcal(*command, "--mask", tmp_path / "mask.csv", "--force")
+    assert done.code == 0 and "7 pixels without a value are interpolated" in done.err, done.err
+    np.testing.assert_allclose(tifffile.imread(tmp_path / "rgb.tif"), light, rtol=1e-4)
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((4, 4), np.uint8))
+    refused = lfcal(*command, "--mask", tmp_path / "small.png", "--force")
+    assert refused.code == 2 and "small.png: expected 24 x 30 px" in refused.err
+
+
+def test_recover_leaves_out_nan_and_listed_pixels(lfcal: Callable[..., Run], tmp_path: Path) -> None:
+    frame = np.full((40, 44), 900, np.float32)
+    frame[3, 4], frame[20, 21], frame[30, 31] = np.nan, -np.inf, 60000
+    tifffile.imwrite(tmp_path / "frame.tif", frame)
+    (tmp_path / "mask.csv").write_text("30,31\n")
+    command = ("multiplex", "recover", tmp_path / "frame.tif", "--modulator", "nd:1", "-o", tmp_path / "found.tif")
+    done = lfcal(*command, "--mask", tmp_path / "mask.csv")
+    assert done.code == 0 and "2 pixels without a value are left out" in done.err, done.err
+    np.testing.assert_allclose(tifffile.imread(tmp_path / "found.tif"), 900, rtol=1e-5)
+    plain = lfcal(*command, "--force", "--json").json
+    assert plain["pixels_left_out"] == pytest.approx(2 / frame.size)
+    refused = lfcal(*command, "--force", "--route", "fourier")
+    assert refused.code == 2 and "NaN in the frame" in refused.err
+
+
+def test_views_leave_out_nan_and_listed_pixels(lfcal: Callable[..., Run], tmp_path: Path) -> None:
+    camera = preset("bench")
+    frame = np.full(camera.sensor.shape, 500, np.float32)
+    frame[100:103, 100:102], frame[200, 210] = np.nan, 60000
+    tifffile.imwrite(tmp_path / "frame.tif", frame)
+    (tmp_path / "mask.csv").write_text("200,210\n")
+    command = ("multiplex", "views", tmp_path / "frame.tif", "--camera", "bench", "-o", tmp_path / "views.tif")
+    done = lfcal(*command, "--mask", tmp_path / "mask.csv", "--size", 3, "--json")
+    assert done.code == 0 and done.json["pixels_left_out"] == pytest.approx(7 / frame.size), done.err
+    views = tifffile.imread(tmp_path / "views.tif")
+    np.testing.assert_allclose(views[np.isfinite(views)], 500, rtol=1e-4)
+    assert np.isfinite(views).all()
 
 
 def test_what_was_written_is_told_to_scripts(lfcal: Callable[..., Run], tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,7 @@ def test_levels_of_a_pattern_lie_at_their_places() -> None:
 
 def test_the_given_level_counts_then_the_files_then_the_sensors() -> None:
     sensor, raw = Sensor(black_level=64.0), np.zeros((2, 2), np.uint16)
-    stated, silent = RecordedFrame(raw, "", (10.0, 20.0, 20.0, 10.0)), RecordedFrame(raw, "", None)
+    stated, silent = (RecordedFrame(Path("a.tif"), raw, "", level) for level in ((10.0, 20.0, 20.0, 10.0), None))
     assert stated.level(0.0, sensor) == 0.0, "0 is a level"
     assert stated.level(None, sensor) == (10.0, 20.0, 20.0, 10.0)
     assert silent.level(None, sensor) == 64.0 and silent.level() == 0.0

@@ -164,7 +164,7 @@ def test_views_from_pixels_with_weights(lfcal, field: Path, tmp_path: Path) -> N
     weights = pixel_weights(frame, sensor, dead=dead, gain=2.0, exposure_s=0.1)
     out, sd = tmp_path / "views.tif", tmp_path / "sd.tif"
     words = ("multiplex", "views", field / "field.tif", "--white", field / "white.tif", "-o", out, "--force")
-    known = ("--sensor", tmp_path / "camera.json", "--dead", tmp_path / "dead.tif", "--gain", 2, "--exposure", 0.1)
+    known = ("--sensor", tmp_path / "camera.json", "--mask", tmp_path / "dead.tif", "--gain", 2, "--exposure", 0.1)
     done = lfcal(*words, *known, "--size", 5, "--deviation", sd, "--json")
     assert done.code == 0, done.err
     wanted = lattice_channels_weighted(light, lattice, 5, weights)
@@ -179,13 +179,16 @@ def test_views_from_pixels_with_weights(lfcal, field: Path, tmp_path: Path) -> N
     fourier = demultiplex_lattice(light, lattice, mask("MURA", 5), route="fourier")
     np.testing.assert_allclose(tifffile.imread(tmp_path / "views_fourier.tif"), fourier, rtol=1e-4, atol=0.1)
     for more, word in (
-        ((*known, "--filter", "cubic"), "gives weights to the pixels, got spatial and cubic"),
+        (
+            (*known, "--filter", "cubic"),
+            "pixels have weights (--sensor, --mask, or NaN in the frame), got spatial and cubic",
+        ),
         (
             (*known, "--modulator", "MURA:5", "--route", "fourier"),
-            "gives weights to the pixels, got fourier and linear",
+            "pixels have weights (--sensor, --mask, or NaN in the frame), got fourier and linear",
         ),
         (("--deviation", sd), "pixels with weights"),
-        (("--dead", field / "none.tif"), "none.tif"),
+        (("--mask", field / "none.tif"), "none.tif"),
         (("--route", "both"), "spatial for lenslets"),
         (("--route", "scenic"), "route"),
     ):

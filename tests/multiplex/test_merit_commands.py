@@ -108,7 +108,7 @@ def test_recover_a_frame_with_saturation(lfcal, tmp_path: Path) -> None:  # noqa
     camera["sensor"]["shape"] = list(raw.shape)
     (tmp_path / "camera.json").write_text(json.dumps(camera))
     words = ("multiplex", "recover", tmp_path / "pages.tif", "--page", 1, "--modulator", "nd:1,0.25/0.25,0.0625")
-    options = ("--camera", tmp_path / "camera.json", "--dead", tmp_path / "dead.png", "--gain", 1, "--exposure", 0.1)
+    options = ("--camera", tmp_path / "camera.json", "--mask", tmp_path / "dead.png", "--gain", 1, "--exposure", 0.1)
     outs = ("--out", tmp_path / "found.tif", "--deviation", tmp_path / "sd.tif")
     done = lfcal(*words, *options, *outs, "--json")
     assert done.code == 0 and done.json["places_not_recovered"] == 0, done.err
@@ -139,7 +139,7 @@ def test_recover_by_a_filter_and_by_both_routes(lfcal, tmp_path: Path) -> None: 
     assert lfcal(*words, "--route", "fourier", "--out", out).code == 0
     np.testing.assert_allclose(tifffile.imread(out), fourier, rtol=1e-5, atol=1e-2)
     cv2.imwrite(str(tmp_path / "dead.png"), (frame > 3990).astype(np.uint8))
-    known = ("--dead", tmp_path / "dead.png")
+    known = ("--mask", tmp_path / "dead.png")
     for more, word in (
         ((*known, "--filter", "cubic"), "--filter: expected linear, because"),
         ((*known, "--route", "fourier"), "--route: expected spatial or both, because"),
@@ -208,5 +208,5 @@ def test_a_frame_that_tells_no_place_is_refused(lfcal, tmp_path: Path) -> None: 
     cv2.imwrite(str(tmp_path / "dead.png"), dead)
     out = tmp_path / "found.tif"
     words = ("multiplex", "recover", tmp_path / "frame.png", "--modulator", "Bayer", "--out", out)
-    refused = lfcal(*words, "--dead", tmp_path / "dead.png")
+    refused = lfcal(*words, "--mask", tmp_path / "dead.png")
     assert refused.code == 2 and "frame behind Bayer" in refused.err and not out.exists(), refused.err

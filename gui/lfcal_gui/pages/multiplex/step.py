@@ -54,7 +54,7 @@ def _views(project: ProjectState, chosen: MultiplexSettings, out: str) -> Comman
         ("--filter", "linear" if weighed else chosen.filter),
         ("--sensor", CAMERA_FILE if chosen.weighted else ""),
         ("--gain", chosen.gain if chosen.weighted else None),
-        ("--dead", chosen.dead),
+        ("--mask", chosen.dead),
         ("--out", out),
     )
     lattice = f"fit_lattice(read_average({white!r}))" if white else "lattice_of(camera)"
@@ -97,7 +97,7 @@ def _recovered(project: ProjectState, chosen: MultiplexSettings, out: str) -> Co
         ("--smoothness", chosen.smoothness if general else None),
         ("--route", "" if general else "both"),
         ("--filter", "" if general or weighed else chosen.filter),
-        ("--dead", chosen.dead),
+        ("--mask", chosen.dead),
         ("--camera", CAMERA_FILE if chosen.weighted else None),
         ("--gain", chosen.gain if chosen.weighted else None),
         ("--out", out),
