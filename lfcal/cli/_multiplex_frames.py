@@ -267,8 +267,6 @@ def views(
 
     Example: `lfcal multiplex views field.tif --white white.tif -o views.tif`
     """
-    import numpy as np
-
     from lfcal.multiplex import channel_grid, demultiplex_lattice, read_recorded, without_black_level
     from lfcal.tasks import OF_WEIGHTS, load_camera
 

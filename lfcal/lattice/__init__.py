@@ -12,7 +12,9 @@
 - ``_refocus``: refocused images from views
 - ``rendering``: refocused images of a focused plenoptic camera, weighting lens types by sharpness, and all-in-focus
   images
-- ``depth``: depth maps from micro-images or views; ``_depth_kernels`` are its inner loops
+- ``depth``: depth maps from micro-images or views; its parts are ``_depth_kernels``, ``_depth_views`` and
+  ``_depth_map``
+- ``elemental_depth``: depth maps from the elemental images of a Fourier light-field microscope
 - ``depth_files``: depth maps and point clouds as files
 """
 

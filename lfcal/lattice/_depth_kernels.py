@@ -29,9 +29,6 @@ MAX_SLOPE = 40.0
 DEEP = 0.2
 """Rise of the mean squared difference about a match, relative to the noise: interpolated noise varies by less."""
 
-MIN_VIEWS = 5
-"""Smallest number of views that are compared at a sample."""
-
 
 class Lenslets(NamedTuple):
     """The micro-images and their neighbours."""
@@ -371,11 +368,11 @@ def _add_view(view: Float, good: Float, move: tuple[float, float], sums: Float, 
 
 
 @njit()
-def sweep_rows(views: Float, good: Float, moves: Float, out: Float, rows: tuple[int, int]) -> None:
-    """Write the sums of squares of the views on a plane and the terms to rows of ``out`` ``(2, rows, columns)``.
+def sweep_rows(views: Float, good: Float, moves: Float, out: Float, rows: tuple[int, int], fewest: int) -> None:
+    """Write the sums of squares and the terms of rows of the views on a plane to ``out`` ``(2, rows, columns)``.
 
     View ``n`` of ``views`` ``(n, rows, columns)`` shows sample S of the plane at S + moves[n]. ``good`` are weights:
-    one over the variance of the noise, or 0.
+    one over the variance of the noise, or 0. Samples that fewer than ``fewest`` views show have no terms.
     """
     sums, gain = np.zeros((4, rows[1] - rows[0], views.shape[2]), np.float32), 0.0
     for n in range(len(views)):
@@ -384,18 +381,19 @@ def sweep_rows(views: Float, good: Float, moves: Float, out: Float, rows: tuple[
     for y in range(rows[1] - rows[0]):
         for x in range(views.shape[2]):
             count, weight = sums[3, y, x], sums[0, y, x]
-            known = count >= MIN_VIEWS
-            out[0, rows[0] + y, x] = max(sums[2, y, x] - sums[1, y, x] ** 2 / weight, 0.0) / gain if known else 0.0
-            out[1, rows[0] + y, x] = count - 1 if known else 0.0
+            known = count >= fewest
+            out[0, y, x] = max(sums[2, y, x] - sums[1, y, x] ** 2 / weight, 0.0) / gain if known else 0.0
+            out[1, y, x] = count - 1 if known else 0.0
 
 
 @njit()
-def match_views(volume: Float, how: Matching, found: Float, rows: tuple[int, int]) -> None:
+def match_views(volume: Float, how: Matching, found: Float, rows: tuple[int, int], fewest: int) -> None:
     """Write slope and standard error of rows of the central view to ``found`` ``(2, rows, columns)``.
 
     ``volume`` ``(m, 2, rows, columns)`` are the sums of squares and of terms on planes of slopes ``how.rho``.
+    ``fewest`` is as in `sweep_rows`.
     """
-    least = MIN_VIEWS * MIN_TERMS * (2 * how.half + 1) ** 2
+    least = fewest * MIN_TERMS * (2 * how.half + 1) ** 2
     curve, step = np.empty((len(how.rho), 2), np.float32), how.rho[1] - how.rho[0]
     for y in range(rows[0], rows[1]):
         for x in range(volume.shape[3]):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from lfcal.lattice._depth_map import DepthMap
 from lfcal.lattice._refocus import refocus, sensor_slope
 from lfcal.lattice._view_grid import ViewGrid, view_grid
-from lfcal.lattice.depth import DepthMap, depth_map, depth_seconds, iter_depth_map, metric_depth
+from lfcal.lattice.depth import depth_map, depth_seconds, iter_depth_map, metric_depth
 from lfcal.lattice.depth_files import save_depth, save_points
 from lfcal.lattice.discs import LensletDiscs, fit_discs
+from lfcal.lattice.elemental_depth import elemental_depth
 from lfcal.lattice.fit import LatticeFit, fit_lattice
 from lfcal.lattice.lattice_file import load_lattice, save_lattice
 from lfcal.lattice.lens_types import LensTypes, classify_lens_types, expected_blur
@@ -31,6 +33,7 @@ __all__ = [
     "cropped",
     "depth_map",
     "depth_seconds",
+    "elemental_depth",
     "expected_blur",
     "extract_views",
     "fit_discs",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import check_number
-from lfcal.camera import Camera
+from lfcal.camera import Camera, Microscope, PupilLenslets
 from lfcal.lattice.views import Views
 
 __all__ = ["MIN_WEIGHT", "refocus", "sensor_slope", "slope_of_virtual_depth", "virtual_depth_of_slope"]
@@ -24,7 +24,8 @@ def sensor_slope(camera: Camera, z_um: float) -> float:
 
     A point whose chief ray meets the sensor at S is imaged at c + (S - c)/w by the lenslet whose micro-image is centred
     at c. Here w = (a/B) (b + B)/(b + a), with the distance a of the image behind the lenslets, the gap B and the image
-    distance b of the main lens. This is the virtual depth a/B, corrected for the perspective of a main lens.
+    distance b of the main lens. This is the virtual depth a/B, corrected for the perspective of a main lens. For a
+    Fourier light-field microscope, the slope is `PupilLenslets.spread`.
 
     Examples
     --------
@@ -34,6 +35,8 @@ def sensor_slope(camera: Camera, z_um: float) -> float:
     >>> [round(sensor_slope(camera, z_um), 2) for z_um in (-20e3, 0.0, 20e3)]
     [2.97, 0.0, -2.6]
     """
+    if isinstance(camera.lattice, PupilLenslets) and isinstance(camera.optics, Microscope):
+        return camera.lattice.spread(camera.optics, z_um)
     return slope_of_virtual_depth(camera, camera.image_shift_um(z_um) / camera.lattice.gap_um)
 
 

@@ -14,35 +14,28 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import Clock, InputError, Work, check_choice, check_number, chunks, drain, drained, for_each_chunk
-from lfcal.camera import Camera, Microscope
-from lfcal.lattice._depth_kernels import (
-    Lenslets,
-    Matching,
-    Raster,
-    join_rows,
-    match_lenslets,
-    match_views,
-    sweep_rows,
-)
+from lfcal.camera import Camera, Microscope, PupilLenslets
+from lfcal.lattice._depth_kernels import Lenslets, Matching, Raster, join_rows, match_lenslets
+from lfcal.lattice._depth_map import FLOOR, METHODS, DepthMap, confidence_of, half_window, supported
+from lfcal.lattice._depth_views import MovedViews, iter_swept, map_of_views, planes_between
 from lfcal.lattice._refocus import sensor_slope, virtual_depth_of_slope
 from lfcal.lattice._view_grid import ViewGrid, view_grid
+from lfcal.lattice.elemental_depth import elemental_lenses
 from lfcal.lattice.lens_types import expected_blur
 from lfcal.lattice.micro_images import FrameLattice, TypeOf, cropped
 from lfcal.lattice.rendering import render
 from lfcal.lattice.views import RADIUS, extract_views, sample_views, subtract_dark
 
-__all__ = ["METHODS", "DepthMap", "depth_map", "depth_seconds", "iter_depth_map", "metric_depth"]
+__all__ = ["depth_map", "depth_seconds", "iter_depth_map", "metric_depth"]
 
 Image = NDArray[np.float32]
 Array = NDArray[np.float64]
-
-METHODS = ("auto", "micro-images", "views")
 
 MIN_SLOPE = 1.5
 """Smallest slope for matching micro-images: nearer to the lenslets, two of them hardly show the same place."""
@@ -56,30 +49,20 @@ REACH = 1.8
 STEP_PX = 0.5
 """Step of the disparity of neighbouring micro-images (pixels)."""
 
-VIEW_STEP = 0.2
-"""Step of the shift of the outermost views (samples)."""
-
-FLOOR = 2e-3
-"""Variation of the light that is always assumed, relative to its mean: of the interpolation, and of the sensor."""
-
 LIT = 0.2
 """White light below which pixels are left out, relative to the brightest."""
 
 SAMPLE_PX = 4.0
 """Approximate distance of the samples of the central view with matched micro-images (pixels)."""
 
-GOOD_PX = 0.3
-"""Disparity error (pixels) for which the confidence is the probability to stay below it."""
-
 VIEWS_FOCUS = 20.0
 """Virtual depth in focus beyond which lenslets are focused at infinity."""
 
-SHARED, VIEWS_SHARED = 3.8, 2.0
-"""Number of pixels, or samples, that share the noise of one: after the filter (1, 2, 1), and of interpolated views."""
+SHARED = 3.8
+"""Number of pixels that share the noise of one after the filter (1, 2, 1)."""
 
-BIAS_PX, VIEWS_BIAS = 0.04, 0.03
-"""Systematic error of disparities, added to their standard error: of windows on slanted surfaces, of interpolation
-(pixels; samples)."""
+BIAS_PX = 0.04
+"""Systematic error of disparities, added to their standard error: of windows on slanted surfaces (pixels)."""
 
 COMPLETE = 0.85
 """Smallest weight of the good pixels about a pixel: one of the eight may be missing."""
@@ -95,89 +78,6 @@ LEVELS = 12
 
 FORECAST_PITCHES = 24.0
 """Side of the part of the frame that is measured for a forecast (pitches)."""
-
-MIN_CONFIDENCE = 0.3
-"""Smallest confidence of a known depth."""
-
-
-@dataclass(frozen=True, eq=False)
-class DepthMap:
-    """Depth map of a scene in the central view; NaN where the depth is unknown.
-
-    Attributes
-    ----------
-    slope
-        Slope w of each sample, ``(rows, columns)`` float32: the depth in the dimensionless form of `sensor_slope`.
-    sigma
-        Standard error of `slope`, in the same shape.
-    confidence
-        Probability (0 to 1) that the error of the disparity is less than 0.3 px, estimated from its standard error and
-        the fraction of micro-images that agree, in the same shape; 0 where the depth is unknown.
-    image
-        All-in-focus image of the central view, in the same shape.
-    method
-        Method of `depth_map` that was used: ``"micro-images"`` or ``"views"``.
-    corner_px, step_px
-        Position (row, column) of sample (0, 0) on the frame, and spacing of the samples (rows, columns), in px.
-    disparity_px
-        Scale of the disparity. For micro-images: the product of the slope and the disparity of adjacent micro-images,
-        which equals the pitch (px). For views: the disparity between the outermost and the central view at a slope of 1
-        (samples).
-    z_um, z_sigma_um
-        Depth of each sample relative to the working plane, positive away from the camera, and its standard error (µm);
-        None unless `metric_depth` has been applied.
-    across_um
-        Position (down, right) of each sample in object space relative to the optical axis (µm), ``(rows, columns, 2)``;
-        None unless `metric_depth` has been applied.
-    """
-
-    slope: Image = field(repr=False)
-    sigma: Image = field(repr=False)
-    confidence: Image = field(repr=False)
-    image: Image = field(repr=False)
-    method: str
-    corner_px: tuple[float, float]
-    step_px: tuple[float, float]
-    disparity_px: float
-    z_um: Image | None = field(repr=False, default=None)
-    z_sigma_um: Image | None = field(repr=False, default=None)
-    across_um: Array | None = field(repr=False, default=None)
-
-    @property
-    def known(self) -> NDArray[np.bool_]:
-        """Boolean mask of the samples whose depth is known, ``(rows, columns)``."""
-        return np.isfinite(self.slope)
-
-    @property
-    def disparity(self) -> Image:
-        """Disparity of adjacent micro-images (px), or between the outermost and the central view (samples)."""
-        if self.method == "views":
-            return self.slope * np.float32(self.disparity_px)
-        return np.float32(self.disparity_px) / self.slope
-
-    @property
-    def disparity_sigma(self) -> Image:
-        """Standard error of `disparity`, in the same unit."""
-        if self.method == "views":
-            return self.sigma * np.float32(self.disparity_px)
-        return self.sigma / self.slope**2 * np.float32(self.disparity_px)
-
-    def places_px(self) -> Array:
-        """Return the positions (row, column) of the samples on the frame, ``(rows, columns, 2)`` (px)."""
-        steps = zip(self.corner_px, self.step_px, self.slope.shape, strict=True)
-        rows, columns = (corner + step * np.arange(n) for corner, step, n in steps)
-        return np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
-
-    def points(self) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the points (x, y, z) of known depth, ``(n, 3)``, and a mask ``(rows, columns)`` of their samples.
-
-        Coordinates are in µm if `z_um` is known; otherwise, x and y are in pixels of the frame, and z is the slope.
-        """
-        if self.z_um is None or self.across_um is None:
-            chosen, across, depth = self.known, self.places_px(), self.slope
-        else:
-            chosen, across, depth = self.known & np.isfinite(self.z_um), self.across_um, self.z_um
-        return np.column_stack([across[chosen][:, ::-1], depth[chosen]]), chosen
 
 
 def iter_depth_map(
@@ -322,7 +222,7 @@ def metric_depth(
     Parameters
     ----------
     found
-        Depth map returned by `depth_map`.
+        Depth map returned by `depth_map` or `elemental_depth`.
     camera
         Camera with which the frame was recorded.
     origin
@@ -357,13 +257,32 @@ def metric_depth(
     z_sigma = np.abs(_depths_of(camera, slope + small) - _depths_of(camera, slope - small)) / (2 * small) * sigma
     # the lateral step is a linear function of the depth
     step = camera.step_um(0.0) + (camera.step_um(1.0) - camera.step_um(0.0)) * z
-    across = (found.places_px() + np.array(origin) - np.array(camera.sensor.centre_px)) * step[..., None]
+    places = found.places_px() + np.array(origin) - np.array(camera.sensor.centre_px)
+    if isinstance(camera.lattice, PupilLenslets):
+        places = places - _displaced(found, camera, places)
+    across = places * step[..., None]
     return replace(found, z_um=z.astype(np.float32), z_sigma_um=z_sigma.astype(np.float32), across_um=across)
+
+
+def _displaced(found: DepthMap, camera: Camera, places: Array) -> Array:
+    """Return how far the lenslet that shows the map displaces the points from the axis ``(rows, columns, 2)`` (px).
+
+    ``places`` are relative to the centre of the sensor.
+    """
+    lenses = elemental_lenses(camera)
+    axis = np.array(camera.lattice.offset_um)[::-1] / camera.sensor.pixel_um
+    middle = places[found.slope.shape[0] // 2, found.slope.shape[1] // 2]
+    k = int(np.hypot(*(lenses.centres + axis - middle).T).argmin())
+    displaced: Array = axis + lenses.centres[k] + found.slope[..., None] * lenses.moves[k]
+    return displaced
 
 
 def _depths_of(camera: Camera, slope: Array) -> Array:
     """Return the depths (µm) of slopes; NaN beyond an object at infinity. Inverse of `sensor_slope`, for arrays."""
     optics, gap = camera.optics, camera.lattice.gap_um
+    if isinstance(camera.lattice, PupilLenslets) and isinstance(optics, Microscope):
+        of_one: Array = slope / camera.lattice.spread(optics, 1.0)
+        return of_one
     if isinstance(optics, Microscope):
         depths: Array = -slope * gap * optics.medium_index / optics.magnification**2
         return depths
@@ -534,7 +453,7 @@ def _iter_micro_images(
     lenslets = Lenslets(scene.centres, _near(scene), kind, scene.radius - 0.5)
     rho = _inverse_slopes(camera, slopes, lattice.pitch_px)
     weight = _pair_weights(camera if types is not None else None, rho)
-    how = Matching(rho, weight, _half(scene.radius), _most(light, good), FLOOR**2, SHARED)
+    how = Matching(rho, weight, half_window(scene.radius), _most(light, good), FLOOR**2, SHARED)
     found = np.full((2, *light.shape), np.nan, np.float32)
     clock = Clock("match micro-images", len(scene.centres))
     for first, last in chunks(len(scene.centres), PARTS):
@@ -565,10 +484,10 @@ def _joined(joined: Image, raster: Raster, pitch: float) -> DepthMap:
         slope = 1 / joined[0]
     # a pattern that all micro-images share has no disparity: dirt, or what is left of the fall-off
     seen = (joined[3] >= 2) & (np.abs(joined[0]) * pitch >= MIN_DISPARITY_PX)
-    confidence = np.where(seen, _confidence(error * np.float32(pitch)) * joined[2], 0).astype(np.float32)
+    confidence = np.where(seen, confidence_of(error * np.float32(pitch)) * joined[2], 0).astype(np.float32)
     corner, step = (raster.corner_y, raster.corner_x), (raster.step_y, raster.step_x)
     empty = np.zeros(slope.shape, np.float32)
-    return _supported(DepthMap(slope, error * slope**2, confidence, empty, METHODS[1], corner, step, pitch))
+    return supported(DepthMap(slope, error * slope**2, confidence, empty, METHODS[1], corner, step, pitch))
 
 
 def _smoothed(light: Image, good: Image) -> tuple[Image, Image]:
@@ -638,46 +557,6 @@ def _pair_weights(camera: Camera | None, rho: Array) -> NDArray[np.float32]:
     return weight
 
 
-def _half(radius: float) -> int:
-    """Return half the side of the windows: 5 x 5 pixels, or 3 x 3 in small micro-images."""
-    return 2 if radius >= 6 else 1
-
-
-def _confidence(error: Image) -> Image:
-    """Return the probability that a disparity with a standard error (pixels) is wrong by less than `GOOD_PX`."""
-    from scipy.special import erf
-
-    known = np.isfinite(error)
-    return np.where(known, erf(GOOD_PX / math.sqrt(2) / np.where(known, np.maximum(error, 1e-6), 1)), 0).astype(
-        np.float32
-    )
-
-
-def _supported(found: DepthMap) -> DepthMap:
-    """Return a map without depths of little confidence, and without those that no neighbour confirms.
-
-    A neighbour within two samples confirms a depth if both agree within three standard errors and half a `GOOD_PX`.
-    """
-    known = found.confidence >= MIN_CONFIDENCE
-    disparity, error = np.pad(found.disparity, 2), np.pad(found.disparity_sigma, 2)
-    usable = np.pad(known, 2)
-    rows, columns = known.shape
-    agree, near = np.zeros(known.shape, np.int16), np.zeros(known.shape, np.int16)
-    for i in range(5):
-        for j in range(5):
-            part = (slice(i, i + rows), slice(j, j + columns))
-            off = np.abs(disparity[part] - found.disparity)
-            limit = GOOD_PX / 2 + 3 * np.hypot(error[part], found.disparity_sigma)
-            near += usable[part]
-            agree += usable[part] & (off <= limit)
-    # the sample itself is among both
-    known &= (agree >= 4) & (2 * agree >= near)
-    unknown = ~known
-    slope, sigma = found.slope.copy(), found.sigma.copy()
-    slope[unknown], sigma[unknown] = np.nan, np.nan
-    return replace(found, slope=slope, sigma=sigma, confidence=np.where(known, found.confidence, 0).astype(np.float32))
-
-
 def _central(scene: _Scene, found: DepthMap, samples: int, workers: int | None) -> Image:
     """Return the central view: each known sample on its plane, and the others on the plane of the median depth."""
     known = found.known
@@ -704,8 +583,6 @@ def _iter_views(
     scene: _Scene, camera: Camera | None, slopes: tuple[float, float] | None, workers: int | None
 ) -> Work[DepthMap]:
     """Compare the views on planes of all slopes."""
-    import cv2
-
     low, high = slopes or (-VIEW_SLOPE, VIEW_SLOPE)
     if not low < high:
         raise InputError.expected(
@@ -713,29 +590,13 @@ def _iter_views(
         )
     light, good, offsets, grid = _compared(scene, workers)
     shift = float(np.abs(offsets).max()) / min(grid.step_px)
-    step = VIEW_STEP / shift
-    planes = np.arange(low - step, high + 1.5 * step, step)
-    half = _half(min(grid.shape) / 4)
-    how = Matching(planes, np.ones((1, 3, 3), np.float32), half, 0.0, FLOOR**2, VIEWS_SHARED)
-    volume = np.zeros((len(planes), 2, *grid.shape), np.float32)
-    clock = Clock("compare views", len(planes))
-    for k, w in enumerate(planes):
-
-        def sweep(a: int, b: int, moves: Array = -w * offsets / grid.step_px, out: Image = volume[k]) -> None:
-            sweep_rows(light, good, moves, out, (a, b))
-
-        for_each_chunk(sweep, grid.shape[0], workers)
-        for sums in volume[k]:
-            sums[:] = cv2.boxFilter(sums, -1, (2 * half + 1,) * 2, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        yield clock.at(k + 1)
-    found = np.full((2, *grid.shape), np.nan, np.float32)
-    for_each_chunk(lambda a, b: match_views(volume, how, found, (a, b)), grid.shape[0], workers)
+    planes = planes_between(low, high, shift)
+    swept = MovedViews(light, good, -offsets / grid.step_px, 0 * offsets)
+    found = yield from iter_swept(swept, planes, half_window(min(grid.shape) / 4), workers)
     central = int(np.hypot(*offsets.T).argmin())
-    error = np.hypot(found[1], np.float32(VIEWS_BIAS / shift))
-    confidence = np.where(good[central] > 0, _confidence(error * np.float32(shift)), 0).astype(np.float32)
     image = (light[central] + (good[central] > 0)).astype(np.float32)
     corner, steps = grid.corner_px, grid.step_px
-    return _supported(DepthMap(found[0], error, confidence, image, METHODS[2], corner, steps, shift))
+    return map_of_views(found, shift, good[central] > 0, image, (corner, steps))
 
 
 def _compared(scene: _Scene, workers: int | None) -> tuple[Image, Image, Array, ViewGrid]:

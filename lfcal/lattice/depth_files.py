@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lfcal.base import replace_whole, write_tiff
-from lfcal.lattice.depth import DepthMap
+from lfcal.lattice._depth_map import DepthMap
 
 __all__ = ["save_depth", "save_points"]
 

@@ -284,25 +284,38 @@ def cropped(lattice: FrameLattice, shape: Sequence[int], origin: tuple[int, int]
     >>> print(whole.centres_px(0, 0).round(1).tolist(), part.centres_px(0, 0).round(1).tolist())
     [159.5, 159.5] [149.5, 139.5]
     """
-    rows, columns = (int(n) for n in shape)
+    part = (int(shape[0]), int(shape[1]))
+    first = first_pixel(lattice.shape, part, origin)
+    return lattice if origin is None else CroppedLattice(lattice, part, first)
+
+
+def first_pixel(sensor: Sequence[int], shape: Sequence[int], origin: tuple[int, int] | None = None) -> tuple[int, int]:
+    """Return the sensor position (row, column) of the first pixel of frames of ``shape``; None: of the whole sensor.
+
+    Raises
+    ------
+    InputError
+        As in `lattice_of`.
+    """
+    rows, columns = shape
     if origin is None:
-        if (rows, columns) == tuple(lattice.shape):
-            return lattice
+        if (rows, columns) == tuple(sensor):
+            return 0, 0
         raise InputError.expected(
             "frame",
-            f"the {_by(lattice.shape)} pixels of the sensor",
+            f"the {_by(sensor)} pixels of the sensor",
             _by((rows, columns)),
             "give a whole frame, or the sensor row and column of its first pixel (--origin ROW,COLUMN)",
         )
     top, left = check_tuple("origin of the frame (row, column)", origin, 2, at_least=0, integer=True)
-    if top + rows > lattice.shape[0] or left + columns > lattice.shape[1]:
+    if top + rows > sensor[0] or left + columns > sensor[1]:
         raise InputError.expected(
             "frame",
-            f"a part of the {_by(lattice.shape)} pixels of the sensor",
+            f"a part of the {_by(sensor)} pixels of the sensor",
             f"{_by((rows, columns))} starting at row {top}, column {left}",
             "correct its origin, or choose the camera that recorded it",
         )
-    return CroppedLattice(lattice, (rows, columns), (top, left))
+    return top, left
 
 
 def _by(shape: Sequence[int]) -> str:

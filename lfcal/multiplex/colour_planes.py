@@ -102,7 +102,7 @@ def _repaired(image: NDArray[np.float32], path: Path, reading: ColourReading, cf
 def lost_pixels(
     image: NDArray[Any], path: Path, mask: Path | None, origin: tuple[int, int] = (0, 0)
 ) -> NDArray[np.bool_]:
-    """Return the pixels ``(rows, columns)`` of the frame in ``path`` that are not finite or marked in the file ``mask``.
+    """Return the pixels ``(rows, columns)`` of the frame in ``path`` that are not finite, or marked in ``mask``.
 
     ``origin`` is the sensor position (row, column) of the first pixel.
 
@@ -126,7 +126,7 @@ def lost_pixels(
 def interpolated(
     image: NDArray[np.float32], path: Path, mask: Path | None, origin: tuple[int, int] = (0, 0), cfa: str = ""
 ) -> NDArray[np.float32]:
-    """Return an image whose `lost_pixels` are interpolated from neighbours behind the same filter of the mosaic ``cfa``."""
+    """Return an image whose `lost_pixels` are interpolated, in a mosaic ``cfa`` from pixels behind the same filter."""
     import numpy as np
 
     from lfcal.frames.corrections import repair_nan

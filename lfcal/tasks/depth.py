@@ -190,8 +190,6 @@ class Depth(Task):
 
     def iter_measured(self, camera: Camera | None = None, workers: int | None = None) -> Work[MeasuredDepth]:
         """Read the frame, and measure its depths without writing them; ``camera`` replaces that of the settings."""
-        from lfcal.lattice import iter_depth_map
-
         start = time.perf_counter()
         camera = self._known(camera)
         scene = self._scene(camera)
@@ -199,17 +197,14 @@ class Depth(Task):
         if self.psf is not None:
             with open_matrix(self.psf) as matrix:
                 measured = yield from _measured(matrix, camera, workers)
-        found = yield from iter_depth_map(**scene.given, method=self.method, slopes=self.slopes, workers=workers)
+        found = yield from scene.iter_map(self.method, self.slopes, workers)
         found, scale = self._calibrated(found, camera, measured)
         return MeasuredDepth(found=found, lattice=scene.source, scale=scale, seconds=time.perf_counter() - start)
 
     def forecast(self, camera: Camera | None = None) -> DepthForecast:
         """Return the predicted time and memory; the frame is read, so that problems with it are found in advance."""
-        from lfcal.lattice import depth_seconds
-
         scene = self._scene(self._known(camera))
-        seconds = depth_seconds(**scene.given, method=self.method, slopes=self.slopes)
-        return DepthForecast(seconds, BYTES_PER_PIXEL * scene.light.size)
+        return DepthForecast(scene.seconds(self.method, self.slopes), BYTES_PER_PIXEL * scene.light.size)
 
     def _known(self, camera: Camera | None) -> Camera | None:
         """Return ``camera``; if it is None, the camera of the file, or else that of H."""
@@ -242,19 +237,26 @@ class Depth(Task):
         """Read the frames, and find the lattice."""
         from lfcal.frames import parse_origin
         from lfcal.frames.corrections import frame_map
-        from lfcal.lattice import cropped, fit_lattice, lattice_of, load_lattice
+        from lfcal.lattice import cropped, first_pixel, fit_lattice, lattice_of, load_lattice
         from lfcal.multiplex import ColourReading
 
-        if camera is not None and not camera.has_lattice:
-            found = f"{camera.name}, which has a few lenses"
-            remedy = "reconstruct a volume from its frames instead"
-            raise InputError.expected("camera", "one with a lattice of micro-images", found, remedy)
+        few = camera is not None and not camera.has_lattice
+        if few and (self.lattice is not None or self.method == "micro-images"):
+            name = "lattice" if self.lattice is not None else "method"
+            wanted, found = "none for a Fourier light-field microscope", getattr(self, name)
+            raise InputError.expected(name, wanted, found, f"leave --{name} out")
         place = parse_origin(self.origin)
         reading = ColourReading(self.channel, self.cfa, self.dark, place)
         light = _grey(self.frame, reading)
         lost = None
         if self.mask is not None:
             lost = frame_map(self.mask, "mask", (light.shape[0], light.shape[1]), place or (0, 0))
+        if few:
+            assert camera is not None
+            shape = (light.shape[0], light.shape[1])
+            first = first_pixel(camera.sensor.shape, shape, place)
+            white = None if self.white is None else _part(_grey(self.white, reading), shape, place)
+            return _Scene(light, white, lost, first, f"camera {camera.name}", None, camera)
         if self.white is None and self.lattice is None:
             assert camera is not None  # one of the three is given
             types: TypeOf | None = camera.lattice.type_of if len(camera.lattice.types) == 3 else None
@@ -268,8 +270,7 @@ class Depth(Task):
             assert white is not None and self.white is not None
             fit, source = fit_lattice(white, kind=camera.lattice.kind if camera else None), self.white.name
         types = None if white is None else _types(white, fit, camera)
-        if white is not None and place is not None:
-            white = white[place[0] : place[0] + light.shape[0], place[1] : place[1] + light.shape[1]]
+        white = None if white is None else _part(white, (light.shape[0], light.shape[1]), place)
         return _Scene(light, white, lost, cropped(fit, light.shape, place), source, types, camera)
 
 
@@ -283,21 +284,49 @@ class DepthForecast:
 
 @dataclass(frozen=True)
 class _Scene:
-    """Frame and white image without their dark level, masked pixels, lattice and its source, lens types, and camera."""
+    """Frame and white image without their dark level, masked pixels, lattice and its source, lens types, and camera.
+
+    For a Fourier light-field microscope, which has no lattice, `lattice` is the sensor position of the first pixel.
+    """
 
     light: NDArray[np.float32]
     white: NDArray[np.float32] | None
     mask: NDArray[np.bool_] | None
-    lattice: FrameLattice
+    lattice: FrameLattice | tuple[int, int]
     source: str
     type_of: TypeOf | None
     camera: Camera | None
 
-    @property
-    def given(self) -> dict[str, Any]:
-        """Arguments for `lfcal.lattice.depth_map`."""
+    def iter_map(self, method: str, slopes: tuple[float, float] | None, workers: int | None) -> Work[DepthMap]:
+        """Return the depth map."""
+        from lfcal.lattice import iter_depth_map, iter_elemental_depth
+
+        if not isinstance(self.lattice, tuple):
+            return (yield from iter_depth_map(**self._given(), method=method, slopes=slopes, workers=workers))
+        assert self.camera is not None
+        shown: dict[str, Any] = {"origin": self.lattice, "white": self.white, "mask": self.mask}
+        return (yield from iter_elemental_depth(self.light, self.camera, **shown, slopes=slopes, workers=workers))
+
+    def seconds(self, method: str, slopes: tuple[float, float] | None) -> float:
+        """Return the predicted processor time of the map (s)."""
+        from lfcal.lattice import depth_seconds, elemental_seconds
+
+        if not isinstance(self.lattice, tuple):
+            return depth_seconds(**self._given(), method=method, slopes=slopes)
+        assert self.camera is not None
+        return elemental_seconds(self.light, self.camera, origin=self.lattice, slopes=slopes)
+
+    def _given(self) -> dict[str, Any]:
+        """Return arguments for `lfcal.lattice.depth_map`."""
         frame = {"frame": self.light, "lattice": self.lattice, "white": self.white, "mask": self.mask}
         return {**frame, "camera": self.camera, "type_of": self.type_of}
+
+
+def _part(white: NDArray[np.float32], shape: tuple[int, int], place: tuple[int, int] | None) -> NDArray[np.float32]:
+    """Return the part of a white image of the whole sensor that a frame of ``shape`` from ``place`` shows."""
+    if place is None:
+        return white
+    return white[place[0] : place[0] + shape[0], place[1] : place[1] + shape[1]]
 
 
 def _grey(path: Path, reading: ColourReading) -> NDArray[np.float32]:
@@ -326,6 +355,8 @@ def _measured(matrix: PSFMatrix, camera: Camera | None, workers: int | None) -> 
     from lfcal.judge import iter_inspect
     from lfcal.lattice import slope_of_virtual_depth
 
+    if camera is not None and not camera.has_lattice:
+        return (yield from _measured_points(matrix, camera, workers))
     report = yield from iter_inspect(matrix.T if matrix.is_transposed else matrix, workers=workers)
     pairs = zip(matrix.depths, report.virtual_depths, strict=True)
     # the patterns were judged by the camera of H, if it has one
@@ -337,6 +368,30 @@ def _measured(matrix: PSFMatrix, camera: Camera | None, workers: int | None) -> 
             f"{matrix}: the virtual depths cannot be measured in the patterns; the depths follow from the camera alone"
         )
     return found
+
+
+def _measured_points(matrix: PSFMatrix, camera: Camera, workers: int | None) -> Work[tuple[tuple[float, float], ...]]:
+    """Return depth and slope of each plane of the H of a Fourier light-field microscope: a frame of a point."""
+    import numpy as np
+
+    from lfcal.base import centre
+    from lfcal.lattice import iter_elemental_depth
+
+    # the pixel of a pattern in which its chief ray meets the sensor
+    anchor, shape = np.array(matrix.anchor), matrix.shape[-2:]
+    source = np.array([centre(n) for n in shape]) + anchor - np.floor(anchor + 0.5)
+    axis = np.array(camera.sensor.centre_px) + np.array(camera.lattice.offset_um)[::-1] / camera.sensor.pixel_um
+    first = axis - source
+    found = []
+    for z, depth in enumerate(matrix.depths):
+        pattern = np.asarray((matrix.T if matrix.is_transposed else matrix)[z, 0, 0], np.float32)
+        at = yield from iter_elemental_depth(pattern, camera, origin=(first[0], first[1]), workers=workers)
+        bright = at.known & (at.image >= 0.5 * at.image.max())
+        if bright.any():
+            found.append((float(depth), float(np.average(at.slope[bright], weights=at.image[bright]))))
+    if not found:
+        note(f"{matrix}: the patterns of a point show no disparity; the depths follow from the camera alone")
+    return tuple(found)
 
 
 DEPTH = TaskSet(

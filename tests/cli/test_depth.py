@@ -15,6 +15,7 @@ from lfcal.camera import Camera, LensletLattice, LensType, MainLens, ScanPlan, S
 from lfcal.lattice import sensor_slope
 from lfcal.psf import save
 from lfcal.simulate import simulate_psf
+from tests.lattice.fourier_scenes import SIDE, SURFACES, camera_of, instrument, scene, white_of
 from tests.lattice.plenoptic_scenes import draw, plane
 
 SHAPE = (230, 260)
@@ -131,6 +132,50 @@ def test_h_corrects_a_wrong_camera(lfcal: Any, files: Path, tmp_path: Path) -> N
     }
     off = {name: abs(depth - found["true"]) for name, depth in found.items()}
     assert off["corrected"] < 0.3 * off["wrong"] and off["H alone"] < 0.3 * off["wrong"], off
+
+
+@pytest.fixture(scope="module")
+def fourier(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the frame of a Fourier light-field microscope, its white image and its camera."""
+    folder, at = tmp_path_factory.mktemp("fourier"), instrument()
+    tifffile.imwrite(folder / "frame.tif", scene(at, SURFACES["plane"]).astype(np.float32) + np.float32(100))
+    tifffile.imwrite(folder / "white.tif", white_of(at).astype(np.float32) + np.float32(100))
+    tifffile.imwrite(folder / "dark.tif", np.full((SIDE, SIDE), 100, np.uint16))
+    (folder / "camera.json").write_text(camera_of(at).to_json())
+    return folder
+
+
+def test_a_fourier_microscope(lfcal: Any, fourier: Path, tmp_path: Path) -> None:
+    given = (fourier / "frame.tif", "--camera", fourier / "camera.json", "--dark", fourier / "dark.tif")
+    words = ("--white", fourier / "white.tif", "-o", tmp_path / "depth.tif", "--cloud", tmp_path / "points.ply")
+    found = measure(lfcal, *given, *words)
+    assert found["method"] == "views" and found["unit"] == "um" and found["known"] > 0.6
+    # 0.3 px are 2 µm
+    assert found["depths"] == pytest.approx([12, 12, 12], abs=1.0) and found["depths"][1] == pytest.approx(12, abs=0.2)
+    pages = tifffile.imread(tmp_path / "depth.tif")
+    assert list(pages.shape) == [5, *found["shape"]] and (tmp_path / "points.ply").is_file()
+    for more, word in (
+        (("--method", "micro-images"), "method: expected none for a Fourier"),
+        (("--lattice", fourier / "camera.json"), "lattice: expected none for a Fourier"),
+        (("--origin", "300,300"), "a part of the 400 x 400 pixels"),
+    ):
+        refused = lfcal("depth", *given, *more, "-o", tmp_path / "no.tif")
+        assert refused.code == 2 and word in refused.err and not (tmp_path / "no.tif").exists(), refused.err
+
+
+def test_h_corrects_the_scale_of_a_fourier_microscope(lfcal: Any, fourier: Path, tmp_path: Path) -> None:
+    """The patterns of H, by wave optics, agree with a scene that was drawn by rays."""
+    true = Camera.from_json((fourier / "camera.json").read_text())
+    save(simulate_psf(ScanPlan.for_camera(true, depths_um=(-24.0, -12.0, 12.0, 24.0))), tmp_path / "H.h5")
+    wrong = replace(true, lattice=replace(true.lattice, fourier_um=1.05 * true.lattice.fourier_um))
+    (tmp_path / "wrong.json").write_text(wrong.to_json())
+    given = (fourier / "frame.tif", "--dark", fourier / "dark.tif", "--white", fourier / "white.tif")
+    words = ("--camera", tmp_path / "wrong.json")
+    plain = measure(lfcal, *given, *words, "-o", tmp_path / "a.tif")["depths"][1]
+    corrected = measure(lfcal, *given, *words, "--psf", tmp_path / "H.h5", "-o", tmp_path / "b.tif")
+    alone = measure(lfcal, *given, "--psf", tmp_path / "H.h5", "-o", tmp_path / "c.tif")
+    assert abs(plain - 12) > 0.8 and corrected["scale"].endswith("planes of H"), corrected["scale"]
+    assert corrected["depths"][1] == pytest.approx(12, abs=0.25) == alone["depths"][1]
 
 
 def test_bad_input_is_one_line_and_leaves_nothing(lfcal: Any, files: Path, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from lfcal_gui.models import Tint
 from lfcal_gui.pages.depth.model import DepthSettings
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import idle
+from tests.lattice.fourier_scenes import SURFACES, camera_of, instrument, scene
 from tests.lattice.plenoptic_scenes import draw, step
 
 SHAPE, OFFSET = (170, 190), (0.3, -0.2)
@@ -164,7 +165,7 @@ def test_map_and_points_are_saved_with_their_command(
 
 MISSING: dict[str, dict[str, Any]] = {
     "frame: expected the 170 x 190 pixels of the sensor, got 140 x 160": {"name": "part.tif"},
-    "expected one with a lattice of micro-images": {"camera": preset("flfm_20x05")},
+    "the 1200 x 1200 pixels of the sensor, got 170 x 190": {"camera": preset("flfm_20x05")},
     "expected a camera, a white image or a lattice file, got none": {"use_camera": False},
 }
 
@@ -175,6 +176,18 @@ def test_what_is_missing_is_one_message(opened: Callable[..., Any], words: str) 
     said = panel.status.text().replace("\xa0", " ")
     assert words in said and said.count(";") == 1 and "--" not in said
     assert panel.status.property("role") == "error" and not panel.go.isEnabled()
+
+
+def test_a_fourier_microscope(opened: Callable[..., Any], files: Path, context: Context, qtbot: QtBot) -> None:
+    at = instrument()
+    tifffile.imwrite(files / "fourier.tif", scene(at, SURFACES["plane"]).astype(np.float32))
+    page = opened("fourier.tif", camera_of(at), options=(("slopes", (-0.03, 0.01)),))
+    assert "of processor time" in page.panel.status.text() and page.panel.go.isEnabled(), page.panel.status.text()
+    page.start()
+    idle(context.jobs, qtbot)
+    assert page.made is not None and page.made.to_dict()["depths"][1] == pytest.approx(12, abs=0.3)
+    assert "median 1" in page.panel.facts.text() and "µm" in page.panel.facts.text()
+    assert page.panel.view.shot.caption == "Depth over the central view"
 
 
 def test_a_late_forecast_does_not_hide_a_refusal(opened: Callable[..., Any], context: Context, qtbot: QtBot) -> None:
