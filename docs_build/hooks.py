@@ -120,7 +120,7 @@ def _run(file: File, files: Files, config: Any) -> None:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Return a page as it is shown: after it was run, with links to files of the repository that lead into the site."""
     if page.file.src_uri.startswith(LATE):
-        page.meta["search"] = {"boost": 0.01}
+        page.meta["search"] = {"boost": 0.003}
     text = _RAN.get(page.file.src_uri, markdown)
     up = "../" * page.file.src_uri.count("/")
     for name, place in BESIDE.items():
