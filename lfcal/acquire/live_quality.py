@@ -72,8 +72,8 @@ class QualityState:
     saturated
         Number of saturated pixels in each cutout, ``(nz, ny, nx)``.
     depth_sums
-        Sums over the positions recorded so far in each plane of the cutouts minus their background (counts), ``(nz, nt,
-        ns)``; ``(1, nt, ns)`` for a single plane.
+        Sum of the cutouts minus their background in each plane, over the positions recorded so far (counts). The shape
+        is ``(nz, nt, ns)``, or ``(1, nt, ns)`` for a single plane.
     lamp
         Time since the start, summed over all recordings without pauses (s), and light (counts) of each reference frame,
         ``(n, 2)``.
@@ -82,7 +82,7 @@ class QualityState:
         too faint.
     follow_px
         Movement of the image within the cutout per step of the scan (px): ``((row per y, row per x), (column per y,
-        column per x))``; ideally 0. -2 on the diagonal means that an axis is reversed.
+        column per x))``. Ideally, it is 0. A value of -2 on the diagonal means that an axis is reversed.
     alarms
         Findings on recorded frames that may require a stop, by the kinds of `LIMITS`.
     """

@@ -195,8 +195,8 @@ class Attempts:
     """Repeated attempts to take the frame of a step, each with a check of the frame.
 
     A doubtful frame is taken again, because most faults are transient. If it still differs from its neighbours, the
-    latest trusted position is taken again: if it equals its recorded frame, the rig is unchanged and the pattern itself
-    is unusual; otherwise the rig has changed. An unusual pattern therefore costs only a few additional frames, and
+    latest trusted position is taken again. If it equals its recorded frame, the rig is unchanged and the pattern itself
+    is unusual. Otherwise, the rig has changed. An unusual pattern therefore costs only a few additional frames, and
     causes no alarm.
 
     Parameters

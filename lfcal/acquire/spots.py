@@ -117,7 +117,7 @@ def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float
     """Return the displacement of the light between two frames of one region (px), and their correlation.
 
     The result is (rows, columns, correlation): the position in ``after`` minus that in ``before``, and the normalized
-    correlation, which is 1 for frames that differ only in brightness.
+    correlation. The correlation is 1 for frames that differ only in brightness.
 
     Raises
     ------

@@ -41,9 +41,9 @@ class Draft:
     A value is identified by its path, such as ``"sensor.pixel_um"``. The first value set for a path is kept. Values
     that are not set are assumed and marked as such.
 
-    In addition to the paths of `QUANTITIES`, there are ``lattice.focus`` (virtual depth at which each lens type is in
-    focus) and ``lattice.depth_ranges`` (a pair of virtual depths for each lens type). ``lattice.types`` contains the
-    focal lengths of the lens types (µm).
+    Two paths are added to those of `QUANTITIES`. The virtual depth at which each lens type is in focus is
+    ``lattice.focus``. A pair of virtual depths for each lens type is ``lattice.depth_ranges``. ``lattice.types``
+    contains the focal lengths of the lens types (µm).
 
     Parameters
     ----------
@@ -167,8 +167,8 @@ class Draft:
         """Return the completed camera with the display name ``name`` and a mark for every value.
 
         If the gap is unknown, it is assumed to be the pitch times the working f-number, at which adjacent micro-images
-        just touch. If its focus is unknown, each lens type is assumed to be in focus at the virtual depth that follows
-        from its depth range, or at infinity without a depth range.
+        just touch. If its focus is unknown, a lens type is assumed to be in focus at the virtual depth that follows
+        from its depth range. Without a depth range, it is focused at infinity.
 
         Raises
         ------

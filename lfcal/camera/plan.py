@@ -590,9 +590,9 @@ def half_cell(plan: ScanPlan) -> HalfCell:
     Raises
     ------
     InputError
-        If frames are resampled or patterns half a period apart differ: the period is odd, there is no lenslet of the
-        same type half a period away, or its distance deviates from a whole number of pixels by more than 0.05 px. The
-        message states the reason.
+        If frames are resampled, or patterns half a period apart differ. They differ if the period is odd, if there is
+        no lenslet of the same type half a period away, or if its distance deviates from a whole number of pixels by
+        more than 0.05 px. The message states the reason.
     """
     ny, nx = plan.period
     what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan fit)"

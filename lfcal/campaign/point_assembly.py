@@ -28,9 +28,9 @@ def shown_positions(
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Return the plan position ``(n, 3)`` that each point shows (-1: none) and the deviation ``(n, 2)`` in pixels.
 
-    A point shows a position if its phase in the array's period matches and its chief ray has the same offset from the
-    nearest pixel centre as that of the position. Both conditions are needed because the period is not a whole number of
-    pixels, and the same light displaced by half a pixel has a different pattern. Resampling cannot restore an
+    A point shows a position if its phase in the array's period matches. Its chief ray must also have the same offset
+    from the nearest pixel centre as that of the position. Both conditions are needed because the period is not a whole
+    number of pixels, and the same light displaced by half a pixel has a different pattern. Resampling cannot restore an
     undersampled pattern; points with such patterns can only be used in a fit.
 
     Parameters
@@ -174,9 +174,9 @@ MOST = 20
 def target_facts(points: Points) -> dict[str, Any]:
     """Return the results for a target as plain JSON types.
 
-    ``crosstalk`` is the largest fraction of light from neighbours in a cutout: the plan's value for equally bright
-    holes, multiplied by the largest ratio of a neighbour's brightness to that of the point. ``stage_px`` is the rms
-    deviation of frames from the planned positions, and ``pose_rms_px`` that of the holes' images from the lattice
+    ``crosstalk`` is the largest fraction of light from neighbours in a cutout. It is the plan's value for equally
+    bright holes, multiplied by the largest ratio of a neighbour's brightness to that of the point. ``stage_px`` is the
+    rms deviation of frames from the planned positions, and ``pose_rms_px`` that of the holes' images from the lattice
     (pixels). ``doubtful`` is the fraction of uncertain labels.
     """
     found = list(points.found.values())

@@ -241,9 +241,9 @@ class PlaneResiduals:
 def amplitudes(model: F4) -> tuple[F4, F4]:
     """Return the relative amplitudes of the residuals of spots and of stray light, in proportion to the light nearby.
 
-    For spots, this is the mean of the light of a pixel and of its surroundings, because dim pixels next to bright ones
-    have larger errors than their own light suggests. For stray light, it is the mean of all positions, because it
-    comes from any lenslet.
+    For spots, this is the mean of the light of a pixel and of its surroundings. Dim pixels next to bright ones have
+    larger errors than their own light suggests. For stray light, it is the mean of all positions, because it comes from
+    any lenslet.
     """
     from scipy.ndimage import gaussian_filter  # slow to import
 

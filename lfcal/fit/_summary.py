@@ -172,10 +172,10 @@ def degeneracies(
 ) -> Degeneracies:
     """Return degeneracies between the fixed unknowns ``held`` and the fitted ones ``which``.
 
-    ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of data and priors in scales, ``u`` the values
-    of the unknowns. ``named`` is the widening of a fitted unknown above which a fixed one is reported. One that would
-    widen it by `WIDENING_COUNTED` is included in its standard deviation, at its smallest plausible size. An unknown
-    that was tried without benefit is known as well as the patterns determine it. `assumed` unknowns are always
+    ``data`` ``(k, k)`` and ``slope`` ``(k,)`` are matrix and gradient of data and priors in scales. The values of the
+    unknowns are in ``u``. ``named`` is the widening of a fitted unknown above which a fixed one is reported. One that
+    would widen it by `WIDENING_COUNTED` is included in its standard deviation, at its smallest plausible size. An
+    unknown that was tried without benefit is known as well as the patterns determine it. `assumed` unknowns are always
     included.
     """
     assumed = {group.name for group in GROUPS if group.assumed}

@@ -244,8 +244,8 @@ def iter_next_positions(
 ) -> Work[PositionDesign]:
     """Return the positions to record next, chosen by their effect on the error of H.
 
-    This is an I-optimal design. The squared error of H is trace(C M), where C is the covariance of the unknowns from
-    the patterns, and M is the mean over all positions and depths of the outer products of the derivatives of the model.
+    This is an I-optimal design. The squared error of H is trace(C M). C is the covariance of the unknowns from the
+    patterns. M is the mean over all positions and depths of the outer products of the derivatives of the model.
 
     Parameters
     ----------

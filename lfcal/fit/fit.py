@@ -73,9 +73,9 @@ class FitProgress(Progress):
         standard deviation, which includes the error of a coarsely sampled model. The value approaches 1 from round to
         round, but may rise when the fit continues with finer sampling.
     held_out, below_noise
-        Error of the prediction of the held-out patterns in addition to noise, as a fraction of their rms (relative L2;
-        NaN without held-out patterns), and whether it is below the noise. If it is, the value is an upper limit at two
-        standard deviations.
+        Error of the prediction of the held-out patterns in addition to noise, as a fraction of their rms (relative L2),
+        and whether it is below the noise. NaN without held-out patterns. If it is below the noise, the value is an
+        upper limit at two standard deviations.
     """
 
     chi2: float = math.nan

@@ -133,10 +133,10 @@ def nuisance_steps(problem: Problem, point: Point, columns: Columns, keep: NDArr
 def response_of(problem: Problem, point: Point) -> Response:
     """Return the relative rms of the response of the pixels, estimated from products of residuals at the same pixel.
 
-    For residuals ``r = g m + noise``, the product of two patterns ``i`` and ``j`` at a pixel has the mean
-    ``g² m_i m_j``, because their noise is independent. Errors of the model contribute if they agree between patterns,
-    so the result is limited to the value in the description of the camera. A result that is not significant is 0, with
-    the standard deviation from the patterns, or else from the description.
+    The residuals are ``r = g m + noise``. The product of two patterns ``i`` and ``j`` at a pixel has the mean ``g² m_i
+    m_j``, because their noise is independent. Errors of the model contribute if they agree between patterns, so the
+    result is limited to the value in the description of the camera. A result that is not significant is 0, with the
+    standard deviation from the patterns, or else from the description.
     """
     measured = problem.measured
     described = measured.plan.camera.sensor.prnu**2

@@ -61,8 +61,8 @@ def open_frames(
     Parameters
     ----------
     path
-        A folder of images; a manifest or a list written by another program (``.csv``, ``.tsv``, ``.txt``, ``.json``),
-        in the folder of its files; a file of many frames (multi-page TIFF, ``.npy``, or HDF5, to which the dataset may
+        A folder of images. A manifest or a list written by another program (``.csv``, ``.tsv``, ``.txt``, ``.json``),
+        in the folder of its files. A file of many frames (multi-page TIFF, ``.npy``, or HDF5, to which the dataset may
         be appended: ``scan.h5::/entry/data/data``); the folder of a recorded session; or a scan plan (``.json``).
     manifest
         A manifest or its path; ``manifest.json`` or ``manifest.csv`` in a folder is found automatically.

@@ -67,9 +67,9 @@ def virtual_depth_of_slope(camera: Camera, slope: float) -> float:
 def refocus(views: Views, slopes: Sequence[float], *, samples: int = 1) -> Image:
     """Return images refocused on n planes, ``(n, rows * samples, columns * samples)`` float32.
 
-    Views are shifted relative to each other and added (Ng et al. 2005). For the slope w, the sample at S is the sum
-    over the offsets u of the light at the offset u in the micro-image at S - w u, divided by the sum of the weights.
-    This is valid for images of points behind and in front of the lenslets.
+    Views are shifted relative to each other and added (Ng et al. 2005). The sample at S for the slope w is a sum over
+    the offsets u, divided by the sum of the weights. Each term is the light at the offset u in the micro-image at S - w
+    u. This is valid for images of points behind and in front of the lenslets.
 
     Parameters
     ----------

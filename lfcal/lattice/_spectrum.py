@@ -56,8 +56,8 @@ FINER = {
 }
 """Lattices that contain a lattice: factor in the number of places, and vectors in units of its basis.
 
-An array of unequal lenslets repeats over a coarser lattice: three types over √3 pitches, a checkered brightness over
-√2, alternate rows over 2 along one axis, one lenslet of four over 2 along both."""
+An array of unequal lenslets repeats over a coarser lattice. Three types repeat over √3 pitches, a checkered brightness
+over √2, alternate rows over 2 along one axis, and one lenslet of four over 2 along both."""
 
 CELL_SIDE = 9
 """Number of samples along each side of a mean cell."""
@@ -106,10 +106,10 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
     """Return the lattice of the micro-images of a white image, ignoring lens types.
 
     Pairs of spectral peaks at 60 or 90 degrees propose lattices: hexagonal, square, or with rectangular cells. The
-    result is the finest one that explains the peaks, or one that contains it (`FINER`), because lenslets of several
-    types, or of unequal brightness, add the peaks of a coarser lattice. The image decides between them: a lattice that
-    is too fine has centres in the gaps. A stated pitch decides between lattices of different pitch. For a few large
-    lenslets, lags of the autocorrelation propose the lattices. In a partly lit frame, the lit part is analysed.
+    result is the finest one that explains the peaks, or one that contains it (`FINER`). Lenslets of several types, or
+    of unequal brightness, add the peaks of a coarser lattice. The image decides between them: a lattice that is too
+    fine has centres in the gaps. A stated pitch decides between lattices of different pitch. For a few large lenslets,
+    lags of the autocorrelation propose the lattices. In a partly lit frame, the lit part is analysed.
 
     Raises
     ------

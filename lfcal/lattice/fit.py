@@ -60,10 +60,10 @@ def fit_lattice(
     """Fit a lattice of micro-images to a white image, and return the fit.
 
     An initial lattice is found in the spectrum of the image, and is extended from the middle of the frame outwards.
-    Three steps are then repeated: the mean micro-image is computed, each lenslet is located with it to a fraction of a
-    pixel (least squares, Lucas and Kanade 1981), and a flexible lattice is fitted robustly to the positions. The form
-    of the lattice is then selected: straight, or with a distortion. Finally, the lattice is shifted to the centre of
-    the iris, because micro-images of an iris with an odd number of corners are not symmetric about it.
+    Three steps are then repeated. The mean micro-image is computed. Each lenslet is located with it to a fraction of a
+    pixel (least squares, Lucas and Kanade 1981). A flexible lattice is fitted robustly to the positions. The form of
+    the lattice is then selected: straight, or with a distortion. Finally, the lattice is shifted to the centre of the
+    iris, because micro-images of an iris with an odd number of corners are not symmetric about it.
 
     Parameters
     ----------

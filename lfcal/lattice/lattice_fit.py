@@ -106,8 +106,8 @@ class LatticeFit:
     form, reason
         Selected form of the lattice (straight, or a kind of distortion), and the reason for the selection, as text.
     places_px
-        Best estimate of the centre (row, column) of every lenslet, including dead ones (px), ``(n, 2)``: its position
-        in the lattice plus the common deviation of its neighbours.
+        Best estimate of the centre (row, column) of every lenslet, including dead ones (px), ``(n, 2)``. It is the
+        position in the lattice plus the common deviation of the neighbours.
     notes
         Reasons to doubt that the frame is a white image, and limitations of the fit, one line each.
     outline_px

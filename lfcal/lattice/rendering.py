@@ -65,7 +65,7 @@ class RenderedPlanes:
 def sharpness_shares(camera: Camera, slope: float) -> tuple[float, ...]:
     """Return the weight of each lens type at a slope, proportional to 1 / blur² and 1 for the sharpest type.
 
-    The blur on the sensor is ``d |1/v - 1/v_focus|``, to which one pixel is added in quadrature; d is the clear
+    The blur on the sensor is ``d |1/v - 1/v_focus|``, to which one pixel is added in quadrature. Here d is the clear
     diameter of a lenslet, v the virtual depth at the slope, and v_focus that at which the type is in focus.
 
     Examples
@@ -96,8 +96,8 @@ def render(
 ) -> RenderedPlanes:
     """Render the scene on planes at ``slopes``; each image sample is the mean over all lenslets that see it.
 
-    A point on the plane with the slope w, whose chief ray meets the sensor at S, is imaged at c + (S - c)/w by the
-    lenslet whose micro-image is centred at c.
+    Consider a point on the plane with the slope w, whose chief ray meets the sensor at S. The lenslet whose micro-image
+    is centred at c images it at c + (S - c)/w.
 
     Parameters
     ----------

@@ -131,8 +131,9 @@ def extract_views(
     radius_px
         Radius of the micro-images (px). None: 0.45 of the pitch.
     axes, full, missing, raster
-        As in `view_grid`: direction of the rows of a view, whether to return the complete field with a mask instead of
-        the largest box, lenslets without light, and the lattice that defines the positions of the samples.
+        As in `view_grid`: direction of the rows of a view, whether to return the complete field with a mask, lenslets
+        without light, and the lattice that defines the positions of the samples. Without ``full``, the largest box is
+        returned.
     workers
         Number of threads. None: one for each available CPU core.
 

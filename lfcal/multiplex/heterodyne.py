@@ -2,8 +2,8 @@
 
 With reciprocal vectors g of the lattice (cycles per pixel) a frame behind a periodic modulator is ``i(x) = sum_k exp(2
 pi i g_k x) c_k(x)`` (equations 5 to 7). Theorem 2 crops each ``c_k`` from the spectrum about ``g_k`` and brings it to
-zero frequency; theorem 1 samples the frame at each pixel of the super-pixels, which may be between those of the
-sensor, and interpolates. With a sinc filter, both are equal if the frame has no content between the tiles.
+zero frequency. Theorem 1 samples the frame at each pixel of the super-pixels, which may be between those of the sensor,
+and interpolates. With a sinc filter, both are equal if the frame has no content between the tiles.
 """
 
 from __future__ import annotations

@@ -51,8 +51,8 @@ class Offsets(NamedTuple):
 class _Source(NamedTuple):
     """Data from which samples are computed.
 
-    It consists of the super-pixels, their fractions in each sample (sparse), those of the super-pixels around it, the
-    frame's shape, its light times the root of the weights, and the weights of the pixels.
+    It consists of the super-pixels, their fractions in each sample (sparse), and those of the super-pixels around it.
+    The frame's shape, its light times the root of the weights, and the weights of the pixels follow.
     """
 
     grid: ViewGrid
@@ -430,8 +430,8 @@ def demultiplex_lattice(
         a super-pixel.
     filter
         Interpolation of the spatial route: ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels, as if all
-        channels of a super-pixel were recorded at its centre; or ``"sinc"`` between super-pixels, with each channel at
-        its actual position.
+        channels of a super-pixel were recorded at its centre. With ``"sinc"``, between super-pixels, with each channel
+        at its actual position.
     rcond
         Singular values of `Modulator.matrix` up to this fraction of the largest one count as zero. None:
         `default_rcond`.

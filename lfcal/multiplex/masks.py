@@ -40,7 +40,7 @@ def mask(kind: str, size: int) -> Modulator:
 
     Attenuation masks are at such a distance from the sensor that their shadow moves by one pixel from view to view. The
     matrix A (`Modulator.matrix`) is then the circulant matrix of the mask pattern, with Sigma = F^-1 M-hat and Pi^T =
-    F, where F is the discrete Fourier transform and M-hat that of the pattern (eq. 9). For the pinhole, A is the
+    F. Here F is the discrete Fourier transform, and M-hat that of the pattern (eq. 9). For the pinhole, A is the
     identity. For the lenslet, A is N times the identity for N views, because a lenslet collects the light of the entire
     super-pixel for each view.
 
@@ -148,13 +148,14 @@ def dirichlet_minimum(p: int) -> float:
 def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float = 0.0, name: str = "mask") -> Modulator:
     """Return the modulator of a periodic mask at some distance in front of the sensor (Ihrke et al., eq. 9).
 
-    A pixel at x records i(x) = sum_v l(x, v) m(x - s v), with the light field l, the mask m, the view v and the shift
-    s. The mask consists of cells as large as a pixel. The transmission of a pixel for a view is the mean of the shadow
-    over the pixel and over the directions of the view. Transmissions therefore remain within the range of the mask's
-    values. For any shift, the light of each view summed over a super-pixel equals the light that passes one period of
-    the mask. Sigma = F^-1 M-hat, and Pi^T contains the Fourier transform of a shifted cell for a pixel and a view. For
-    integer shifts and views without angular extent, this is exp(-2 pi i s v w) at the frequency w, which is the Fourier
-    basis if s = 1. With s = 0 (mask on the sensor), all views pass the same mask, and only their sum can be recovered.
+    A pixel at x records i(x) = sum_v l(x, v) m(x - s v). Here l is the light field, m the mask, v the view, and s the
+    shift. The mask consists of cells as large as a pixel. The transmission of a pixel for a view is the mean of the
+    shadow over the pixel and over the directions of the view. Transmissions therefore remain within the range of the
+    mask's values. For any shift, the light of each view summed over a super-pixel equals the light that passes one
+    period of the mask. Sigma = F^-1 M-hat, and Pi^T contains the Fourier transform of a shifted cell for a pixel and a
+    view. For integer shifts and views without angular extent, this is exp(-2 pi i s v w) at the frequency w, which is
+    the Fourier basis if s = 1. With s = 0 (mask on the sensor), all views pass the same mask, and only their sum can be
+    recovered.
 
     Parameters
     ----------

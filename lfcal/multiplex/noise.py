@@ -175,8 +175,8 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
 def pixel_variance(modulator: Modulator, chi2: float) -> Array:
     """Return the noise variance of each pixel in unmodulated light, ``(K,)``, relative to that of an open pixel.
 
-    It is (1 + chi^2 i)/(1 + chi^2) for a pixel that receives the fraction i of the unmodulated light: equation 12 of
-    Ihrke et al. with the light of each pixel instead of the mean light.
+    It is (1 + chi^2 i)/(1 + chi^2) for a pixel that receives the fraction i of the unmodulated light. This is equation
+    12 of Ihrke et al. with the light of each pixel instead of the mean light.
 
     Examples
     --------

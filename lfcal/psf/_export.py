@@ -259,8 +259,9 @@ def iter_export(
     Raises
     ------
     InputError
-        If the suffix is unknown, its format does not use an option, positions are missing that the format cannot mark
-        (without ``allow_missing``), ``code`` cannot use this H, or a ``run`` is given for a matrix without a file.
+        If the suffix is unknown, or its format does not use an option. If positions are missing that the format cannot
+        mark (without ``allow_missing``). If ``code`` cannot use this H, or a ``run`` is given for a matrix without a
+        file.
     StorageError
         If the file cannot be written; with a ``run``, as in `lfcal.work.iter_made`.
 

@@ -1,8 +1,8 @@
 """Patterns in whole steps, with a separate step for each, as they are stored in an H file with a tolerance.
 
 A pattern loses the light outside its plane's window, and the rounding of its values to whole steps. Both are measured
-on the values as read back, as fractions (L1) of the pattern. Since an image is a sum of patterns, |(H - Hs) g|_1 is at
-most the largest fraction times the sum of g_v |H_v|_1 over all voxels v, for any non-negative g.
+on the values as read back, as fractions (L1) of the pattern. An image is a sum of patterns. Therefore, for any
+non-negative g, |(H - Hs) g|_1 is at most the largest fraction times the sum of g_v |H_v|_1 over all voxels v.
 `lfcal.reconstruct.Projector` defines its tolerance in the same way.
 """
 

@@ -47,13 +47,13 @@ class Facts:
     valid
         Packed bits, ``(…, bytes)``, one for each pixel of the cutout in C order; 0 for a pixel without a measurement.
     error
-        Relative L1 error of the stored values of each plane, ``(nz,)``, or a number for a single plane: the sum of
-        absolute errors divided by the sum of absolute values. NaN if none is stated.
+        Relative L1 error of the stored values of each plane, ``(nz,)``, or a number for a single plane. It is the sum
+        of absolute errors divided by the sum of absolute values. NaN if none is stated.
     origin
         Value of `Origin` for the pattern of each position. None: all patterns are measured.
     bound
-        Largest relative L1 errors of any pattern of a plane due to storing H with a tolerance, ``(nz, 3)``, or ``(3,)``
-        for a single plane: by cropping, by rounding, and in total. NaN without such a loss.
+        Largest relative L1 errors of any pattern of a plane due to storing H with a tolerance: by cropping, by
+        rounding, and in total. The shape is ``(nz, 3)``, or ``(3,)`` for a single plane. NaN without such a loss.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """Find the centre of a micro-image among the positions of H, and roll H so that it is where other codes expect it.
 
-The codes based on Prevedel et al. 2014 (LFDM, oLaF and their descendants) rectify an image so that the centre of a
-micro-image is on pixel ceil(Nnum/2) of each period, counted from 1. They use position (aa, bb) of H for pixel (aa, bb)
-of a period. In lfcal, position (0, 0) is where the scan began.
+The codes based on Prevedel et al. 2014 are LFDM, oLaF and their descendants. They rectify an image so that the centre
+of a micro-image is on pixel ceil(Nnum/2) of each period, counted from 1. They use position (aa, bb) of H for pixel (aa,
+bb) of a period. In lfcal, position (0, 0) is where the scan began.
 """
 
 from __future__ import annotations

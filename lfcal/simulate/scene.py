@@ -244,7 +244,7 @@ class Scene:
     image_um
         Distance a of the source's image behind the lenslet array, signed; 0 is the native plane.
     lattice
-        The lenslets on the array itself (not their micro-images), with focal lengths, clear diameter and gap B; its
+        The lenslets on the array itself (not their micro-images), with focal lengths, clear diameter and gap B. Its
         offset is the centre of a type-0 lenslet relative to source position (0, 0).
     cutout, period
         Pixels (nt, ns) around each source position; number of source positions (ny, nx) of a full plane.
@@ -266,8 +266,8 @@ class Scene:
         Whether the main lens's defocus is a(1 - cos theta) instead of a theta^2 / 2.
     lens_law
         Parameter q of the law u/(2 Nw) = sin theta / (1 - q sin² theta)^½ for a ray from the relative height u in the
-        pupil at the angle theta: 0 for the sine condition, 1 for the tangent law. It needs exact angles; the pupil is
-        uniformly lit.
+        pupil at the angle theta. It is 0 for the sine condition, and 1 for the tangent law. It needs exact angles; the
+        pupil is uniformly lit.
     exact_rays
         Whether rays between lenslet and sensor follow tan theta instead of sin theta. The wave level follows them ray
         by ray, away from the native plane. Together with `exact_defocus`, which should have the same value, chief rays

@@ -22,8 +22,8 @@ class DecodedFrames(SourceView):
     """Source of frames of single offsets, decoded from frames that each show several offsets together.
 
     Each decoded frame is a weighted sum of recorded frames of its plane, with the noise of the sum. For an S-matrix of
-    order n, the variance of this noise at a pixel is 4n/(n + 1)² times the variance without light, plus 2/(n + 1) times
-    the sum of the photon-noise variances of all n patterns.
+    order n, the variance of this noise at a pixel is 4n/(n + 1)² times the variance without light. To this is added
+    2/(n + 1) times the sum of the photon-noise variances of all n patterns.
 
     Parameters
     ----------

@@ -352,7 +352,7 @@ def find_points(
     ------
     InputError
         If there are no points, the points do not form a lattice like that of the target, the target is mirrored or
-        rotated, or the labelling is ambiguous; the message states which.
+        rotated, or the labelling is ambiguous. The message states which.
 
     Examples
     --------

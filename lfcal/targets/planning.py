@@ -67,7 +67,7 @@ def proposed_axis(phases: Phases, axis: int, least_px: float, tolerance_px: floa
 
     Holes that are p pixels apart, p an integer, show the phases 0, p, 2p … modulo the period, and all phases if p and
     the period have no common divisor. The array's period is not an integer, so each cycle leaves a residual. The pitch
-    is therefore a whole number of periods plus a few whole pixels (a vernier): neighbouring holes show equally spaced
+    is therefore a whole number of periods plus a few whole pixels (a vernier). Neighbouring holes show equally spaced
     phases, and a target covers the period at most once.
     """
     plan, length, count = phases.plan, float(phases.period[axis]), phases.plan.period[axis]

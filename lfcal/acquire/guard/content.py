@@ -1,7 +1,7 @@
 """Check the content of a frame before it is accepted.
 
-A frame may contain an earlier exposure, completely or in part (`Repeats`), and its light, the position of the light,
-dark level and clipping may differ from those of neighbouring frames (`Neighbours`). `ContentGuard` makes all checks.
+A frame may contain an earlier exposure, completely or in part (`Repeats`). Its light, the position of the light, dark
+level and clipping may differ from those of neighbouring frames (`Neighbours`). `ContentGuard` makes all checks.
 """
 
 from __future__ import annotations

@@ -54,9 +54,9 @@ def iter_exposures(
 ) -> Work[tuple[float, ...]]:
     """Measure a suitable exposure time (s) for every plane, from frames at four positions of the plane's cell.
 
-    Nothing is recorded, and the stage returns to its previous position. At the returned exposure time, the peak of the
-    brightest of these positions (corner, middle, and half-way along either side) is at the fraction ``target`` of the
-    range from the black level to saturation.
+    Nothing is recorded, and the stage returns to its previous position. The positions are a corner, the middle, and
+    half-way along either side. At the returned exposure time, the peak of the brightest one is at the fraction
+    ``target`` of the range from the black level to saturation.
 
     Parameters
     ----------

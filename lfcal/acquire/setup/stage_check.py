@@ -114,9 +114,9 @@ def iter_stage_check(
     Raises
     ------
     InputError
-        If there is no light, or the stage does not move the image as planned: axes are reversed or swapped, a scale
-        error moves the source by more than 0.25 px over a period, the repeatability at one position is worse than 0.25
-        px (rms), or the movement in depth differs from the plan.
+        If there is no light, or the stage does not move the image as planned. Axes may be reversed or swapped, or a
+        scale error may move the source by more than 0.25 px over a period. The repeatability at one position may be
+        worse than 0.25 px (rms). The movement in depth may differ from the plan.
     DeviceError
         If a device fails more often than `Options.retries` allows.
     Cancelled

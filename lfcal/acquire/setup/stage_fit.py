@@ -297,9 +297,10 @@ def places_about(
 ) -> NDArray[np.float64]:
     """Return five stage positions ``(5, 3)`` (µm): the middle of the cell in plane ``z``, and a rectangle around it.
 
-    The corners are whole periods away from the middle, so that the pattern of the lenslets is the same there: three
-    periods, or a tenth of the sensor if that is more. They are closer if the period was rounded, or if the cutout would
-    leave the sensor or the stage would leave its travel. If the sensor has no `room`, they are one period away.
+    The corners are whole periods away from the middle, so that the pattern of the lenslets is the same there. The
+    distance is three periods, or a tenth of the sensor if that is more. They are closer if the period was rounded, or
+    if the cutout would leave the sensor or the stage would leave its travel. If the sensor has no `room`, they are one
+    period away.
 
     Raises
     ------

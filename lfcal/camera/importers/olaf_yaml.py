@@ -1,7 +1,7 @@
 """Reader for configurations of oLaF and pyolaf: a flat yaml file (Stefanoiu et al. 2019, LFM_setCameraParams).
 
-Files for Fourier light-field microscopes (FLFM_setCameraParams) state the focal length ``fobj`` of the objective, the
-relay lenses ``f1`` and ``f2``, and the number of elemental images with their distance in pixels.
+Files for Fourier light-field microscopes (FLFM_setCameraParams) state the focal length ``fobj`` of the objective and
+the relay lenses ``f1`` and ``f2``. They also state the number of elemental images, and their distance in pixels.
 """
 
 from __future__ import annotations

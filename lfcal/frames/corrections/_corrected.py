@@ -212,9 +212,9 @@ def corrected_noise(
 ) -> Noise:
     """Return the noise of samples corrected by ``chain``.
 
-    A raw sample r has the variance ``c + s max(r - black, 0)``. With the dark d of variance e, the factors w of the
-    white image and f of the exposure, and the background b, the corrected sample is ``v = (r - d) w f - b``. Its
-    variance is ``(w f)^2 (c + s (d - black) + e) + w f s (v + b)``. Only known terms count: e if the number of
+    A raw sample r has the variance ``c + s max(r - black, 0)``. The corrected sample is ``v = (r - d) w f - b``. Here d
+    is the dark, of variance e; w and f are the factors of the white image and of the exposure, and b is the background.
+    Its variance is ``(w f)^2 (c + s (d - black) + e) + w f s (v + b)``. Only known terms count: e if the number of
     averaged dark frames is known, and d - black from the median of the dark if the black level is unknown.
 
     Parameters

@@ -45,7 +45,7 @@ class Defects:
     Raises
     ------
     InputError
-        If a pixel is outside the sensor, or has no good neighbour of its colour within two periods of the pattern; or
+        If a pixel is outside the sensor, or has no good neighbour of its colour within two periods of the pattern. Also
         if more than 5 % of the sensor is defective.
 
     Examples
@@ -225,13 +225,13 @@ def iter_find_defects(
     """Find hot, dead and stuck pixels from the values of each pixel over the frames.
 
     Each pixel is compared with its eight nearest neighbours of the same colour, of which two may be defective. A pixel
-    is *hot* if its lowest value over the frames exceeds theirs by ``threshold`` robust standard deviations, and by half
-    of the amount by which they exceed the field. It must also be brighter than they are in half of the frames. A pixel
-    is *dead* or *stuck* if its values vary by less than a tenth of the range of its neighbours, although a spot
-    surrounded it in some frame. A dead pixel remains at the level without light. Dead and stuck pixels are found only
-    in 8 or more frames, and only where spots cover them. Use frames of different positions, or several dark frames: in
-    frames of a single position, spots would look like hot pixels. Frames are read a second time if any pixel is
-    suspect.
+    is *hot* if its lowest value over the frames exceeds theirs by ``threshold`` robust standard deviations. It must
+    also exceed them by half of the amount by which they exceed the field. It must also be brighter than they are in
+    half of the frames. A pixel is *dead* or *stuck* if its values vary by less than a tenth of the range of its
+    neighbours, although a spot surrounded it in some frame. A dead pixel remains at the level without light. Dead and
+    stuck pixels are found only in 8 or more frames, and only where spots cover them. Use frames of different positions,
+    or several dark frames: in frames of a single position, spots would look like hot pixels. Frames are read a second
+    time if any pixel is suspect.
 
     Parameters
     ----------

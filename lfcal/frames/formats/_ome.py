@@ -193,8 +193,8 @@ def _of_pages(planes: list[_Planes], pages: int) -> dict[str, Any]:
 def _roi(root: ElementTree.Element) -> tuple[int, int, int, int] | None:
     """Return the region of the camera's sensor that the frames show, if a program stored it.
 
-    OME has no element for it. It is in annotations (``ROI``, as Micro-Manager calls it), or is a rectangle of the
-    frames' size that does not begin at their first pixel, so that it cannot be inside them.
+    OME has no element for it. It is in annotations (``ROI``, as Micro-Manager calls it). It may also be a rectangle of
+    the frames' size that does not begin at their first pixel, so that it cannot be inside them.
     """
     for entry in root.iter():
         name = entry.tag.rpartition("}")[2]

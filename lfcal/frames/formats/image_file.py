@@ -214,8 +214,8 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
     """Open an image file in which each page is one frame.
 
     Supported formats are greyscale TIFF (with one or several pages, 16-bit and others), PNG, PGM, ``.npy`` arrays,
-    FITS, HDF5 stacks, camera RAW (the unprocessed mosaic), and formats added by plug-ins. The format is detected from
-    the first bytes of the file, except for camera RAW, which is recognized by the suffix.
+    FITS, HDF5 stacks, and camera RAW (the unprocessed mosaic). Plug-ins add others. The format is detected from the
+    first bytes of the file, except for camera RAW, which is recognized by the suffix.
 
     Parameters
     ----------

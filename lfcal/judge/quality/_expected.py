@@ -170,8 +170,8 @@ def _lens(camera: Camera, shift: float, grid: _Grid) -> Values:
 def _seam(x: Values, half: float, start: float, strength: float) -> Values:
     """Return the light density of the edge between touching lenslets, whose two edge waves nearly cancel.
 
-    At this edge the phase is continuous, but its slope is not: the amplitudes are 1/(x + h) and -1/(x - h), about the
-    two places ``-h`` and ``h`` to which the two lenslets deflect the light of the edge.
+    At this edge the phase is continuous, but its slope is not. The amplitudes are 1/(x + h) and -1/(x - h). The two
+    lenslets deflect the light of the edge to the positions ``-h`` and ``h``.
     """
     away = np.abs(x)
     outside = away > half + start

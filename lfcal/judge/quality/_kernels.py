@@ -194,8 +194,8 @@ def step_pass(
 ) -> None:
     """Add the squares of two patterns and their product to ``out (3,)``; ``b`` is one step after ``a``.
 
-    The lenslets do not move on the sensor while the cutout moves by ``(rows, columns)``, so ``b[t, s]`` corresponds to
-    ``a[t + rows, s + columns]``.
+    The lenslets do not move on the sensor while the cutout moves by ``(rows, columns)``. Therefore ``b[t, s]``
+    corresponds to ``a[t + rows, s + columns]``.
     """
     nt, ns = a.shape
     aa = 0.0

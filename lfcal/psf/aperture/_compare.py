@@ -127,8 +127,8 @@ def irises(edge: Edge, about: OutlineFit) -> list[OutlineFit]:
 def stuck_blades(edge: Edge, regular: list[OutlineFit], cut: list[OutlineFit]) -> list[OutlineFit]:
     """Return irises with one displaced blade: the best of each count and blade, best first.
 
-    The fits start from the slopes at the regular iris, and from outlines ``cut`` by a rim, because a blade that
-    reaches far inwards cuts the others like a rim.
+    The fits start from the slopes at the regular iris, and from outlines ``cut`` by a rim. A blade that reaches far
+    inwards cuts the others like a rim.
     """
     starts = [start for iris in regular for start in _linear_starts(edge, iris)]
     starts.sort(key=lambda entry: entry[0])

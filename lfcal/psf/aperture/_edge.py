@@ -1,9 +1,9 @@
 """The edge of a depth-plane sum as harmonics over angle, each with its noise and its damping by blur.
 
 The light summed along a ray (`lfcal.psf.aperture._profile`) gives the radius that encloses it, independent of blur.
-Along the edge, the outline is convolved with the projection of the blur's kernel: harmonic k of the outline at radius
-R is damped by the kernel's transform at k/R. For an isotropic kernel, this transform equals that of the edge's slope,
-which the same image shows. Blur and curved blades, which both round the corners, are thus separated.
+Along the edge, the outline is convolved with the projection of the blur's kernel. The kernel's transform at k/R
+therefore damps harmonic k of the outline at radius R. For an isotropic kernel, this transform equals that of the edge's
+slope, which the same image shows. Blur and curved blades, which both round the corners, are thus separated.
 """
 
 from __future__ import annotations

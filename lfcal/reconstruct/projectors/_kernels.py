@@ -1,8 +1,8 @@
 """Compiled inner loops of the projectors.
 
-All compute parts of f[p] = sum_v g[v] H[v mod n][p - v + c] (Eberhart et al. 2020, equation 1) for one depth plane: v
-are positions of the volume, p pixels of the image, n = (ny, nx) the period and c = ((nt - 1)/2, (ns - 1)/2) the middle
-of a pattern. A phase is a position within the period, counted row by row; a lattice cell is one period.
+All compute parts of f[p] = sum_v g[v] H[v mod n][p - v + c] (Eberhart et al. 2020, equation 1) for one depth plane.
+Here v are positions of the volume, p pixels of the image, n = (ny, nx) the period and c = ((nt - 1)/2, (ns - 1)/2) the
+middle of a pattern. A phase is a position within the period, counted row by row; a lattice cell is one period.
 """
 
 from __future__ import annotations

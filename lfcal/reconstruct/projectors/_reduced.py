@@ -43,7 +43,7 @@ class ReducedOperand:
 class Reduced:
     """Project a plane with few patterns, for weighted sums of sources, plus sparse corrections.
 
-    |(H - Hs) g|_1 is at most ``tolerance`` times the sum of g_v |H_v|_1 over all voxels v, for any non-negative g; Hs
+    |(H - Hs) g|_1 is at most ``tolerance`` times the sum of g_v |H_v|_1 over all voxels v, for any non-negative g. Hs
     is the projected operator, forward and back. A plane that no spacing of nodes makes faster is projected completely.
 
     Parameters

@@ -123,7 +123,7 @@ class Nodes:
         Parameters
         ----------
         packed
-            Values of whole cells, ``(cells_y ny, cells_x nx)``; the last cell of both axes is zero, and receives the
+            Values of whole cells, ``(cells_y ny, cells_x nx)``. The last cell of both axes is zero, and receives the
             contributions to the first nodes beyond the others.
 
         Returns

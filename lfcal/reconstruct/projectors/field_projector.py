@@ -179,7 +179,7 @@ class FieldProjector(Projector):
         neighbouring regions must not be displaced: the accumulated difference between the array's pitch and the period
         must be less than a pixel between neighbours.
     image_shape, method, dtype, threshold, tolerance, memory_limit, workers, phases, device
-        As in `Projector`; ``phases`` refer to the first H, and the regions share the memory of a device.
+        As in `Projector`. The ``phases`` refer to the first H, and the regions share the memory of a device.
     anchor
         Pixel (row, column) of the image onto which position (0, 0) of the first H is imaged. None: the anchor of that
         H. The anchors of the other regions keep their distances from it.

@@ -1,10 +1,10 @@
 """Lengthen the first updates of a reconstruction, which separates planes and details faster.
 
 A multiplicative update is short because all planes explain the same light. In each iteration, a mode of a single plane
-converges only by about its fraction of the light, while the common part of all planes, light that changes little over
-the width of a pattern, converges completely. The logarithm of an update, relative to its mean over the pixels of a
-pattern, is therefore multiplied by ``1 + strength`` (over-relaxation in the exponent, Tanaka 1987; Lewitt & Muehllehner
-1986), and the volume's light remains that of the plain update.
+converges only by about its fraction of the light. The common part of all planes, light that changes little over the
+width of a pattern, converges completely. The logarithm of an update, relative to its mean over the pixels of a pattern,
+is therefore multiplied by ``1 + strength`` (over-relaxation in the exponent, Tanaka 1987; Lewitt & Muehllehner 1986).
+The volume's light remains that of the plain update.
 
 The image shows when an update is too long: between the models of two iterations, the likelihood is nearly a parabola.
 If its maximum is before the second model (a Newton step along the line, Kaufman 1987), the strength is reduced

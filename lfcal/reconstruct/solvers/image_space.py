@@ -19,8 +19,8 @@ __all__ = ["SOLVER", "isra", "iter_isra"]
 def iter_isra(P: Projector, image: ArrayLike, settings: IsraSettings) -> SolverWork:
     """Deconvolve ``image`` ``(Y, X)`` by the image-space reconstruction algorithm (ISRA).
 
-    The update of the volume g is ``g <- g * HT(w f) / HT(w (Hg + b))``, where f is the image, w its weights, and b the
-    background (Daube-Witherspoon & Muehllehner 1986). Parameters and errors are those of `richardson_lucy`, except for
+    The update of the volume g is ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Here f
+    is the image, w its weights, and b the background. Parameters and errors are those of `richardson_lucy`, except for
     the read noise, because the algorithm minimizes squared differences without a noise model.
 
     Yields

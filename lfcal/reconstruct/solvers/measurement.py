@@ -171,7 +171,7 @@ class Measurement:
     def fit(self, model: NDArray[Any], mask: NDArray[Any] | None = None, floor: float = 0.0) -> GoodnessOfFit:
         """Return residual and likelihood of the image ``model`` (with background) over pixels where ``mask`` is True.
 
-        Both images are ``(Y, X)``. The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64, where f is
+        Both images are ``(Y, X)``. The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64. Here f is
         the image, w its weights, and m the model, at least ``floor``. Without a mask, all pixels are used.
         """
         rows, columns = model.shape

@@ -214,7 +214,7 @@ def plan_effects(
     half of the tolerance. The other half is reserved for errors of the computation. If leaving out fewer effects allows
     a coarser sampling that takes less time in total, fewer are left out. The time therefore never increases with the
     tolerance. Errors of assembly and use (a gap error, a loose stage) are simulated only if they are given in
-    ``effects`` or switched on, because their typical sizes may not apply to this camera.
+    ``effects`` or switched on. Their typical sizes may not apply to this camera.
 
     Parameters
     ----------

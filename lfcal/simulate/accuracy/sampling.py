@@ -173,8 +173,8 @@ def steps_for(
 ) -> tuple[LevelSampling, ...]:
     """Return the samplings of a level, fastest first.
 
-    Level ``"wave"``: windows whose intensities are added, then the whole array on one grid; or windows whose fields are
-    added, if no grid is large enough for the scene. Level ``"debye"``: nodes of the separable path; for other arrays, a
+    Level ``"wave"``: windows whose intensities are added, then the whole array on one grid. If no grid is large enough
+    for the scene, windows whose fields are added. Level ``"debye"``: nodes of the separable path; for other arrays, a
     grid. Level ``"grid"``: all grids that are small enough, or else the smallest one, which the engine rejects as too
     large.
 

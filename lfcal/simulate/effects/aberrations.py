@@ -20,7 +20,7 @@ __all__ = ["Coma", "FieldAberrations", "Spherical", "Zernike"]
 def _mean_shift(outlook: Outlook, rim_slope: float) -> float:
     """Return the mean spot shift (pixels) for a wavefront whose slope at the rim is ``rim_slope`` waves per radius.
 
-    A slope of g waves per pupil radius deflects a ray by 2 Nw g lambda at the array's distance a, which moves the spot
+    A slope of g waves per pupil radius deflects a ray by 2 Nw g lambda at the array's distance a. This moves the spot
     by 2 Nw g lambda / |v| on the sensor.
     """
     shift = 2 * outlook.f_number * rim_slope * outlook.wavelength_um / outlook.depth

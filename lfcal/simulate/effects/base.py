@@ -173,7 +173,7 @@ class SensorStrip:
     rng
         Random number generator for this effect, strip and frame.
     pattern
-        Function that returns a random pattern of this strip that is the same in every frame: called with the name of a
+        Function that returns a random pattern of this strip that is the same in every frame. Called with the name of a
         pattern, it returns standard normal deviates in the shape of the strip.
     light_e
         Light of the complete frame, ``(rows, columns)``, before any effect (electrons), for effects that move light

@@ -27,8 +27,9 @@ class CoverGlass(SceneEffect):
     thickness_um, index
         Thickness t (µm) and refractive index n of the plate.
     in_gap
-        Fraction of t (1 - 1/n) that is already included in the described gap: 0 if the described gap is the distance
-        between lenslets and sensor, 1 if it is the equivalent distance in air, as found by focusing on the sensor.
+        Fraction of t (1 - 1/n) that is already included in the described gap. It is 0 if the described gap is the
+        distance between lenslets and sensor. It is 1 for the equivalent distance in air, as found by focusing on the
+        sensor.
 
     Examples
     --------

@@ -50,8 +50,8 @@ class VectorialPupil(SceneEffect):
         In focus, the fields differ by sin²(alpha), with the half angle alpha of the objective. The difference is
         visible if the focal spot is large on the lenslets, and less so if pixels are wider than the interference
         fringes between lenslets. Out of focus, light from different parts of the pupil overlaps on the sensor only if
-        the parts are close together, depending on the waves of defocus, or where micro-images overlap, for images
-        behind the array.
+        the parts are close together, depending on the waves of defocus. For images behind the array, it also overlaps
+        where micro-images do.
         """
         optics, lattice = outlook.camera.optics, outlook.camera.lattice
         if not isinstance(optics, Microscope):

@@ -21,7 +21,7 @@ INSEPARABLE = 8.0
 
 OF_RIM, SMALL = 0.2, 0.01
 """Fraction of light moved per pixel of displacement of a microscope's steepest ray behind the lenslets, an upper
-estimate (measured: 0.06 to 0.26), and the limit of its use: running the effect takes longer than most simulations."""
+estimate (measured: 0.06 to 0.26), and the limit of its use. Running the effect takes longer than most simulations."""
 
 FRINGED, SHOWN = 20.0, 0.5
 """Fresnel number of the iris, and rms width of spots (px), below which a shift does not describe exact angles."""
@@ -299,7 +299,7 @@ class LensLaw(SceneEffect):
     """Departure of the main lens from the sine condition, for non-paraxial angles.
 
     Without this effect, a ray from the height u in the pupil (1 at the rim) reaches the array at the angle theta to the
-    axis with sin theta = u/(2 Nw), as in a lens free of coma; Nw is the working f-number. In a thin lens with a stop of
+    axis with sin theta = u/(2 Nw), as in a lens free of coma. Nw is the working f-number. In a thin lens with a stop of
     diameter f/N, tan theta = u/(2 Nw). An iris that is smaller by the fraction 1/(8 Nw²) has nearly the same effect. A
     microscope objective obeys the sine condition.
 

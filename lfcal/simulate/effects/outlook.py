@@ -189,8 +189,8 @@ class Outlook:
         """Relative L1 error of spots traced by rays instead of computed by waves: the mean of 0.65/(1 + N_F)^(1/3).
 
         The mean is over the lens types with the Fresnel numbers N_F. In a microscope, rays are also paraxial: the
-        shadow has the radius M z sin(alpha) instead of M z tan(alpha), with the magnification M and the half angle
-        alpha in object space.
+        shadow has the radius M z sin(alpha) instead of M z tan(alpha). M is the magnification, and alpha the half angle
+        in object space.
         """
         change = sum(0.65 / math.cbrt(1.0 + n) for n in self.fresnel_lenslets) / len(self.defocus)
         if isinstance(self.camera.optics, Microscope):

@@ -64,8 +64,8 @@ def fitted_rule(
 ) -> NodeRule:
     """Return the rule for intensities band-limited to ``band`` cycles per pixel.
 
-    The weights solve a non-negative least-squares fit of sum_k w_k cos(2 pi f x_k) to sinc(f fill) fill, weighted by
-    the transfer function 1 - f/band of the light, with the sum constrained to ``fill``.
+    The weights solve a non-negative least-squares fit of sum_k w_k cos(2 pi f x_k) to sinc(f fill) fill. The fit is
+    weighted by the transfer function 1 - f/band of the light, and its sum is constrained to ``fill``.
 
     Parameters
     ----------
