@@ -18,6 +18,7 @@ from lfcal.simulate import plan_effects
 from lfcal.simulate._symmetry import is_separable
 from lfcal.simulate.accuracy.cost import step_for
 from lfcal.simulate.effects import ExactAngles, LensletDiffraction, Outlook
+from lfcal.simulate.engines import microscope
 from lfcal.simulate.engines._debye import debye_field, debye_nodes, radial_field
 from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import EnergyError, PlaneEngine, Sampling
@@ -148,6 +149,48 @@ def test_factors_of_fields_of_any_rank():
         columns, rows = (part[0] + 1j * part[1] for part in _factors(field))
         assert columns.shape == rows.shape == (20, rank)
         assert np.abs(columns @ rows.T - field).max() < 1e-5
+
+
+@pytest.mark.parametrize("z", [0.0, 5.0, 25.0])
+def test_fewer_nodes_where_little_light_falls(z, monkeypatch):
+    scene = microscope_scene(z, cutout=(151, 151))
+    places = range(5), range(5)
+    wanted = DebyePlane(scene, Sampling(nodes_per_px=6)).rows(*places)
+    engine = DebyePlane(scene, Sampling(nodes_per_px=2))
+    found = engine.rows(*places)
+    monkeypatch.setattr(microscope, "FAINT_LIGHT", 0.0)
+    everywhere = DebyePlane(scene, Sampling(nodes_per_px=2))
+    least = relative_error(everywhere.rows(*places), wanted)
+    assert {nodes.positions.size for nodes, *_ in everywhere._axes.values()} == {304}
+    assert all(nodes.positions.size < 290 for nodes, *_ in engine._axes.values())
+    assert least < relative_error(found, wanted) < least + 0.001
+    monkeypatch.setattr(microscope, "FAINT_LIGHT", 0.2)  # too much light is left to a single node
+    assert relative_error(DebyePlane(scene, Sampling(nodes_per_px=2)).rows(*places), wanted) > least + 0.002
+
+
+def test_light_moved_off_the_middle_has_all_nodes():
+    offsets = np.zeros((9, 9, 2))
+    offsets[2, 3] = (0.0, 200.0)  # 25 pixels
+    scene = microscope_scene(5.0, cutout=(151, 151), offsets_um=offsets)
+    wanted = DebyePlane(scene, Sampling(nodes_per_px=6)).rows([2], [3])
+    assert relative_error(DebyePlane(scene, Sampling(nodes_per_px=2)).rows([2], [3]), wanted) < 0.006
+
+
+def test_nodes_behind_equal_places_of_lenslets_share_rows():
+    engine = DebyePlane(microscope_scene(5.0), Sampling(nodes_per_px=2))
+    engine.rows(range(9), range(9))
+    assert len(engine._matrices) == 5 and len(engine._rows) == 2 * 9
+    lattice = LensletLattice("square", 70.3, 1440.0, (LensType(1440.0),))
+    apart = DebyePlane(microscope_scene(5.0, lattice=lattice), Sampling(nodes_per_px=2))
+    apart.rows([0], [0])
+    assert len(apart._rows) > 60  # nearly every node has its own place
+
+
+def test_rows_that_were_forgotten_are_computed_again(monkeypatch):
+    scene = microscope_scene(5.0)
+    wanted = DebyePlane(scene, Sampling(nodes_per_px=2)).rows(range(3), range(3))
+    monkeypatch.setattr(microscope, "MOST_ROWS", 10)
+    assert np.array_equal(DebyePlane(scene, Sampling(nodes_per_px=2)).rows(range(3), range(3)), wanted)
 
 
 def test_points_between_the_pixels_and_source_offsets():

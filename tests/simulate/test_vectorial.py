@@ -12,7 +12,7 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.camera import LensletLattice, LensType, Microscope
 from lfcal.simulate.engines import _debye as debye
-from lfcal.simulate.engines import microscope
+from lfcal.simulate.engines import _tile_llvm, microscope
 from lfcal.simulate.engines._debye import (
     SCALAR,
     debye_field,
@@ -240,18 +240,18 @@ def test_what_is_not_asked_for_costs_nothing(monkeypatch):
         own = getattr(module, name)
         monkeypatch.setattr(module, name, lambda *given, **named: calls.append(name) or own(*given, **named))
 
-    counted(microscope, "node_light")
+    counted(_tile_llvm, "row_light")
     counted(microscope, "radial_field")
     counted(debye, "pupil_phase")
     monkeypatch.setattr(Specimen, "crossing", lambda *given: calls.append("crossing"))
     scene = replace(scene_of(2.0, 0.8, 1.0), vectorial=False)
     engine = DebyePlane(scene)
     engine.rows([2], [3])
-    assert sorted(calls) == ["node_light", "pupil_phase", "radial_field"]
+    assert sorted(calls) == ["pupil_phase", "radial_field", "row_light"]
     assert {m.shape[0] for m in engine._matrices.values()} == {1}
     calls.clear()
     DebyePlane(replace(scene, vectorial=True)).rows([2], [3])
-    assert calls.count("node_light") == 5 and calls.count("radial_field") == 3 and "crossing" not in calls
+    assert calls.count("row_light") == 5 and calls.count("radial_field") == 3 and "crossing" not in calls
 
 
 def test_rays_far_from_the_axis_reach_the_lenslets_they_reach():

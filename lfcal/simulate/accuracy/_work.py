@@ -58,17 +58,24 @@ PER_FIELD_SAMPLE, COHERENT_NODE = 2.5e-8, 7.5e-9
 """CPU-seconds of windows: for the light of a lenslet at each sample of the field, and for each node of a cutout at
 which fields are added."""
 
-PER_RESPONSE, PER_DEBYE_NODE, PER_DEBYE_PRODUCT = 4e-5, 3e-9, 4e-11
-"""CPU-seconds of the Debye path for each response: for itself, for each node and field, and for each multiply-add."""
+PER_DEBYE_TABLE, PER_FACTOR, PER_RADIUS = 9e-4, 2.4e-7, 5.6e-6
+"""CPU-seconds of the Debye path's tables: for themselves, and for each sample of a field and along its axis."""
 
-PER_MATRIX, PER_PULSE, PER_FACTOR = 2.5e-4, 2e-10, 2.5e-7
-"""CPU-seconds of the Debye path for each matrix and each multiply-add of its pulses, and for each sample of a field."""
+PER_MATRIX, PER_ROW, PER_ORDER, PER_FACTOR_PRODUCT = 1.3e-4, 4.7e-9, 1.1e-9, 2.3e-10
+"""CPU-seconds of the Debye path for each matrix, its entries, its entries and orders if phases share no rows, and each
+multiply-add of its products with the fields."""
 
-RANK = 0.55
-"""Rank of a field on the Debye path, as a fraction of the samples along an axis."""
+PER_RESPONSE, PER_PLACED, PER_COPIED, PER_DEBYE_PRODUCT = 1.1e-5, 2.7e-6, 4e-10, 3e-11
+"""CPU-seconds of the Debye path for each response, each position and its pixels, and each multiply-add of nodes."""
 
-CACHED_NODES, BEYOND_NODES = 400, 2.2
-"""Nodes on a side of a response up to which they fit into the cache; largest ratio of the time per node beyond it."""
+SPARE_RANK = 14
+"""Rank of a field on the Debye path beyond its band times its width."""
+
+FAINT_TAIL, FAINT_EDGE = 20, 18
+"""Width of the region beyond a point's shadow that has all nodes, in units of lambda N, and shadow that halves it."""
+
+SAME_PLACE = 1e-6
+"""Largest difference of a lenslet's pitch from whole pixels at which phases share rows of their matrices (px)."""
 
 MIRRORED = 6
 """Positions of a microscope's period for each response that is computed, if the scene is not known."""
@@ -335,16 +342,30 @@ class LightSizes:
 
     def debye_work(self, sampling: Sampling, traits: Traits) -> EngineWork:
         """Return the work of rows and columns; that of their matrices is shared by all positions of a period."""
-        nodes, pitch = sampling.nodes_per_px, self.lattice.pitch_um
-        per = math.ceil(1.2 / (self.wavelength_um * self.f_number) * self.pixel_um)
-        spill = 1.1 * (self.gap_um / (2 * self.f_number) + pitch / 2) + 0.5 * max(1, nodes - 1) * pitch
+        nodes, pitch, cone = sampling.nodes_per_px, self.lattice.pitch_um, 1 / (2 * self.f_number)
+        focal = self.lattice.types[0].focal_length_um
+        band = cone / self.wavelength_um * self.pixel_um
+        per = math.ceil(2.4 * band)
+        spill = 1.1 * (self.gap_um * cone + pitch / 2) + 0.5 * max(1, nodes - 1) * pitch
         count = per * (max(self.cutout) / 2 + spill / self.pixel_um) + 1
-        rows, columns = (nodes * n + 2 for n in self.cutout)
-        cone = math.ceil(pitch**2 / (self.wavelength_um * self.lattice.types[0].focal_length_um) / 2)
-        orders = 2 * (cone + max(20, 3 * cone)) + 1
-        matrix = PER_MATRIX + PER_PULSE * orders * max(rows, columns) * count
-        factor = 3 * PER_DEBYE_PRODUCT * traits.fields * rows * RANK * count**2
-        fields = traits.fields * rows * columns * (PER_DEBYE_NODE + PER_DEBYE_PRODUCT * RANK * count)
-        fields *= max(1.0, min(BEYOND_NODES, (max(rows, columns) / CACHED_NODES) ** 0.6))
-        tables = SET_UP + traits.fields * (SET_UP / 10 + PER_FACTOR * count**2)
-        return EngineWork(tables, PER_RESPONSE + fields, matrix + factor)
+        rank = min(count, band / per * count + SPARE_RANK)
+        rows, columns = (self._debye_nodes(n, nodes) for n in self.cutout)
+        orders = math.ceil(pitch**2 / (self.wavelength_um * focal) / 2)
+        orders = 2 * (orders + max(20, 3 * orders)) + 1
+        alike = abs(pitch / self.pixel_um - round(pitch / self.pixel_um)) < SAME_PLACE
+        entries = max(rows, columns) * count
+        matrix = PER_MATRIX + entries * (PER_ROW + (0 if alike else PER_ORDER * orders))
+        matrix += PER_FACTOR_PRODUCT * traits.fields * rank * entries
+        placed = (PER_PLACED + PER_COPIED * math.prod(self.cutout)) / traits.responses
+        each = PER_RESPONSE + placed + PER_DEBYE_PRODUCT * traits.fields * rows * columns * rank
+        tables = PER_DEBYE_TABLE + traits.fields * (PER_FACTOR * count**2 + PER_RADIUS * count)
+        return EngineWork(tables, each, matrix)
+
+    def _debye_nodes(self, pixels: int, per_px: int) -> float:
+        """Return the nodes along an axis: half as many per pixel where little light falls."""
+        airy = self.wavelength_um * self.f_number / self.pixel_um
+        tail = FAINT_TAIL * airy / (1 + self.shadow_px / (FAINT_EDGE * airy))
+        slope = 1 / (2 * self.f_number) + self.lattice.pitch_um / 2 / abs(self.lattice.types[0].focal_length_um)
+        lit = self.shadow_px + tail + 1.1 * slope * self.gap_um / self.pixel_um
+        bright = min(pixels, 2 * lit + 1)
+        return per_px * bright + math.ceil(per_px / 2) * (pixels - bright) + 4

@@ -280,7 +280,7 @@ def _reference_bytes(scene: Scene, sampling: Sampling) -> int:
 
 
 def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
-    from lfcal.simulate.engines import DEBYE_CACHE_BYTES, MARGIN_PER_NODE, highest_order, reach_um
+    from lfcal.simulate.engines import DEBYE_CACHE_BYTES, MARGIN_PER_NODE, MOST_ROWS, highest_order, reach_um
 
     if not is_separable(scene):
         margin = max(sampling.margin_px, MARGIN_PER_NODE * sampling.nodes_per_px)
@@ -298,11 +298,8 @@ def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
     orders = 2 * highest_order(
         scene.lattice.pitch_um**2 / (scene.wavelength_um * scene.lattice.types[0].focal_length_um)
     )
-    pulses = 40 * orders * (nodes + 4 * samples) * 16
+    # spectra of the rows of a matrix, and the rows that are kept
+    rows = (400 * orders + 460 * nodes + 32 * min(MOST_ROWS, nodes * phases)) * samples
     return int(
-        min(matrices, DEBYE_CACHE_BYTES)
-        + min(carried, 2 * DEBYE_CACHE_BYTES)
-        + quarters
-        + pulses
-        + 24 * nodes * samples
+        min(matrices, DEBYE_CACHE_BYTES) + min(carried, 2 * DEBYE_CACHE_BYTES) + quarters + rows + 24 * nodes * samples
     )

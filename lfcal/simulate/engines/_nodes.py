@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-__all__ = ["MANY_ANGLES", "ONE_APERTURE", "NodeRule", "conserving", "fitted_rule"]
+__all__ = ["MANY_ANGLES", "ONE_APERTURE", "AxisNodes", "NodeRule", "conserving", "fitted_rule"]
 
 ONE_APERTURE, MANY_ANGLES = 1.5, 3.0
 """Power with which the spectrum of light falls to zero: behind one round aperture, and behind many."""
@@ -52,6 +52,58 @@ class NodeRule:
         for p in range(width_px):
             m[p * self.per_px : p * self.per_px + self.weights.size, p] = self.weights
         return m
+
+
+@dataclass(frozen=True, slots=True)
+class AxisNodes:
+    """Nodes of a window along an axis, with fewer nodes per pixel away from its middle.
+
+    Attributes
+    ----------
+    positions
+        Positions of the nodes about the middle of the window, in pixels.
+    runs, weights
+        Runs of neighbouring pixels whose nodes are neighbours too ``(runs, 3)``, as first node, first pixel and number;
+        and the weight of the nodes of each run.
+    """
+
+    positions: NDArray[np.float64]
+    runs: NDArray[np.int64]
+    weights: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, fine: NodeRule, coarse: NodeRule, pixels: int, middle: int) -> AxisNodes:
+        """Return the nodes of ``pixels``: those of ``fine`` for ``middle`` of them, else those of ``coarse``."""
+        middle = min(pixels, middle + (pixels - middle) % 2)
+        side = (pixels - middle) // 2
+        positions, runs, weights = [np.zeros(0)], [], []
+        start = 0
+        for rule, first, width in ((coarse, 0, side), (fine, side, middle), (coarse, side + middle, side)):
+            if width == 0:
+                continue
+            at = rule.positions(width) + first + (width - pixels) / 2
+            taps = []
+            for phase in range(rule.per_px):  # nodes with the same place in their pixel are neighbours
+                taps.append(start)
+                positions.append(at[phase :: rule.per_px])
+                start += positions[-1].size
+            for j, weight in enumerate(rule.weights):
+                runs.append((taps[j % rule.per_px] + j // rule.per_px, first, width))
+                weights.append(weight)
+        return cls(np.concatenate(positions), np.array(runs), np.array(weights, np.float32))
+
+    def pixels(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Return the pixels that each node belongs to ``(nodes, most)``, -1 for none, and its weights there."""
+        found: list[list[tuple[int, float]]] = [[] for _ in self.positions]
+        for (node, pixel, count), weight in zip(self.runs.tolist(), self.weights.tolist(), strict=True):
+            for i in range(count):
+                found[node + i].append((pixel + i, weight))
+        most = max(len(each) for each in found)
+        filled = [[*each, *[(-1, 0.0)] * (most - len(each))] for each in found]
+        return (
+            np.array([[pixel for pixel, _ in each] for each in filled]),
+            np.array([[weight for _, weight in each] for each in filled], np.float32),
+        )
 
 
 def fitted_rule(

@@ -16,6 +16,8 @@ Radial = Callable[[NDArray[np.float64]], NDArray[np.complex128]]
 SPARE_NODES = 30
 
 
+SMALL_PRODUCT = 1 << 18
+"""Multiply-adds of a matrix product below which libraries do not start threads."""
 SMALL = 0.02
 """Argument below which J2 is computed by its series, because the recurrence loses digits there."""
 
@@ -37,9 +39,9 @@ def hankel_sum(
 ) -> NDArray[np.complex128]:
     """Return sum_t weights[t] J_order(rates[t] r) in the shape of ``r``, for order 0, 1 or 2."""
     two = np.stack([weights.real, weights.imag], axis=1)
-    parts = np.array_split(r.ravel(), 1 + r.size * rates.size // 1_000_000)
-    # einsum instead of BLAS, whose threads would block each other when many engines are built
-    sums = np.concatenate([np.einsum("rt,tc->rc", bessel(order, np.outer(part, rates)), two) for part in parts])
+    # products too small for threads of BLAS, which would block each other when many engines are built
+    parts = np.array_split(r.ravel(), 1 + 2 * r.size * rates.size // (SMALL_PRODUCT // 2))
+    sums = np.concatenate([bessel(order, np.outer(part, rates)) @ two for part in parts])
     values: NDArray[np.complex128] = (sums[:, 0] + 1j * sums[:, 1]).reshape(r.shape)
     return values
 

@@ -2,7 +2,7 @@
 
 Complex products use three real ones (Gauss): with parts stored as real, imaginary and their sum, re = p - q and
 im = s - p - q for p, q, s the products of like parts. Every product stays below 2^18 multiply-adds, below which BLAS
-libraries do not start threads.
+libraries do not start threads. The largest products are in `_tile_llvm.py`.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from lfcal.base import njit
 
-__all__ = ["fold_rows", "in_blocks", "node_light", "pixel_sums", "product"]
+__all__ = ["ACROSS", "DOWN", "fold_rows", "in_blocks", "pixel_sums", "product"]
 
 Array = NDArray[Any]
 _SMALL = 1 << 18  # multiply-adds
-_ROWS = 64  # rows of a block of a product, such that the output stays in the first-level cache
+DOWN, ACROSS = 8, 16
+"""Nodes along y and along x whose light is computed together."""
 
 
 @njit(fastmath=True)
@@ -42,80 +43,50 @@ def product(a: Array, b: Array) -> Array:
 
 
 @njit()
-def fold_rows(wide: Array, first: int, per_node: int, start: int, per_sample: int, out: Array) -> None:
-    """Fill rows ``first``, ``first + per_sample`` ... of the matrices for even and, if there are any, odd fields.
+def fold_rows(wide: Array, row_of: Array, middle: Array, out: Array) -> None:
+    """Fill the matrices for even and, if there are any, odd fields.
 
-    ``wide`` (3, rows, distances) has row r's response to sample k at ``start + per_node r -+ k``. A sample and its
-    mirror image share one column of A, in ``out`` (parities, 3, nodes, n): out[0, :, r, k] = wide(-k) + wide(+k) for
-    an even field, out[1, :, r, k] = wide(-k) - wide(+k) for an odd one; the middle one counts once, and an odd field
-    is 0 there.
+    Node r responds to a sample k on either side as ``wide[row_of[r], middle[r] -+ k]``. A sample and its mirror image
+    share one column of A, in ``out`` (parities, 3, nodes, n): the sum of both for an even field in out[0], their
+    difference for an odd one in out[1]; the middle one counts once, and an odd field is 0 there.
     """
-    for part in range(3):
-        for r in range(wide.shape[1]):
-            middle, row = start + per_node * r, first + per_sample * r
-            out[0, part, row, 0] = wide[part, r, middle]
+    for r in range(row_of.size):
+        line, m = wide[row_of[r]], middle[r]
+        for parity in range(out.shape[0]):
+            sign = np.float32(1 - 2 * parity)
+            re, im, both = out[parity, 0, r], out[parity, 1, r], out[parity, 2, r]
+            re[0], im[0] = (1 - parity) * line[m].real, (1 - parity) * line[m].imag
             for k in range(1, out.shape[3]):
-                out[0, part, row, k] = wide[part, r, middle - k] + wide[part, r, middle + k]
-            if out.shape[0] == 1:
-                continue
-            out[1, part, row, 0] = 0
-            for k in range(1, out.shape[3]):
-                out[1, part, row, k] = wide[part, r, middle - k] - wide[part, r, middle + k]
+                re[k] = line[m - k].real + sign * line[m + k].real
+                im[k] = line[m - k].imag + sign * line[m + k].imag
+            for k in range(out.shape[3]):
+                both[k] = re[k] + im[k]
 
 
 @njit()
 def in_blocks(value: Array) -> Array:
-    """Return ``value`` (3, k, n) transposed and cut into blocks of columns: ``(3, blocks, n, w)``.
-
-    Each block is contiguous and small enough for one product; the last one is padded with zeros.
-    """
+    """Return ``value`` (3, k, n) transposed and in blocks of columns ``(3, blocks, n, ACROSS)``, padded with zeros."""
     k, n = value.shape[1], value.shape[2]
-    width = max(1, _SMALL // (_ROWS * n))
-    out = np.zeros((3, (k + width - 1) // width, n, width), value.dtype)
+    out = np.zeros((3, (k + ACROSS - 1) // ACROSS, n, ACROSS), value.dtype)
     for part in range(3):
         for i in range(k):
             for c in range(n):
-                out[part, i // width, c, i % width] = value[part, i, c]
+                out[part, i // ACROSS, c, i % ACROSS] = value[part, i, c]
     return out
 
 
 @njit(fastmath=True)
-def node_light(left: Array, a: Array, light: Array) -> None:
-    """Add |sum_n a[x, n] left[n, y]|^2 to ``light`` (kx, >= ky); ``left`` from `in_blocks`, a (3, kx, n).
+def pixel_sums(lines: Array, runs: Array, weights: Array, out: Array) -> None:
+    """Fill ``out`` (nt, ns) with the light of ``lines`` (nt, nodes along x) on each pixel.
 
-    Blocks are squared while the product is in the caches; the field itself is never stored.
+    ``runs`` has first node, first pixel and number of each run of neighbouring pixels whose nodes are neighbours too;
+    all have the same weight.
     """
-    blocks, width = left.shape[1], left.shape[3]
-    kx = a.shape[1]
-    p = np.empty((_ROWS, width), a.dtype)
-    q, s = np.empty_like(p), np.empty_like(p)
-    for y in range(blocks):
-        for x in range(0, kx, _ROWS):
-            b = min(_ROWS, kx - x)
-            np.dot(a[0, x : x + b], left[0, y], p[:b])
-            np.dot(a[1, x : x + b], left[1, y], q[:b])
-            np.dot(a[2, x : x + b], left[2, y], s[:b])
-            for i in range(b):
-                for j in range(width):
-                    re, im = p[i, j] - q[i, j], s[i, j] - p[i, j] - q[i, j]
-                    light[x + i, y * width + j] += re * re + im * im
-
-
-@njit(fastmath=True)
-def pixel_sums(light: Array, weights: Array, per: int, out: Array) -> None:
-    """Fill ``out`` (nt, ns) with the weighted sums of ``light`` (nodes along x, along y) over each pixel.
-
-    Pixel (t, s) is sum_ij weights[i] weights[j] light[s per + i, t per + j] (see `nodes.py`).
-    """
-    taps = weights.size
-    line = np.empty(light.shape[1], light.dtype)
-    for s in range(out.shape[1]):
-        line[:] = 0  # first along the memory order, vectorized: the pixels of a column share these sums
-        for i in range(taps):
-            for j in range(line.size):
-                line[j] += weights[i] * light[s * per + i, j]
-        for t in range(out.shape[0]):
-            total = weights[0] * line[t * per]
-            for j in range(1, taps):
-                total += weights[j] * line[t * per + j]
-            out[t, s] = total
+    for t in range(out.shape[0]):
+        line, sums = lines[t], out[t]
+        sums[:] = 0
+        for k in range(weights.size):
+            node, pixel, count = runs[k]
+            taken, found = line[node : node + count], sums[pixel : pixel + count]
+            for i in range(count):
+                found[i] += weights[k] * taken[i]
