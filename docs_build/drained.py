@@ -21,10 +21,16 @@ from griffe import (
     Extension,
     Function,
     Module,
+    Parameter,
+    ParameterKind,
     Parameters,
 )
 
 from lfcal.base.progress import docstring_of
+
+_ON_PROGRESS = Parameter(
+    "on_progress", annotation="Callable[[Progress], None] | None", kind=ParameterKind.keyword_only, default="None"
+)
 
 
 class Drained(Extension):
@@ -102,7 +108,7 @@ def _function(place: Module | Class, value: Attribute, package: Module) -> Funct
     assert isinstance(work, Function) and isinstance(value.value, ExprCall)
     function = Function(
         value.name,
-        parameters=work.parameters,
+        parameters=Parameters(*work.parameters, _ON_PROGRESS),
         returns=_result(work.returns, package),
         lineno=value.lineno,
         endlineno=value.endlineno,

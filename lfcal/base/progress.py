@@ -15,9 +15,9 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import update_wrapper
-from inspect import Signature
+from inspect import Parameter, Signature
 from types import FunctionType
-from typing import Any, ParamSpec, TypeVar, cast, get_args, get_origin
+from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, cast, get_args, get_origin, overload
 
 __all__ = [
     "Clock",
@@ -32,7 +32,10 @@ __all__ = [
 ]
 
 P = ParamSpec("P")
+Q = ParamSpec("Q")
+S = TypeVar("S")
 R = TypeVar("R")
+R_co = TypeVar("R_co", covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,10 +130,27 @@ STEPS = ("Yields", "Examples")
 _HEADING = re.compile(r"^([A-Z][A-Za-z ]+)\n-{3,}$", re.MULTILINE)
 
 
-def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> Callable[P, R]:
+class Drained(Protocol[P, R_co]):
+    """A function made by `drained`: it has the parameters of its generator, and ``on_progress``."""
+
+    __name__: str
+    __qualname__: str
+
+    @overload
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R_co: ...
+    @overload
+    def __call__(self, *args: Any, on_progress: Callable[[Progress], None] | None, **kwargs: Any) -> R_co: ...
+    @overload
+    def __get__(self, instance: None, owner: type) -> Drained[P, R_co]: ...
+    @overload
+    def __get__(self: Drained[Concatenate[S, Q], R_co], instance: S, owner: type) -> Drained[Q, R_co]: ...
+
+
+def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> Drained[P, R]:
     """Return a function that runs the generator of ``work`` to its end, as ``assemble`` does for ``iter_assemble``.
 
-    The function has the parameters of ``work``, returns its result, and belongs to the same module or class.
+    The function has the parameters of ``work``, returns its result, and belongs to the same module or class. Its
+    additional keyword ``on_progress`` is a function that is called with each `Progress` record.
 
     Parameters
     ----------
@@ -152,16 +172,25 @@ def drained(work: Callable[P, Generator[Progress, None, R]], doc: str = "") -> C
     """
     run = drain
 
-    def whole(*args: P.args, **kwargs: P.kwargs) -> R:
-        return run(work(*args, **kwargs))
+    def whole(*args: Any, on_progress: Callable[[Progress], None] | None = None, **kwargs: Any) -> R:
+        return run(work(*args, **kwargs), on_progress)
 
     own = in_place_of(work, whole)
     own.__name__ = work.__name__.removeprefix("iter_")
     own.__qualname__ = work.__qualname__.removesuffix(work.__name__) + own.__name__
     own.__doc__ = docstring_of(work.__doc__ or "", doc)
     result = _result_of(work)
-    _sign(own, inspect.signature(work).replace(return_annotation=result))
-    return cast(Callable[P, R], own)
+    _sign(own, _with_progress(inspect.signature(work)).replace(return_annotation=result))
+    return cast(Drained[P, R], own)
+
+
+def _with_progress(signature: Signature) -> Signature:
+    """Return the signature with the keyword ``on_progress`` after its other keywords."""
+    known = list(signature.parameters.values())
+    end = len(known) - sum(one.kind is Parameter.VAR_KEYWORD for one in known)
+    annotation = "Callable[[Progress], None] | None"
+    known.insert(end, Parameter("on_progress", Parameter.KEYWORD_ONLY, default=None, annotation=annotation))
+    return signature.replace(parameters=known)
 
 
 def in_place_of(function: Callable[..., Any], made: Callable[..., Any], signature: Signature | None = None) -> Any:
@@ -173,6 +202,7 @@ def in_place_of(function: Callable[..., Any], made: Callable[..., Any], signatur
     # doctest finds functions by the globals of their module
     own = FunctionType(made.__code__, function.__globals__, closure=made.__closure__)
     update_wrapper(own, function)
+    own.__kwdefaults__ = made.__kwdefaults__
     if signature is not None:
         _sign(own, signature)
     return own

@@ -9,7 +9,7 @@ from typing import Any
 import typer
 
 from lfcal.camera import read_camera_value, read_length, read_pitch, read_sensor, read_values
-from lfcal.cli._lazy import docstring
+from lfcal.cli._docstrings import docstring
 
 __all__ = ["with_values"]
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ast
 import importlib
-import inspect
 import pkgutil
 import shutil
 import sys
@@ -19,6 +17,8 @@ from typing import Any
 import typer.core
 import typer.main
 
+from lfcal.cli._docstrings import WITHOUT_DOCSTRINGS, docstring
+
 __all__ = [
     "CommandWithParts",
     "LazyCommands",
@@ -26,14 +26,11 @@ __all__ = [
     "Listed",
     "add_command",
     "command_with_parts",
-    "docstring",
     "listed_commands",
 ]
 
 MARKS = ("register", "command", "show")
 """Names of functions that make a module a command; see `add_command`."""
-WITHOUT_DOCSTRINGS = 2
-"""Level of optimisation (``python -OO``) from which compiled code has no docstrings."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +85,8 @@ def _listed(package: str, called: dict[str, str]) -> tuple[Listed, ...]:
 
 def _code_of(module: str) -> CodeType | None:
     """Return the compiled code of a module from its loader's cache; a frozen program has no source."""
-    loader: Any = getattr(find_spec(module), "loader", None)
+    spec = find_spec(module)
+    loader: Any = spec.loader if spec else None
     if sys.flags.optimize >= WITHOUT_DOCSTRINGS and hasattr(loader, "get_source"):
         found: CodeType = compile(loader.get_source(module), module, "exec", dont_inherit=True, optimize=0)
         return found
@@ -102,16 +100,6 @@ def _summary(code: CodeType) -> str:
         return " ".join(_first_constant(functions["command"]).split("\n\n")[0].split())
     said = _first_constant(code).split("\n")[0].partition(": ")[2]
     return said[:1].upper() + said[1:]
-
-
-def docstring(thing: Any) -> str:
-    """Return the docstring of a class or function, which ``python -OO`` leaves in the source only."""
-    known = inspect.getdoc(thing) or ""
-    # the docstring that a dataclass makes for itself is no help
-    if sys.flags.optimize < WITHOUT_DOCSTRINGS or (known and not isinstance(thing, type)):
-        return known
-    node: Any = ast.parse(textwrap.dedent(inspect.getsource(thing))).body[0]
-    return ast.get_docstring(node) or ""
 
 
 def _first_constant(code: CodeType) -> str:

@@ -14,7 +14,7 @@ import typer
 
 from lfcal.base import InputError, LfcalError, Work, bounded_threads
 from lfcal.cli._console import KEPT, print_json, report, run_work
-from lfcal.cli._lazy import docstring
+from lfcal.cli._docstrings import docstring
 from lfcal.records import FieldRow, from_flat, rows, value_at
 from lfcal.tasks import RunSettings, Task, TaskSet
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import typer
 
 from lfcal.cli._console import print_json, print_result, print_written
-from lfcal.cli._lazy import docstring
+from lfcal.cli._docstrings import docstring
 from lfcal.cli._multiplex_coding import coding
 from lfcal.cli._multiplex_frames import demosaic, recover, views
 from lfcal.cli._multiplex_search import chi2_of, design, figures, filters, search

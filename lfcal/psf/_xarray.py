@@ -1,51 +1,54 @@
-"""H as a labelled array of xarray, which reads it lazily."""
+"""Labelled arrays of xarray, which read only the values that are used."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lfcal.base import AXES, InputError
+from lfcal.base import InputError
 
 if TYPE_CHECKING:
     import xarray
 
-    from lfcal.psf.matrix import PSFMatrix
+__all__ = ["labelled"]
 
 
-def data_array(H: PSFMatrix) -> xarray.DataArray:
-    """Return ``H`` as an array with named axes and coordinates; see `PSFMatrix.to_xarray`."""
+def labelled(
+    read: Callable[[Any], Any],
+    dtype: np.dtype[Any],
+    coordinates: Mapping[str, tuple[Any, Mapping[str, str]]],
+    **named: Any,
+) -> xarray.DataArray:
+    """Return an array whose values ``read`` selects by a tuple of integers and slices.
+
+    ``coordinates`` contains the values and attributes of each axis, in order; ``named`` is the name and the attributes
+    of the array.
+
+    Raises
+    ------
+    InputError
+        If xarray is not installed.
+    """
     try:
         import xarray
         from xarray.backends import BackendArray
         from xarray.core import indexing
     except ImportError:
-        raise InputError("xarray is not installed; run: pip install xarray") from None
+        raise InputError("xarray is not installed; run: pip install 'lfcal[xarray]'") from None
 
-    class Lazy(BackendArray):
-        """The values of H, by integers and slices."""
+    class Lazy(BackendArray):  # type: ignore[misc]
+        """Values that are read when they are selected."""
 
-        shape, dtype = H.shape, H.dtype
+        def __init__(self) -> None:
+            self.shape = tuple(len(values) for values, _ in coordinates.values())
+            self.dtype = dtype
 
         def __getitem__(self, key: Any) -> Any:
             """Return the selected values in memory."""
-            support = indexing.IndexingSupport.BASIC
-            return indexing.explicit_indexing_adapter(key, self.shape, support, H.__getitem__)
+            return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, read)
 
-    z_units = {"units": "um"} if H.knows_depths else {}
-    coordinates = {
-        "z": ("z", H.depths, {"long_name": "depth" if H.knows_depths else "plane", **z_units}),
-        **{
-            axis: (axis, np.arange(n), {"long_name": "source position"}) for axis, n in zip("yx", H.period, strict=True)
-        },
-        **{
-            axis: (axis, np.arange(n) - (n - 1) // 2, {"units": "px", "long_name": "pixel of the cutout"})
-            for axis, n in zip("ts", H.cutout, strict=True)
-        },
-    }
-    facts = {"anchor": H.anchor, "region": H.region} | ({"camera": H.camera.name} if H.camera is not None else {})
-    name = "HT" if H.is_transposed else "H"
-    return xarray.DataArray(
-        xarray.Variable(AXES, indexing.LazilyIndexedArray(Lazy())), coords=coordinates, name=name, attrs=facts
-    )
+    axes = {axis: (axis, values, dict(attributes)) for axis, (values, attributes) in coordinates.items()}
+    variable = xarray.Variable(tuple(coordinates), indexing.LazilyIndexedArray(Lazy()))
+    return xarray.DataArray(variable, coords=axes, **named)

@@ -425,9 +425,18 @@ class PSFMatrix:
         InputError
             If xarray is not installed.
         """
-        from lfcal.psf._xarray import data_array
+        from lfcal.psf._xarray import labelled
 
-        return data_array(self)
+        depths = {"long_name": "depth", "units": "um"} if self.knows_depths else {"long_name": "plane"}
+        axes: dict[str, tuple[NDArray[Any], dict[str, str]]] = {"z": (self.depths, depths)}
+        for axis, n in zip("yx", self.period, strict=True):
+            axes[axis] = (np.arange(n), {"long_name": "source position"})
+        for axis, n in zip("ts", self.cutout, strict=True):
+            axes[axis] = (np.arange(n) - (n - 1) // 2, {"long_name": "pixel of the cutout", "units": "px"})
+        camera = {} if self._camera is None else {"camera": self._camera.name}
+        facts = {"anchor": self._anchor, "region": self.region, **camera}
+        name = "HT" if self._is_transposed else "H"
+        return labelled(self.__getitem__, self.dtype, axes, name=name, attrs=facts)
 
     def close(self) -> None:
         """Close the file of H, if there is one; its values can then no longer be read."""

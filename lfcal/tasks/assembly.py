@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import Work, note
+from lfcal.base import Progress, Work, note
 from lfcal.records import (
     AssemblySettings,
     CorrectionRecipe,
@@ -585,6 +585,7 @@ def assemble(
     compression: str = "gzip",
     store_tolerance: float | str | None = None,
     run: RunSettings | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
 ) -> tuple[Assembled, ...]:
     """Assemble H from point-source frames in files, as ``lfcal assemble`` does.
 
@@ -595,6 +596,8 @@ def assemble(
     ----------
     run
         Number of threads or processes, and whether to continue an earlier run.
+    on_progress
+        Function that is called with each `Progress` record.
 
     Returns
     -------
@@ -616,10 +619,10 @@ def assemble(
     1254 frames: (2, 19, 33, 41, 41)
     """
     given = dict(locals())
-    del given["run"]
+    del given["run"], given["on_progress"]
     known = {row.name: row for row in rows(Assemble)}
     values = {name: known[name].value(value, name) for name, value in given.items()}
     made: tuple[Assembled, ...] = ASSEMBLE.make(
         {name: value for name, value in values.items() if value != known[name].default}, str
-    ).run(run)
+    ).run(run, on_progress=on_progress)
     return made

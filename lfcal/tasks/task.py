@@ -8,7 +8,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Work, any_of, drain, note
+from lfcal.base import InputError, Progress, Work, any_of, drain, note
 from lfcal.records import check_needs, check_record, from_flat, opt, record, rows, rows_of, to_dict, value_at
 
 if TYPE_CHECKING:
@@ -149,9 +149,9 @@ class Task:
         """Run the task, yielding progress, and return its results."""
         raise NotImplementedError
 
-    def run(self, run: RunSettings | None = None) -> Any:
+    def run(self, run: RunSettings | None = None, *, on_progress: Callable[[Progress], None] | None = None) -> Any:
         """Run the task, and return its results, a tuple of `TaskResult`."""
-        return drain(self.work(run))
+        return drain(self.work(run), on_progress)
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return the files that the task reads (``way="in"``) or writes (``way="out"``)."""

@@ -55,8 +55,10 @@ def unread(function: Function) -> list[str]:
 
 
 def dropped(function: Function) -> bool:
-    """Return whether a function takes ``**names`` that its body never reads."""
+    """Return whether a function takes ``**names`` that its body never reads; a signature alone has no body."""
     more = function.args.kwarg
+    if ast.unparse(function.body[-1]) == "...":
+        return False
     return more is not None and not more.arg.startswith("_") and more.arg not in used(function)
 
 

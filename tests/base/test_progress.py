@@ -44,8 +44,17 @@ class Doubled:
 
 
 def test_drained_has_the_signature_types_and_docstring_of_its_work() -> None:
-    assert str(inspect.signature(sum_of)) == "(first: 'int', second: 'int' = 2, *, times: 'float' = 1.0) -> 'float'"
-    assert sum_of.__annotations__ == {"first": "int", "second": "int", "times": "float", "return": "float"}
+    assert str(inspect.signature(sum_of)) == (
+        "(first: 'int', second: 'int' = 2, *, times: 'float' = 1.0, "
+        "on_progress: 'Callable[[Progress], None] | None' = None) -> 'float'"
+    )
+    assert sum_of.__annotations__ == {
+        "first": "int",
+        "second": "int",
+        "times": "float",
+        "on_progress": "Callable[[Progress], None] | None",
+        "return": "float",
+    }
     assert (sum_of.__name__, sum_of.__module__, sum_of.__doc__) == ("sum_of", __name__, "Return the sum, scaled.")
     assert pickle.loads(pickle.dumps(sum_of)) is sum_of
 
@@ -55,6 +64,14 @@ def test_drained_returns_the_result_and_refuses_other_arguments() -> None:
     other: Any = sum_of
     with pytest.raises(TypeError, match="unexpected keyword argument 'time'"):
         other(1, time=2)
+
+
+def test_drained_reports_progress_to_a_function() -> None:
+    records: list[Progress] = []
+    assert sum_of(1, 5, times=0.5, on_progress=records.append) == 3.0
+    assert [(one.done, one.total) for one in records] == [(one.done, one.total) for one in iter_sum_of(1, 5)]
+    records.clear()
+    assert Doubled().value(4, on_progress=records.append) == 8 and records
 
 
 def test_drained_method_is_bound_and_closes_its_work_on_an_error() -> None:

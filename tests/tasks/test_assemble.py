@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import lfcal as lfcal_package
-from lfcal.base import FileFormatError, InputError, LfcalError
+from lfcal.base import FileFormatError, InputError, LfcalError, Progress
 from lfcal.frames import CorrectionRecipe
 from lfcal.psf import AssemblySettings
 from lfcal.psf.store import MatrixGroup
@@ -151,7 +151,8 @@ def test_from_the_command_to_h_few_files_are_passed_and_few_values_handed_on(
 def test_python_has_every_field_as_a_keyword_with_type_default_and_help() -> None:
     known = {row.name: row for row in rows(Assemble)}
     given = dict(inspect.signature(lfcal_package.assemble).parameters)
-    assert given.pop("run").default is None and given.keys() == known.keys()
+    assert given.pop("run").default is None and given.pop("on_progress").default is None
+    assert given.keys() == known.keys()
     words = re.sub(r"\s+", " ", inspect.getdoc(lfcal_package.assemble) or "")
     kinds: dict[type, str] = {Path: "str | Path"}
     for name, one in given.items():
@@ -164,6 +165,12 @@ def test_python_has_every_field_as_a_keyword_with_type_default_and_help() -> Non
         "Largest fraction of a pattern's energy that may be outside an automatic cutout. (> 0, < 1; default: 0.005)"
         in words
     )
+
+
+def test_python_reports_progress_to_a_function(tmp_path: Path) -> None:
+    records: list[Progress] = []
+    lfcal_package.assemble(SAMPLE, tmp_path / "H.h5", on_progress=records.append)
+    assert records[-1].done == records[-1].total > 1
 
 
 @pytest.mark.parametrize(
