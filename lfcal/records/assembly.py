@@ -68,7 +68,10 @@ class AssemblySettings:
     )
     strict: bool = opt(False, "Stop if positions are missing or repeated.", label="Stop at gaps")
     keep_pedestal: bool = opt(
-        False, "Accept frames from which no black level has been subtracted.", label="Keep the black level", more=True
+        False,
+        "Assemble frames even if no black level has been subtracted from them.",
+        label="Keep the black level",
+        more=True,
     )
     dtype: str = opt(
         "rounded",

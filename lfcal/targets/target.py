@@ -95,16 +95,14 @@ class Target:
     def _check_kind(self) -> None:
         if self.kind == "point":
             if self.shape != (1, 1):
-                raise InputError.expected("target of a point", "one hole", f"{self.shape}", "describe it as an array")
+                raise InputError.expected("point target", "one hole", f"{self.shape}", "describe it as an array")
             return
         for pitch in self.pitch_um:
             check_number(
                 "pitch of the target (µm)", pitch, above=self.hole_um, remedy="choose a pitch larger than the holes"
             )
         if math.prod(self.shape) < 2:
-            raise InputError.expected(
-                "target of an array", "at least 2 holes", f"{self.shape}", "describe it as a point"
-            )
+            raise InputError.expected("array target", "at least 2 holes", f"{self.shape}", "describe it as a point")
 
     def _check_absent(self) -> None:
         check_type("absent holes", self.absent, (tuple, list))

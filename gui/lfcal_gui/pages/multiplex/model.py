@@ -47,7 +47,7 @@ FAMILIES = (
     ("written", "expression"),
 )
 FIELDS = (
-    Field("family", "Family", kind="choice", choices=FAMILIES, tip="What is in front of the sensor"),
+    Field("family", "Family", kind="choice", choices=FAMILIES, tip="Kind of modulator in front of the sensor"),
     Field(
         "cfa",
         "Filters",
@@ -62,7 +62,7 @@ FIELDS = (
         tip=f"Letters of {''.join(FILTERS)} by rows, such as GRBG or "
         "RGB/GBR: R G B, C = G + B, M = R + B, Y = R + G, W = all, E = emerald (as C)",
     ),
-    Field("mask", "Mask", kind="choice", choices=_named(MASKS), tip="Light-field modulator"),
+    Field("mask", "Mask", kind="choice", choices=_named(MASKS), tip="Mask or lenslets that modulate the light field"),
     Field(
         "size",
         "Size",

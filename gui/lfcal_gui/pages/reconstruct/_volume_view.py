@@ -280,7 +280,7 @@ class VolumeView(QWidget):
             self.segments.append(segment(mode, tip, partial(self._change, mode=mode), on=mode == self.intent.mode))
             self.segments[-1].setAutoExclusive(True)
         self.brightest = button("Brightest voxel", "Put the cross on the brightest voxel", self.go_to_brightest)
-        self.overlay = button("Overlay", "Choose what is drawn, and how")
+        self.overlay = button("Overlay", "Choose the colours, and what is drawn over the volume")
         menu = QMenu(self.overlay)
         menu.setToolTipsVisible(True)
         self.ticks: dict[str, QAction] = {}
