@@ -252,10 +252,10 @@ def _sample_note(made: PSFMatrix, whole: tuple[int, ...], how: str) -> str:
 
 def _plan_of(matrix: PSFMatrix) -> tuple[ScanPlan | None, str]:
     """Return the scan plan of H, and the reason if there is none."""
-    told = matrix.provenance.get("plan")
-    if isinstance(told, dict):
+    reported = matrix.provenance.get("plan")
+    if isinstance(reported, dict):
         try:
-            plan = ScanPlan.from_dict(told)
+            plan = ScanPlan.from_dict(reported)
         except LfcalError:
             plan = None  # the entry may be invalid; the camera may still be usable
         if plan is not None and plan.shape == matrix.shape:

@@ -141,7 +141,7 @@ class EarlierFrames:
         self._folder, self._quality, self._known = folder, quality, known
         self._seconds, self._clock = seconds, clock
         self._wanted = -1
-        self._told = False
+        self._reported = False
         self._sums: dict[int, PlaneSum] = {}
 
     def want(self, z: int) -> bool:
@@ -151,7 +151,7 @@ class EarlierFrames:
             return False
         found = self._sums.get(z)
         summed = isinstance(self._quality, LiveCoverage) or (found is not None and found.ended)
-        return not (self._told and summed)
+        return not (self._reported and summed)
 
     def sum_of(self, z: int) -> PlaneSum | None:
         """Return the sum of a plane over the frames read so far; None before the first frame."""
@@ -174,12 +174,12 @@ class EarlierFrames:
         with ExitStack() as stack:
             files = [stack.enter_context(RecordingFile(self._folder / name)) for name in self._known.recordings]
             frames = _Frames.of(files, self._known)
-            if not self._told:
-                self._tell(frames, self._known.grid[2], wanted)
+            if not self._reported:
+                self._report(frames, self._known.grid[2], wanted)
             if isinstance(self._quality, LiveQuality):
                 self._add_up(z, self._quality, frames, wanted)
 
-    def _tell(self, frames: _Frames, most: int, wanted: Callable[[], bool]) -> None:
+    def _report(self, frames: _Frames, most: int, wanted: Callable[[], bool]) -> None:
         """Pass on the records, with backgrounds measured in a few frames of each plane."""
         records, levels = frames.records, np.zeros(len(frames.records))
         level_of = _border_level if isinstance(self._quality, LiveQuality) else _frame_level
@@ -202,7 +202,7 @@ class EarlierFrames:
             for record, level in zip(records, levels.tolist(), strict=True):
                 light = float(record["energy"]) - level * pixels
                 self._quality.know(*divmod(int(record["index"]), most), light, int(record["saturated"]))
-        self._told = True
+        self._reported = True
 
     def _add_up(self, z: int, quality: LiveQuality, frames: _Frames, wanted: Callable[[], bool]) -> None:
         """Add up frames of a plane in an order spread over it, so that a part of them represents the plane."""

@@ -85,7 +85,7 @@ def check_origin(
     if max(abs(down), abs(right)) > tolerance:
         got = f"moved by ({down:.2f}, {right:.2f}) px"
         raise InputError.expected(what, f"the same position within {tolerance:g} px (row, column)", got, remedy)
-    # an image at the same place may still differ: defocused, or of another spot
+    # an image at the same position may still differ: defocused, or of another spot
     if correlation < CORRELATION:
         raise InputError.expected(what, f"a correlation above {CORRELATION}", f"{correlation:.2f}", remedy)
 

@@ -54,7 +54,7 @@ from lfcal.base.files import (
     write_tiff,
 )
 from lfcal.base.finding import RANK, SUBJECTS, Finding, Judgement, Merit, listed
-from lfcal.base.notes import note, notes_to, tell, warn
+from lfcal.base.notes import announce, note, notes_to, warn
 from lfcal.base.npy import map_npy, npy_header
 from lfcal.base.page import (
     add_html_section,
@@ -137,6 +137,7 @@ __all__ = [
     "WorkAbandoned",
     "abandonable",
     "add_html_section",
+    "announce",
     "any_of",
     "array_words",
     "as_sensor_frame",
@@ -226,7 +227,6 @@ __all__ = [
     "sweep_scratch",
     "sync_data",
     "sync_folder",
-    "tell",
     "total_memory",
     "warn",
     "whole",

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["note", "notes_to", "tell", "warn"]
+__all__ = ["announce", "note", "notes_to", "warn"]
 
 LOG = logging.getLogger("lfcal")
 LOG.addHandler(logging.NullHandler())
@@ -22,7 +22,7 @@ def warn(text: str) -> None:
     LOG.warning("%s", text)
 
 
-def tell(text: str) -> None:
+def announce(text: str) -> None:
     """Report an event, such as the start and end of a pause, without a leading "note:" or "warning:"."""
     LOG.info("%s", text, extra={"plain": True})
 

@@ -345,7 +345,7 @@ class ScanPlan:
         row, column = nearest_lens(self.camera, self.anchor)
         return self.anchor[0] - row, self.anchor[1] - column
 
-    # -- places ----------------------------------------------------------------------------------------
+    # -- positions -------------------------------------------------------------------------------------
     def step_um(self, z: int) -> tuple[float, float]:
         """Return the steps ``(y, x)`` in object space (µm) that move the image by one pixel of H in plane ``z``."""
         step = self.camera.step_um(self.depths_um[z])

@@ -115,7 +115,7 @@ def _subject(
 ) -> Iterator[Subject]:
     """Yield the subject to measure: H, which is closed at the end, or a plan."""
     from lfcal.accuracy import Subject
-    from lfcal.tasks import planned_scan, tell_assumed
+    from lfcal.tasks import note_assumed, planned_scan
 
     path = Path(name)
     if path.suffix.lower() not in MATRICES:
@@ -134,7 +134,7 @@ def _subject(
             "these options out"
         )
     with open_matrix(path, mat_order=mat_order) as matrix:
-        tell_assumed(matrix.camera, path.name, quiet=quiet)
+        note_assumed(matrix.camera, path.name, quiet=quiet)
         yield Subject.of_matrix(matrix, path.name, workers)
 
 

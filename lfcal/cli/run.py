@@ -38,7 +38,7 @@ def command(
             "--out", "a file to write", "none", "name one: a file cannot be replaced while it serves as the job"
         )
     named = "again.h5" if made and out is None else out
-    task, told = load_job(job, {} if named is None else {"out": str(named if show else Path(named).absolute())})
+    task, given = load_job(job, {} if named is None else {"out": str(named if show else Path(named).absolute())})
     reads = [str(path) for path in task.files("in")]
     if show:
         if json:
@@ -49,6 +49,6 @@ def command(
         return
     if not json:
         typer.echo(f"reads: {', '.join(reads) or 'no file'}", err=True)
-    run = replace(told, workers=workers or told.workers, resume=resume or told.resume, force=force or told.force)
+    run = replace(given, workers=workers or given.workers, resume=resume or given.resume, force=force or given.force)
     shown: Any = import_module(f"lfcal.cli.{task.name.replace(' ', '_')}").show
     do_task(task, run, shown, json)

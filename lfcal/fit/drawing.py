@@ -109,7 +109,7 @@ def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.int
     columns = round(plan.anchor[1] + x) + np.arange(ns) - (ns - 1) // 2
     points = camera.sensor_um(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
     if isinstance(camera.lattice, PupilLenslets):
-        # the images are about the source's place, as the lenslets are about the axis
+        # the images are about the source's position, as the lenslets are about the axis
         centres = np.array(camera.lattice.lens_centres_um) + camera.sensor_um((plan.anchor[0] + y, plan.anchor[1] + x))
         away: NDArray[np.float64] = np.square(points[..., None, :] - centres).sum(-1)
         nearest: NDArray[np.intp] = away.argmin(-1)

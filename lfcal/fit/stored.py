@@ -162,7 +162,7 @@ def read_fits(folder: Path) -> dict[str, StoredFit]:
     regions = found.get("regions") if isinstance(found, dict) else None
     listed = regions if isinstance(regions, list) else []
     names = [str(one["name"]) for one in listed if isinstance(one, dict) and "name" in one]
-    # a file from elsewhere must not refer to places outside of its folder
+    # a file from elsewhere must not refer to paths outside its folder
     if not names or not all(Path(name).name == name for name in names):
         raise FileFormatError.expected(
             str(path), "a fit of several regions", f"regions {names}" if names else "no regions", "run lfcal fit again"

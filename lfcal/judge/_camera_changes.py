@@ -121,8 +121,8 @@ def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Chang
             columns.append((moved - start) / step)
             break
     names = tuple(APART.get(one.name, titles[one.group]) for one in used)
-    told = [_in_words(one, camera.setup.camera.sensor.pixel_um) for one in used]
-    unknowns, scales, units = (tuple(column) for column in zip(*told, strict=True))
+    reported = [_in_words(one, camera.setup.camera.sensor.pixel_um) for one in used]
+    unknowns, scales, units = (tuple(column) for column in zip(*reported, strict=True))
     return Changes(names, unknowns, scales, units, np.array(columns), start, vector, tuple(which))
 
 
@@ -346,8 +346,8 @@ def refined(
     """
     frames = _Frames(camera, index, offsets_px, changes, left)
     most = max((one.gained for one in suspects), default=0.0)
-    told = [one for one in suspects if one.shows and one.gained > RIVAL * most][:FOLLOWED]
-    found = {one.name: _refined_one(one, frames) for one in told}
+    reported = [one for one in suspects if one.shows and one.gained > RIVAL * most][:FOLLOWED]
+    found = {one.name: _refined_one(one, frames) for one in reported}
     return _sorted_suspects([found.get(one.name, one) for one in suspects])
 
 
@@ -371,7 +371,7 @@ def _refined_one(suspect: Suspect, frames: _Frames) -> Suspect:
                 break
         if best is begun:
             return suspect
-        return _told(suspect, frames, begun, best, which, own)
+        return _reported(suspect, frames, begun, best, which, own)
     except (InputError, EnergyError):
         return suspect
 
@@ -410,7 +410,7 @@ def _step(state: _State, columns: F8) -> tuple[F8, F8, F8]:
     return *_best_step(x, residual), x
 
 
-def _told(
+def _reported(
     suspect: Suspect, frames: _Frames, begun: _State, best: _State, which: Sequence[int], own: Sequence[int]
 ) -> Suspect:
     """Return the explanation by a suspect after its last step."""

@@ -55,24 +55,24 @@ class SensorMap:
 
     def lines(self, axis: int) -> Lines:
         """Return offsets and gains of rows (0) or columns (1)."""
-        return _told(*(part.sum(1 - axis) for part in self._parts))
+        return _reported(*(part.sum(1 - axis) for part in self._parts))
 
     def pixels(self) -> Lines:
         """Return the offsets and gains of single pixels ``(rows, columns)``."""
-        return _told(*self._parts)
+        return _reported(*self._parts)
 
     def classes(self, rows: int, columns: int) -> Lines:
         """Return the map ``(rows, columns)``, summed over pixels with equal positions modulo rows and columns."""
         every = [(i, j) for i in range(rows) for j in range(columns)]
         sums = [np.array([p[i::rows, j::columns].sum() for i, j in every]).reshape(rows, columns) for p in self._parts]
-        return _told(*sums)
+        return _reported(*sums)
 
     @property
     def _parts(self) -> tuple[F8, ...]:
         return self.residual, self.weight, self.by_light, self.light, self.mixed
 
 
-def _told(residual: F8, weight: F8, by_light: F8, light: F8, mixed: F8) -> Lines:
+def _reported(residual: F8, weight: F8, by_light: F8, light: F8, mixed: F8) -> Lines:
     """Solve for offset and gain together, which are hard to distinguish where there is little light."""
     inside = weight * light - mixed**2
     good = inside > 1e-9 * weight * light

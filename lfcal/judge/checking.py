@@ -240,10 +240,10 @@ def iter_check(
         expected = ExpectedPattern(matrix, at.z, at.y, at.x, camera)
         compared.append(compared_with(expected, frame, at, variances[k]))
         yield clock.at(len(given) + k + 1)
-    tells = suspects and camera is not None and camera.explains and not any(one.strange for one in compared)
-    told = _suspects(compared, camera) if tells and camera is not None else ()
+    searched = suspects and camera is not None and camera.explains and not any(one.strange for one in compared)
+    reported = _suspects(compared, camera) if searched and camera is not None else ()
     yield clock.at(2 * len(given) + 1)
-    return _judged(matrix, tuple(compared), told, camera, limit, source)
+    return _judged(matrix, tuple(compared), reported, camera, limit, source)
 
 
 check = drained(
@@ -290,7 +290,7 @@ def _placed(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
     free = replace(frame, place=None, plane=None)
     try:
         found = find_source(matrix, frame)
-    except InputError:  # its place is outside the frame, or H has no pattern there
+    except InputError:  # its position is outside the frame, or H has no pattern there
         return find_source(matrix, free)
     if found.correlation > SURE:
         return found

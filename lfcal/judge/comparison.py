@@ -415,17 +415,17 @@ def _more_like(both: Pair) -> list[int | None]:
     if not places:
         return [None] * n
 
-    def told(patterns: list[F8]) -> F8:
+    def reported(patterns: list[F8]) -> F8:
         flat = np.nan_to_num(np.stack(patterns)).ravel()
         size = float(np.linalg.norm(flat))
         return flat / size if size > 0 else flat
 
     theirs = np.stack(
-        [told([both.crop(both.b[(z, *both.place_in_b(y, x))]) for y, x in places]) for z in range(planes)]
+        [reported([both.crop(both.b[(z, *both.place_in_b(y, x))]) for y, x in places]) for z in range(planes)]
     )
     found: list[int | None] = []
     for k in range(n):
-        ours = told([both.patterns(k, y, x)[0] for y, x in places])
+        ours = reported([both.patterns(k, y, x)[0] for y, x in places])
         unlike = 1.0 - theirs @ ours
         own, best = both.planes[k][1], int(unlike.argmin())
         if not theirs[own].any():  # a plane without light matches none

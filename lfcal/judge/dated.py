@@ -305,7 +305,7 @@ def inspections_in(path: Path) -> list[Path]:
 def labels_of(places: Sequence[Path]) -> list[str]:
     """Return the shortest names that distinguish the files ``places``, extended by parent folders where necessary."""
     for above in range(1, 8):
-        told = ["/".join(place.parts[-above:]) for place in places]
-        if len(set(told)) == len(told):
-            return [label.removesuffix(f"/{QUALITY}") for label in told]
+        reported = ["/".join(place.parts[-above:]) for place in places]
+        if len(set(reported)) == len(reported):
+            return [label.removesuffix(f"/{QUALITY}") for label in reported]
     return [str(place) for place in places]

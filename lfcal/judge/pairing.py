@@ -198,8 +198,8 @@ def _left_out(notes: list[str], which: str, matrix: PSFMatrix, used: range | lis
 
 
 def _listed(matrix: PSFMatrix, planes: range | list[int]) -> str:
-    told = [format_plane(float(matrix.known_depths[z]), z) for z in planes]
-    return ", ".join(told[:6]) + (f" and {len(told) - 6} more" if len(told) > 6 else "")
+    reported = [format_plane(float(matrix.known_depths[z]), z) for z in planes]
+    return ", ".join(reported[:6]) + (f" and {len(reported) - 6} more" if len(reported) > 6 else "")
 
 
 def _moved(a: PSFMatrix, b: PSFMatrix, notes: list[str]) -> tuple[int, int]:

@@ -172,7 +172,7 @@ def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> W
     >>> [one.kind for one in drain(iter_find_results("session")).results]
     []
     """
-    start, told = time.perf_counter(), 0.0
+    start, reported = time.perf_counter(), 0.0
     found: list[StoredResult] = []
     notes: list[str] = []
     shown = 0
@@ -184,8 +184,8 @@ def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> W
                 notes.append(storage_words(error, path))
                 continue
             found += [] if result is None else [result]
-            told, shown = yield from _progress(place, found, shown, start, told)
-        told, shown = yield from _progress(place, found, shown, start, told)
+            reported, shown = yield from _progress(place, found, shown, start, reported)
+        reported, shown = yield from _progress(place, found, shown, start, reported)
     yield ListingProgress(len(found), 0, "done", time.perf_counter() - start, found=tuple(found[shown:]))
     return ResultList(tuple(sorted(found, key=lambda one: one.when, reverse=True)), tuple(dict.fromkeys(notes)))
 
@@ -203,11 +203,13 @@ find_results = drained(
 )
 
 
-def _progress(place: Path, found: list[StoredResult], shown: int, start: float, told: float) -> Work[tuple[float, int]]:
+def _progress(
+    place: Path, found: list[StoredResult], shown: int, start: float, reported: float
+) -> Work[tuple[float, int]]:
     """Yield a record if the last one is old; return the time of the newest, and the number of results reported."""
     now = time.perf_counter()
-    if now - told < EVERY_S:
-        return told, shown
+    if now - reported < EVERY_S:
+        return reported, shown
     yield ListingProgress(len(found), 0, f"searching {place.name or place}", now - start, found=tuple(found[shown:]))
     return now, len(found)
 

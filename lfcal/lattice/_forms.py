@@ -238,7 +238,7 @@ def fit_form(
                 return None
             if np.abs(step[2:4]).max() < 1e-9 * model.pitch:
                 break
-        # without places near the border, a distortion may fold over there, which raises an error here
+        # without positions near the border, a distortion may fold over there, which raises an error here
         model.indices(frame.outline())
     except (np.linalg.LinAlgError, InputError):
         return None

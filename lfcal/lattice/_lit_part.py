@@ -151,7 +151,7 @@ def _lit(image: NDArray[np.float32]) -> tuple[NDArray[np.bool_], float]:
     step = max(1.0, max(image.shape) / COARSE)
     size = (max(1, round(image.shape[1] / step)), max(1, round(image.shape[0] / step)))
     floor = float(np.percentile(image[:: max(1, int(step / 2)), :: max(1, int(step / 2))], 2))
-    # squares, because small spots on a dark ground are lit places too
+    # squares, because small spots on a dark ground are lit areas too
     square = cv2.resize(np.square(image - np.float32(floor)), size, interpolation=cv2.INTER_AREA)
     light = np.sqrt(cv2.GaussianBlur(square, (0, 0), max(1.0, 0.04 * min(square.shape))))
     lit: NDArray[np.bool_] = light > DARK * np.percentile(light, 99)

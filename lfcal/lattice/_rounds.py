@@ -287,7 +287,7 @@ def place_all(
     _check_found(index, placed, dead, explained)
     noise = math.sqrt(max(1 - explained, 0.0) / explained)
     if len(dead) - dead.sum() < FEW:
-        # places without a lenslet are no fall-off of light
+        # positions without a lenslet are no fall-off of light
         around = neighbour_median(index, np.where(dead, np.nan, light))
     fall = _fall_of_light(index, around) @ np.linalg.inv(model.basis()).T
     slope = np.hypot(*fall.T) * model.pitch

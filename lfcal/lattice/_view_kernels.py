@@ -232,9 +232,9 @@ def largest_box(good: NDArray[np.bool_]) -> tuple[int, int, int, int]:
 class RefocusPlane(NamedTuple):
     """A plane of the scene, and the positions of its image's samples on the sensor."""
 
-    slope: float  # (S - c) divided by the place below the lenslet; not 0
+    slope: float  # (S - c) divided by the position below the lenslet; not 0
     radius: float  # of the micro-images (pixels)
-    corner_y: float  # place of sample (0, 0) (pixels)
+    corner_y: float  # position of sample (0, 0) (pixels)
     corner_x: float
     step_y: float  # distance of samples (pixels)
     step_x: float

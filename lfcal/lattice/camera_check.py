@@ -250,7 +250,7 @@ def _type_order(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> Che
     shown = f"{kind}, and {types.type_step} to the right of 0 ({types.sigmas:.0f} σ)"
     same = kind == 0 and types.type_step == step
     certain = types.sigmas >= 5
-    # the types at an assumed place are unknown; a small difference proves nothing
+    # the types at an assumed position are unknown; a small difference proves nothing
     unknown = camera.marks["lattice.offset_um"] == "assumed" or not certain
     return CheckLine(
         "lens type at the offset", expected, shown, None, FITS if same else UNKNOWN if unknown else DIFFERS

@@ -185,8 +185,8 @@ def _edges(light: F8, levels: tuple[float, float], centre: F8, ways: F8, radius:
     below = values < level
     first, rows = np.argmax(below, axis=1), np.arange(len(ways))
     good = below.any(1) & (first > round(AROUND_PX[1] / STEP_PX))
-    # the light from well inside to just outside, over that inside: unlike a crossing, it is the same for any place of
-    # the edge within a pixel
+    # the light from well inside to just outside, over that inside: unlike a crossing, it is the same for any position
+    # of the edge within a pixel
     inner, outer = (np.clip(first - round(k / STEP_PX), 0, len(reach) - 1) for k in AROUND_PX)
     beyond = np.minimum(first + round(AROUND_PX[0] / STEP_PX), len(reach) - 1)
     sums = np.cumsum(values - dark, axis=1)

@@ -187,7 +187,7 @@ def _plane(slope: float, radius: float, grid: ViewGrid, samples: int) -> Refocus
 def _mean_and_variance(sums: Image) -> tuple[Image, Image]:
     """Return the weighted mean, and the unbiased variance (infinite if fewer than two lenslets see a sample)."""
     weight, light, square, squared_weight = sums
-    # places that only blurred types see are shown as well
+    # positions that only blurred types see are shown as well
     seen = weight > 0
     total = np.where(seen, weight, 1)
     mean = np.where(seen, light / total, 0).astype(np.float32)

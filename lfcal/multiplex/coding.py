@@ -251,8 +251,8 @@ class CodingVerdict:
         """One-line verdict with the gain of the code and, for equal exposure times, its break-even signal."""
         numbers = self.gain.time if self.limit == "time" else self.gain.full_well
         does = "pays" if self.pays else "does not pay"
-        told = f"coding {does} at equal {self.limit}: {numbers.rms_db:+.2f} dB over all entries"
-        return told if self.limit != "time" else f"{told}; it {self.range_words}"
+        reported = f"coding {does} at equal {self.limit}: {numbers.rms_db:+.2f} dB over all entries"
+        return reported if self.limit != "time" else f"{reported}; it {self.range_words}"
 
     @property
     def frames_words(self) -> str:

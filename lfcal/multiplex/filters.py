@@ -76,7 +76,7 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
     taps = _TAPS[name]
     wanted = (np.arange(samples) + 0.5) * side / samples - 0.5
     place = (wanted[:, None] - positions[None, :]) / side
-    # at the place of a sample, only that sample counts: drop weights of others due to rounding
+    # at the position of a sample, only that sample counts: drop weights of others due to rounding
     place = np.where(np.abs(place - np.rint(place)) < 1e-12, np.rint(place), place)
     first = np.floor(place + 0.5 if taps == 1 else place).astype(np.intp) - (taps - 1) // 2
     weights = (

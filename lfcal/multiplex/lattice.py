@@ -180,10 +180,10 @@ def _decorrelated(matrix: Array, read: list[_Pixels], light: Array, rcond: float
     spread = np.array([one.shares.power(2).sum(axis=1) for one in read])
     trust = np.where(spread > 0, 1 / np.where(spread > 0, spread, 1.0), 0.0)
     inverse, lost = weighted_inverse(matrix, trust, rcond)
-    demix = inverse @ (matrix.T * trust.T[:, None, :])  # (places, N, channels)
+    demix = inverse @ (matrix.T * trust.T[:, None, :])  # (positions, N, channels)
     found = np.einsum("pnk,kp->np", demix, values)
     places, count, channels = demix.shape
-    # rows by place, then channel; pixels renumbered, because most of the frame's belong to other positions
+    # rows by position, then channel; pixels renumbered, because most of the frame's belong to other positions
     rows = [np.repeat(np.arange(places) * channels + k, np.diff(one.shares.indptr)) for k, one in enumerate(read)]
     pixels = [one.at[one.shares.indices] for one in read]
     at, columns = np.unique(np.concatenate(pixels), return_inverse=True)

@@ -350,9 +350,9 @@ def _samples(seen: Array, edges: Array, basis: ArrayLike | None) -> tuple[Array,
 def _shares(curve: Spectra, waves: Array) -> Array:
     values = curve.on(waves.ravel()).reshape(len(curve.names), *waves.shape)
     if values.min() < 0 or values.max() > 1:
-        told = f"{values.min():.3g} … {values.max():.3g}"
+        reported = f"{values.min():.3g} … {values.max():.3g}"
         raise InputError.expected(
-            f"transmission of {curve.names[0]}", "values from 0 to 1", told, "give fractions, not per cent"
+            f"transmission of {curve.names[0]}", "values from 0 to 1", reported, "give fractions, not per cent"
         )
     return values
 
@@ -364,8 +364,8 @@ def _one_curve(curve: Spectra | None, waves: Array, what: str, most: float = np.
         raise InputError.expected(what, "one curve", ", ".join(curve.names), "choose one with Spectra.named")
     values: Array = curve.on(waves.ravel()).reshape(waves.shape)
     if values.min() < 0 or values.max() > most or not values.any():
-        told = f"{values.min():.3g} … {values.max():.3g}"
-        raise InputError.expected(what, f"values from 0 to {most:g}, not all zero", told, "correct the table")
+        reported = f"{values.min():.3g} … {values.max():.3g}"
+        raise InputError.expected(what, f"values from 0 to {most:g}, not all zero", reported, "correct the table")
     return values
 
 

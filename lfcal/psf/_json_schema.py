@@ -130,16 +130,16 @@ def _words(schema: Schema) -> str:
 
 def _sizes_fault(what: str, sizes: list[int], wanted: list[str | int], names: dict[str, int]) -> str:
     """Return the deviation of ``sizes`` in words, empty if there is none; names without a size get theirs from here."""
-    told = f"({', '.join(map(str, wanted))})"
+    reported = f"({', '.join(map(str, wanted))})"
     if len(sizes) != len(wanted):
-        return f"expected {what} {told}, got {tuple(sizes)}"
+        return f"expected {what} {reported}, got {tuple(sizes)}"
     for name, size in zip(wanted, sizes, strict=True):
         if isinstance(name, str):
             names.setdefault(name, size)
     if {"nt", "ns"} <= names.keys():
         names.setdefault("mask_bytes", -(-names["nt"] * names["ns"] // 8))
     numbers = [names[name] if isinstance(name, str) else name for name in wanted]
-    return "" if numbers == list(sizes) else f"expected {what} {told} = {tuple(numbers)}, got {tuple(sizes)}"
+    return "" if numbers == list(sizes) else f"expected {what} {reported} = {tuple(numbers)}, got {tuple(sizes)}"
 
 
 def _is_json(value: Any) -> bool:

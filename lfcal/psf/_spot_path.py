@@ -137,7 +137,7 @@ def _place(frame: NDArray[np.float32], side: int) -> tuple[float, float] | None:
         return None
     light = np.where(smooth - level > max(DETECT * noise, FAINT * peak), smooth - level, 0)
     crowd = ndimage.uniform_filter(light, side, mode="constant")
-    # a plateau has many highest places: use their mean, not the first
+    # a plateau has many highest pixels: use their mean, not the first
     at = np.argwhere(crowd >= crowd.max() * (1 - 1e-4)).mean(axis=0)
     half = side / 2
     for _ in range(4):

@@ -651,8 +651,8 @@ def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
 
 def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return the facts about the scan that are stored with H, and the entries of ``provenance``."""
-    told = ("session", "devices", "simulated", "optics", "suspect", "half_cell", "kept_aside", "earlier_tasks")
-    return {**source.metadata.stated(told), "plan": plan.to_dict(), **(provenance or {})}
+    reported = ("session", "devices", "simulated", "optics", "suspect", "half_cell", "kept_aside", "earlier_tasks")
+    return {**source.metadata.stated(reported), "plan": plan.to_dict(), **(provenance or {})}
 
 
 def planes_of_frames(

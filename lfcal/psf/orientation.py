@@ -157,7 +157,7 @@ def orientation_of_path(
     order = sorted(fits, key=lambda name: fits[name].misfit)
     best = fits[order[0]]
     alike = [name for name in order if fits[name].misfit < CERTAIN * best.misfit]
-    # neither the origin of a stage nor the place of a path is more accurate than the residual of the path
+    # neither the origin of a stage nor the position of a path is more accurate than the residual of the path
     slack = max(2.0, 0.1 * max(plan.cutout), 2 * best.residual_px)
     name, reason = order[0], ""
     if len(alike) > 1:
@@ -268,7 +268,7 @@ def _cause(
                 "",
                 f"they have the shape of turned frames, {frame}, but the pattern moves along rows as planned",
             )
-        # frames cropped or binned by other programs: places have no meaning
+        # frames cropped or binned by other programs: positions have no meaning
         return "either", ""
     if by_frames != by_scan:
         return ("frames" if by_frames else "scan"), ""

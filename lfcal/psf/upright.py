@@ -77,7 +77,7 @@ def check_place(
         Orientation stated by the user, if it was not determined.
     """
     sensor, known = plan.camera.sensor.shape, view.metadata
-    # channels have pixels of another size; the places of sessions and given cutouts are known
+    # channels have pixels of another size; the positions of sessions and given cutouts are known
     if known.plan is not None or known.channel:
         return
     seen = found is not None and found.name in ("", AS_IS) and math.isfinite(found.offset_px[0])

@@ -188,8 +188,8 @@ def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, resu
 
     If no frame has a volume, nothing is saved.
     """
-    told = [_details(part) for part in parts]
-    for name, known in zip(names, told, strict=True):
+    reported = [_details(part) for part in parts]
+    for name, known in zip(names, reported, strict=True):
         if "failed" in known:
             results.append(FrameResult.without_volume(name, known["failed"], known["seconds"]))
             continue
@@ -201,7 +201,7 @@ def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, resu
         return
     clock = Clock("write volumes", len(parts))
     with saved() as save:
-        for k, (part, result, known) in enumerate(zip(parts, results, told, strict=True)):
+        for k, (part, result, known) in enumerate(zip(parts, results, reported, strict=True)):
             # a continued run uses the method with which it began
             said: dict[str, Any] = {
                 key: known[key]

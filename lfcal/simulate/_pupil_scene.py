@@ -118,7 +118,7 @@ class PupilScene:
         """Displacement of images: none is simulated."""
         return
 
-    # -- places ------------------------------------------------------------------------------------------
+    # -- positions ---------------------------------------------------------------------------------------
     def nearest_pixel(self, y_um: float, x_um: float) -> tuple[int, int]:
         """Return the pixel (row, column), relative to source position (0, 0), that a chief ray meets."""
         return math.floor(y_um / self.pixel_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)

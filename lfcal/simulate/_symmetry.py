@@ -101,7 +101,7 @@ def axis_phase(scene: Scene, axis: int, source_um: float, pixel: int) -> tuple[A
     pitch = (lattice.row_step_um, lattice.pitch_um)[axis]
     place = (lattice.offset_um[1 - axis] - source_um) % pitch
     shift = pixel * scene.pixel_um - source_um
-    grain = scene.pixel_um * 1e-9  # places that differ only by rounding must have the same key
+    grain = scene.pixel_um * 1e-9  # positions that differ only by rounding must have the same key
     mirrored = (pitch - place) % pitch
     flip = (round(mirrored / grain), round(-shift / grain)) < (round(place / grain), round(shift / grain))
     if flip:

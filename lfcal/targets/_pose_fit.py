@@ -157,7 +157,7 @@ def _prior(target: Target, step_um: float) -> Array:
     known = []
     for name in NAMES:
         stated = getattr(target.within, name) / 2
-        # the frame determines the place of the target independent of the stage, but hardly its distance
+        # the frame determines the position of the target independently of the stage, but hardly its distance
         least = {"right_um": 1e3 * step_um, "down_um": 1e3 * step_um, "away_um": 1e-3}.get(name) or MOUNT[name]
         known.append(max(stated, least))
     return np.array([*known, SCALE, SCALE, BENT])

@@ -122,8 +122,8 @@ def frames_of(source: FrameSource, plan: TargetPlan) -> tuple[tuple[int, int], .
         wanted = "frames that show one offset each"
         remedy = "decode them (lfcal.targets.decoded)"
         raise InputError.expected("frames of a target", wanted, "sums of several offsets", remedy)
-    told = source.metadata.target_frames
-    frames = plan.frames if told is None else tuple((int(z), int(k)) for z, k in told)
+    reported = source.metadata.target_frames
+    frames = plan.frames if reported is None else tuple((int(z), int(k)) for z, k in reported)
     if len(frames) != len(source):
         wanted = f"{len(frames)}, as in the plan"
         raise InputError.expected(

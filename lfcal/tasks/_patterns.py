@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from lfcal.base import FileFormatError, InputError, LfcalError, Work, check_number, note, read_text
 from lfcal.records import CorrectionRecipe, opt, read_orientation
 from lfcal.tasks._scan_frames import ScanFrames, find_plan, orientations
-from lfcal.tasks.cameras import tell_assumed
+from lfcal.tasks.cameras import note_assumed
 from lfcal.tasks.matrices import open_matrix
 
 if TYPE_CHECKING:
@@ -194,12 +194,12 @@ def own_words(without: str = "") -> Iterator[None]:
         yield
     except LfcalError as error:
         said = str(error)
-        told = said.replace("(--skip-damaged)", "(lfcal assemble --skip-damaged)")
-        told = told.replace(' (colour="G")', "")
-        told = told.replace(without, "") if without else told
-        if told == said:
+        reported = said.replace("(--skip-damaged)", "(lfcal assemble --skip-damaged)")
+        reported = reported.replace(' (colour="G")', "")
+        reported = reported.replace(without, "") if without else reported
+        if reported == said:
             raise
-        raise type(error)(told) from None
+        raise type(error)(reported) from None
 
 
 def open_upright(path: Path, *, quiet: bool = False) -> PSFMatrix:
@@ -232,7 +232,7 @@ def iter_patterns(source: Path, how: PatternReading) -> Work[tuple[Measured, dic
         if words:
             note(words)
             known["noise"] = matrix.provenance["noise"]
-        tell_assumed(matrix.camera if how.camera is None else None, source.name)
+        note_assumed(matrix.camera if how.camera is None else None, source.name)
         if how.fit is not None:
             depths = tuple(float(z) for z in matrix.depths)
             plan = ScanPlan(camera, matrix.period, matrix.cutout, depths, matrix.anchor)
@@ -344,8 +344,8 @@ def without_positions(
     if named:
         return InputError(f"{said}; {assembled_first(source, plan, '--pattern', named.group(1))}")
     if "raster" in remedy:
-        told = assembled_first(source, plan, "--order", "serpentine")
-        return InputError(f"{said}; {told} (or --order raster, or --manifest LIST)")
+        reported = assembled_first(source, plan, "--order", "serpentine")
+        return InputError(f"{said}; {reported} (or --order raster, or --manifest LIST)")
     return InputError(f"{said}; {assembled_first(source, plan, '--manifest', 'LIST.csv')}")
 
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from lfcal.base import Finding, InputError, Work, note, tell
+from lfcal.base import Finding, InputError, Work, announce, note
 
 if TYPE_CHECKING:
     from lfcal.acquire import Control, Options, Outcome
@@ -62,7 +62,7 @@ class Cover:
         """Ask the person to cover or uncover the lens, and wait for the Enter key."""
         from lfcal.devices import DeviceError
 
-        tell(f"{'uncover' if on else 'cover'} the lens, then press Enter")
+        announce(f"{'uncover' if on else 'cover'} the lens, then press Enter")
         # end of input: no one can cover the lens, so the dark frames would be wrong.
         if not sys.stdin.readline():
             raise DeviceError(
@@ -81,7 +81,7 @@ def stoppable(control: Control) -> Iterator[list[int]]:
             control.abort()
         else:
             control.stop()
-            tell("stopping after this position; Ctrl-C again stops immediately")
+            announce("stopping after this position; Ctrl-C again stops immediately")
 
     before = {}
     if threading.current_thread() is threading.main_thread():
@@ -105,7 +105,7 @@ def followed(work: Work[R], control: Control, alarms: Callable[[], tuple[Finding
             record = next(work)
             # the words before the numbers stay the same while a wait counts down
             if control.held.partition(":")[0] != held.partition(":")[0]:
-                tell(f"on hold: {control.held}" if control.held else "recording again")
+                announce(f"on hold: {control.held}" if control.held else "recording again")
                 held = control.held
             if record.stage == STAGE and record.note:
                 note(record.note)
@@ -114,7 +114,7 @@ def followed(work: Work[R], control: Control, alarms: Callable[[], tuple[Finding
                 for alarm in alarms():
                     if alarm.kind not in reported:
                         reported.add(alarm.kind)
-                        tell(alarm.line)
+                        announce(alarm.line)
             yield record
     except StopIteration as stop:
         found: R = stop.value

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan
     from lfcal.frames import Frames
 
-__all__ = ["ScanFrames", "find_plan", "no_plan", "orientations", "origin_field", "tell_size"]
+__all__ = ["ScanFrames", "find_plan", "no_plan", "note_size", "orientations", "origin_field"]
 
 
 def orientations() -> tuple[str, ...]:
@@ -139,7 +139,7 @@ def no_plan(folder: Path) -> InputError:
     return InputError.expected("scan plan", f"plan.json in {folder} or the folder above", "none", remedy)
 
 
-def tell_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
+def note_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the frames", channel: str = "") -> None:
     """Warn if frames do not show the whole sensor, which may be turned, or reduced to one colour of a mosaic."""
     from lfcal.frames import binned
 

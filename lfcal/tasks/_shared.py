@@ -13,7 +13,7 @@ from lfcal.tasks.cameras import (
     assumed_in_words,
     load_camera,
     load_file,
-    tell_assumed,
+    note_assumed,
 )
 from lfcal.tasks.depth import DepthForecast, MeasuredDepth
 from lfcal.tasks.export import ExportedFiles
@@ -79,9 +79,9 @@ __all__ = [
     "load_job",
     "may_replace",
     "most_taken",
+    "note_assumed",
     "open_matrix",
     "planned_scan",
     "task_set",
-    "tell_assumed",
     "words_of",
 ]

@@ -8,10 +8,10 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Judgement, LfcalError, Work, note, read_text, tell
+from lfcal.base import InputError, Judgement, LfcalError, Work, announce, note, read_text
 from lfcal.records import opt, read_names, read_share, record, required, rows_of, show_names, show_planes, value_at
 from lfcal.tasks._recording import Cover, check_ready, followed, list_suspects, pairs, stoppable
-from lfcal.tasks.cameras import tell_assumed
+from lfcal.tasks.cameras import note_assumed
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class RecordedSession(TaskResult):
         An error that occurred after the last frame is raised.
         """
         if self.error is not None:
-            tell(f"the recording is complete; make H from it with lfcal assemble {self.out}")
+            announce(f"the recording is complete; make H from it with lfcal assemble {self.out}")
             raise self.error
         return 0 if self.outcome.how == "complete" else 128 + self.ended_by
 
@@ -374,7 +374,7 @@ class _Acquire(Task):
         plan, begun = self._plan(), self._begun(run)
         scan: ScanPlan = plan.scan
         devices = self._devices(plan)
-        tell_assumed(scan.camera, "plan", light=False)
+        note_assumed(scan.camera, "plan", light=False)
         options = self.options(begun)
         assumed = tuple(scan.camera.marks.paths("assumed"))
         with open_rig(scan, self.backend, devices, stage=self.stage) as rig:
@@ -647,7 +647,7 @@ class AcquireUntil(_AcquireScan):
         """Record until the goal is reached; ``how`` are keyword arguments of `lfcal.campaign.iter_adaptive`."""
         from lfcal.campaign import iter_adaptive
 
-        how = {"seen": lambda step: tell(str(step)), **how}
+        how = {"seen": lambda step: announce(str(step)), **how}
         return iter_adaptive(self.out, plan, rig, self.goal, options, task=self._kept, **how)
 
     def _places(self, plan: Any) -> tuple[Position, ...]:

@@ -25,8 +25,8 @@ from lfcal.records import (
     rows,
 )
 from lfcal.tasks._channels import ChannelPart, coloured, open_colour, parts_of
-from lfcal.tasks._scan_frames import ScanFrames, orientations, origin_field, tell_size
-from lfcal.tasks.cameras import tell_assumed
+from lfcal.tasks._scan_frames import ScanFrames, note_size, orientations, origin_field
+from lfcal.tasks.cameras import note_assumed
 from lfcal.tasks.outputs import check_output, check_outputs
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
 
@@ -361,11 +361,11 @@ class Assemble(AssembleRegions):
         run = run or RunSettings()
         with ExitStack() as stack:
             (frames, scan), parts = self.parts(stack)
-            tell_assumed(scan.camera, "plan", light=False)
+            note_assumed(scan.camera, "plan", light=False)
             # a session states which part of the sensor it recorded; for other frames the user must state it
             placed = frames.metadata.plan is not None or bool(self.origin)
             if not (placed or is_part_of_sensor(frames.shape, scan.camera)):
-                tell_size(frames.shape, scan.camera, folder=str(self.frames), channel=self.channel)
+                note_size(frames.shape, scan.camera, folder=str(self.frames), channel=self.channel)
             bits, said = chosen_shift(self.shift, frames)
             for one in (*frames.metadata.notes, *((said,) if said else ())):
                 note(one)

@@ -19,9 +19,9 @@ __all__ = [
     "is_camera_file",
     "load_camera",
     "load_file",
+    "note_assumed",
+    "note_camera",
     "preset_names",
-    "tell",
-    "tell_assumed",
 ]
 
 
@@ -70,7 +70,7 @@ def load_camera(
         return preset(name)
     camera, notes = load_file(name)
     only = without_lattice if without_lattice is not None and not camera.has_lattice else only
-    tell(camera, Path(name), notes, light=light, only=only)
+    note_camera(camera, Path(name), notes, light=light, only=only)
     return camera
 
 
@@ -88,7 +88,7 @@ def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, 
     return found.camera, found.notes
 
 
-def tell(
+def note_camera(
     camera: Camera,
     path: Path,
     notes: tuple[str, ...] = (),
@@ -107,7 +107,7 @@ def tell(
         warn(f"{path.name}: {doubt}")
 
 
-def tell_assumed(camera: Camera | None, where: str, *, quiet: bool = False, light: bool = True) -> None:
+def note_assumed(camera: Camera | None, where: str, *, quiet: bool = False, light: bool = True) -> None:
     """Report the assumed values of the camera in a plan or an H, with the name ``where``; not if ``quiet``."""
     if camera is not None and not quiet and (words := assumed_in_words(camera, light=light)):
         note(f"{where}: assumed values of the camera: {words}")

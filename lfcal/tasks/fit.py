@@ -141,7 +141,7 @@ class _Fit(Task):
         return self.unknowns if self.unknowns == "auto" else tuple(self.unknowns.split(","))
 
     @property
-    def told(self) -> dict[str, Any]:
+    def provenance(self) -> dict[str, Any]:
         """The entries of this task for the provenance of every file that it writes."""
         return {"task": self.to_dict(absolute=True, outputs=False)}
 
@@ -188,7 +188,7 @@ class FitTarget(_Fit):
         with opened_target(source, plan, self.corrections) as view:
             points = yield from iter_points_of(view, plan)
             fit = yield from iter_fit_points(view, points, self.groups, effects=begins, most=most, workers=workers)
-        known = {"source": source.name, "target": target_facts(points), **self.told}
+        known = {"source": source.name, "target": target_facts(points), **self.provenance}
         files = yield from iter_write_points(fit, spread, self.out, known, with_h=self.write_h, workers=workers)
         holes = hole_words(fit.first, asked=self.unknowns != "auto")
         one = FitOutcome(
@@ -328,7 +328,7 @@ class FitMatrix(_Fit):
         how: dict[str, Any] = {"noise": self.noise, "with_h": self.write_h, "workers": workers, "run": choice}
         with ExitStack() as stack:
             patterns = self._recorded(source, measured, stack) if self.hybrid else None
-            work = iter_write_fit(fit, measured, self.out, {**known, **self.told}, patterns=patterns, **how)
+            work = iter_write_fit(fit, measured, self.out, {**known, **self.provenance}, patterns=patterns, **how)
             files, summary = yield from work
         hybrids = {} if summary is None else {"": summary}
         return FitOutcome(fit=fit, source=source, out=self.out, files=tuple(files), hybrids=hybrids)
@@ -340,7 +340,7 @@ class FitMatrix(_Fit):
         how, patterns, known = self._reading(), {}, {}
         for name, source in zip(self._names, self.sources, strict=True):
             patterns[name], own = yield from iter_patterns(source, how)
-            known[name] = {**own, **self.told}
+            known[name] = {**own, **self.provenance}
         begins = self.starting(next(iter(patterns.values())).plan)
         fit = yield from iter_fit_field(patterns, how.camera, self.groups, effects=begins, workers=workers)
         more: dict[str, Any] = {"noise": self.noise, "with_h": self.write_h, "workers": workers, "run": choice}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from lfcal.base import InputError, Work, note
 from lfcal.records import opt, record
-from lfcal.tasks.cameras import tell_assumed
+from lfcal.tasks.cameras import note_assumed
 from lfcal.tasks.matrices import MatrixTask, open_matrix
 from lfcal.tasks.task import RunSettings, TaskResult, TaskSet
 
@@ -165,7 +165,7 @@ class Inspect(MatrixTask):
             H = files.enter_context(self.opened())
             # the metrics describe images of points, so an HT file is inspected as the H that it was made from
             H = H.T if H.is_transposed else H
-            tell_assumed(H.camera, self.source.name)
+            note_assumed(H.camera, self.source.name)
             other, comparison = None, None
             if self.reference is not None:
                 other = files.enter_context(open_matrix(self.reference, mat_order=self.mat_order))

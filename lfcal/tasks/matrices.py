@@ -17,10 +17,10 @@ __all__ = [
     "MatrixTask",
     "check_mat_files",
     "mat_order_field",
+    "note_opened",
     "open_matrix",
     "report_dark",
     "report_missing",
-    "tell_opened",
     "with_task",
 ]
 
@@ -105,11 +105,11 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
 
     matrix = open_psf(path, region=region, mat_order=mat_order if _is_mat(path) else "")
     if not quiet:
-        tell_opened(matrix)
+        note_opened(matrix)
     return matrix
 
 
-def tell_opened(matrix: PSFMatrix) -> None:
+def note_opened(matrix: PSFMatrix) -> None:
     """Report how the file of H was read, if another code wrote it."""
     from lfcal.psf import opening_notes
 

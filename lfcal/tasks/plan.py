@@ -21,7 +21,7 @@ from lfcal.records import (
     show_pair,
     show_planes,
 )
-from lfcal.tasks._scan_frames import origin_field, tell_size
+from lfcal.tasks._scan_frames import note_size, origin_field
 from lfcal.tasks.cameras import is_camera_file, load_camera, preset_names
 from lfcal.tasks.planned import Planned, PlanTask, write_plan
 from lfcal.tasks.task import RunSettings, Task, TaskSet
@@ -315,7 +315,7 @@ def _check_size(
         stated = stated_origin(roi, shape)
         raise part_refusal(shape, camera.sensor.shape, stated, "as their metadata say")
     else:
-        tell_size(shape, camera, folder=folder)
+        note_size(shape, camera, folder=folder)
 
 
 @record

@@ -17,7 +17,7 @@ from lfcal.records import (
     show_pair,
     show_planes,
 )
-from lfcal.tasks.cameras import is_camera_file, load_camera, tell_assumed
+from lfcal.tasks.cameras import is_camera_file, load_camera, note_assumed
 from lfcal.tasks.task import Task, TaskResult
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def planned_scan(
             "planes and cutout: expected those of the plan, got options as well; leave the options out (--depths, "
             "--virtual-depths, --cutout)"
         )
-    tell_assumed(ready.scan.camera, Path(camera).name)
+    note_assumed(ready.scan.camera, Path(camera).name)
     return ready.scan
 
 

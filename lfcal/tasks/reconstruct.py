@@ -24,7 +24,7 @@ from lfcal.records import (
     required,
     solver_kind,
 )
-from lfcal.tasks.matrices import check_mat_files, mat_order_field, report_missing, tell_opened, with_task
+from lfcal.tasks.matrices import check_mat_files, mat_order_field, note_opened, report_missing, with_task
 from lfcal.tasks.outputs import check_outputs
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
 
@@ -198,7 +198,7 @@ class _Reconstruct(Task):
         optics = SharedOptics(self.psf, self.regions, self.mat_order, self.light_field, self.projection)
         matrices = optics.open(stack)
         for one in matrices:
-            tell_opened(one)
+            note_opened(one)
         if not self.regions and len(names := regions_of(self.psf)) > 1:
             named = matrices[0].region or "the first"
             note(

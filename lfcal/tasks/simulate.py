@@ -177,15 +177,15 @@ class SimulatedRegions(TaskResult):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all values as plain JSON types."""
-        told = {name: one.to_dict() for name, one in self.regions.items()}
+        reported = {name: one.to_dict() for name, one in self.regions.items()}
         return {
             "path": self.out,
-            "what": f"H of {len(told)} regions",
+            "what": f"H of {len(reported)} regions",
             "out": self.out,
             # the file of a region is removed once all are merged
-            "regions": {name: {k: v for k, v in one.items() if k != "path"} for name, one in told.items()},
+            "regions": {name: {k: v for k, v in one.items() if k != "path"} for name, one in reported.items()},
             "file_bytes": self.out.stat().st_size,
-            "assumed": next(iter(told.values()))["assumed"],
+            "assumed": next(iter(reported.values()))["assumed"],
         }
 
 
@@ -290,7 +290,7 @@ class _Simulate(Task):
         from lfcal.simulate import iter_refine_psf, iter_simulate_psf, light_in_cutout, predict_bytes
 
         found = self.timed(plan, self.selection(plan))
-        _tell(plan, found)
+        _note_plan(plan, found)
         choice = run.choice(out, found.seconds) if self.in_units else None
         how: dict[str, Any] = {"tolerance": self.tolerance, "workers": run.workers, "run": choice}
         most = predict_bytes(plan, found, self.level, **how, to_file=True, store_tolerance=stored)
@@ -397,13 +397,13 @@ class SimulatePasses(_OfOnePlan):
         """Compute the H of ``plan`` in increasingly accurate passes, and write it after each pass."""
         whole: list[str] = []
 
-        def tell(matrix: PSFMatrix) -> None:
+        def note_pass(matrix: PSFMatrix) -> None:
             worst = 100 * max(float(error) for error in matrix.facts.known()["error"])
             whole.append(f"{self.out} is complete with errors of at most {worst:.2g} %")
             note(f"{whole[-1]}; you can stop now and keep this file")
 
         try:
-            return (yield from self.iter_matrix(plan, self.out, run, on_pass=tell))
+            return (yield from self.iter_matrix(plan, self.out, run, on_pass=note_pass))
         except BaseException:
             if whole:
                 note(f"stopped; {whole[-1]}")
@@ -458,7 +458,7 @@ class SimulateFrames(_OfOnePlan):
 
         check_session_folder(self.frames, resume=run.resume)
         found = self.selection(plan, frames=True, peak=self.peak)
-        _tell(plan, found)
+        _note_plan(plan, found)
         how: dict[str, Any] = {"tolerance": self.tolerance, "seed": self.seed, "peak": self.peak}
         source = SimulatedCamera(plan, found, level=self.level, **how)
         known = {"task": self.known(plan, found)["task"]}
@@ -498,7 +498,7 @@ class SimulateForecast(_OfOnePlan):
         """Choose the effects, and predict the cost of the simulation of ``plan``."""
         yield from ()
         found = self.selection(plan, frames=self.frames is not None, peak=self.peak)
-        _tell(plan)
+        _note_plan(plan)
         for target in filter(None, (self.out, self.frames)):
             note(f"{target} is not written, because of --plan-only")
         # the costs of effects are estimated without a run
@@ -530,7 +530,7 @@ SIMULATE = TaskSet(
 )
 
 
-def _tell(plan: ScanPlan, found: EffectSelection | None = None) -> None:
+def _note_plan(plan: ScanPlan, found: EffectSelection | None = None) -> None:
     """Report requested effects that are left out, and a period of H that does not match the lattice."""
     from lfcal.simulate.effects import CATALOGUE
 

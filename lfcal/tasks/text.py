@@ -74,17 +74,17 @@ def python_of(task: Task, run: RunSettings | None = None, imported: Collection[s
     <BLANKLINE>
     """
     names: set[tuple[str, str]] = set()
-    call, told = _call(task, names, 0), ""
-    if given := _told(run):
+    call, reported = _call(task, names, 0), ""
+    if given := _reported(run):
         names.add(("lfcal.tasks", "RunSettings"))
-        told = f"RunSettings({', '.join(f'{name}={value!r}' for name, value in given.items())})"
+        reported = f"RunSettings({', '.join(f'{name}={value!r}' for name, value in given.items())})"
     modules = {module for module, _ in names}.difference(imported)
     ordered = sorted(modules, key=lambda module: (module != "pathlib", module))
     imports = [f"from {m} import {', '.join(sorted(name for other, name in names if other == m))}" for m in ordered]
-    return "\n".join([*imports, "", f"made = {call}.run({told})", ""])
+    return "\n".join([*imports, "", f"made = {call}.run({reported})", ""])
 
 
-def _told(run: RunSettings | None) -> dict[str, Any]:
+def _reported(run: RunSettings | None) -> dict[str, Any]:
     """Return the run settings that differ from the defaults."""
     every = dataclasses.fields(run) if run else ()
     return {one.name: value for one in every if (value := getattr(run, one.name)) != one.default}
@@ -130,7 +130,7 @@ def job_of(task: Task, run: RunSettings | None = None) -> str:
     """
     data = task.to_dict()
     tables = {name: data.pop(name) for name in list(data) if isinstance(data[name], dict)}
-    tables |= {"run": more} if (more := _told(run)) else {}
+    tables |= {"run": more} if (more := _reported(run)) else {}
     lines = [f"{name} = {_toml(value)}" for name, value in data.items() if value is not None]
     for title, table in tables.items():
         lines += ["", f"[{title}]", *(f"{name} = {_toml(v)}" for name, v in table.items() if v is not None)]
@@ -154,7 +154,7 @@ def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[T
         raise FileFormatError.expected(
             f"{what}, task", 'a job with an entry such as task = "assemble"', "no such entry", "add the task"
         )
-    tasks, told = task_set(given.pop("task")), given.pop("run", {})
+    tasks, reported = task_set(given.pop("task")), given.pop("run", {})
     # a field that several kinds have is read as the first kind declares it, as on the command line
     known = {row.path: row for kind in reversed(tasks.kinds) for row in rows(kind)}
     fields, values = {row.name: row for row in known.values()}, {}
@@ -163,7 +163,7 @@ def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[T
         # H stores a value for every field, so a default counts as not given
         if fields[name].opt.chooses or placed not in (None, fields[name].default):
             values[name] = placed
-    run = from_flat(RunSettings, flat(rows(RunSettings), told, "run"))
+    run = from_flat(RunSettings, flat(rows(RunSettings), reported, "run"))
     return tasks.make(values, lambda name: ".".join(fields[name].path)), run
 
 

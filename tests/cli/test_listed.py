@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lfcal.camera import Camera
-from lfcal.tasks._scan_frames import tell_size
+from lfcal.tasks._scan_frames import note_size
 from tests.cli.conftest import Run
 from tests.frames.lists.scans import SENSOR, scan, small_camera, write_frames
 
@@ -28,7 +28,7 @@ from tests.frames.lists.scans import SENSOR, scan, small_camera, write_frames
 def test_binned_frames_need_a_camera_of_larger_pixels(
     shape: tuple[int, int], words: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    tell_size(shape, small_camera())
+    note_size(shape, small_camera())
     said = caplog.text
     assert words in said and ("--frame" in said) != ("--sensor" in said)
 
@@ -38,7 +38,7 @@ def test_what_is_said_of_binned_frames_makes_their_camera(
 ) -> None:
     camera = small_camera()
     (tmp_path / "camera.json").write_text(camera.to_json())
-    tell_size((SENSOR[0] // 2, SENSOR[1] // 2), camera)
+    note_size((SENSOR[0] // 2, SENSOR[1] // 2), camera)
     said = caplog.text
     words = said[said.index("camera import") : said.index("BINNED,")].split()
     names = {"CAMERA": tmp_path / "camera.json"}

@@ -109,7 +109,7 @@ def iter_exposures(
                         "light that is too weak or too strong at every exposure",
                         "change the lamp or the iris",
                     )
-                # the brightest place of a plane decides; the first is only a start of the search
+                # the brightest position of a plane decides; the first is only a start of the search
                 seconds = min(seconds, suggestion) if (x, y, depth) != tuple(targets[z * len(places)]) else suggestion
             found.append(seconds)
     yield clock.at(nz)

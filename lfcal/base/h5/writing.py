@@ -52,7 +52,7 @@ def new_h5(
                 raw.closing = True  # a flush that reports a failure leaves a file that cannot be closed
                 file.close()
             raw.check()
-            # HDF5 does not touch this place, but only after it has finished
+            # HDF5 does not touch these bytes, but only after it has finished
             raw.seek(0)
             raw.write(header)
             raw.check()

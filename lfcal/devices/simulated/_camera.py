@@ -268,7 +268,7 @@ class SimCamera:
         count = self._since_move[1] + 1 if self._since_move[0] == self._stage.moves else 0
         self._since_move = (self._stage.moves, count)
         key = struct.pack(
-            # nanometres and microseconds: rounding errors of the same place must not change the noise
+            # nanometres and microseconds: rounding errors of the same position must not change the noise
             "<4q2I",
             *(round(v * 1000) for v in place),
             round(self._exposure * 1e6),
@@ -309,7 +309,7 @@ class SimCamera:
         if bottom <= top or right <= left:
             return
         light = patch.counts[top - row : bottom - row, left - column : right - column]
-        # the same random numbers give read and photon noise, so that both are reproducible at a place
+        # the same random numbers give read and photon noise, so that both are reproducible at a position
         dark, normal = (grain.of(self._normal, slice(top, bottom), slice(left, right)) for grain in grains)
         sensor = self._sensor
         gain = np.float32(1 / sensor.electrons_per_count)

@@ -71,7 +71,7 @@ class PatternRenderer:
         column = self._centre[1] + source_um[0] / step
         sigma = self._sigma(source_um[2])
         peak = np.float32(self._rate * exposure_s / sigma**2)
-        # rounded, so that the cache also works for the same place reached along another path
+        # rounded, so that the cache also works for the same position reached along another path
         top, down = _profile(round(row, 6), sigma, self._plan.period[0])
         left, along = _profile(round(column, 6), sigma, self._plan.period[1])
         return LightPatch(top, left, np.multiply.outer(peak * down, along))
@@ -122,7 +122,7 @@ class FramesRenderer:
                 "frames", f"the sensor's shape {plan.camera.sensor.shape}", frames.shape, "give frames of this sensor"
             )
         self._plan, self._frames = plan, frames
-        # a live view shows the same place repeatedly
+        # a live view shows the same position repeatedly
         self._patch_of = functools.lru_cache(maxsize=2)(frames.patch_of) if isinstance(frames, LitFrames) else None
         self._index = {tuple(frames.info(k).position): k for k in range(len(frames))}
 

@@ -111,7 +111,7 @@ class SimStage:
         self._lost = False
         self._off: Point = (0.0, 0.0, 0.0)
         self._slip_um = slip_um
-        # after this time, the ringing is below 0.1 nm and ignored, so that places repeat exactly
+        # after this time, the ringing is below 0.1 nm and ignored, so that positions repeat exactly
         self._quiet_s = self.model.ringing_s * math.log(max(self.model.ringing_um, 1e-4) / 1e-4)
         self.moves = 0
 
@@ -202,7 +202,7 @@ class SimStage:
 
     def _settled(self) -> Point:
         """Return the positions of the motors after arrival, without ringing."""
-        # exactly the target, so that places are reproduced bit by bit
+        # exactly the target, so that positions are reproduced bit by bit
         if self._drift == (0.0, 0.0, 0.0):
             return self._target
         rest = self._time.monotonic() - self._ends

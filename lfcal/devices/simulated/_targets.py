@@ -71,7 +71,7 @@ class TargetRenderer:
 
     def __init__(self, frames: TargetCamera) -> None:
         self._frames = frames
-        # a live view and repeated exposures show the same place repeatedly
+        # a live view and repeated exposures show the same position repeatedly
         self._light = functools.lru_cache(maxsize=2)(frames.light_at)
 
     @property

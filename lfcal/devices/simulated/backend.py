@@ -206,7 +206,7 @@ def _stage_model(plan: ScanPlan, options: Mapping[str, str]) -> StageModel:
 
 def _around(plan: ScanPlan) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
     """Return the travel of the stage: the plan's positions with a wide margin."""
-    # a thousand places show the extent; a large plan has millions
+    # a thousand positions show the extent; a large plan has millions
     places = plan.stage_um(plan.order_indices()[:: max(1, plan.n_positions // 1000)])
     (x0, y0, z0), (x1, y1, z1) = (places.min(axis=0) - 5e5).tolist(), (places.max(axis=0) + 5e5).tolist()
     return (x0, x1), (y0, y1), (z0, z1)

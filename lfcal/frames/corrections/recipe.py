@@ -235,7 +235,7 @@ def _defects(
     """Return the listed defective pixels and, if requested, those found in the frames; None without either."""
     found = None
     if search:
-        # the search compares one place of the sensor over all frames; cutouts are at different places
+        # the search compares one position of the sensor over all frames; cutouts are at different positions
         if are_cutouts(source):
             raise InputError.expected(
                 "search for defect pixels", "whole sensor frames", "cutouts", "record whole frames for the search"

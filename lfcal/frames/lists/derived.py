@@ -289,7 +289,7 @@ def step_error(lateral: NDArray[np.float64], plane: PlaneGrid) -> float:
             unit = rounding(points[:, axis], size)
             left, scatter = _rounding_error(straight, group, numbers, unit, plane.steps[axis, axis])
             left = (gradient[axis, axis] * left) ** 2
-            # the digits of places without scatter determine everything
+            # the digits of positions without scatter determine everything
             error = left if left and scatter < 0.01 else max(error, left)
         total += error
     return math.sqrt(total)

@@ -216,7 +216,7 @@ def find_stage_orientation(
         # a possible one, or if none is, the one nearest to the planned position of the light
         return own or upright or min(found, key=lambda one: _away(one, light, plan), default=None)
     if_frames, if_scan = _away(own, light, plan), _away(upright, light, plan)
-    # places in cropped frames are meaningless; a stage's origin is only accurate to a part of the cutout
+    # positions in cropped frames are meaningless; a stage's origin is only accurate to a part of the cutout
     slack = max(2.0, 0.1 * max(plan.cutout), 2 * light.rms_px)
     if shaped and abs(if_frames - if_scan) >= max(2 * slack, min(if_frames, if_scan)):
         return own if if_frames < if_scan else upright

@@ -209,7 +209,7 @@ def _edges(pair: FramePair, variance: float) -> NDArray[np.float64]:
         return np.array([-np.inf, np.inf])
     inner = np.linspace(low, high, count + 1)[1:-1]
     if coarse:
-        # means of few integer samples are on a grid, where their place depends on their difference
+        # means of few integer samples are on a grid, where their position depends on their difference
         level = float(np.median(pair.dark))
         inner = np.round(inner + level) + 0.5 / pair.frames - level
     return np.concatenate([[-np.inf], inner, [np.inf]])

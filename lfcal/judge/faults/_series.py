@@ -125,12 +125,12 @@ def sharpest_step(order: NDArray[np.intp], values: F8, sigmas: F8) -> SeriesJump
     n = np.arange(1, len(v))
     sums = np.cumsum(v)[:-1]
     before, after = sums / n, (v.sum() - sums) / (len(v) - n)
-    told = np.abs(after - before) / scatter * np.sqrt(n * (len(v) - n) / len(v))
-    told[: FEW - 1] = told[len(told) - FEW + 1 :] = 0.0
-    k = int(np.argmax(told))
+    reported = np.abs(after - before) / scatter * np.sqrt(n * (len(v) - n) / len(v))
+    reported[: FEW - 1] = reported[len(reported) - FEW + 1 :] = 0.0
+    k = int(np.argmax(reported))
     stepped = v - np.where(np.arange(len(v)) > k, after[k], before[k])
     straight = v - np.polyval(np.polyfit(np.arange(len(v)), v, 1), np.arange(len(v)))
     if np.median(np.abs(stepped)) > BETTER * np.median(np.abs(straight)):
         return None  # it changes evenly
     size = float(np.median(whole[k + 1 :]) - np.median(whole[: k + 1]))
-    return SeriesJump(size, float(told[k]), order[k + 1 :])
+    return SeriesJump(size, float(reported[k]), order[k + 1 :])

@@ -46,9 +46,9 @@ class AutoExposure(Fault):
         light, peaks = (np.log(np.where(seen, part, 1.0)) for part in (values, tops))
         errors = np.where(seen, sigmas / np.where(seen, values, 1.0), np.inf)
         # within planes: a plane that is dimmer as a whole has another fault
-        found, told, left = robust(np.concatenate([planes, peaks[:, None]], 1), light, errors)
+        found, reported, left = robust(np.concatenate([planes, peaks[:, None]], 1), light, errors)
         _, _, flat = robust(planes, light, errors)
-        power, error = float(found[-1]), float(told[-1])
+        power, error = float(found[-1]), float(reported[-1])
         after, before = usual(left, errors), usual(flat, errors)
         if before is None or after is None or before.scatter < WORTH or after.scatter > BETTER * before.scatter:
             return

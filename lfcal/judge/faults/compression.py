@@ -122,14 +122,14 @@ class Compression(Fault):
             shifted = np.mean([np.roll(gone, by, (0, 1)) for by in BESIDE], axis=0)
             more = gone - shifted
             k = np.unravel_index(int(np.argmax(more)), more.shape)
-            told = float(more[k] / np.sqrt(shifted[k] * (1 - shifted[k]) / counts[k] * (1 + 1 / len(BESIDE))))
-            if more[k] < GONE or told < SURE:
+            reported = float(more[k] / np.sqrt(shifted[k] * (1 - shifted[k]) / counts[k] * (1 + 1 / len(BESIDE))))
+            if more[k] < GONE or reported < SURE:
                 continue
             yield FoundFault(
                 self,
                 f"{100 * gone[k]:.0f} % of the finest structure in blocks of {BLOCK} x {BLOCK} pixels of the {what} "
                 f"is lost, and {100 * shifted[k]:.0f} % in shifted blocks",
-                told,
+                reported,
                 float(np.sqrt(np.square(evidence.left).mean()) / max(float(np.abs(evidence.light).mean()), 1e-300)),
                 picture=FaultPicture(
                     100 * gone,
@@ -179,15 +179,15 @@ def _borders(
     counts = np.bincount(lines.ravel(), both.sum(2 - axis).ravel())
     common = np.bincount(lines.ravel(), np.where(both, steps, 0).sum(2 - axis).ravel()) / np.maximum(counts, 1)
     shared = common[lines][:, :, None] if axis == 0 else common[lines][:, None]
-    told = []
+    reported = []
     for some in (steps, steps - shared):
         sums = np.where(both, np.abs(some), 0).sum(2 - axis)
         many = np.bincount(lines.ravel() % block, both.sum(2 - axis).ravel(), block)
         each = np.bincount(lines.ravel() % block, sums.ravel(), block) / np.maximum(many, 1)
         most = int(np.argmax(each))
-        told.append(float(each[most] / max(float(np.delete(each, most).mean()), 1e-300)))
+        reported.append(float(each[most] / max(float(np.delete(each, most).mean()), 1e-300)))
     # the mean of this number of magnitudes scatters by 0.75 over its square root; lost detail exceeds this
-    return told[0], (told[0] - 1) * float(np.sqrt(max(float(many.min()), 1.0))) / 2.0, told[1]
+    return reported[0], (reported[0] - 1) * float(np.sqrt(max(float(many.min()), 1.0))) / 2.0, reported[1]
 
 
 def _gone(evidence: Evidence, corners: NDArray[np.intp]) -> tuple[F8, F8]:

@@ -129,9 +129,9 @@ class Lamp(Fault):
         if step is not None and step.sigmas > SURE and abs(step.size) > WORTH:
             first = tuple(int(v) for v in evidence.index[step.after[0]])
             where = f"{first[1:]} onwards in every plane" if step is each else f"{first} onwards"
-            detail, told, size = f"{100 * step.size:+.1f} % from {where}", step.sigmas, abs(step.size)
+            detail, reported, size = f"{100 * step.size:+.1f} % from {where}", step.sigmas, abs(step.size)
         elif abs(trend) > SURE * error and abs(trend) > WORTH:
-            detail, told, size = f"{100 * trend:+.1f} % over the scan of a plane", abs(trend) / error, abs(trend)
+            detail, reported, size = f"{100 * trend:+.1f} % over the scan of a plane", abs(trend) / error, abs(trend)
         else:
             return
 
@@ -148,7 +148,7 @@ class Lamp(Fault):
         yield FoundFault(
             self,
             detail,
-            float(told),
+            float(reported),
             size / 4,
             picture=FaultPicture(100 * gains[order], "%", "light relative to the plane", ("pattern in scan order",)),
             repair=lambda index, patterns: (patterns / light(index)).astype(np.float32),

@@ -129,21 +129,21 @@ class NotLinear(Fault):
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield a fault if a nonlinear law explains the values, with the better of two laws."""
         peak = float(np.abs(evidence.data).max()) or 1.0
-        bend, sigma = _told(evidence, _Power(peak))
+        bend, sigma = _reported(evidence, _Power(peak))
         likely = _likeliest(evidence, peak)
         if likely is None and abs(bend) < max(CURVED, SURE * sigma):
             return
-        start, told = (_Power(peak, bend), abs(bend) / sigma) if likely is None else likely
+        start, reported = (_Power(peak, bend), abs(bend) / sigma) if likely is None else likely
         tried = [_settled(evidence, start)]
         if likely is None:
-            tried.append(_settled(evidence, _Sag(peak).further(_told(evidence, _Sag(peak))[0])))
+            tried.append(_settled(evidence, _Sag(peak).further(_reported(evidence, _Sag(peak))[0])))
         law, sigma, now = min(tried, key=lambda one: one[2].misfit)
         light = np.maximum(now.light, 0)
         change = np.abs(law.bent(light) - light).sum(dtype=np.float64)
         yield FoundFault(
             self,
             law.words(sigma),
-            told,
+            reported,
             float(change / max(float(light.sum(dtype=np.float64)), 1e-300)),
             picture=_tone(evidence, light, peak),
             repair=lambda index, patterns: law.straight(patterns),
@@ -155,12 +155,12 @@ def _settled(evidence: Evidence, law: _Law) -> tuple[_Law, float, Evidence]:
     """Return a fitted law, the standard deviation of its curvature, and the evidence of linear values."""
     for _ in range(TURNS):
         now = evidence.with_data(law.straight(evidence.data), evidence.valid)
-        more, sigma = _told(now, law)
+        more, sigma = _reported(now, law)
         law = law.further(more)
     return law, sigma, evidence.with_data(law.straight(evidence.data), evidence.valid)
 
 
-def _told(evidence: Evidence, law: _Law) -> tuple[float, float]:
+def _reported(evidence: Evidence, law: _Law) -> tuple[float, float]:
     """Return the remaining bend of the values by a law, and its standard deviation."""
     values, sigmas = evidence.beyond(law.column(np.maximum(evidence.light, 0)))
     return _mean(values, sigmas) if np.isfinite(sigmas).any() else (0.0, np.inf)

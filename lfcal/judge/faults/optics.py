@@ -71,7 +71,7 @@ class DepthLabel(Fault):
         """Yield a fault with the planes whose virtual depths differ from those stated."""
         values, sigmas = evidence.column("depth")
         z, camera = evidence.index[:, 0], evidence.plan.camera
-        planes, words, worst, told = [], [], 0.0, 0.0
+        planes, words, worst, reported = [], [], 0.0, 0.0
         across = np.full(len(evidence.plan.depths_um), np.nan)
         for plane in np.unique(z).tolist():
             own = (z == plane) & np.isfinite(sigmas)
@@ -86,13 +86,13 @@ class DepthLabel(Fault):
                 planes.append(plane)
                 there = v + mean * (1.0 if near else v)
                 words.append(f"plane {plane}: v = {there:.3f} instead of {v:.3f}")
-                worst, told = max(worst, abs(mean)), max(told, abs(mean) / error)
+                worst, reported = max(worst, abs(mean)), max(reported, abs(mean) / error)
         if planes:
             more = f" and {len(words) - 3} more" if len(words) > 3 else ""
             yield FoundFault(
                 self,
                 "; ".join(words[:3]) + more,
-                told,
+                reported,
                 share_of(evidence, worst, ("depth",)) * len(planes) / len(np.unique(z)),
                 positions=evidence.index[np.isin(z, planes)],
                 picture=FaultPicture(across, "%", "virtual depth relative to that stated", ("plane",)),

@@ -142,7 +142,7 @@ class WrongOrder(Fault):
         back = {f"every other {line} of positions is reversed": axis for axis, line in ((1, "row"), (2, "column"))}
         lines = {name: _to_and_fro(period, axis) for name, axis in back.items()}
         turned: dict[int, str] = {}
-        told = 0.0
+        reported = 0.0
         for z in np.unique(evidence.index[:, 0]).tolist():
             own = np.flatnonzero((evidence.index[:, 0] == z) & ~evidence.asked)
             found = _best(evidence, z, own, orders)
@@ -151,14 +151,14 @@ class WrongOrder(Fault):
                     break
                 found = _best(evidence, z, own[evidence.index[own, back[name]] % 2 == 1], {name: order})
             if found is not None:
-                turned[z], told = found[0], max(told, found[1])
+                turned[z], reported = found[0], max(reported, found[1])
         if not turned:
             return
         words = "; ".join(f"plane {z}: {name}" for z, name in list(turned.items())[:3])
         yield FoundFault(
             self,
             words + (f"; and {len(turned) - 3} more planes" if len(turned) > 3 else ""),
-            told,
+            reported,
             len(turned) / len(np.unique(evidence.index[:, 0])),
             positions=evidence.index[np.isin(evidence.index[:, 0], list(turned))],
             picture=place_map(evidence, evidence.alike, "correlation", "correlation with the camera's pattern"),

@@ -78,12 +78,12 @@ class Pupil(Fault):
         """Yield a fault with the planes in which the light is uneven over the cutouts."""
         here = now = evidence
         lit = np.ones((evidence.plan.shape[0], *evidence.plan.cutout))
-        told, before = 0.0, _excess(evidence)
+        reported, before = 0.0, _excess(evidence)
         for turn, blocks in enumerate(BLOCKS):
             gains, sigmas = _parts(now, blocks)
             if turn == 0:
-                told = float(np.sqrt(np.square(gains / sigmas).mean()))
-                if told < TOLD:
+                reported = float(np.sqrt(np.square(gains / sigmas).mean()))
+                if reported < TOLD:
                     return
             # minus the contribution of chance: small parts have few samples
             sure = np.clip(1 - np.square(sigmas) / np.maximum(np.square(gains), 1e-12), 0, 1)
@@ -111,7 +111,7 @@ class Pupil(Fault):
             self,
             f"the light falls to {100 * float(image.min()):.0f} % at an angle of {side:.0f}° in the pattern "
             f"(clockwise from the right); {100 * scatter:.0f} % (rms) over the pattern",
-            told,
+            reported,
             scatter / 2,
             picture=FaultPicture(
                 100 * lit[z], "%", f"light relative to that of the camera, plane {z}", ("row (px)", "column (px)")
@@ -195,7 +195,7 @@ class TypeFocus(Fault):
         change, other, _ = settled
         share = float(np.abs(other - evidence.light).sum() / max(float(evidence.light.sum()), 1e-300))
         focal = evidence.plan.camera.lattice.types[kind].focal_length_um
-        told = np.array([100 * value for value, _ in tried])
+        reported = np.array([100 * value for value, _ in tried])
 
         def put_in(patch: Patch) -> F4:
             return replace(patch, known=_with_focal(patch.known, kind, change)).moved()
@@ -205,7 +205,7 @@ class TypeFocus(Fault):
             f"type {kind}: focal length {focal * (1 + change):.1f} µm instead of {focal:.1f} µm",
             abs(tried[kind][0]) / sigma,
             share,
-            picture=FaultPicture(told, "%", "focal length relative to that stated", ("lens type",)),
+            picture=FaultPicture(reported, "%", "focal length relative to that stated", ("lens type",)),
             repair=adding(evidence.index, evidence.light - other),
             put_in=put_in,
         )

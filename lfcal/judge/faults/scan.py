@@ -84,20 +84,20 @@ class StageAxesFault(Fault):
         down, across = (_fitted(evidence, name) for name in ("source_y", "source_x"))
         ny, nx = evidence.plan.period
         size = {"by_row": ny / 2, "by_column": nx / 2}
-        told = {
+        reported = {
             (axis, term): part.terms[term]
             for axis, part in (("y", down), ("x", across))
             for term in ("by_row", "by_column")
         }
         seen = {
             key: value
-            for key, (value, sigma) in told.items()
+            for key, (value, sigma) in reported.items()
             if abs(value) > SURE * sigma and abs(value) * size[key[1]] > WORTH_PX
         }
         if not seen:
             return
         worst = max(abs(v) * size[key[1]] for key, v in seen.items())
-        sigmas = max(abs(told[key][0]) / told[key][1] for key in seen)
+        sigmas = max(abs(reported[key][0]) / reported[key][1] for key in seen)
         values, _ = evidence.column("source_x" if any(a == "x" for a, _ in seen) else "source_y")
         yield FoundFault(
             self,
@@ -307,13 +307,13 @@ class Strangers(Fault):
         if not bad.size or evidence.extent(bad) > MANY:
             return
         scatter = max(1e-2, 1.4826 * float(np.median(np.abs(far))))
-        told = max(float(np.abs(far[bad]).max()) / scatter, float(np.median(alike) - alike[bad].min()) / 0.02)
+        reported = max(float(np.abs(far[bad]).max()) / scatter, float(np.median(alike) - alike[bad].min()) / 0.02)
         some = "; ".join(_whose(evidence, int(k), far[k], unlike=bool(unlike[k])) for k in bad[:3])
         many = "1 pattern" if bad.size == 1 else f"{bad.size} patterns"
         yield FoundFault(
             self,
             f"{many} of {len(evidence)} compared: {some}{' and more' if bad.size > 3 else ''}",
-            told,
+            reported,
             evidence.extent(bad),
             positions=evidence.index[bad],
             picture=place_map(evidence, alike, "correlation", "correlation with the camera's pattern"),

@@ -53,8 +53,8 @@ def standing_out(values: F8, sigmas: F8) -> tuple[F8, F8]:
     off = filled - median_filter(filled, size=NEAR, mode="nearest")
     good = np.isfinite(sigmas)
     common = 1.4826 * float(np.median(np.abs(off[good]))) if good.any() else 0.0
-    told = np.where(good, off / np.hypot(np.where(good, sigmas, 1.0), common), 0.0)
-    return off, told
+    reported = np.where(good, off / np.hypot(np.where(good, sigmas, 1.0), common), 0.0)
+    return off, reported
 
 
 def bridged(axis: int, lines: NDArray[np.intp]) -> Repair:
@@ -144,13 +144,13 @@ class DeadLine(Fault):
         total = sensor_map(evidence)
         for axis in (0, 1):
             lines = total.lines(axis)
-            off, told = standing_out(lines.gain, lines.gain_sigma)
-            bad = np.flatnonzero((told < -SURE) & (off < -DIM))
+            off, reported = standing_out(lines.gain, lines.gain_sigma)
+            bad = np.flatnonzero((reported < -SURE) & (off < -DIM))
             each = total.pixels()
             bad = bad[_whole(axis, bad, -each.gain, each.gain_sigma, -off)]
             light = np.sqrt(total.light).sum(1 - axis)
             bad = bad[(light > SEEN * median_filter(light, size=NEAR, mode="nearest"))[bad]]
-            if not bad.size or bad.size > 0.1 * told.size:
+            if not bad.size or bad.size > 0.1 * reported.size:
                 continue
             share = _share(total, axis, bad, np.abs(off[bad]))
             if share < LITTLE or not _explain(evidence, axis, bad):
@@ -161,7 +161,7 @@ class DeadLine(Fault):
             yield FoundFault(
                 self,
                 f"{_named(axis, bad)} of the scanned region: {100 * min(lost, 1):.0f} % of the light is missing",
-                float(-told[worst]),
+                float(-reported[worst]),
                 share,
                 pixels=_pixels(axis, bad, total.weight.shape),
                 picture=_curve(100 * off, "%", "light relative to the neighbours", axis),
@@ -196,18 +196,18 @@ class HotLine(Fault):
         peak = float(evidence.light.max())
         for axis in (0, 1):
             lines = total.lines(axis)
-            off, told = standing_out(lines.offset, lines.offset_sigma)
-            bad = np.flatnonzero((told > SURE) & (off > 5 * BRIGHT * peak))
+            off, reported = standing_out(lines.offset, lines.offset_sigma)
+            bad = np.flatnonzero((reported > SURE) & (off > 5 * BRIGHT * peak))
             each = total.pixels()
             bad = bad[_whole(axis, bad, each.offset, each.offset_sigma, off)]
-            if not bad.size or bad.size > 0.1 * told.size or _many(lines, off):
+            if not bad.size or bad.size > 0.1 * reported.size or _many(lines, off):
                 continue
             worst = int(bad[np.argmax(off[bad])])
             clean = np.where(np.isin(np.arange(off.size), bad), off, 0.0)
             yield FoundFault(
                 self,
                 f"{_named(axis, bad)} of the scanned region: {off[worst]:.3g} counts too high",
-                float(told[worst]),
+                float(reported[worst]),
                 _added(evidence, off[bad]),
                 pixels=_pixels(axis, bad, total.weight.shape),
                 picture=_curve(off, "counts", "counts relative to the neighbours", axis),

@@ -62,24 +62,24 @@ class BadPixels(Fault):
         total = sensor_map(evidence)
         each = total.pixels()
         peak = float(evidence.light.max())
-        hot, hot_told = _apart(each.offset, each.offset_sigma)
+        hot, hot_reported = _apart(each.offset, each.offset_sigma)
         # at the edges of the scanned part, the tails of a few patterns carry little information
         lit = total.light > SEEN * float(total.light.max())
-        dim, dim_told = _apart(each.gain, each.gain_sigma, lit)
-        dark = (dim_told < -SURE) & (dim < -DUSTY) & lit
+        dim, dim_reported = _apart(each.gain, each.gain_sigma, lit)
+        dark = (dim_reported < -SURE) & (dim < -DUSTY) & lit
         spots = convolve(dark.astype(np.intp), np.ones((3, 3), np.intp), mode="constant") >= TOGETHER
-        bad = ((hot_told > SURE) & (hot > 10 * BRIGHT * peak)) | (dark & ((dim < -DEAD) | spots))
+        bad = ((hot_reported > SURE) & (hot > 10 * BRIGHT * peak)) | (dark & ((dim < -DEAD) | spots))
         # a line is a separate fault
         for axis in (0, 1):
             many = bad.sum(1 - axis) > 0.2 * bad.shape[1 - axis]
             bad &= ~(many[:, None] if axis == 0 else many[None, :])
         if not bad.any() or bad.mean() > MOST:
             return
-        bad = _in_most(evidence, bad, np.where(hot_told > SURE, hot, 0.0), dim)
+        bad = _in_most(evidence, bad, np.where(hot_reported > SURE, hot, 0.0), dim)
         if not bad.any():
             return
         pixels = np.argwhere(bad)
-        worst = float(np.maximum(np.abs(hot_told), np.abs(dim_told))[bad].max())
+        worst = float(np.maximum(np.abs(hot_reported), np.abs(dim_reported))[bad].max())
         more = " and more" if len(pixels) > 3 else ""
         some = ", ".join(f"({r}, {c})" for r, c in pixels[:3].tolist())
         lost = np.sqrt(total.light) * np.clip(-dim, 0, 1) / max(float(np.sqrt(total.light).sum()), 1e-300)
@@ -185,8 +185,8 @@ class MosaicFault(Fault):
         # by the median over lines, because a single dead line is not a mosaic
         gains = _by_lines(total)
         sigmas = four.gain_sigma
-        told = float((np.abs(gains) / sigmas).max())
-        if told < SURE or float(np.ptp(gains)) < UNEVEN:
+        reported = float((np.abs(gains) / sigmas).max())
+        if reported < SURE or float(np.ptp(gains)) < UNEVEN:
             return
         ratios = 1 + gains
         words = ", ".join(f"{v:.2f}" for v in (ratios / ratios.max()).ravel())
@@ -200,7 +200,7 @@ class MosaicFault(Fault):
         yield FoundFault(
             self,
             f"the pixels of a 2 x 2 block receive {words} of the light",
-            told,
+            reported,
             float(np.abs(gains).mean()),
             picture=FaultPicture(
                 ratios, "ratio", "light of the pixels of a 2 x 2 block", ("row modulo 2", "column modulo 2")

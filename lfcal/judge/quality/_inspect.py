@@ -194,7 +194,7 @@ def _rank(metric: Metric) -> tuple[int, float]:
 
 def _report(measures: MatrixMeasures, metrics: tuple[Metric, ...], seconds: float) -> QualityReport:
     H, planes = measures.matrix, measures.planes
-    apertures = tuple(_told(p, size) for p, size in zip(planes, measures.shadows_px, strict=True))
+    apertures = tuple(_reported(p, size) for p, size in zip(planes, measures.shadows_px, strict=True))
     return QualityReport(
         shape=H.shape,
         depths=H.known_depths,
@@ -211,7 +211,7 @@ def _report(measures: MatrixMeasures, metrics: tuple[Metric, ...], seconds: floa
     )
 
 
-def _told(plane: PlaneMeasures, shadow_px: float) -> Aperture:
+def _reported(plane: PlaneMeasures, shadow_px: float) -> Aperture:
     """Return the aperture of a plane, which is rejected if its sum shows the lenslets instead of the shadow."""
     aperture, edges = plane.about.aperture, plane.edges
     known = lattice_camera(plane.about.matrix) is not None and math.isfinite(plane.spread) and plane.lit

@@ -133,7 +133,7 @@ def measure_positions(
     """
     turned = turned_frames(table, use)
     if turned != AS_IS:
-        # steps, drifts and places in the wrong direction would only report the same fault again
+        # steps, drifts and positions in the wrong direction would only report the same fault again
         return Positions(turned=turned)
     spots = find_spots(patterns, use, table.floor, waves, diameter_px, workers)
     if spots is None:

@@ -385,10 +385,10 @@ def judge(spec: MetricSpec, readings: Sequence[Reading], shape: tuple[int, int, 
 
 def _cost(spec: MetricSpec, value: float, readings: Sequence[Reading], frames: int) -> float:
     """Return the cost of a value that is not good: that measured for the planes, or else the typical one."""
-    told = [one.cost for one in readings if not math.isnan(one.cost)]
+    reported = [one.cost for one in readings if not math.isnan(one.cost)]
     typical = spec.cost.of(value, spec.limits, frames)
-    if told and typical > 0:
-        typical = min(spec.cost.worst, math.sqrt(sum(cost**2 for cost in told) / len(readings)))
+    if reported and typical > 0:
+        typical = min(spec.cost.worst, math.sqrt(sum(cost**2 for cost in reported) / len(readings)))
     # NaN if the value is unknown
     return typical if math.isnan(typical) else min(LARGEST, typical)
 

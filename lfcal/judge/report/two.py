@@ -114,17 +114,17 @@ def _rows(name: str, whole: Figures, types: tuple[Figures, ...]) -> list[tuple[s
             name,
             kind,
             _percent(one.nrmse),
-            _told(one.scale, ".5g"),
+            _reported(one.scale, ".5g"),
             _percent(one.scaled),
             _shift(one.shift_px),
             _percent(one.left),
-            _told(one.correlation, ".5f"),
+            _reported(one.correlation, ".5f"),
         )
         for kind, one in [("all", whole), *((f"type {t}", one) for t, one in enumerate(types))]
     ]
 
 
-def _told(value: float, form: str) -> str:
+def _reported(value: float, form: str) -> str:
     return format(value, form) if math.isfinite(value) else "–"
 
 
@@ -184,17 +184,17 @@ def iter_compared_report(found: Comparison, folder: str | os.PathLike[str], seco
 def names(found: Comparison) -> tuple[str, str]:
     """Return the names of both H: their file names, with folders if the file names are equal."""
     paths = [Path(m.path) for m in (found.pair.a, found.pair.b)]
-    told = [one_line(path.name) or which for path, which in zip(paths, ("first H", "second H"), strict=True)]
-    if told[0] == told[1]:
-        told = [one_line(f"{path.parent.name}/{path.name}") for path in paths]
-    return told[0], told[1]
+    reported = [one_line(path.name) or which for path, which in zip(paths, ("first H", "second H"), strict=True)]
+    if reported[0] == reported[1]:
+        reported = [one_line(f"{path.parent.name}/{path.name}") for path in paths]
+    return reported[0], reported[1]
 
 
 def _page(found: Comparison, drawn: list[ReportPicture], seconds: float) -> str:
     first, second = names(found)
     notes = "".join(f"<li>{html_text(note)}</li>" for note in found.notes)
     rows = [[html_text(cell) for cell in row] for row in figure_rows(found)]
-    told = (
+    reported = (
         '<p class="note">NRMSE: |A − B| / |B|. Scale: the number g that minimizes |A − g B|, with |A − g B| / |A| at '
         "this scale. Left: the residual if B is also shifted. Lenslets: pixels behind lenslets of one type.</p>"
     )
@@ -205,7 +205,7 @@ def _page(found: Comparison, drawn: list[ReportPicture], seconds: float) -> str:
         [
             f'<section class="verdict">{html_text(verdict(found))}<p>{html_text(compared_words(found))}.</p></section>',
             html_section("What was left out", f"<ul>{notes}</ul>" if notes else ""),
-            html_section("Numbers", html_table(COLUMNS, rows, range(2, len(COLUMNS))) + told),
+            html_section("Numbers", html_table(COLUMNS, rows, range(2, len(COLUMNS))) + reported),
             html_section("Largest differences", figures(drawn, "patterns")),
             html_section("Over source positions", figures(drawn, "maps")),
         ],

@@ -47,7 +47,7 @@ def find_obstruction(
     rim = np.interp(np.arctan2(y, x) % (2 * math.pi), ANGLES, edge, period=2 * math.pi)
     inside = np.hypot(x, y) < rim - 3 * blur_px - 1
     area = math.pi * float(np.mean(edge**2))
-    # smooth until the noise no longer makes dark places
+    # smooth until the noise no longer makes dark spots
     width = max(1.0, blur_px / 2, CERTAIN * noise / (2 * math.sqrt(math.pi) * (1 - DARK)))
     if width > 0.1 * math.sqrt(area):
         return None

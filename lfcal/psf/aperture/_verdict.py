@@ -129,7 +129,7 @@ def judged(edge: Edge, snr: float) -> EdgeVerdict:
         fits = max(_matched(edge, fits), key=lambda found: found.gain)
     fits = _with_faults(fits)
     if fits.best.arcs.stuck >= 0 or fits.best.arcs.rim is not None:
-        # a blade far out of place lies outside the matched window about a regular iris
+        # a displaced blade lies outside the matched window about a regular iris
         about = _about(fits.best)
         again = matched_edge(edge, about)
         fits = _with_faults(_fitted(again), always=True)

@@ -104,7 +104,7 @@ class DeviceSparse(DeviceEngine):
             values.append(np.where(inside, entries.value[at], 0).ravel())
             slices.append((len(own), most, begin))
             begin += inside.size
-        # phases without entries share the last place, which is zero
+        # phases without entries share the last entry, which is zero
         places = np.full(len(counts), len(order), np.int32)
         places[order] = np.arange(len(order), dtype=np.int32)
         none = (np.empty(0, np.int32), np.empty(0, self.dtype))

@@ -144,7 +144,7 @@ class FoundFit:
 
     def iter_model(self, path: Path) -> Work[Path]:
         """Write H of the fitted camera, with the task of the fit in its provenance."""
-        stated = {} if self.is_taken else self.question.task_in(path.parent).told
+        stated = {} if self.is_taken else self.question.task_in(path.parent).provenance
         return (yield from iter_write_model(self.fit, path, provenance={**self.known, **stated}))
 
     def fate(self, place: Place) -> str:

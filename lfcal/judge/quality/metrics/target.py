@@ -12,7 +12,7 @@ from lfcal.judge.quality.metric import UNKNOWN, CostModel, Limits, MetricSpec, R
 __all__ = ["METRICS"]
 
 
-def _told(key: str, factor: float = 1.0) -> Callable[[MatrixMeasures], Sequence[Reading]]:
+def _reported(key: str, factor: float = 1.0) -> Callable[[MatrixMeasures], Sequence[Reading]]:
     """Return a measure that reads a number from the provenance of H; unknown for an H of single points."""
 
     def of_matrix(measures: MatrixMeasures) -> Sequence[Reading]:
@@ -32,7 +32,7 @@ def _told(key: str, factor: float = 1.0) -> Callable[[MatrixMeasures], Sequence[
 
 def _metric(
     key: str,
-    told: str,
+    reported: str,
     limits: tuple[float, float],
     cost: tuple[float, float],
     words: tuple[str, str, str],
@@ -43,7 +43,7 @@ def _metric(
     ``limits`` are good and bad, ``cost`` at bad and at worst, ``words`` title, meaning and advice.
     """
     (good, bad), (at_bad, worst), (title, meaning, advice) = limits, cost, words
-    pixels = told.endswith("_px")
+    pixels = reported.endswith("_px")
     return MetricSpec(
         key=f"target_{key}",
         title=title,
@@ -53,7 +53,7 @@ def _metric(
         cost=CostModel(at_bad=at_bad, worst=worst),
         meaning=meaning,
         advice=advice,
-        of_matrix=_told(told, 1.0 if pixels else 100.0),
+        of_matrix=_reported(reported, 1.0 if pixels else 100.0),
         **more,
     )
 
