@@ -36,8 +36,8 @@ class DepthMap:
     sigma
         Standard error of `slope`, in the same shape.
     confidence
-        Probability (0 to 1) that the error of the disparity is less than 0.3 px, estimated from its standard error and
-        the fraction of micro-images that agree, in the same shape; 0 where the depth is unknown.
+        Probability (0 to 1) that the error of the disparity is less than 0.3 px, in the same shape; 0 where the depth
+        is unknown. It is estimated from the standard error and the fraction of micro-images that agree.
     image
         All-in-focus image of the central view, in the same shape.
     method
