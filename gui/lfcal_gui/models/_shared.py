@@ -98,7 +98,7 @@ from lfcal_gui.models.page import (
 )
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects, read_project
 from lfcal_gui.models.remaking import Filling, WithoutBad, iter_made, new_file, shown_first, without_bad
-from lfcal_gui.models.settings import OpeningSettings, stated_order
+from lfcal_gui.models.settings import OpeningSettings, ScanRates, stated_order
 from lfcal_gui.models.shot import CUTOUT, Label, Levels, Outline, Overlay, Shot, Symbols, Tint, cutout_of, scale_bar
 from lfcal_gui.models.solid import BEGIN, Projection, Solid, Viewpoint, project_solid, turned
 from lfcal_gui.models.stamp import FittedCamera, Stamp, stamp_of

@@ -14,6 +14,7 @@ from lfcal_gui.models.job import JobState, WindowJob
 from lfcal_gui.models.next_step import JOBS, Place, Sitting
 from lfcal_gui.models.pace import Paces
 from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models.settings import ScanRates
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.models.verdict import Verdict, kept_verdict
 
@@ -108,7 +109,7 @@ def sitting_of(
         export_for=_export_for(matrix),
         light_field=bool(project.light_field),
         volume=bool(project.volume),
-        **_costs(project.plan),
+        **_costs(project.plan, ScanRates.of(project)),
         **_job(jobs),
     )
     facts_of_all = {name: value for facts in reported.values() for name, value in facts.items()}
@@ -158,13 +159,13 @@ def _wrong(project: ProjectState) -> str:
 
 
 @lru_cache(maxsize=2)
-def _costs(plan: ScanPlan | None) -> dict[str, Any]:
-    """Return the forecast costs of the plan."""
+def _costs(plan: ScanPlan | None, rates: ScanRates) -> dict[str, Any]:
+    """Return the forecast costs of the plan at the speed and frame rate of Set up."""
     if plan is None:
         return {}
     from lfcal.camera import Forecast
 
-    cost = Forecast.of(plan)
+    cost = Forecast.of(plan, **rates.forecast_keywords())
     planes = len(plan.depths_um)
     seconds, size = 3600 * cost.hours, float(cost.frame_bytes)
     return {"positions": cost.positions, "planes": planes, "frame_bytes": size, "record_s": seconds}

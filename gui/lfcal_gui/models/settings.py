@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
-from lfcal.base import InputError, LfcalError
+from lfcal.base import InputError, LfcalError, check_number
 from lfcal_gui.models.project import ProjectState
 
 
@@ -100,6 +100,25 @@ def _check_type(name: str, default: Any, value: Any) -> None:
     wrong = not isinstance(value, allowed) or (isinstance(value, bool) and kind is not bool)
     if default is not None and wrong:
         raise InputError.expected(name, kind.__name__, repr(value), "correct it")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanRates(PageSettings):
+    """Speed of the stage (µm/s) and frame rate of the camera (frames/s, None: unknown), as typed in Set up."""
+
+    page: ClassVar[str] = "plan"
+    speed: float = 1000.0
+    frame_rate: float | None = None
+
+    def usable(self) -> None:
+        """Raise `InputError` if a forecast would refuse a value."""
+        for name, value in (("speed", self.speed), ("frame rate", self.frame_rate)):
+            if value is not None:
+                check_number(name, value, at_least=1e-6)
+
+    def forecast_keywords(self) -> dict[str, Any]:
+        """Return the keywords of the forecasts of plans."""
+        return {"stage_um_per_s": self.speed, "frames_per_s": self.frame_rate}
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
 
 from lfcal_gui.models.gathering import sitting_of
 from lfcal_gui.models.next_step import next_step
@@ -23,3 +27,18 @@ def test_a_folder_of_frames_that_is_gone_is_asked_for_again(tmp_path: Path) -> N
     assert button() == "Assemble H"
     shutil.rmtree(folder)
     assert button() == "Import folder …"
+
+
+def test_the_time_of_the_scan_follows_the_speed_and_frame_rate_of_set_up() -> None:
+    plan = small_plan()
+
+    def seconds(**rates: Any) -> float:
+        found = sitting_of(ProjectState("", plan.camera, plan, settings={"plan": rates}), {}, ()).record_s
+        assert found is not None
+        return found
+
+    usual = seconds()
+    assert seconds(frame_rate=2.0) - usual == pytest.approx(plan.n_positions / 2)
+    steps_um = np.abs(np.diff(plan.stage_um(plan.order_indices()), axis=0)).max(axis=1)
+    assert seconds(speed=10.0) - usual == pytest.approx(steps_um.sum() * (1 / 10 - 1 / 1000))
+    assert seconds(speed=-1.0, frame_rate="fast") == usual, "refused values take their defaults"

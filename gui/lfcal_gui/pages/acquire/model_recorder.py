@@ -36,7 +36,7 @@ from lfcal.camera import ScanPlan
 from lfcal.frames import Position, stated_noise
 from lfcal.tasks import Acquire, AcquireTarget, AcquireUntil
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.models import rough_seconds
+from lfcal_gui.models import ScanRates, rough_seconds
 from lfcal_gui.pages.acquire.model_folder import FolderState
 from lfcal_gui.pages.acquire.model_station import Station
 
@@ -190,7 +190,7 @@ class Recorder:
         self.taken += step.kind is Kind.POSITION
 
 
-def target_facts(plan: ScanPlan | TargetPlan) -> dict[str, Any]:
+def target_facts(plan: ScanPlan | TargetPlan, rates: ScanRates) -> dict[str, Any]:
     """Return what the next step depends on if a target is recorded: its frames, their time and their bytes."""
     if isinstance(plan, ScanPlan):
         return {}
@@ -198,7 +198,7 @@ def target_facts(plan: ScanPlan | TargetPlan) -> dict[str, Any]:
     return {
         "counted": "frame",
         "positions": frames,
-        "record_s": 3600 * plan.forecast().hours,
+        "record_s": 3600 * plan.forecast(**rates.forecast_keywords()).hours,
         "frame_bytes": frames * size,
     }
 

@@ -16,7 +16,7 @@ from lfcal.camera import ScanPlan
 from lfcal.frames import Position
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import Hold, ProjectState, kept_verdict, plane_words, said_in_window
+from lfcal_gui.models import Hold, ProjectState, ScanRates, kept_verdict, plane_words, said_in_window
 from lfcal_gui.pages.acquire import model_recorder
 from lfcal_gui.pages.acquire._after import Afterwards
 from lfcal_gui.pages.acquire._choices import FolderChoice, TargetChoice
@@ -241,7 +241,7 @@ class RecordTab(QObject):
             "stopped": self._stopped,
         }
         if plan := self.context.state.plan:
-            facts |= model_recorder.target_facts(self.target.shown(plan, self.folder))
+            facts |= model_recorder.target_facts(self.target.shown(plan, self.folder), ScanRates.of(self.context.state))
         done, total = self.folder.counts
         if self.recording and recorder is not None:
             facts |= {"paused": recorder.control.pausing, "plane": self._plane}

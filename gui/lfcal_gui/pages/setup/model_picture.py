@@ -239,8 +239,7 @@ class ScanCosts:
         cls, plan: ScanPlan, settings: PlanSettings, half: NDArray[np.intp] | None, light: ExpectedLight | None
     ) -> ScanCosts:
         """Return the costs of a plan, with its noise if the light of its patterns is known."""
-        speed, rate = settings.speed, settings.frame_rate
-        forecast = Forecast.of(plan, stage_um_per_s=speed, frames_per_s=rate, positions=half)
+        forecast = Forecast.of(plan, **settings.forecast_keywords(), positions=half)
         unknown = _unknown(plan, settings)
         if unknown or light is None or settings.peak is None:
             return cls(plan, settings, half, forecast, unknown=unknown)

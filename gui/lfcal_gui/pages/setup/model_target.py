@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from lfcal.base import Clock, LfcalError, Work, drain, format_length, format_sec
 from lfcal.camera import ScanPlan
 from lfcal.records import rows
 from lfcal.tasks import PlanScan, PlanTarget
-from lfcal_gui.models import PLAN_FILE, PageSettings, Project, shown_of
+from lfcal_gui.models import PLAN_FILE, Project, ScanRates, shown_of
 
 if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
@@ -41,13 +41,12 @@ TABLE = ("Plane", "Frames", "At least", "Points", "Phases", "Crosstalk")
 
 
 @dataclass(frozen=True)
-class PlanSettings(PageSettings):
+class PlanSettings(ScanRates):
     """Values of the fields of `lfcal.tasks.PlanTarget`; an empty ``source`` is a single point.
 
     ``half_cell`` and ``peak`` are those of `lfcal.tasks.PlanScan`.
     """
 
-    page: ClassVar[str] = "plan"
     source: str = ""
     tolerance: float = 0.1
     crosstalk: float = 0.005
@@ -56,8 +55,6 @@ class PlanSettings(PageSettings):
     regions: str = ""
     pose_within: str = ""
     signal: float | None = None
-    speed: float = 1000.0
-    frame_rate: float | None = None
     half_cell: bool = False
     peak: float | None = PEAK
 
