@@ -40,7 +40,7 @@ def _metrics() -> str:
         title = f"{spec.title} ({spec.unit})" if spec.unit else spec.title
         limits = (f"{better} {spec.limits.good:g}", f"{worse} {spec.limits.bad:g}")
         rows.append((title, *limits, f"{spec.cost.at_bad:g}", f"{spec.meaning} {spec.advice}"))
-    return table(("metric (unit)", "good", "bad", "cost", "meaning and advice"), rows)
+    return table(("check (unit)", "good", "bad", "cost", "meaning and advice"), rows)
 
 
 def _faults() -> str:

@@ -30,6 +30,7 @@ _KEYS = (
     ("A", "automatic contrast"),
     ("Ctrl+I", "hide or show the column to the right of the images"),
     ("Ctrl+J", "show the jobs"),
+    ("Tab, Alt+Down", "go to the next control; choose the file of a field"),
     ("Ctrl+T", "switch between the light and the dark theme"),
     ("F1", "show this list of shortcuts"),
 )

@@ -42,7 +42,7 @@ QLabel[role="good"] {{ color: {good}; }}
 QLabel[role="fair"] {{ color: {fair}; }}
 QLabel[role="bad"] {{ color: {bad}; }}
 QPushButton {{ background: {raised}; border: 1px solid {line}; border-radius: 5px; padding: 5px 12px; }}
-QPushButton:hover {{ border-color: {accent}; }}
+QPushButton:hover, QPushButton:focus {{ border-color: {accent}; }}
 QPushButton:disabled {{ color: {muted}; background: {window}; }}
 QPushButton[checkable="true"] {{ background: transparent; }}
 QPushButton:checked {{ background: {raised}; color: {accent}; border-color: {accent}; }}
@@ -62,9 +62,12 @@ QPushButton[role="link"] {{ background: transparent; border: 1px solid transpare
 QPushButton[role="row"] {{ background: transparent; border: none; border-top: 1px solid {line}; border-radius: 0; }}
 QPushButton[role="row"]:hover {{ background: {raised}; }}
 QPushButton[role="link"]:focus, QPushButton[role="row"]:focus {{ border: 1px solid {accent}; }}
-QToolButton[role="bare"] {{ border: none; background: transparent; font-size: 13pt; padding: 2px 6px; color: {text}; }}
+QToolButton[role="bare"] {{ border: 2px solid transparent; border-radius: 4px; background: transparent; font-size: 13pt;
+    padding: 0 4px; color: {text}; }}
+QToolButton[role="bare"]:focus {{ border-color: {accent}; }}
 QToolButton[role="bare"]::menu-indicator {{ image: none; }}
 QPushButton[role="primary"] {{ background: {accent}; color: {accent_text}; border-color: {accent}; font-weight: 600; }}
+QPushButton[role="primary"]:focus {{ border-color: {text}; }}
 QPushButton[role="fold"] {{ border: 1px solid transparent; border-radius: 4px; background: transparent;
     font-weight: 600; padding: 3px 0; color: {text}; text-align: left; }}
 QPushButton[role="fold"][ruled="true"] {{ border-top: 1px solid {line}; border-radius: 0; }}
@@ -77,7 +80,7 @@ QPushButton[role="primary"]:disabled {{ background: {raised}; color: {muted}; bo
 QLineEdit, QPlainTextEdit, QTextEdit {{
     background: {panel}; border: 1px solid {edge}; border-radius: 4px; padding: 3px 6px;
     selection-background-color: {accent}; selection-color: {accent_text}; }}
-QLineEdit:focus {{ border-color: {accent}; }}
+QLineEdit:focus, QPlainTextEdit:focus, QTextEdit:focus {{ border-color: {accent}; }}
 QCheckBox::indicator {{ width: 13px; height: 13px; border: 1px solid {muted}; border-radius: 3px;
     background: {panel}; }}
 QCheckBox::indicator:checked {{ background: {accent}; border-color: {accent}; image: url("{tick}"); }}
@@ -93,6 +96,8 @@ QComboBox QAbstractItemView {{ background: {panel}; border: 1px solid {line}; se
     selection-color: {accent_text}; }}
 QTableView, QTreeView, QListView, QTableWidget, QTreeWidget {{ background: {panel}; border: 1px solid {line};
     border-radius: 4px; gridline-color: {raised}; alternate-background-color: {window}; }}
+QTableView:focus, QTreeView:focus, QListView:focus {{ border-color: {accent}; }}
+QLabel:focus {{ background: {raised}; }}
 QHeaderView::section {{ background: {raised}; border: none; border-bottom: 1px solid {line}; padding: 4px;
     font-weight: 600; }}
 QProgressBar {{ background: {raised}; border: none; border-radius: 3px; max-height: 8px; min-height: 8px; }}
@@ -116,6 +121,7 @@ QSlider::sub-page:horizontal {{ background: {accent}; border-radius: 2px; }}
 QSlider::handle:horizontal {{ background: {accent}; width: 14px; height: 14px; margin: -5px 0; border-radius: 7px; }}
 QSlider::groove:vertical {{ width: 4px; background: {line}; border-radius: 2px; }}
 QSlider::handle:vertical {{ background: {accent}; width: 14px; height: 14px; margin: 0 -5px; border-radius: 7px; }}
+QSlider::handle:focus {{ background: {text}; }}
 """
 
 

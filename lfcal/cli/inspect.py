@@ -1,4 +1,4 @@
-"""``lfcal inspect``: measure the quality of H: every metric with its rating, the apertures, and what to do."""
+"""``lfcal inspect``: measure the quality of H: every check with its rating, the apertures, and what to do."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def show(made: tuple[InspectedMatrix, ...]) -> None:
-    """Print the verdict, metrics, comparisons and the path of the report; with ``--all``, also the apertures."""
+    """Print the verdict, checks, comparisons and the path of the report; with ``--all``, also the apertures."""
     for one in made:
         _show(one)
         if one.loss is not None:
@@ -28,7 +28,7 @@ def show(made: tuple[InspectedMatrix, ...]) -> None:
 
 
 def _show(one: InspectedMatrix) -> None:
-    """Print the verdict, the metrics that are not good, a line for all others, and the comparison."""
+    """Print the verdict, the checks that are not good, a line for all others, and the comparison."""
     from lfcal.judge.quality import counted_words, merit_word
     from lfcal.judge.report import limits, value_text
     from lfcal.psf import computed_words
@@ -46,11 +46,11 @@ def _show(one: InspectedMatrix) -> None:
     listed_metrics = [m for m in quality.metrics if every or (m.applies and m.merit != "good")]
     if listed_metrics:
         print_table(
-            ["merit", "metric", "value", "good", "bad", "cost (NRMSE)"],
+            ["merit", "check", "value", "good", "bad", "cost (NRMSE)"],
             [[merit_word(m), m.spec.title, value_text(m), *limits(m), m.cost_text] for m in listed_metrics],
         )
     more = "" if every else "; --all lists them, and the aperture of each plane"
-    typer.echo(f"metrics: {counted_words(quality.metrics)}{more}")
+    typer.echo(f"checks: {counted_words(quality.metrics)}{more}")
     if every:
         _show_apertures(H, quality)
     for metric in quality.metrics:

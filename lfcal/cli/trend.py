@@ -48,7 +48,7 @@ def command(
 ) -> None:
     """Compare fits of one camera: which parameters have changed, how fast, and which have jumped.
 
-    With --quality, compare inspections: which metrics got worse, and which faults are new.
+    With --quality, compare inspections: which checks got worse, and which faults are new.
 
     Exit code 0: nothing has changed, or got worse; 1: something has; 2: the inputs cannot be compared.
 
@@ -109,7 +109,7 @@ def _show_inspections(found: Trend) -> None:
     header = ["what", *(one.label for one in found.sessions[-SHOWN:]), "unit", "per month", ""]
     print_table(header, rows, title=f"{len(found.sessions)} sessions, {format_dates(first.when, newest.when)}")
     rest = sum(not one.notable and one.newest is not None for one in found.courses if one.group == "metric")
-    typer.echo(f"{rest} metrics were good in all sessions")
+    typer.echo(f"{rest} checks were good in all sessions")
     typer.echo(f"{newest.label}: {newest.verdict}")
     _show_worse("worse than before", [one.title for one in found.worse], "nothing got worse")
 

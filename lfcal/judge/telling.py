@@ -38,7 +38,7 @@ def scene_words(inspection: Inspection) -> str:
 def compared_words(inspection: Inspection) -> str:
     """Return the number of patterns compared with the camera and the result, or why none were compared, as text."""
     if not inspection.compared:
-        weaker = "the metrics below are less sensitive than a comparison"
+        weaker = "the checks below are less sensitive than a comparison"
         if inspection.faults:
             weaker = f"the patterns alone show these faults; {weaker}"
         if inspection.disagreement is not None:

@@ -68,7 +68,7 @@ class InspectedMatrix(TaskResult):
 
 @record
 class Inspect(MatrixTask):
-    """Measure the quality of H: every metric with its rating, the apertures, and what to do.
+    """Measure the quality of H: every check with its rating, the apertures, and what to do.
 
     If the camera of H is known, patterns are compared with its prediction, and the causes of faults are named.
 
@@ -125,8 +125,8 @@ class Inspect(MatrixTask):
     )
     every: bool = opt(
         False,
-        "List all metrics, including those that are good or do not apply, and the aperture of each plane.",
-        label="All metrics",
+        "List all checks, including those that are good or do not apply, and the aperture of each plane.",
+        label="All checks",
         flag="--all",
     )
     strict: bool = opt(

@@ -17,7 +17,7 @@ KINDS = {
     "lfcal.sources": "frame source",
     "lfcal.effects": "effect",
     "lfcal.solvers": "solver",
-    "lfcal.metrics": "quality metric",
+    "lfcal.metrics": "check of H",
     "lfcal.faults": "fault",
     "lfcal.findings": "source of findings",
     "lfcal.devices": "device backend",

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -57,6 +58,9 @@ def test_numbers_then_report(lfcal: Lfcal, H: Path, tmp_path: Path) -> None:
     assert run.code == 0, run.err
     verdict, table, page = (run.out.index(w) for w in ("This H should not", "Missing frames", "report: "))
     assert verdict < table < page
+    written = run.out + (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert "checks: " in run.out and "<h2>Checks</h2>" in written
+    assert not re.search(r"\bmetrics?\b", re.sub(r"data:[^\"]*|<style.*?</style>", "", written, flags=re.S), re.I)
     listed = tmp_path / "out" / "redo.json"
     assert f"1 position to record again; listed in {listed}" in " ".join(run.out.split("\n"))
     assert "--report writes" not in run.out and "--report writes the list" in lfcal("inspect", H).out

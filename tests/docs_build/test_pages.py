@@ -96,7 +96,7 @@ def test_the_projection_formula_says_where_voxels_and_pixels_count_from() -> Non
 
 def test_modules_of_parts_that_are_shown_have_docstrings() -> None:
     """As the tests of the architecture require of every module of lfcal."""
-    for section in ("A frame format", "An effect", "A quality metric", "A fault", "A solver", "A page of the window"):
+    for section in ("A frame format", "An effect", "A check of H", "A fault", "A solver", "A page of the window"):
         blocks = code_of("extending.md", section)
         modules = [block for block in blocks if re.search(r"^(def|class) ", block, re.MULTILINE)]
         assert modules and all(block.startswith('"""') for block in modules), section

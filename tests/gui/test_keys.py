@@ -7,16 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLineEdit, QWidget
+from PySide6.QtWidgets import QAbstractButton, QApplication, QLineEdit, QWidget
 from pytestqt.qtbot import QtBot
 
 from lfcal.psf import PSFMatrix
 from lfcal_gui._help import cheat_sheet
+from lfcal_gui.models import Field, available_pages
 from lfcal_gui.palette import Palette
-from lfcal_gui.widgets import INSPECTOR, Contrast
+from lfcal_gui.widgets import INSPECTOR, Contrast, CostCurve, FoldedForm
 from lfcal_gui.widgets.enlarging import enlarged_of
+from lfcal_gui.widgets.naming import controls
 from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -140,6 +143,65 @@ def test_tab_still_goes_from_field_to_field(window: MainWindow, qtbot: QtBot) ->
     assert first is not None
     press("Tab", first)
     assert QApplication.focusWidget() not in (None, first)
+
+
+def tab_stops(root: QWidget) -> list[QWidget]:
+    """Return what has the keyboard in turn, from one press of Tab to the next, until it comes back."""
+    root.activateWindow()
+    found: list[QWidget] = []
+    for _ in range(300):
+        QTest.keyClick(QApplication.focusWidget() or root, Qt.Key.Key_Tab)
+        now = QApplication.focusWidget()
+        if now is None or now in found:
+            break
+        found.append(now)
+    return found
+
+
+def is_reached(control: QWidget, stops: list[QWidget]) -> bool:
+    """Return whether a control or a part of it is a stop, or whether keys of its group or its field reach it."""
+    parent, parts = control.parentWidget(), (control, *control.findChildren(QWidget))
+    group = control.group() if isinstance(control, QAbstractButton) else None
+    if isinstance(parent, QLineEdit):
+        return parent in stops and any(not one.shortcut().isEmpty() for one in parent.actions())
+    if isinstance(parent, CostCurve):
+        return parent in stops
+    in_group = group is not None and group.exclusive() and any(one in stops for one in group.buttons())
+    if isinstance(control, QAbstractButton) and control.autoExclusive() and parent is not None:
+        in_group = any(one in stops for one in parent.findChildren(QAbstractButton))
+    return in_group or any(one in stops for one in parts)
+
+
+@pytest.mark.parametrize("key", [spec.key for spec in available_pages()])
+def test_tab_reaches_every_control_of_a_page_by_a_name(window: MainWindow, psf: Any, qtbot: QtBot, key: str) -> None:
+    window.go("setup")
+    setup: Any = window.page("setup")
+    setup.make_default()
+    window.go(key)
+    page = window.page(key)
+    for fold in page.findChildren(QAbstractButton):
+        if fold.property("role") == "fold" and fold.isVisible() and not fold.isChecked():
+            fold.click()
+    idle(window.jobs, qtbot)
+    stops = tab_stops(page.window())
+    assert len(stops) < 300
+    missed = [one for one in controls(page) if one.isVisible() and one.isEnabled() and not is_reached(one, stops)]
+    assert not [(type(one).__name__, one.accessibleName() or one.toolTip()) for one in missed]
+    silent = [one for one in stops if not one.accessibleName() and not getattr(one, "text", str)()]
+    assert not [(type(one).__name__, type(one.parentWidget()).__name__) for one in silent]
+
+
+def test_alt_down_chooses_the_file_of_a_field(qtbot: QtBot) -> None:
+    asked: list[str] = []
+    form = FoldedForm((Field("white", "White image", kind="text", file="All files (*)"),), (), "More", "")
+    qtbot.addWidget(form)
+    form._browse = lambda key, edit: asked.append(key)  # type: ignore[method-assign]
+    form.show()
+    editor = form.editor("white")
+    editor.setFocus()
+    qtbot.waitUntil(editor.hasFocus, timeout=GUARD_MS)
+    press("Alt+Down", editor)
+    assert asked == ["white"]
 
 
 def test_the_sheet_has_all_keys(window: MainWindow) -> None:

@@ -2,17 +2,27 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
+from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
+    QAbstractButton,
     QApplication,
     QCheckBox,
     QComboBox,
     QDoubleSpinBox,
+    QLabel,
     QLineEdit,
+    QListWidget,
     QPlainTextEdit,
     QPushButton,
+    QSlider,
     QSpinBox,
+    QTabBar,
+    QTableWidget,
     QTextEdit,
+    QToolButton,
+    QTreeWidget,
     QVBoxLayout,
     QWidget,
 )
@@ -23,6 +33,7 @@ from lfcal_gui.theme import DARK, LIGHT, NIGHT, THEMES, Theme, apply_theme, curr
 from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.window import MainWindow
 from tests.gui.layout_colours import of_other_themes
+from tests.gui.waiting import GUARD_MS
 
 
 def luminance(colour: QColor) -> float:
@@ -180,3 +191,35 @@ def test_a_window_that_measures_takes_the_theme(window: MainWindow) -> None:
         QApplication.processEvents()
         assert not list(of_other_themes(measuring))
     measuring.close()
+
+
+def in_role(part: QWidget, role: str) -> QWidget:
+    part.setProperty("role", role)
+    return part
+
+
+KINDS = (
+    *(QPushButton, QToolButton, QCheckBox, QComboBox, QSlider, QTabBar, QLineEdit, QPlainTextEdit, QSpinBox),
+    *(QListWidget, QTableWidget, QTreeWidget, QLabel),
+)
+ROLES = {QPushButton: ("rail", "segment", "link", "row", "fold", "primary"), QToolButton: ("bare", "mark", "reset")}
+FOCUSED = [(kind, role) for kind in KINDS for role in ("", *ROLES.get(kind, ()))]
+
+
+@pytest.mark.parametrize(("kind", "role"), FOCUSED)
+def test_what_has_the_keyboard_is_seen(qapp: QApplication, qtbot: QtBot, kind: type[QWidget], role: str) -> None:
+    part = in_role(kind(), role)
+    if isinstance(part, QTabBar):
+        part.addTab("one")
+    if isinstance(part, QAbstractButton | QLabel):
+        part.setText("words")
+    part.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+    panel, before = drawn(part, DARK, qtbot)
+    panel.activateWindow()
+    apply_theme(qapp, DARK)
+    QTest.keyClick(panel.focusWidget(), Qt.Key.Key_Tab)
+    qtbot.waitUntil(part.hasFocus, timeout=GUARD_MS)
+    image = part.grab().toImage()
+    apply_theme(qapp, LIGHT)
+    after = [[image.pixelColor(x, y) for x in range(image.width())] for y in range(image.height())]
+    assert sum(one != other for rows in zip(before, after, strict=True) for one, other in zip(*rows, strict=True)) > 8

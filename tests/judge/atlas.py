@@ -51,7 +51,7 @@ def found_of(name: str) -> tuple[FoundFault, Evidence]:
 def parts(fault: Fault) -> tuple[str, ...]:
     """Return the lines of a fault's chapter that follow from the fault alone."""
     titles = [METRICS.get(key).title for key in fault.settles]
-    metrics = f"**Metrics that it explains:** {', '.join(titles)}." if titles else ""
+    metrics = f"**Checks that it explains:** {', '.join(titles)}." if titles else ""
     injected = INJECTIONS[fault.name]
     return (
         f"## {fault.title[:1].upper()}{fault.title[1:]}",

@@ -107,6 +107,7 @@ from lfcal_gui.models.verdict import Verdict, kept_verdict, verdict_of, with_ver
 from lfcal_gui.models.words import (
     SPACE,
     capital,
+    minus,
     plane_words,
     rough_seconds,
     said_in_window,

@@ -141,7 +141,7 @@ def same(field: Field, one: Any, other: Any) -> bool:
 
 def _number(field: Field, text: str) -> float:
     """Return the stored number; raise `ValueError` for one that a project file cannot store."""
-    value = float(text) * field.scale
+    value = float(f"{float(text) * field.scale:.15g}")  # 28.3 ms are 0.0283 s
     if math.isnan(value) or (math.isinf(value) and not field.endless):
         raise ValueError
     return value

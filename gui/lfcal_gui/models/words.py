@@ -21,6 +21,7 @@ UNITS = re.compile(r"(?<=\d) (?=[a-zA-Zµ%°])")
 TIMES_OF = re.compile(rf"({SPACE}(?:d|h|min)) (?=\d)")
 SIGNS = re.compile(r"([≤≥<>≈=±]) (?=[-+−]?\d)")
 PRODUCTS = re.compile(r"(?<=\d) ([×x]) (?=\d)")
+MINUS = re.compile(r"<[^>]*>|(?<![\w.,)\]/-])-(?=\.?\d)")
 NAMES = re.compile(r"(?<=[a-z])_(?=[a-z])")
 
 
@@ -38,6 +39,11 @@ def unbroken(text: str) -> str:
     """Return ``text`` with no line break between a number and its unit or sign, or within 4 min 19 s or 95 × 55."""
     joined = TIMES_OF.sub(rf"\1{SPACE}", UNITS.sub(SPACE, text))
     return PRODUCTS.sub(rf"{SPACE}\1{SPACE}", SIGNS.sub(rf"\1{SPACE}", joined))
+
+
+def minus(text: str) -> str:
+    """Return ``text`` for display, with minus signs in place of the hyphens of negative numbers."""
+    return MINUS.sub(lambda found: "−" if found[0] == "-" else found[0], text) if "-" in text else text
 
 
 def rough_seconds(seconds: float, about: str = "about ") -> str:

@@ -10,6 +10,7 @@ import pyqtgraph as pg
 from PySide6.QtGui import QFont, QFontMetricsF
 from PySide6.QtWidgets import QGraphicsGridLayout, QGraphicsSceneResizeEvent, QSizePolicy
 
+from lfcal_gui.models import minus
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets.words import shortened
 
@@ -37,6 +38,10 @@ class Axis(pg.AxisItem):
         """Draw the numbers of the new range; make up no prefix for a unit."""
         self.picture = None
         self.update()
+
+    def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
+        """Return the numbers of ticks, with minus signs."""
+        return [minus(words) for words in super().tickStrings(values, scale, spacing)]
 
     def labelString(self) -> str:
         """Return the name as rich text, as much as there is room for."""

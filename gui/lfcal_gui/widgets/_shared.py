@@ -29,7 +29,7 @@ from lfcal_gui.widgets.compare_panel import ComparedNumbers, ComparePanel
 from lfcal_gui.widgets.contrast import Contrast
 from lfcal_gui.widgets.cost_curve import CostCurve
 from lfcal_gui.widgets.enlarging import toggle_in, whole_page
-from lfcal_gui.widgets.folded_form import Folded, FoldedForm
+from lfcal_gui.widgets.folded_form import Folded, FoldedForm, add_chooser
 from lfcal_gui.widgets.naming import name_controls
 from lfcal_gui.widgets.period_map import PeriodMap
 from lfcal_gui.widgets.picture import Picture, link, share_contrast

@@ -13,7 +13,7 @@ from PySide6.QtCore import QPoint, QPointF, QRectF, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QColor, QContextMenuEvent, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QInputDialog, QMenu, QSizePolicy, QWidget
 
-from lfcal_gui.models import COLOUR_MAPS, Levels, level_words, levels_of, sampled, value_histogram
+from lfcal_gui.models import COLOUR_MAPS, Levels, level_words, levels_of, minus, sampled, value_histogram
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets.colours import ramp
 
@@ -191,7 +191,9 @@ class Contrast(QWidget):
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(QColor(theme.accent if k == self._active and self.hasFocus() else theme.text))
             painter.drawRoundedRect(QRectF(x - 4, strip.top() - 1, 8, STRIP + 2), 3, 3)
-            words = level_words(value, self.levels) + (f"  {100 * share:.2g} % clipped" if share >= 0.0005 else "")
+            words = minus(level_words(value, self.levels)) + (
+                f"  {100 * share:.2g} % clipped" if share >= 0.0005 else ""
+            )
             wide = painter.fontMetrics().horizontalAdvance(words) + 2
             left = min(max(x - wide / 2, 2.0), self.width() - wide - 2.0)
             painter.setPen(QColor(theme.text))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from PySide6.QtCore import QEvent, QSignalBlocker, Qt, Signal
+from PySide6.QtCore import QEvent, QSignalBlocker, Qt, Signal, SignalInstance
 from PySide6.QtGui import QEnterEvent, QFocusEvent, QHelpEvent, QWheelEvent
 from PySide6.QtWidgets import (
     QApplication,
@@ -382,11 +382,8 @@ class FoldedForm(QFrame):
         if field.kind in ("float", "int", "floats") or field.unit or field.read is not None:
             edit.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         if field.file:
-            icon = self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon)
-            browse = edit.addAction(icon, QLineEdit.ActionPosition.TrailingPosition)
-            browse.setText(f"Choose {field.label.lower()}")
-            browse.setToolTip(f"Choose a file. {field.tip}")
-            browse.triggered.connect(lambda: self._browse(key, edit))
+            chosen = add_chooser(edit, f"Choose {field.label.lower()}", f"Choose a file (Alt+Down). {field.tip}")
+            chosen.connect(lambda: self._browse(key, edit))
         edit.textEdited.connect(lambda _="": self._changed(key, ended=not field.late))
         edit.editingFinished.connect(lambda: self._ended(key))
         edit.selectionChanged.connect(lambda: self._select(key, edit))
@@ -732,6 +729,17 @@ class FoldedForm(QFrame):
     def error(self) -> str:
         """The reason shown, or empty."""
         return self._error.text() if not self._error.isHidden() else ""
+
+
+def add_chooser(edit: QLineEdit, name: str, tip: str) -> SignalInstance:
+    """Add a button to the field of a path that Alt+Down also presses; return the signal that it was pressed."""
+    icon = edit.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon)
+    browse = edit.addAction(icon, QLineEdit.ActionPosition.TrailingPosition)
+    browse.setText(name)
+    browse.setToolTip(tip)
+    browse.setShortcut("Alt+Down")
+    browse.setShortcutContext(Qt.ShortcutContext.WidgetShortcut)
+    return browse.triggered
 
 
 def _small(text: str, role: str, name: str, tip: str) -> QToolButton:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pyqtgraph as pg
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
@@ -11,6 +12,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QPlainTextEdit,
+    QScrollArea,
     QSlider,
     QTabBar,
     QWidget,
@@ -39,13 +41,19 @@ def unnamed(root: QWidget) -> list[QWidget]:
 def name_controls(root: QWidget) -> None:
     """Name the controls in ``root`` that have no name: by their label, else by the start of their tooltip.
 
-    Pictures and plots have the names of their axes.
+    Pictures and plots have the names of their axes. An area that scrolls to the control with the keyboard is no stop
+    for the Tab key.
     """
     buddies = {label.buddy(): label.text() for label in root.findChildren(QLabel) if label.buddy() is not None}
     for widget in unnamed(root):
         words = buddies.get(widget, "") or _first(widget.toolTip()) or _first_of_parent(widget)
         words = words or (widget.placeholderText() if isinstance(widget, QLineEdit) else "")
         widget.setAccessibleName(words[:LONGEST])
+    for bar in root.findChildren(QTabBar):
+        bar.setAccessibleName(bar.accessibleName() or "tabs")
+    for area in root.findChildren(QScrollArea):
+        if controls(area):
+            area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
 
 
 def controls(root: QWidget) -> list[QWidget]:

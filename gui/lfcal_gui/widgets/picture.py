@@ -39,6 +39,7 @@ from lfcal_gui.models import (
     depth_colours,
     lattice_points,
     level_words,
+    minus,
     render_tile,
     scale_bar,
     tinted,
@@ -613,7 +614,7 @@ class _Legend(QWidget):
         font.setPixelSize(11)
         painter.setFont(font)
         metrics = painter.fontMetrics()
-        low, high = (level_words(value, picture.levels) for value in picture.levels)
+        low, high = (minus(level_words(value, picture.levels)) for value in picture.levels)
         ends = metrics.horizontalAdvance(low) + metrics.horizontalAdvance(high) + 4 * GAP
         length = max(0, min(RAMP, self.width() - ends))
         spare = self.width() - ends - metrics.horizontalAdvance(picture.quantity) - 3 * GAP
@@ -749,7 +750,7 @@ def _paint_lines(painter: QPainter, lines: Sequence[tuple[str, str]], area: QRec
     """Write words with their colours in an upper corner, as far as there is room; return where."""
     _paint_pill(painter, QRectF())
     metrics, room = painter.fontMetrics(), round(area.width() - 4 * GAP)
-    shown = [(metrics.elidedText(words, Qt.TextElideMode.ElideRight, room), colour) for words, colour in lines]
+    shown = [(metrics.elidedText(minus(words), Qt.TextElideMode.ElideRight, room), colour) for words, colour in lines]
     wide = max(metrics.horizontalAdvance(words) for words, _ in shown) + 2 * GAP
     left = area.right() - GAP - wide if right else area.left() + GAP
     pill = QRectF(left, area.top() + GAP, wide, LINE * len(shown) + 8)
@@ -772,4 +773,4 @@ def _paint_tints(painter: QPainter, ends: tuple[str, str], area: QRectF) -> None
     inside = pill.adjusted(GAP, 4, -GAP, -2)
     painter.drawImage(QRectF(inside.topLeft(), QSizeF(wide, 5)), row_of(depth_colours()))
     for side, end in zip((Qt.AlignmentFlag.AlignLeft, Qt.AlignmentFlag.AlignRight), ends, strict=True):
-        painter.drawText(inside, side | Qt.AlignmentFlag.AlignBottom, end)
+        painter.drawText(inside, side | Qt.AlignmentFlag.AlignBottom, minus(end))

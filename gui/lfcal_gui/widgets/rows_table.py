@@ -71,6 +71,7 @@ class RowsTable(QTableWidget):
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.setWordWrap(False)
+        self.setTabKeyNavigation(False)  # Tab leaves the table
         self.setToolTip("Click a header to sort; Ctrl+C copies the selected rows, or all of them")
         top = self.horizontalHeader()
         for k in range(len(header)):

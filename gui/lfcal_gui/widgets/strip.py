@@ -13,7 +13,7 @@ from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPen, QPixmap, QPolyg
 from PySide6.QtWidgets import QListWidget, QListWidgetItem, QStyle
 
 from lfcal.base import format_plane
-from lfcal_gui.models import DisplaySettings, levels_of, to_uint8
+from lfcal_gui.models import DisplaySettings, levels_of, minus, to_uint8
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets.colours import theme_table
 
@@ -225,7 +225,7 @@ class Strip(QListWidget):
         icon = QIcon(picture)
         icon.addPixmap(picture, QIcon.Mode.Selected)  # else Qt tints the selected one
         item.setIcon(icon)
-        item.setText("\n".join(filter(None, (format_plane(tile.depth_um, z), tile.word))))
+        item.setText("\n".join(filter(None, (minus(format_plane(tile.depth_um, z)), tile.word))))
         item.setToolTip(self._tip(z, tile, count))
 
     def apply_theme(self) -> None:

@@ -11,7 +11,7 @@ from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtGui import QContextMenuEvent, QFontMetrics, QFontMetricsF, QKeyEvent, QKeySequence, QResizeEvent
 from PySide6.QtWidgets import QApplication, QLabel, QMenu, QPlainTextEdit, QWidget
 
-from lfcal_gui.models import SPACE, unbroken
+from lfcal_gui.models import SPACE, minus, unbroken
 
 BREAK = "\u200b"
 """Is not seen, and a line may end there."""
@@ -83,7 +83,7 @@ class WrappedLabel(QLabel):
         """Show ``text``."""
         self._whole = text
         html = self.textFormat() != Qt.TextFormat.PlainText and "<" in text
-        super().setText(text if html else breakable(unbroken(text)))
+        super().setText(minus(text if html else breakable(unbroken(text))))
 
     def text(self) -> str:
         """Return the text as it was given."""
@@ -91,7 +91,7 @@ class WrappedLabel(QLabel):
 
     def copy(self) -> None:
         """Put what is selected on the clipboard, or all."""
-        chosen = self.selectedText().replace(BREAK, "").replace(SPACE, " ") or self._whole
+        chosen = self.selectedText().replace(BREAK, "").replace(SPACE, " ").replace("−", "-") or self._whole
         QApplication.clipboard().setText(chosen)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
@@ -173,9 +173,9 @@ class ElidedLabel(QLabel):
 
     def _fit(self) -> None:
         room = self.contentsRect().width()
-        whole, metrics = unbroken(self._whole) if self._lines > 1 else self._whole, self.fontMetrics()
+        whole, metrics = minus(unbroken(self._whole) if self._lines > 1 else self._whole), self.fontMetrics()
         brief = bool(self._brief) and metrics.horizontalAdvance(whole) > self._lines * room
-        rest, shown = self._brief if brief else whole, []
+        rest, shown = minus(self._brief) if brief else whole, []
         while len(shown) < self._lines - 1 and metrics.horizontalAdvance(rest) > room:
             ends = [k for k, letter in enumerate(rest) if letter == " " and metrics.horizontalAdvance(rest[:k]) <= room]
             if not ends:

@@ -19,7 +19,7 @@ def _check(part: MetricSpec) -> None:
 
 
 METRICS: Registry[MetricSpec] = Registry(
-    "quality metric",
+    "check of H",
     "lfcal.judge.quality.metrics",
     "METRICS",
     "lfcal.metrics",

@@ -175,10 +175,10 @@ AT = (0.0, 0.65, 2.55, 4.25, 4.95, 5.65)
 
 def _metrics(inspection: Inspection, every: bool) -> Iterator[PageBlock]:
     quality = inspection.quality
-    yield _heading("Metrics")
+    yield _heading("Checks")
     yield PageBlock(f"{counted_words(quality.metrics)}.", keep=True)
     yield PageBlock(
-        cells=("merit", "metric", "value", "good", "bad", "cost or cause"), at=AT, size=8, bold=True, keep=True
+        cells=("merit", "check", "value", "good", "bad", "cost or cause"), at=AT, size=8, bold=True, keep=True
     )
     for m in (m for m in quality.metrics if every or m.applies):
         named = m.merit in ("bad", "fair")

@@ -59,7 +59,7 @@ def page(
         _facts(H, quality, inspection.redo()),
         html_section("Compared with the camera's model", _faults(inspection)) if inspection.asked else "",
         _actions(inspection),
-        html_section("Metrics", _metrics(quality, every)),
+        html_section("Checks", _metrics(quality, every)),
         html_section("Aperture", _apertures(H, quality) + figures(pictures, "aperture")),
         html_section("H and its transpose", figures(pictures, "slices")),
         html_section("Maps over source positions", figures(pictures, "maps")),
@@ -125,7 +125,7 @@ def _facts(H: PSFMatrix, quality: QualityReport, redo: Sequence[object]) -> str:
         (f"depth planes, {quality.extent or 'depths not stated'}", str(nz)),
         ("cutout t × s", f"{nt} × {ns} px"),
         (f"of values, {H.dtype}", format_bytes(H.nbytes)),
-        ("metrics", counted_words(quality.metrics)),
+        ("checks", counted_words(quality.metrics)),
         ("positions to record again", str(len(redo))),
     ]
     return (
@@ -175,7 +175,7 @@ def _metrics(quality: QualityReport, every: bool) -> str:
         "measured with this H or typical.</p>"
     )
     count = f"<p>{html_text(counted_words(quality.metrics))}.</p>"
-    headers = ("merit", "metric", "value", "good", "bad", "cost", "meaning and advice")
+    headers = ("merit", "check", "value", "good", "bad", "cost", "meaning and advice")
     shown = [m for m in quality.metrics if every or m.applies]
     return count + html_table(headers, map(row, shown), (2, 3, 4, 5)) + note
 

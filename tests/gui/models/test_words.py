@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from lfcal_gui.models.words import plane_words, rough_seconds, typeset, unbroken
+from lfcal_gui.models.words import minus, plane_words, rough_seconds, typeset, unbroken
 
 
 def test_planes_count_from_zero() -> None:
@@ -22,3 +22,9 @@ def test_no_line_ends_between_a_number_and_its_unit() -> None:
 def test_a_forecast_has_no_more_digits_than_it_is_good_for() -> None:
     assert rough_seconds(0.33) == "less than 1 s" and rough_seconds(3.2) == "about 3 s"
     assert rough_seconds(259) == "about 4 min 19 s" and rough_seconds(9.6, "") == "10 s"
+
+
+def test_negative_numbers_have_a_minus_sign_and_names_keep_their_hyphens() -> None:
+    assert minus("-20.03 mm to -.5, (-1, -2)") == "−20.03 mm to −.5, (−1, −2)"
+    assert minus("2026-03-16, type-0, H-1.h5, 3-5, 1e-06, --z -0") == "2026-03-16, type-0, H-1.h5, 3-5, 1e-06, --z −0"
+    assert minus("<p style='margin:-4'>-4</p>") == "<p style='margin:-4'>−4</p>"

@@ -44,7 +44,7 @@ def declare(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 
 def documented() -> MetricSpec:
-    spec = names_of("extending.md", "A quality metric")["ROW_OFFSETS"]
+    spec = names_of("extending.md", "A check of H")["ROW_OFFSETS"]
     assert isinstance(spec, MetricSpec)
     return spec
 
@@ -100,4 +100,4 @@ def test_others_cannot_hide_or_break_what_is_there(
     save(recorded(0.0), tmp_path / "H.h5")
     run = lfcal("inspect", tmp_path / "H.h5", "--json")
     assert run.code == 0 and isinstance(run.json, dict)
-    assert run.err.startswith("lfcal: note: left out: quality metric broken") and len(run.err.splitlines()) == 1
+    assert run.err.startswith("lfcal: note: left out: check of H broken") and len(run.err.splitlines()) == 1

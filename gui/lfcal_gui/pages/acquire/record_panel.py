@@ -17,7 +17,6 @@ from PySide6.QtWidgets import (
     QProgressBar,
     QPushButton,
     QSizePolicy,
-    QStyle,
     QWidget,
 )
 
@@ -32,6 +31,7 @@ from lfcal_gui.widgets import (
     PeriodMap,
     PlaneTile,
     Strip,
+    add_chooser,
     button,
     choice_box,
     column_of,
@@ -179,11 +179,8 @@ class RecordPanel(QWidget):
         folder = QLineEdit(placeholderText="folder of the session")
         folder.setToolTip("A new or empty folder, or the folder of an interrupted session to resume")
         folder.editingFinished.connect(lambda: self.folder_edited.emit(folder.text().strip()))
-        icon = self.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon)
-        browse = folder.addAction(icon, QLineEdit.ActionPosition.TrailingPosition)
-        browse.setText("Choose a new folder, or the folder of a session to continue")
-        browse.setToolTip(browse.text())
-        browse.triggered.connect(lambda: self.folder_asked.emit())
+        name = "Choose a new folder, or the folder of a session to continue"
+        add_chooser(folder, name, f"{name} (Alt+Down)").connect(lambda: self.folder_asked.emit())
         return folder
 
     def _button_grid(self) -> QGridLayout:

@@ -60,7 +60,7 @@ class ChecksView(QWidget):
     fault_asked = Signal(str, arguments=["name"])
     """The section of the atlas about a fault is wanted."""
     every_toggled = Signal(bool, arguments=["on"])
-    """List all metrics, or those that apply."""
+    """List all checks, or those that apply."""
     chosen = Signal(int, arguments=["row"])
     """Another check is looked at: its number in the rows that were given."""
 
@@ -142,8 +142,8 @@ class ChecksView(QWidget):
 
     def _settings(self) -> QWidget:
         self.summary = WrappedLabel(role="hint")
-        self.every = QCheckBox("List all metrics")
-        self.every.setToolTip("Also list metrics that do not apply to this H")
+        self.every = QCheckBox("List all checks")
+        self.every.setToolTip("Also list checks that do not apply to this H")
         self.every.toggled.connect(self.every_toggled.emit)
         tip = "Camera, session, number of patterns and time of the inspection"
         self.form = FoldedForm(more=FIELDS, title="Inspection settings", tip=tip, framed=True)

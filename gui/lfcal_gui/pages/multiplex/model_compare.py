@@ -24,6 +24,7 @@ from lfcal.multiplex import (
     merits,
     sensor_noise,
 )
+from lfcal_gui.models import minus
 from lfcal_gui.pages.multiplex.model import TYPED, MultiplexSettings
 
 MAX_SEEN = 1000
@@ -114,7 +115,7 @@ def number(value: float | None, form: str = ".4g", unit: str = "") -> str:
     if math.isinf(value):
         return "∞" if value > 0 else "−∞"
     value = 0.0 if abs(value) < 1e-9 else value  # no sign for rounding errors
-    return f"{value:{form}} {unit}".strip().replace("-", "−")
+    return minus(f"{value:{form}} {unit}".strip())
 
 
 def _rows(n: ModulatorNumbers, reference: str, chi2: float) -> tuple[tuple[str, str, str], ...]:

@@ -174,6 +174,7 @@ class MultiplexPanel(QWidget):
     def _numbers_card(self) -> QWidget:
         frame, column = card("Numbers")
         self.table = QTableWidget(0, 2)
+        self.table.setTabKeyNavigation(False)  # Tab leaves the table
         self.table.setAccessibleName("properties of the modulator")
         self.table.setToolTip("Transmission, gain, and how well the multiplexed samples can be separated")
         self.table.horizontalHeader().hide()

@@ -59,9 +59,9 @@ class TrendPanel(QWidget):
         return row
 
     def _content(self) -> QSplitter:
-        left, column = card("Faults and metrics")
+        left, column = card("Faults and checks")
         self.table = RowsTable(model_trend.TREND_COLUMNS, 0)
-        self.table.setAccessibleName("faults and metrics over time")
+        self.table.setAccessibleName("faults and checks over time")
         self.table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
         self.table.verticalHeader().setDefaultSectionSize(24)
         self.table.itemSelectionChanged.connect(self._chosen)

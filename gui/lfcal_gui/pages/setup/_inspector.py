@@ -10,10 +10,8 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QPushButton, QToolButton, QWidget
 
 from lfcal.camera import NOISE, PRESETS, Camera, Microscope, ScanPlan
-from lfcal.tasks import PlanScan
-from lfcal_gui.models import fields_of
 from lfcal_gui.pages.setup import model
-from lfcal_gui.pages.setup.model_scan import BASIC_OF_SCAN, HELD, suggested_values
+from lfcal_gui.pages.setup.model_scan import BASIC_OF_SCAN, scan_fields, suggested_values
 from lfcal_gui.pages.setup.model_scan import values_of as values_of_plan
 from lfcal_gui.pages.setup.model_target import PlanSettings
 from lfcal_gui.widgets import (
@@ -160,7 +158,7 @@ class Inspector(QWidget):
 
     def _scan(self, check: Callable[[str, Any], str]) -> QWidget:
         frame, column = card("Scan")
-        every = {field.key: field for field in fields_of(PlanScan, without=HELD)}
+        every = scan_fields()
         rest = tuple(field for key, field in every.items() if key not in BASIC_OF_SCAN)
         basic = tuple(every[key] for key in BASIC_OF_SCAN)
         self.scan = FoldedForm(basic, rest, "Stage, order, targets", MORE)

@@ -15,7 +15,7 @@ from lfcal.base import InputError, LfcalError, check_cutout
 from lfcal.camera import Camera, ScanPlan, half_cell, moved_onto_sensor
 from lfcal.records import rows
 from lfcal.tasks import PlanScan
-from lfcal_gui.models import CAMERA_FILE, shown_of
+from lfcal_gui.models import CAMERA_FILE, UNKNOWN, Field, fields_of, shown_of
 
 PATH_POINTS = 6000
 
@@ -36,6 +36,17 @@ def default_plan(camera: Camera) -> ScanPlan:
         far = near if np.isfinite(near) and near > 2 else 5.0
         return ScanPlan.for_camera(camera, virtual_depths=[float(v) for v in np.linspace(2.0, far + 0.5, 4).round(2)])
     return ScanPlan.for_camera(camera, depths_um=[-20.0, -10.0, 0.0, 10.0, 20.0])
+
+
+def scan_fields() -> dict[str, Field]:
+    """Return the fields of the form by key; exposures are in ms, as everywhere in the window."""
+    every = {field.key: field for field in fields_of(PlanScan, without=HELD)}
+    exposure = every["exposure"]
+    tip = exposure.tip.replace("(s;", "(ms;")
+    every["exposure"] = replace(
+        exposure, kind="floats", unit="ms", scale=1e-3, read=None, empty="", tip=tip, default=UNKNOWN
+    )
+    return every
 
 
 def _values(plan: ScanPlan) -> dict[str, Any]:
@@ -67,7 +78,8 @@ def values_of(plan: ScanPlan) -> dict[str, Any]:
         "depths": tuple(float(f"{z:.8g}") + 0.0 for z in plan.depths_um),
     }
     values = {**_values(plan), **planes}
-    return {key: value for key, value in shown_of(PlanScan, values).items() if key in values}
+    shown = {key: value for key, value in shown_of(PlanScan, values).items() if key in values}
+    return shown | {"exposure": plan.exposures[:1] if len(set(plan.exposures)) == 1 else plan.exposures}
 
 
 def suggested_values(camera: Camera) -> dict[str, Any]:
@@ -81,6 +93,8 @@ def suggested_values(camera: Camera) -> dict[str, Any]:
 @lru_cache(maxsize=4, typed=True)
 def apply_change(plan: ScanPlan, key: str, value: Any) -> tuple[ScanPlan | None, str]:
     """Return the plan with one field changed and ``""``, or None and the reason why the value is refused."""
+    if isinstance(value, tuple) and len(value) == 1:
+        value = value[0]
     try:
         return _changed(plan, key, ROWS[key].value(value, ROWS[key].label)), ""
     except (LfcalError, ZeroDivisionError, OverflowError) as error:

@@ -224,7 +224,8 @@ def test_the_readout_follows_the_picture(page: Any, context: Context, qtbot: QtB
     idle(context.jobs, qtbot)
     panel.readout.resize(240, 20)
     assert panel.readout.text().endswith("relative to the other H")
-    assert QLabel.text(panel.readout) == f"t 2, s 3: difference {panel.linked_view.values[2, 3]:+.4g}"
+    shown = f"t 2, s 3: difference {panel.linked_view.values[2, 3]:+.4g}"
+    assert QLabel.text(panel.readout) == shown.replace("-", "−")
     panel.main_view.hovered.emit(-1, -1, float("nan"))
     assert panel.readout.text().startswith("Point at")
 

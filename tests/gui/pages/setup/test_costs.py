@@ -175,3 +175,22 @@ def test_nothing_is_simulated_for_a_place_that_is_not_looked_at(open_page: OpenP
     page.hide()
     context.project.update("made", plan=PLAN)
     assert not context.jobs.busy
+
+
+def test_exposures_are_shown_and_typed_in_milliseconds(open_page: OpenPage, context: Context) -> None:
+    page = open_page("setup")
+    context.project.update("made", plan=PLAN)
+    form = page.panel.inspector.scan
+    assert form.editor("exposure").text() == "20" and form.fields["exposure"].unit == "ms"
+    typed(form, "exposure", "28.3")
+    assert context.state.plan == replace(PLAN, exposure_s=0.0283)
+    typed(form, "exposure", "20, 50")
+    assert context.state.plan == replace(PLAN, exposure_s=(0.02, 0.05))
+    assert form.editor("exposure").text() == "20, 50" and page.panel.costs.way == "1 frame of 20 ms … 50 ms"
+    for wrong, said in (
+        ("0", "Exposure: expected a number > 0"),
+        ("", "xposure"),
+        ("20 s", "Exposure: expected numbers"),
+    ):
+        typed(form, "exposure", wrong)
+        assert said in form.error and 0 not in context.state.plan.exposures
