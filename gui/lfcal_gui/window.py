@@ -67,6 +67,9 @@ IMPORT_MS = 400
 LEAST_LOG = 28
 """Least height of the log: a line in the smallest window (px)."""
 
+LOW, LOG_SIZE = 680, (720, 240)
+"""Height of a window in which the log has only a line, and size of the separate log (px)."""
+
 STATUS = 28
 """Height of the status bar (px): with a notice or without one."""
 
@@ -151,6 +154,7 @@ class MainWindow(QMainWindow):
         self.log_dock = add_dock(self, "Log", self.log_view)
         self.resizeDocks([self.log_dock], [110], Qt.Orientation.Vertical)
         self.log_dock.hide()
+        self.log_dock.toggleViewAction().triggered.connect(self._place_log)
         self.job_line = JobsLine(self.jobs, self)
         self._begun = self.project.begun
         self.message = ElidedLabel(sentence=True, role="hint")
@@ -450,6 +454,12 @@ class MainWindow(QMainWindow):
         self.log_dock.hide()
         self.layouts.reset()
         fit_screen(self)
+
+    def _place_log(self, shown: bool) -> None:
+        """Show the log in a separate window if this one has no room for more than a line of it."""
+        if shown and self.height() < LOW:
+            self.log_dock.setFloating(True)
+            self.log_dock.resize(*LOG_SIZE)
 
     def _restore(self) -> None:
         for key, restore in (("geometry", self.restoreGeometry), ("windowState", self.restoreState)):

@@ -141,6 +141,18 @@ def test_preferences_are_kept_and_reset(window: MainWindow, monkeypatch: pytest.
     assert welcome_wanted(window.settings)
 
 
+@pytest.mark.parametrize(("height", "apart"), [(600, True), (800, False)])
+def test_the_log_shows_several_lines_in_a_window_of_any_height(
+    window: MainWindow, qtbot: QtBot, height: int, apart: bool
+) -> None:
+    window.resize(1000, height)
+    window.log_dock.toggleViewAction().trigger()
+    qtbot.waitUntil(window.log_view.isVisible, timeout=GUARD_MS)
+    QApplication.processEvents()
+    assert window.log_dock.isFloating() == apart
+    assert window.log_view.viewport().height() >= 3 * window.log_view.fontMetrics().height()
+
+
 def test_the_first_start_is_welcomed_until_it_is_not_wanted(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
     window.project.save(tmp_path / "mine.lfcal")
     window.files.recent.add(tmp_path / "mine.lfcal")

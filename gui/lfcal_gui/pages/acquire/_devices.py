@@ -315,6 +315,8 @@ class FaultPanel(QWidget):
         row = self.list.currentRow()
         self.list.clear()
         self.list.addItems([fault_words(fault) for fault in self._faults])
+        for k in range(self.list.count()):
+            self.list.item(k).setToolTip(self.list.item(k).text())
         self.list.setCurrentRow(min(max(row, 0), len(self._faults) - 1))
         self.list.setVisible(bool(self._faults))
         self.remove.setVisible(bool(self._faults))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QFont, QKeyEvent, QPainter
+from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QRect, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QFont, QKeyEvent, QPainter, QResizeEvent
 from PySide6.QtWidgets import (
     QHeaderView,
     QStyle,
@@ -78,9 +78,9 @@ class ShareBar(QStyledItemDelegate):
 
 
 EFFECT, SHARES, SETTING = range(3)
-SETTING_PX = 44
+SETTING_PX = 38
 ROW = 21
-"""Height of a row (px)."""
+"""Height of a row with one line (px)."""
 
 NAME = Qt.ItemDataRole.UserRole
 
@@ -104,7 +104,7 @@ class EffectsTable(QTreeWidget):
         self.setHeaderHidden(True)
         self.setItemDelegateForColumn(SHARES, self._bar)
         self.setIndentation(9)
-        self.setUniformRowHeights(True)
+        self.setWordWrap(True)
         self.setAllColumnsShowFocus(True)
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         for changed in (self.expanded, self.collapsed):
@@ -149,10 +149,21 @@ class EffectsTable(QTreeWidget):
         self.viewport().update()
 
     def _fit_height(self) -> None:
-        """Be as high as the rows that are open: the column around it scrolls."""
+        """Be as high as the rows that are open: the column around it scrolls. A long name has several lines."""
+        room = QRect(0, 0, self.columnWidth(EFFECT) - 2 * self.indentation() - 8, 999)
         shown = [item for item in self.groups.values() if not item.isHidden()]
-        rows = len(shown) + sum(item.childCount() for item in shown if item.isExpanded())
-        self.setFixedHeight(rows * ROW + 2 * self.frameWidth())
+        high = len(shown) * ROW
+        for item in (group.child(k) for group in shown for k in range(group.childCount())):
+            words = self.fontMetrics().boundingRect(room, Qt.TextFlag.TextWordWrap, item.text(EFFECT))
+            hint = QSize(0, max(ROW, words.height() + 4))
+            item.setSizeHint(EFFECT, hint)
+            high += hint.height() * item.parent().isExpanded()
+        self.setFixedHeight(high + 2 * self.frameWidth())
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give names as many lines as they need."""
+        super().resizeEvent(event)
+        self._fit_height()
 
     @staticmethod
     def _names(group: QTreeWidgetItem) -> list[str]:
@@ -168,7 +179,6 @@ class EffectsTable(QTreeWidget):
             for row in found[group]:
                 item = QTreeWidgetItem(parent)
                 item.setData(EFFECT, NAME, row.name)
-                item.setSizeHint(EFFECT, QSize(0, ROW))
                 item.setTextAlignment(SETTING, Qt.AlignmentFlag.AlignCenter)
                 self._items[row.name] = item
         if selected in self._items:

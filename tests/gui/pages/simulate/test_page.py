@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QRect, Qt
 from PySide6.QtWidgets import QApplication, QScrollArea
 from pytestqt.qtbot import QtBot
 
@@ -21,7 +21,7 @@ from lfcal.psf import open_psf
 from lfcal.simulate import simulate_psf
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState
-from lfcal_gui.pages.simulate._effects_table import SETTING, TEXT
+from lfcal_gui.pages.simulate._effects_table import EFFECT, SETTING, TEXT
 from lfcal_gui.pages.simulate.model import SimulateSettings, pattern_of
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 from lfcal_gui.window import MainWindow
@@ -274,6 +274,10 @@ def test_it_fits_the_least_window(page: Any, qtbot: QtBot, size: tuple[int, int]
     table = panel.table
     assert table.columnWidth(SETTING) >= table.fontMetrics().horizontalAdvance("auto") + 6
     assert max(table.fontMetrics().horizontalAdvance(row.share_text()) for row in page.verdict.rows) <= TEXT - 4
+    for name, item in table._items.items():
+        room = QRect(0, 0, table.columnWidth(EFFECT) - 2 * table.indentation() - 6, 999)
+        wrapped = table.fontMetrics().boundingRect(room, Qt.TextFlag.TextWordWrap, item.text(EFFECT))
+        assert wrapped.height() <= item.sizeHint(EFFECT).height() and wrapped.width() <= room.width(), name
     assert table.horizontalScrollBar().maximum() == 0 and min(panel.curve.width(), panel.view.width()) > 200
     (area,) = [one for one in panel.findChildren(QScrollArea) if one.isAncestorOf(table)]
     assert area.horizontalScrollBar().maximum() == 0
