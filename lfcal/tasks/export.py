@@ -164,7 +164,7 @@ class ExportMat(_Export):
     in_units: ClassVar[bool] = True
     suffixes: ClassVar[tuple[str, ...]] = (".mat",)
 
-    no_ht: bool = opt(False, "Leave out Ht, to halve the file size.", label="Without Ht")
+    no_ht: bool = opt(False, "Leave out HT, to halve the file size.", label="Without HT")
     rows_first: bool = opt(False, "Store H(t,s,y,x,z), for codes whose images have rows as the first axis.")
     lens_centred: bool = opt(
         False,
@@ -278,7 +278,7 @@ class ExportFor(_Export):
         chooses=True,
     )
     quality: str = opt("", "Verdict on the quality of H, such as good, to write into the file.", empty="none")
-    no_ht: bool = opt(False, "Leave out Ht, to halve the file size.", label="Without Ht")
+    no_ht: bool = opt(False, "Leave out HT, to halve the file size.", label="Without HT")
     position: tuple[int, int] | None = opt(
         None,
         "For a Fourier light-field microscope: the position (Y,X) whose patterns are written, if H has several.",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QAbstractListModel, QModelIndex, QPersistentModelIndex, QRect, QSize, Qt, QTimer, Signal
-from PySide6.QtGui import QColor, QFont, QImage, QPainter, QPen, QResizeEvent
+from PySide6.QtGui import QColor, QFont, QFontMetrics, QImage, QPainter, QPen, QResizeEvent
 from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem, QWidget
 
 from lfcal_gui.pages.sessions.model import Verdict, kind_word, verdict_words
@@ -111,6 +111,8 @@ class TileDelegate(QStyledItemDelegate):
         bold = QFont(font)
         bold.setWeight(QFont.Weight.DemiBold)
         second = f"{MARKS[merit]} {words}" if words else ""
+        if merit != "unknown" and QFontMetrics(font).horizontalAdvance(second) > area.width():
+            second = f"{MARKS[merit]} {merit}"  # the tip has the sentence
         lines = (
             (result.name, theme.text, bold, Qt.TextElideMode.ElideMiddle),
             (second, colours.get(merit, theme.muted), font, Qt.TextElideMode.ElideRight),

@@ -25,8 +25,8 @@ SHARE = Qt.ItemDataRole.UserRole + 1
 ON = Qt.ItemDataRole.UserRole + 2
 """Role of whether the effect is on."""
 
-TEXT, BAR = 74, 28
-"""Room for the number and for the bar (px)."""
+TEXT, BAR, HIGH = 74, 28, 7
+"""Room for the number and for the bar, and height of the bar (px)."""
 
 
 class ShareBar(QStyledItemDelegate):
@@ -60,7 +60,8 @@ class ShareBar(QStyledItemDelegate):
         painter.save()
         if selected:
             painter.fillRect(style.rect, QColor(theme.accent))
-        area = QRectF(style.rect).adjusted(2, 7, -TEXT - 2, -7)
+        area = QRectF(style.rect).adjusted(2, 0, -TEXT - 2, 0)
+        area.adjust(0, (area.height() - HIGH) / 2, 0, (HIGH - area.height()) / 2)
         painter.fillRect(area, QColor(theme.line if selected else theme.raised))
         shown = index.data(Qt.ItemDataRole.ForegroundRole)
         colour = shown.color() if shown is not None else QColor(theme.text)
@@ -83,6 +84,9 @@ ROW = 21
 """Height of a row with one line (px)."""
 
 NAME = Qt.ItemDataRole.UserRole
+
+
+GROUP_TIPS = {"unknown": "The camera has no values for these effects. Select one to enter its values"}
 
 
 class EffectsTable(QTreeWidget):
@@ -143,6 +147,7 @@ class EffectsTable(QTreeWidget):
             self._build(found)
         for group, item in self.groups.items():
             item.setText(EFFECT, group_title(group, found[group], verdict.settings.tolerance))
+            item.setToolTip(EFFECT, GROUP_TIPS.get(group, ""))
         for row in rows:
             self._fill(self._items[row.name], row)
         self._fit_height()

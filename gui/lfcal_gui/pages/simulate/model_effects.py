@@ -183,7 +183,7 @@ GROUPS = {
     "on": "On",
     "switched": "Switched off",
     "small": "Off, below {tolerance}",
-    "unknown": "Off, not described by the camera",
+    "unknown": "Off, not described",
     "frames": "In frames, not in H",
 }
 """Groups of effects, in the order of the table."""

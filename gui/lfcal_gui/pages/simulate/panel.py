@@ -25,7 +25,7 @@ from lfcal.accuracy import Curve
 from lfcal.base import format_length
 from lfcal.camera import ScanPlan
 from lfcal_gui.jobs import Jobs
-from lfcal_gui.models import Shot, axis_labels, cutout_of, points_of
+from lfcal_gui.models import Shot, axis_labels, cutout_of, minus, points_of
 from lfcal_gui.pages.simulate import model
 from lfcal_gui.pages.simulate._effect_panel import EffectPanel
 from lfcal_gui.pages.simulate._effects_table import EffectsTable
@@ -78,7 +78,7 @@ class PlaceLine(QWidget):
 
     def show_plan(self, plan: ScanPlan) -> None:
         """Offer planes and positions of a plan; the middle ones where the plan is another."""
-        planes = [f"{z}: {format_length(depth)}" for z, depth in enumerate(plan.depths_um)]
+        planes = [f"{z}: {minus(format_length(depth))}" for z, depth in enumerate(plan.depths_um)]
         ny, nx = plan.period
         before = [self.plane_box.itemText(k) for k in range(self.plane_box.count())]
         if before == planes and (self.row_box.maximum(), self.column_box.maximum()) == (ny - 1, nx - 1):

@@ -256,7 +256,7 @@ def test_the_largest_effects_that_are_not_described_are_named(page: Any) -> None
     assert text.startswith(f"Not described: {first} of the image; {second}; ")
     tip = page.panel.unknown.toolTip()
     assert rows[0].title in tip and "lfcal plan camera.json --depths=" in tip and "lfcal white white.tif" in tip
-    assert page.panel.table.groups["unknown"].text(0) == f"Off, not described by the camera: {len(rows)}"
+    assert page.panel.table.groups["unknown"].text(0) == f"Off, not described: {len(rows)}"
 
 
 @pytest.mark.parametrize("size", [(915, 505), (1190, 690)])
