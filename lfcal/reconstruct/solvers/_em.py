@@ -18,6 +18,7 @@ from lfcal.reconstruct.solvers._model_noise import ModelNoise
 from lfcal.reconstruct.solvers._repeating import Repeating
 from lfcal.reconstruct.solvers._stretch import Stretch, best_share, weaker
 from lfcal.reconstruct.solvers._subsets import Masks, check_partition
+from lfcal.reconstruct.solvers._update_kernels import update_factors
 from lfcal.reconstruct.solvers.measurement import GoodnessOfFit, Measurement, no_light
 from lfcal.reconstruct.solvers.penalty import Penalty
 from lfcal.reconstruct.solvers.planes import plane_threads
@@ -543,12 +544,15 @@ def _update(
         if steep is not None:
             # a steep gradient could make the denominator negative or tiny, so limit the growth to a factor of ten.
             share = np.maximum(below[z] + scale * steep[z], 0.1 * below[z])
-        seen = (part.sensitivity[z] > UNSEEN * top) & (share > 0)
-        factor = np.divide(np.maximum(above[z], 0), share, out=np.ones_like(volume[z]), where=seen)
+        factor = np.empty_like(volume[z])
+        update_factors(above[z], share, part.sensitivity[z], float(UNSEEN * top), factor)
+        stretched = options.stretch is not None and strength > 0
+        if options.repeating is not None or stretched:
+            seen = (part.sensitivity[z] > UNSEEN * top) & (share > 0)
         if options.repeating is not None:
             factor = options.repeating.without(z, factor, seen)
         light = longer = 0.0
-        if options.stretch is not None and strength > 0:
+        if options.stretch is not None and stretched:
             weight = part.sensitivity[z] * volume[z]
             light = float(np.vdot(weight, factor))
             factor = options.stretch.apply(z, factor, seen, strength)

@@ -7,10 +7,10 @@ from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Progress, in_order
+from lfcal.reconstruct.solvers._update_kernels import squares_of
 from lfcal.reconstruct.solvers.planes import plane_threads
 
 __all__ = [
@@ -178,21 +178,23 @@ def progress_of(
 
 def relative_change(new: NDArray[Any], old: NDArray[Any]) -> float:
     """Return the norm of ``new - old`` relative to that of ``new`` (0 if both are zero)."""
-    size, change = squares(new), squares(new, old)
+    size, change = _sums(new, old)
     return math.sqrt(change / size) if size > 0 else float(old.any())
 
 
-def squares(volume: NDArray[Any], other: NDArray[Any] | None = None) -> float:
-    """Return the sum of squares of ``volume`` ``(nz, Y, X)`` minus ``other`` (None: 0) in double precision.
+def squares(volume: NDArray[Any]) -> float:
+    """Return the sum of squares of ``volume`` ``(nz, Y, X)`` in double precision."""
+    return _sums(volume, volume)[0]
 
-    The sum is computed plane by plane, without a second array of the size of the volume.
-    """
 
-    def one(z: int) -> float:
-        plane = volume[z] if other is None else volume[z] - other[z]
-        return float(np.square(plane, dtype=np.float64).sum())
+def _sums(new: NDArray[Any], old: NDArray[Any]) -> tuple[float, float]:
+    """Return the sums of squares of ``new`` and of ``new - old``, in double precision, plane by plane."""
 
-    return sum(in_order(one, range(len(volume)), plane_threads(len(volume), volume[0].nbytes)))
+    def one(z: int) -> tuple[float, float]:
+        return squares_of(new[z], old[z])
+
+    found = list(in_order(one, range(len(new)), plane_threads(len(new), new[0].nbytes)))
+    return math.fsum(size for size, _ in found), math.fsum(change for _, change in found)
 
 
 def without_state(record: SolverProgress) -> SolverProgress:
