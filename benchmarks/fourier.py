@@ -48,9 +48,10 @@ def command(
 ) -> None:
     """Compare one forward and one back projection, and an iteration, with the FFTs that they need at least.
 
-    The iteration is that of Richardson-Lucy, from one volume to the next. With n planes, these are n + 1 forward and n + 1 back transforms; those of H are made once. Both use scipy.fft and
-    one thread, and are measured in processor time. Other programs compete for caches and memory,
-    which only lengthens it. The fastest run of each therefore counts.
+    The iteration is that of Richardson-Lucy, from one volume to the next. With n planes, these are n + 1 forward and
+    n + 1 back transforms; those of H are made once. Both use scipy.fft and one thread, and are measured in processor
+    time. Other programs compete for caches and memory, which only lengthens it. The fastest run of each therefore
+    counts.
 
     Example: `python -m benchmarks fourier`
     """
