@@ -33,7 +33,15 @@ from lfcal.base.checks import (
     check_type,
     check_wavelength,
 )
-from lfcal.base.compiled import kernel_folder, kernel_input, njit, preparing_seconds
+from lfcal.base.compiled import (
+    kernel_folder,
+    kernel_input,
+    kernel_spared,
+    kernels_spared,
+    njit,
+    preparing_seconds,
+    sparing_kernels,
+)
 from lfcal.base.errors import Cancelled, LfcalError, StorageError, UnsafeFileError, any_of, choose, one_line
 from lfcal.base.figures import COLOURS, DIFFERENCE_MAP, IMAGE_MAP, LINES, draw_image, figure, save_figure
 from lfcal.base.files import (
@@ -187,6 +195,8 @@ __all__ = [
     "is_alive",
     "kernel_folder",
     "kernel_input",
+    "kernel_spared",
+    "kernels_spared",
     "lazy_face",
     "listed",
     "lock",
@@ -222,6 +232,7 @@ __all__ = [
     "sample_session",
     "save_figure",
     "shows_on_x11",
+    "sparing_kernels",
     "stated_format",
     "storage_words",
     "sweep_scratch",

@@ -10,11 +10,13 @@ import functools
 import gc
 import glob
 import hashlib
+import os
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, ParamSpec, TypeVar
 
@@ -23,7 +25,16 @@ if TYPE_CHECKING:
 
 from lfcal.base.notes import note
 
-__all__ = ["Kernel", "kernel_folder", "kernel_input", "njit", "preparing_seconds"]
+__all__ = [
+    "Kernel",
+    "kernel_folder",
+    "kernel_input",
+    "kernel_spared",
+    "kernels_spared",
+    "njit",
+    "preparing_seconds",
+    "sparing_kernels",
+]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -34,12 +45,23 @@ NOTED_AFTER = 0.5
 """Processor time (s) that a process spends on compiling until a note at a terminal explains the wait."""
 
 
+SPARED_S = 0.5
+"""Processor time (s) that a command may lose by doing work without a kernel, before it compiles the kernel."""
+
+_SPARED: dict[tuple[str, str], float] | None = None
+"""Processor time (s) lost so far, by module and name of the kernel; None: kernels are always compiled."""
+
+_KEPT: dict[tuple[str, str], bool] = {}
+"""Whether a kernel has been compiled, here or by an earlier process, by its module and name."""
+
+
 class _Spent(threading.local):
     """Time that this thread spent on loading and compiling kernels (CPU-seconds), and whether it is doing so."""
 
     seconds = 0.0  # loading included
     compiling = 0.0
     busy = False
+    interpreting = False
 
 
 _SPENT = _Spent()
@@ -96,8 +118,29 @@ class Kernel(Generic[P, R]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Run the compiled function."""
+        if _SPENT.interpreting:
+            return self.function(*args, **kwargs)
         result: R = (self._compiled or self.compiled())(*args, **kwargs)
         return result
+
+    def spared(self, seconds: float) -> bool:
+        """Return whether to do work without this kernel; see `kernel_spared`."""
+        return kernel_spared(self.__module__, self.function.__qualname__, seconds)
+
+    def for_work(self, seconds: float) -> Callable[P, R]:
+        """Return this kernel, or a function that runs it uncompiled if it is spared.
+
+        ``seconds`` are those that Python takes to interpret it.
+        """
+        return self._interpreted if self.spared(seconds) else self
+
+    def _interpreted(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Run the function, and the kernels that it calls, without compiling them."""
+        before, _SPENT.interpreting = _SPENT.interpreting, True
+        try:
+            return self.function(*args, **kwargs)
+        finally:
+            _SPENT.interpreting = before
 
     def compiled(self) -> Any:
         """Return the compiled numba function of this kernel, and compile it if necessary."""
@@ -119,7 +162,67 @@ class Kernel(Generic[P, R]):
                 _run_without_cache(made)
                 _clock(made)
                 self._compiled = made
+                _KEPT[self.__module__, self.function.__qualname__] = True
             return self._compiled
+
+
+@contextmanager
+def sparing_kernels() -> Iterator[None]:
+    """Context of a command, in which small work is done without kernels that have never been compiled.
+
+    A first run then takes about as long as a later one. The other way to do the work gives the same result to the
+    precision of its numbers. `Kernel.spared` decides for each kernel.
+    """
+    global _SPARED
+    before, _SPARED = _SPARED, {}
+    try:
+        yield
+    finally:
+        _SPARED = before
+
+
+def kernel_spared(module: str, name: str, seconds: float) -> bool:
+    """Return whether to do work without a kernel, because it would be compiled for little work.
+
+    The answer is always False outside `sparing_kernels`, and for a kernel that has been compiled before. It depends on
+    no timing. Neither numba nor the module of the kernel is loaded.
+
+    Parameters
+    ----------
+    module, name
+        Where the kernel is defined.
+    seconds
+        Estimate of the additional processor time (s) without the kernel.
+    """
+    if _SPARED is None:
+        return False
+    with _LOCK:
+        if (module, name) not in _KEPT:
+            _KEPT[module, name] = _is_kept(module, name)
+        lost = _SPARED.get((module, name), 0.0) + seconds
+        if _KEPT[module, name] or lost > SPARED_S:
+            return False
+        _SPARED[module, name] = lost
+        return True
+
+
+def _is_kept(module: str, name: str) -> bool:
+    """Return whether numba's cache on disk has code of a kernel."""
+    spec = find_spec(module)
+    if spec is None or spec.origin is None or not os.path.isfile(spec.origin):
+        return True  # without a source, as in a bundled application, there is nothing to look for
+    source = Path(spec.origin)
+    index = glob.escape(f"{source.stem}.{name}-") + f"*.py{sys.version_info.major}{sys.version_info.minor}*.nbi"
+    folder = os.environ.get("NUMBA_CACHE_DIR")
+    if not folder and os.access(source.parent, os.W_OK):
+        return any((source.parent / "__pycache__").glob(index))
+    folder = folder or os.path.dirname(kernel_folder() or "")
+    return any(Path(folder).glob(f"*/{index}"))
+
+
+def kernels_spared() -> bool:
+    """Return whether this command has done work without its kernels, so that its duration is not typical."""
+    return bool(_SPARED)
 
 
 def _made(numba: Any, function: Callable[..., Any], options: dict[str, object]) -> Any:

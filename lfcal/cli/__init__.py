@@ -78,14 +78,14 @@ def _run(command_line: Callable[[], Any] | None, program: str) -> None:
 
     import typer
 
-    from lfcal.base import Cancelled, LfcalError, bounded_threads, notes_to
+    from lfcal.base import Cancelled, LfcalError, bounded_threads, notes_to, sparing_kernels
 
     # matplotlib warns if a full disk cannot hold its font cache, which does not affect the result
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     # ClickException, from the click that Typer includes
     usage_error = cast(type[Exception], typer.BadParameter.__mro__[2])
     try:
-        with bounded_threads(), notes_to(_report):
+        with bounded_threads(), notes_to(_report), sparing_kernels():
             from lfcal.cli import _app as app
 
             code = (command_line or app.command_line)()(standalone_mode=False, prog_name=program)

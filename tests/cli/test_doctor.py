@@ -69,5 +69,6 @@ def test_the_speed_for_forecasts_is_shown(
     assert not list(tmp_path.iterdir()), "to show it measures nothing"
     speed = calibration.machine_speed()
     speed.rate()
-    speed.correct("wave", 1.0, 1.25)
-    assert "1e+10 complex multiply-adds" in shown() and "wave: 1.25 times the forecast (1)" in shown()
+    for plane in range(4):
+        speed.correct("wave", f"plane {plane}", 1.0, 1.5)
+    assert "1e+10 complex multiply-adds" in shown() and "wave: 1.50 times the forecast (4)" in shown()

@@ -52,7 +52,8 @@ def test_lenslets_that_miss_the_cutout_cost_nothing(level: str) -> None:
 
 @pytest.fixture
 def same_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compute with the speed of the machine on which the constants were measured, and without corrections."""
+    """Compute with the speed of the machine on which the constants were measured; one plane corrects at once."""
+    monkeypatch.setattr(calibration, "ASSUMED", 0)
     monkeypatch.setattr(calibration, "_timed_rate", lambda: _work.FITTED_RATE)
     monkeypatch.setattr(calibration, "_SPEED", None)
 

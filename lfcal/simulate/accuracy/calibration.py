@@ -2,7 +2,8 @@
 
 `lfcal.simulate.accuracy.cost` forecasts the time on a reference machine. Two factors convert it to this machine. The
 first is the ratio of the speeds of matrix products. The second is the median ratio of measured to forecast time of the
-last planes that an engine computed here. All times are processor times.
+last planes that an engine computed here. Runs of the same plane count once, because they err alike. All times are
+processor times.
 """
 
 from __future__ import annotations
@@ -36,6 +37,9 @@ TICKS = 20
 
 PLANES = 9
 """Number of planes of an engine whose median corrects its forecasts."""
+
+ASSUMED = 3
+"""Number of planes that are assumed to take as long as forecast, so that the first ones are not believed alone."""
 
 MAX_CORRECTION = 5.0
 """Largest factor by which simulations correct the forecasts."""
@@ -74,8 +78,11 @@ class MachineSpeed:
 
     def ratio(self, engine: str) -> float:
         """Return the median ratio of measured to forecast time of the last planes of an engine; 1 without any."""
-        ratios = self._ratios.get(engine)
-        return min(max(statistics.median(ratios), 1 / MAX_CORRECTION), MAX_CORRECTION) if ratios else 1.0
+        known = self._ratios.get(engine)
+        if not known:
+            return 1.0
+        ratios = [*known.values(), *[1.0] * ASSUMED]
+        return min(max(statistics.median(ratios), 1 / MAX_CORRECTION), MAX_CORRECTION)
 
     def planes(self, engine: str) -> int:
         """Return the number of planes that determine `ratio`."""
@@ -86,12 +93,15 @@ class MachineSpeed:
         """Engines whose forecasts simulations have corrected."""
         return tuple(sorted(self._ratios))
 
-    def correct(self, engine: str, forecast_s: float, took_s: float) -> None:
-        """Add the time of a plane, measured and forecast without earlier corrections (CPU-seconds)."""
+    def correct(self, engine: str, plane: str, forecast_s: float, took_s: float) -> None:
+        """Add the time of a plane, measured and forecast without earlier corrections (CPU-seconds).
+
+        ``plane`` identifies it; an earlier time of the same plane is replaced.
+        """
         if forecast_s > 0 and took_s > 0:
             with self._lock:
-                known = self._ratios.get(engine, [])
-                self._ratios[engine] = [*known, took_s / forecast_s][-PLANES:]
+                others = {name: ratio for name, ratio in self._ratios.get(engine, {}).items() if name != plane}
+                self._ratios[engine] = _last({**others, plane: took_s / forecast_s})
                 self._store()
 
     def _store(self) -> None:
@@ -135,9 +145,9 @@ def _machine() -> str:
     return f"lfcal {full_version()}, numpy {np.__version__}, {platform.machine()}, {name}"
 
 
-def _stored(file: Path | None) -> tuple[float, dict[str, list[float]]]:
+def _stored(file: Path | None) -> tuple[float, dict[str, dict[str, float]]]:
     """Return the stored rate and ratios; no rate (0) if there are none of this machine."""
-    nothing: tuple[float, dict[str, list[float]]] = (0.0, {})
+    nothing: tuple[float, dict[str, dict[str, float]]] = (0.0, {})
     if file is None:
         return nothing
     try:
@@ -149,12 +159,16 @@ def _stored(file: Path | None) -> tuple[float, dict[str, list[float]]]:
         return nothing
 
 
-def _ratios(values: Any) -> list[float]:
-    """Return stored ratios; raise `ValueError` if one is not a positive number."""
-    ratios = [float(value) for value in values][-PLANES:]
-    if not ratios or not all(0 < ratio < math.inf for ratio in ratios):
+def _ratios(values: Any) -> dict[str, float]:
+    """Return stored ratios by plane; raise `ValueError` if one is not a positive number."""
+    ratios = _last({str(plane): float(value) for plane, value in values.items()})
+    if not ratios or not all(0 < ratio < math.inf for ratio in ratios.values()):
         raise ValueError("ratios")
     return ratios
+
+
+def _last(ratios: dict[str, float]) -> dict[str, float]:
+    return dict(list(ratios.items())[-PLANES:])
 
 
 def _timed_rate() -> float:

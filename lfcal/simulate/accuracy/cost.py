@@ -10,8 +10,10 @@ choice of a sampling uses the times of the reference machine alone, so that it i
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Sequence
 
+from lfcal.base import kernels_spared
 from lfcal.camera import Microscope
 from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.accuracy._work import FITTED_RATE, SET_UP, LightSizes, Traits, engine_work
@@ -67,8 +69,9 @@ def correct_rate(
         debye = isinstance(outlook.camera.optics, Microscope) and outlook.camera.has_lattice
         level = "debye" if debye else "wave"
     forecast = runs * engine_seconds(outlook, level, tolerance, traits) / _ratio(outlook, level, traits)
-    if max(forecast, took_s) >= LEAST_RUN_S:
-        machine_speed().correct(_engine(outlook, level, traits), forecast, took_s)
+    if max(forecast, took_s) >= LEAST_RUN_S and not kernels_spared():
+        plane = f"{zlib.crc32(repr((outlook.camera, outlook.z_um)).encode()):08x}"
+        machine_speed().correct(_engine(outlook, level, traits), plane, forecast, took_s)
 
 
 def _slowness() -> float:
