@@ -73,6 +73,16 @@ def _same_speeds() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _compiled_kernels() -> Iterator[None]:
+    """Let no result depend on which kernels have been compiled before."""
+    from lfcal.base import compiled
+
+    before, compiled.SPARED_S = compiled.SPARED_S, 0.0
+    yield
+    compiled.SPARED_S = before
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _plain_layouts(pytestconfig: pytest.Config) -> Iterator[None]:
     """Draw figures without measuring their labels; with --long as for users."""
     if pytestconfig.getoption("--long"):

@@ -19,6 +19,9 @@ SAMPLES_PER_PIXEL = 4
 SPREAD_PX = 0.35
 """Standard deviation (pixels) for spreading samples of the mean micro-image if centres cover a pixel evenly."""
 
+STATISTICS_S, FIT_S = 6e-7, 5e-6
+"""Processor time (s) per pixel of a kernel that is interpreted."""
+
 RIPPLE = 0.005
 """Largest remaining modulation of the samples' weights at the pixel period, if centres have similar fractions."""
 
@@ -106,7 +109,8 @@ class LensletPlaces:
 def light_of(image: NDArray[np.float32], centres: Array, radius: float, workers: int | None = None) -> Array:
     """Return pixel count, sum and gradient energy ``(n, 3)`` within ``radius`` of each centre (x, y)."""
     result = np.empty((len(centres), 3))
-    for_each_chunk(lambda a, b: lenslet_statistics(image, centres, radius, result, a, b), len(centres), workers)
+    light = lenslet_statistics.for_work(STATISTICS_S * image.size)
+    for_each_chunk(lambda a, b: light(image, centres, radius, result, a, b), len(centres), workers)
     return result
 
 
@@ -117,10 +121,11 @@ def mean_micro_image(
     side = 2 * math.ceil(radius) * SAMPLES_PER_PIXEL + 1
     parts = chunks(len(centres), worker_count(workers))
     sums = np.zeros((len(parts), 2, side, side))
+    add = fold.for_work(FIT_S * image.size)
 
     def work(first: int, last: int) -> None:
         for k in range(first, last):
-            fold(image, WhiteLenslets(centres, radius, SAMPLES_PER_PIXEL), scales, sums[k], *parts[k])
+            add(image, WhiteLenslets(centres, radius, SAMPLES_PER_PIXEL), scales, sums[k], *parts[k])
 
     for_each_chunk(work, len(parts), workers)
     total, count = _spread(sums.sum(0), _spreads(centres[scales > 0]))
@@ -159,9 +164,10 @@ def place_lenslets(
     """Fit shift and contrast of the mean micro-image to each lenslet within ``support`` of its lattice point."""
     out = np.empty((len(centres), 5))
     lenslets = WhiteLenslets(centres, support.radius, SAMPLES_PER_PIXEL)
+    fitted = register.for_work(FIT_S * image.size)
 
     def work(a: int, b: int) -> None:
-        register(image, lenslets, Template(micro.table, micro.slopes, support, np.empty((8, 4))), out, a, b)
+        fitted(image, lenslets, Template(micro.table, micro.slopes, support, np.empty((8, 4))), out, a, b)
 
     for_each_chunk(work, len(centres), workers)
     return LensletPlaces(out[:, :2].copy(), out[:, 2].copy(), out[:, 4].copy())

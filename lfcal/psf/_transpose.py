@@ -25,6 +25,9 @@ __all__ = ["BORDER_LIMIT", "border_energy", "border_warning", "depth_sum", "ht_s
 BORDER_LIMIT = 0.001
 """Fraction of the energy near the edge of the cutout above which `border_warning` warns."""
 
+GATHER_S, SUM_S = 2e-8, 2e-9
+"""Additional processor time (s) per value of moving values by indices, and of sums by numpy, instead of by kernels."""
+
 
 def transpose(
     array: Any,
@@ -116,6 +119,10 @@ def _permute(source: NDArray[Any], out: NDArray[Any], workers: int | None) -> No
         for plane, turned in zip(words, target, strict=True):
             for_each_chunk(partial(_kernels.transpose_rows, plane, turned), ny, workers)
         return
+    if _kernels.transpose_batches.spared(GATHER_S * source.size):
+        for plane, turned in zip(words, target, strict=True):
+            _gather_rows(plane, turned)
+        return
     batch = _kernels.batch_rows(shape, source.itemsize)
     batches = _kernels.Batches(shape, _kernels.source_rows(shape), batch)
     flat = (words.reshape(-1), target.reshape(-1), batches)
@@ -124,6 +131,16 @@ def _permute(source: NDArray[Any], out: NDArray[Any], workers: int | None) -> No
         _kernels.transpose_batches(*flat, _kernels.batch_memory(batches, words.dtype), start, stop)
 
     for_each_chunk(work, nz * -(-nt // batch), workers)
+
+
+def _gather_rows(plane: NDArray[Any], out: NDArray[Any]) -> None:
+    """Transpose a plane ``(ny, nx, nt, ns)`` exactly by indices, one row of the cutouts at a time."""
+    ny, nx, nt, ns = plane.shape
+    s = np.arange(ns)
+    columns = (np.arange(nx)[:, None] + s - centre(ns)) % nx
+    for t in range(nt):
+        rows = (np.arange(ny) + t - centre(nt)) % ny
+        out[:, :, t] = plane[rows[:, None, None], columns, nt - 1 - t, ns - 1 - s]
 
 
 def _as_words(array: NDArray[Any], *, write: bool = False) -> NDArray[Any]:
@@ -232,7 +249,7 @@ def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = Non
         raise InputError.expected(
             "out", f"a writeable array {(nt, ns)} {plane.dtype}", f"{out.shape} {out.dtype}", "make it with numpy.empty"
         )
-    if _plain(plane) and _plain(out):
+    if _plain(plane) and _plain(out) and not _plane_kernels.gather_slice.spared(GATHER_S * out.size):
         flat = _as_words(plane).reshape(-1), _as_words(out, write=True).reshape(-1)
         _plane_kernels.gather_slice(flat[0], (ny, nx, nt, ns), y % ny, x % nx, flat[1])
     else:
@@ -258,12 +275,13 @@ def depth_sum(plane: NDArray[Any], workers: int | None = None) -> NDArray[Any]:
     _check_dtype(plane.dtype)
     plane = np.asarray(plane)
     kind: Any = np.complex128 if plane.dtype.kind == "c" else np.float64
-    # numpy's own sum handles strides and foreign byte order; float16 and long double have no kernel
-    if not (_plain(plane) and plane.dtype.isnative) or plane.dtype in (np.float16, np.longdouble):
-        strided: NDArray[Any] = plane.sum(axis=(0, 1), dtype=kind)
-        return strided
     from lfcal.psf import _plane_kernels
 
+    # numpy's own sum handles strides and foreign byte order; float16 and long double have no kernel
+    special = not (_plain(plane) and plane.dtype.isnative) or plane.dtype in (np.float16, np.longdouble)
+    if special or _plane_kernels.add_patterns.spared(SUM_S * plane.size):
+        strided: NDArray[Any] = plane.sum(axis=(0, 1), dtype=kind)
+        return strided
     patterns = plane.reshape(ny * nx, nt * ns)
     # real and imaginary parts are added separately, as twice the number of real columns
     if kind is np.complex128:

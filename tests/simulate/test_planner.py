@@ -417,7 +417,7 @@ WORK = {
     "angular_response": (AngularResponse(0.4), grid, "pixel_response"),
     "finite_source": (FiniteSource(50.0), grid.GridPlane, "displaced"),
     "bandwidth": (Bandwidth(0.02), PlaneResponse, "_make_engine"),
-    "lenslet_diffraction": (LensletDiffraction(), grid, "mask_from_disc"),
+    "lenslet_diffraction": (LensletDiffraction(), grid, "fill_disc"),
 }
 """Work of the engines that only one effect needs."""
 

@@ -15,7 +15,6 @@ from lfcal.base import (
     Region,
     any_of,
     check_region,
-    for_each_chunk,
     grow_region,
     kernel_input,
     region_shape,
@@ -343,10 +342,7 @@ class CorrectionChain:
         terms = _kernels.CorrectionTerms(*maps, np.float32(level), np.float32(factor), *local.tolist())
         samples = kernel_input(raw)
 
-        def rows(start: int, stop: int) -> None:
-            _kernels.correct_rows(samples, terms, (0, 0), start, stop, result)
-
-        for_each_chunk(rows, part.shape[0], workers)
+        _kernels.correct(samples, terms, result, workers)
         if defects is not None:
             _kernels.repair_pixels(result, r0, c0, offset, defects.pixels, defects.neighbours)
             # only floats can hold NaN, and only masks put them there

@@ -1,4 +1,4 @@
-"""Compiled loop that integrates a sampled field over pixels."""
+"""Integrate a sampled field over pixels, by a compiled loop or by numpy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,18 @@ from numpy.typing import NDArray
 
 from lfcal.base import njit
 
-__all__ = ["bin_light"]
+__all__ = ["bin_light", "bin_light_by_numpy"]
+
+
+def bin_light_by_numpy(
+    field: NDArray[Any], weights: NDArray[Any], per: int, top: int, left: int, out: NDArray[Any]
+) -> None:
+    """Do the same as `bin_light`, which need not be compiled for this."""
+    part = field[top:, left:]
+    power = part.real * part.real + part.imag * part.imag
+    (rows, columns), taps = out.shape, range(weights.size)
+    lines = sum(weights[i] * power[i : i + (rows - 1) * per + 1 : per] for i in taps)
+    out[...] = sum(weights[j] * lines[:, j : j + (columns - 1) * per + 1 : per] for j in taps)
 
 
 @njit(fastmath=True)

@@ -20,7 +20,7 @@ from lfcal.simulate.engines._kernels import (
     MainLensField,
     Optics,
     Split,
-    mask_from_disc,
+    fill_disc,
     mask_from_table,
     respond,
 )
@@ -132,6 +132,6 @@ def _sampled_area(lens: LensTable, spread_per_px: float) -> float:
     """Return the area that an aperture has by its samples (µm²)."""
     n, dx = 2 * lens.half + 1, lens.field.dx_um
     mask = Split(*np.zeros((2, n, n), lens.field.re.dtype))
-    (mask_from_table if lens.aperture.cell.size else mask_from_disc)(lens.aperture, dx, 0.0, 0.0, mask)
+    (mask_from_table if lens.aperture.cell.size else fill_disc)(lens.aperture, dx, 0.0, 0.0, mask)
     total = float(np.square(mask.re, dtype=np.float64).sum() + np.square(mask.im, dtype=np.float64).sum())
     return (spread_per_px / dx) ** 2 * total

@@ -8,21 +8,21 @@ added, no window truncates their light, and rays have exact angles at any depth,
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import groupby
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.fft as sf
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, for_each_chunk, raise_if_abandoned
+from lfcal.base import InputError, for_each_chunk, kernel_spared, raise_if_abandoned
 from lfcal.simulate._symmetry import mirrored_rows
-from lfcal.simulate.engines._binning import bin_light
-from lfcal.simulate.engines._kernels import LensAperture, Split, mask_from_disc, mask_from_table
+from lfcal.simulate.engines._binning import bin_light, bin_light_by_numpy
+from lfcal.simulate.engines._kernels import LensAperture, Split, fill_disc, mask_from_table
 from lfcal.simulate.engines._nodes import MANY_ANGLES, conserving_rule, fitted_rule
 from lfcal.simulate.engines._propagator import sensor_propagator
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, Sampling
@@ -48,8 +48,48 @@ __all__ = ["GridPlane", "extent_of", "largest_angle"]
 SLACK = 1e-4
 """Largest energy that rounding in single precision may add to a position."""
 
+TRANSFORM_S = 1.2e-8
+"""Additional processor time (s) per sample of separate transforms and of binning by numpy."""
+
 Complex = NDArray[Any]  # single precision, or double where it is asked for
 Place = tuple[float, float]
+
+
+class _Separate(NamedTuple):
+    """How fields get to the pixels in separate steps."""
+
+    transfer: Complex
+    binned: Callable[..., None]
+
+
+class _Gap:
+    """The way from the array to the pixels, shared by the engines of a plane.
+
+    Parameters
+    ----------
+    transfer
+        Transfer function (n, n) over the gap.
+    alike
+        Whether all positions have the same path behind the array, in single precision.
+    """
+
+    def __init__(self, transfer: Complex, alike: bool) -> None:
+        self._transfer, self._alike = transfer, alike
+        self._fused: FusedResponse | None = None
+
+    def way(self, positions: int) -> FusedResponse | _Separate:
+        """Return the object that takes the fields of this many positions to pixels: in passes, or by separate FFTs."""
+        if self._fused is None:
+            separate = TRANSFORM_S * positions * len(self._transfer) ** 2
+            if self._alike and kernel_spared("lfcal.simulate.engines._fused_llvm", "respond", separate):
+                return _Separate(self._transfer, bin_light_by_numpy)
+            from lfcal.simulate.engines._fused import FusedResponse  # compiled code: loaded only when it is needed
+
+            if not (self._alike and FusedResponse.transforms(len(self._transfer))):
+                return _Separate(self._transfer, bin_light)
+            self._fused = FusedResponse(self._transfer)
+            self._transfer = self._transfer[:0].copy()  # the passes have their own
+        return self._fused
 
 
 def largest_angle(scene: Scene) -> float:
@@ -129,7 +169,7 @@ class GridPlane:
         else:
             self._rule = fitted_rule(self.per_px, band, scene.pixel_fill, falloff=MANY_ANGLES)
         self._weights = (self._rule.weights * scene.reduced_pixel_um).astype(self._real)
-        self._gap = self._in_passes()
+        self._gap = _Gap(self._transfer(), self._tilted is None and not self.sampling.double)
         self._lit: tuple[Place, Complex] | None = None
         self._wider: GridPlane | None = None
         self._ledger = Ledger()
@@ -175,7 +215,7 @@ class GridPlane:
             i, j = round((y - top) / dx), round((x - left) / dx)
             place = dx, left + j * dx - x, top + i * dx - y
             if scene.round_lenslets:
-                mask_from_disc(self._apertures[kind][0], *place, Split(parts[0], parts[1]))
+                fill_disc(self._apertures[kind][0], *place, Split(parts[0], parts[1]))
             else:
                 for aperture, part in zip(self._apertures[kind], parts, strict=True):
                     mask_from_table(aperture, *place, Split(part, none[0]))
@@ -204,14 +244,6 @@ class GridPlane:
             # as a factor of the amplitude
             step = step * pixel_response(power / 2, sines[:, None] + from_y, sines[None, :] + from_x)
         return step.astype(self._dtype)
-
-    def _in_passes(self) -> FusedResponse | Complex:
-        """Return the object that takes fields to pixels in passes, or for separate FFTs the transfer function."""
-        from lfcal.simulate.engines._fused import FusedResponse  # compiled code: loaded only when it is needed
-
-        plain = self._tilted is None and not self.sampling.double
-        step = self._transfer()
-        return FusedResponse(step) if plain and FusedResponse.transforms(self._n) else step
 
     def in_mode(self, mode: str) -> GridPlane:
         """Return an engine for another field of the scene, given by its ``mode``, that shares the array's table."""
@@ -258,13 +290,15 @@ class GridPlane:
         mirrored = mirrored_rows(scene, rows)
         computed = [(r, c) for r in range(rows.size) if r not in mirrored for c in range(columns.size)]
 
+        way = self._gap.way(len(computed))
+
         def some(start: int, stop: int) -> None:
-            work = self._workspace()
+            work = self._workspace(way)
             for r, places in groupby(computed[start:stop], key=itemgetter(0)):
                 raise_if_abandoned()
                 cs = [c for _, c in places]  # consecutive columns
                 pixels = [(int(rows[r]), int(columns[c])) for c in cs]
-                self._respond([scene.source_um(*p) for p in pixels], pixels, work, result[r, cs[0] : cs[-1] + 1])
+                self._respond([scene.source_um(*p) for p in pixels], pixels, way, work, result[r, cs[0] : cs[-1] + 1])
 
         for_each_chunk(some, len(computed), workers)
         for r, twin in mirrored.items():
@@ -274,7 +308,8 @@ class GridPlane:
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
         """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
         out = np.empty((1, *self.scene.cutout), np.float32)
-        self._respond([(y_um, x_um)], [self.scene.nearest_pixel(y_um, x_um)], self._workspace(), out)
+        way = self._gap.way(1)
+        self._respond([(y_um, x_um)], [self.scene.nearest_pixel(y_um, x_um)], way, self._workspace(way), out)
         cutout: NDArray[np.float32] = out[0]
         return cutout
 
@@ -282,14 +317,19 @@ class GridPlane:
         """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
         return self._pilot.seconds(self, n_positions)
 
-    def _workspace(self) -> Any:
+    def _workspace(self, way: FusedResponse | _Separate) -> Any:
         """Return the work arrays of one thread."""
-        if isinstance(self._gap, np.ndarray):
+        if isinstance(way, _Separate):
             return np.empty((self._n, self._n), self._dtype)
-        return self._gap.workspace(self.scene.cutout[0])
+        return way.workspace(self.scene.cutout[0])
 
     def _respond(
-        self, sources: Sequence[Place], pixels: Sequence[tuple[int, int]], work: Any, out: NDArray[np.float32]
+        self,
+        sources: Sequence[Place],
+        pixels: Sequence[tuple[int, int]],
+        way: FusedResponse | _Separate,
+        work: Any,
+        out: NDArray[np.float32],
     ) -> None:
         """Fill ``out`` (k, nt, ns) for sources (y, x) on the sensor and their cutouts' middle pixels."""
         scene, per = self.scene, self.per_px
@@ -301,13 +341,13 @@ class GridPlane:
             y, x = ((s - p * scene.pixel_um) / scene.scale / self._dx for s, p in zip(source, pixel, strict=True))
             return self._incoming((y, x)), *self._array_part(pixel)
 
-        if isinstance(self._gap, np.ndarray):
+        if isinstance(way, _Separate):
             for source, pixel, one in zip(sources, pixels, out, strict=True):
                 lit, table, (y, x) = met(source, pixel)
                 power, spectrum = self._spectrum(lit, table[y : y + self._n, x : x + self._n], pixel, work)
-                spectrum *= self._gap
+                spectrum *= way.transfer
                 light = sf.ifft2(spectrum, overwrite_x=True, workers=1)
-                bin_light(light, self._weights, per, top, left, one)
+                way.binned(light, self._weights, per, top, left, one)
                 self._certify(power * self._dx**2, float(one.sum(dtype=np.float64)))
             return
         done = 0
@@ -317,7 +357,7 @@ class GridPlane:
             lit, table, _ = alike[0]
             part = out[done : done + len(alike)]
             corners = [corner for _, _, corner in alike]
-            powers = self._gap.each(lit, (table, corners), self._weights, (per, top, left), work, part)
+            powers = way.each(lit, (table, corners), self._weights, (per, top, left), work, part)
             for power, one in zip(powers.tolist(), part, strict=True):
                 self._certify(power * self._dx**2, float(one.sum(dtype=np.float64)))
             done += len(alike)

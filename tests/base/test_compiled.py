@@ -1,0 +1,156 @@
+"""Kernels that are not compiled for little work: the other way gives the same result, and the choice is stable."""
+
+from __future__ import annotations
+
+import struct
+import sys
+import zlib
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from lfcal.base import FileFormatError, compiled, kernel_spared, kernels_spared, sparing_kernels
+from lfcal.frames.corrections._kernels import CorrectionTerms, correct
+from lfcal.frames.formats.png import PngImage
+from lfcal.lattice._kernels import Support
+from lfcal.lattice._micro_image import light_of, mean_micro_image, place_lenslets
+from lfcal.psf._transpose import depth_sum, ht_slice, transpose
+from lfcal.psf.store import _rounded, _rounded_sums
+from lfcal.simulate import simulate_psf
+from lfcal.simulate.engines._kernels import LensAperture, Split, fill_disc
+from lfcal.simulate.engines._polygon import regular, spectrum
+from tests.simulate.common import small_plan
+
+KERNEL = (
+    "from lfcal.base.compiled import njit\n\n"
+    "@njit()\ndef inner(a):\n    return a + 1\n\n"
+    "@njit()\ndef outer(a):\n    return 2 * inner(a)\n"
+)
+RNG = np.random.default_rng(1)
+PLANE = RNG.normal(size=(5, 6, 21, 23)).astype(np.float32)
+IMAGE = RNG.integers(0, 60000, (40, 50)).astype(np.uint16)
+CENTRES = np.stack(np.meshgrid(np.arange(8, 40, 7.3), np.arange(8, 32, 7.1)), -1).reshape(-1, 2)
+WHITE = (1000 * np.cos(np.indices((40, 50)) / 1.2).sum(0) + 2000).astype(np.float32)
+
+
+def corrected() -> Any:
+    maps = IMAGE.astype(np.float32) / 7, 1 + IMAGE.astype(np.float32) / 1e6
+    out = np.empty(IMAGE.shape, np.float32)
+    correct(IMAGE, CorrectionTerms(*maps, np.float32(3), np.float32(1.1), 2.0, 0.1, 0.01), out, 1)
+    return out
+
+
+def disc() -> Any:
+    table, mask = np.linspace(1, 0, 300, dtype=np.float32), np.zeros((2, 31, 31), np.float32)
+    aperture = LensAperture(table, table**2, 2.0, np.zeros((0, 0), np.float32), 1.0, 0.0, 0.0)
+    fill_disc(aperture, 0.7, 0.1, -0.2, Split(*mask))
+    return mask
+
+
+def placed() -> Any:
+    micro = mean_micro_image(WHITE, CENTRES, np.ones(len(CENTRES)), 3.2, 1)
+    found = place_lenslets(WHITE, CENTRES, micro, Support(1 / 9, 0.0, 1 / 9), 1)
+    return np.concatenate([micro.table.ravel(), found.shifts.ravel(), found.gains])
+
+
+def frequencies() -> Any:
+    f = np.fft.fftfreq(24, 0.3)
+    return spectrum(regular(7, 0.2), f, f)
+
+
+def simulated(workers: int = 1) -> Any:
+    return simulate_psf(small_plan(cutout=31), "auto", "grid", tolerance=0.03, workers=workers).plane(0)
+
+
+WORK: dict[str, tuple[Callable[..., Any], float]] = {
+    "transpose_batches": (lambda: transpose(PLANE[None]), 0),
+    "gather_slice": (lambda: ht_slice(PLANE, 2, 3), 0),
+    "add_patterns": (lambda: depth_sum(PLANE), 1e-13),
+    "correct_rows": (corrected, 0),
+    "round_pattern": (lambda: _rounded(PLANE[1, 2], 2**-6), 0),
+    "add_rounded": (lambda: _rounded_sums(PLANE, 2**-6, 1)[0], 0),
+    "lenslet_statistics": (lambda: light_of(WHITE, CENTRES, 3.0, 1), 1e-6),
+    "fold": (placed, 1e-5),
+    "register": (placed, 1e-5),
+    "_edge_rows": (frequencies, 1e-13),
+    "mask_from_disc": (disc, 1e-6),
+    "respond": (simulated, 2e-6),
+}
+"""Work by the kernel that is spared, and the largest difference relative to the largest value."""
+
+
+@pytest.fixture
+def uncompiled(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], float]:
+    """Return the work done without kernels; there is no limit, and no kernel counts as compiled."""
+    spared: dict[tuple[str, str], float] = {}
+    monkeypatch.setattr(compiled, "_SPARED", spared)
+    monkeypatch.setattr(compiled, "_KEPT", defaultdict(bool))
+    monkeypatch.setattr(compiled, "_is_kept", lambda *_: False)
+    monkeypatch.setattr(compiled, "SPARED_S", 1e9)
+    return spared
+
+
+@pytest.mark.parametrize("kernel", WORK)
+def test_work_without_a_kernel_gives_the_same(kernel: str, request: pytest.FixtureRequest) -> None:
+    work, largest = WORK[kernel]
+    expected = work()
+    spared = request.getfixturevalue("uncompiled")
+    found = work()
+    assert kernel in {name for _, name in spared}
+    assert found.dtype == expected.dtype
+    np.testing.assert_allclose(found, expected, rtol=0, atol=largest * np.abs(expected).max())
+    np.testing.assert_array_equal(work(), found)
+
+
+def test_a_frame_is_read_without_a_kernel(tmp_path: Path, uncompiled: dict[tuple[str, str], float]) -> None:
+    path = tmp_path / "frame.png"
+    cv2.imwrite(str(path), IMAGE)
+    found = PngImage(path).read()
+    np.testing.assert_array_equal(found, IMAGE)
+    assert found.dtype == IMAGE.dtype and [name for _, name in uncompiled] == ["unfilter"]
+
+
+def test_an_unknown_filter_is_found_without_a_kernel(tmp_path: Path, uncompiled: dict[tuple[str, str], float]) -> None:
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    path, header = tmp_path / "frame.png", struct.pack(">IIBBBBB", 2, 2, 8, 0, 0, 0, 0)
+    body = zlib.compress(bytes([0, 1, 2, 9, 3, 4]))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", body) + chunk(b"IEND", b""))
+    with pytest.raises(FileFormatError, match="damaged data"):
+        PngImage(path).read()
+    assert uncompiled
+
+
+def test_a_simulation_without_kernels_does_not_depend_on_threads(uncompiled: dict[tuple[str, str], float]) -> None:
+    np.testing.assert_array_equal(simulated(1), simulated(3))
+
+
+def test_a_kernel_is_spared_until_its_work_is_worth_compiling(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "spared_kernels.py").write_text(KERNEL, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(compiled, "SPARED_S", 0.5)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    import spared_kernels as m  # type: ignore[import-not-found]
+
+    assert not m.outer.spared(0.1), "outside a command, kernels are compiled"
+    with sparing_kernels():
+        assert not kernels_spared()
+        assert [m.outer.spared(0.2) for _ in range(4)] == [True, True, False, False]
+        assert m.inner.spared(0.2), "each kernel has its own limit"
+        assert kernels_spared()
+    with sparing_kernels():
+        assert m.outer.for_work(0.2)(3) == 8
+        assert m.outer._compiled is None and m.inner._compiled is None
+        assert m.outer(3) == 8 and not m.outer.spared(0.1), "it is compiled now"
+    # a later process finds it on disk
+    monkeypatch.setattr(compiled, "_KEPT", {})
+    with sparing_kernels():
+        assert not kernel_spared("spared_kernels", "outer", 0.1)
+        assert kernel_spared("spared_kernels", "outers", 0.1)
+    del sys.modules["spared_kernels"]
