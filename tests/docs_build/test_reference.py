@@ -61,13 +61,18 @@ def test_derived_functions_are_shown_as_functions(tmp_path: Path) -> None:
     extensions = griffe.load_extensions("dataclasses", str(ROOT / "docs_build" / "drained.py"))
     made = griffe.load("adding", search_paths=[tmp_path], extensions=extensions, docstring_parser="numpy")
     add, count = made["add"], made["count"]
-    assert [(one.name, one.default) for one in add.parameters] == [("a", None), ("b", "1")]
+    assert [(one.name, one.default) for one in add.parameters] == [
+        ("a", None),
+        ("b", "1"),
+        ("on_progress", "None"),
+    ]
     assert (str(add.returns), str(count.returns)) == ("int", "list[int]")
     assert [(one.name, one.default) for one in made["solve"].parameters] == [
         ("P", None),
         ("image", None),
         ("iterations", "20"),
         ("weights", "None"),
+        ("on_progress", "None"),
     ]
     assert [section.kind.value for section in add.docstring.parsed] == ["text", "raises", "examples"]
 
