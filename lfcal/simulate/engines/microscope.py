@@ -315,12 +315,13 @@ class DebyePlane:
         f = f[seen]
         moved = _powers(np.exp(-2j * np.pi * spread / pitch * f), m.size // 2)
         wave = taper(f, band, top) * np.exp(-1j * np.pi * (2 * f * reach * dx + spread * f * f))
-        parts = product(_parts(turn * math.sqrt(scene.pixel_um)), _parts(moved * wave))
+        carried = (math.sqrt(scene.pixel_um) * moved * wave).astype(np.complex64)
         # nodes have few distances from the coarse grid
         _, first, which = np.unique(np.rint(aside * (GRAINS / dx)), return_index=True, return_inverse=True)
         moves = np.exp(2j * np.pi * aside[first, None] * f).astype(np.complex64)
         spectra = np.zeros((behind.size, 2 * size), np.complex64)
-        spectra[:, seen] = (parts[0] + 1j * parts[1]) * moves[which]
+        with one_blas_thread():
+            spectra[:, seen] = (turn.astype(np.complex64) @ carried) * moves[which]
         # every second number of a transform is that of the sum of both halves
         folded = spectra[:, :size] + spectra[:, size:]
         made: NDArray[np.complex64] = sf.ifft(folded, axis=1, overwrite_x=True)[:, : 2 * reach + 1]
