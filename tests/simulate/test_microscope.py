@@ -318,6 +318,16 @@ def test_other_objectives_and_lenslets_keep_the_tolerance(objective, lenslet, z)
         assert 0 < found.sum() <= 1.005
 
 
+def test_one_percent_takes_two_nodes_where_they_keep_it() -> None:
+    plan = ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[25.0, -30.0], cutout=101)
+    for plane, nodes in ((0, 2), (1, 3)):
+        response = PlaneResponse(plan, plane, (LensletDiffraction(),), tolerance=0.01)
+        fine = DebyePlane(response.scene, Sampling(nodes_per_px=8))
+        found = response.rows(range(0, 8, 3), range(0, 8, 3), workers=1)
+        assert response.engine().sampling.nodes_per_px == nodes
+        assert relative_error(found, fine.rows(range(0, 8, 3), range(0, 8, 3), workers=1)) < 0.01
+
+
 @pytest.mark.long
 def test_arrays_off_the_separable_path_keep_the_tolerance() -> None:
     """Windows of 20 px around each lenslet left 1.4 % of a hexagonal microscope's response out, at any nodes."""

@@ -60,7 +60,7 @@ WIDEST = 1000
 SPARE = 0.6
 """Nodes per pixel beyond the band of the light, with which aliases fall where pixels do not respond."""
 
-DEBYE_NODES: tuple[tuple[int, float], ...] = ((1, 0.12), (2, 0.015), (3, 0.005), (4, 0.0025))
+DEBYE_NODES: tuple[tuple[int, float], ...] = ((1, 0.12), (2, 0.01), (3, 0.005), (4, 0.0025))
 """Nodes per pixel of the Debye path, each with its expected error."""
 
 MAX_NODES = 12
