@@ -19,9 +19,11 @@ DIGITS = 10
 def full_version() -> str:
     """Return the version, with the commit if it is known: ``0.1.0+g1a053e7c4b``.
 
-    The commit is that of a git checkout, or the one that pip installed from a repository; released packages have none.
+    The commit is that of a git checkout, the one that a wheel or source archive was made from, or the one that pip
+    installed from a repository.
     """
-    commit = _checked_out(Path(__file__).resolve().parents[2]) or _installed()
+    package = Path(__file__).resolve().parents[1]
+    commit = _checked_out(package.parent) or _archived(package) or _installed()
     return f"{__version__}+g{commit[:DIGITS]}" if commit else __version__
 
 
@@ -43,6 +45,14 @@ def _checked_out(root: Path) -> str:
         packed = (shared / "packed-refs").read_text(encoding="utf-8").splitlines()
         return next((_hash(line.split()[0]) for line in packed if line.endswith(f" {name}")), "")
     except (OSError, UnicodeDecodeError, IndexError):
+        return ""
+
+
+def _archived(package: Path) -> str:
+    """Return the commit that ``packaging/commit.py`` wrote into the archive; empty without one."""
+    try:
+        return _hash((package / "_commit").read_text(encoding="utf-8").strip())
+    except (OSError, UnicodeDecodeError):
         return ""
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from lfcal import __version__
+from lfcal.base import full_version
 from lfcal.cli._lazy import LazyCommands, LazyGroup, listed_commands
 
 __all__ = ["build_app", "command_line"]
@@ -25,7 +25,7 @@ HEADINGS = {
 
 def _version(value: bool) -> None:
     if value:
-        typer.echo(f"lfcal {__version__}")
+        typer.echo(f"lfcal {full_version()}")
         raise typer.Exit
 
 

@@ -65,7 +65,21 @@ def test_the_version_is_the_same_everywhere() -> None:
         lfcal.__version__ == cited and changed[0] == "Unreleased" and all(re.match(r"\d+\.\d+", v) for v in changed[1:])
     )
     assert re.fullmatch(r"\d+\.\d+\.\d+", lfcal.__version__)
-    assert 'dynamic = ["version"]' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert 'dynamic = ["version"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+
+
+def test_the_readme_of_a_package_index_has_no_relative_link() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    home = project["project"]["urls"]["Homepage"]
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for rule in project["tool"]["hatch"]["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:
+        assert home in rule["replacement"], "one address"
+        text = re.sub(rule["pattern"], rule["replacement"], text)
+    links = re.findall(r"(!?)\[[^]]*\]\(([^)]*)\)", text)
+    assert len(links) > 10 and all(link.startswith("https://") for _, link in links)
+    assert all(link.startswith(f"{home}/raw/") for mark, link in links if mark), "pictures are not pages"
+    for name in re.findall(rf"{re.escape(home)}/\w+/main/([^)]+)\)", text):
+        assert (ROOT / name).exists(), name
 
 
 def test_what_the_commands_of_the_pages_install_is_there() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
+import zipfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import replace
@@ -225,6 +227,32 @@ def test_the_commit_is_read_from_a_checkout_of_any_form(tmp_path: Path) -> None:
     (git / "worktrees" / "w" / "HEAD").write_text("ref: refs/heads/main\n")
     assert version._checked_out(tmp_path / "tree") == commit[::-1]
     assert version._checked_out(tmp_path) == "", "no checkout"
+
+
+def test_the_commit_is_read_from_an_archive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert version._archived(tmp_path) == "", "none is named"
+    commit = "1234567890abcdef1234567890abcdef12345678"
+    (tmp_path / "_commit").write_text(f"{commit}\n")
+    assert version._archived(tmp_path) == commit
+    (tmp_path / "_commit").write_bytes(b"\xff" * 40)
+    assert version._archived(tmp_path) == "", "not text"
+
+
+@pytest.mark.long
+@pytest.mark.skipif(shutil.which("uv") is None, reason="no uv")
+def test_wheels_and_source_archives_name_their_commit(tmp_path: Path) -> None:
+    """Also a wheel that is made from an archive inside the repository of something else."""
+    root = Path(lfcal.__file__).parents[1]
+    commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=root, capture_output=True, text=True, check=True).stdout
+    build = ["uv", "build", "-q", "-o", tmp_path]
+    subprocess.run([*build, "--sdist", root], check=True)
+    (archive,) = tmp_path.glob("*.tar.gz")
+    subprocess.run(["git", "init", "-q", tmp_path], check=True)
+    shutil.unpack_archive(archive, tmp_path, filter="data")
+    subprocess.run([*build, "--wheel", tmp_path / archive.name.removesuffix(".tar.gz")], check=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as file:
+        assert file.read("lfcal/_commit").decode().strip() == commit.strip()
 
 
 def test_simulated_frames_give_counts_and_a_computed_h_shares_of_the_light() -> None:
