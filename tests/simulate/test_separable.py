@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from lfcal.simulate.engines._nodes import AxisNodes, fitted_rule
+from lfcal.simulate.engines._nodes import WindowNodes, fitted_rule
 from lfcal.simulate.engines._separable import DOWN, in_blocks, pixel_sums
 from lfcal.simulate.engines._tile_llvm import row_light
 
@@ -22,7 +22,7 @@ def parts(value: np.ndarray) -> np.ndarray:
 def test_pixels_take_the_light_at_their_own_nodes(pixels: int, middle: int) -> None:
     """A wave within the band has a known integral over each pixel, also from half the nodes outside the middle."""
     fine, coarse = fitted_rule(4, 1.5, 0.9), fitted_rule(2, 1.5, 0.9)
-    nodes = AxisNodes.of(fine, coarse, pixels, middle)
+    nodes = WindowNodes.of(fine, coarse, pixels, middle)
     half = min(pixels, middle + (pixels - middle) % 2) / 2
     centres = np.arange(pixels) - (pixels - 1) / 2
     places, weights = nodes.pixels()

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-__all__ = ["MANY_ANGLES", "ONE_APERTURE", "AxisNodes", "NodeRule", "conserving", "fitted_rule"]
+__all__ = ["MANY_ANGLES", "ONE_APERTURE", "NodeRule", "WindowNodes", "conserving", "fitted_rule"]
 
 ONE_APERTURE, MANY_ANGLES = 1.5, 3.0
 """Power with which the spectrum of light falls to zero: behind one round aperture, and behind many."""
@@ -55,7 +55,7 @@ class NodeRule:
 
 
 @dataclass(frozen=True, slots=True)
-class AxisNodes:
+class WindowNodes:
     """Nodes of a window along an axis, with fewer nodes per pixel away from its middle.
 
     Attributes
@@ -72,7 +72,7 @@ class AxisNodes:
     weights: NDArray[np.float32]
 
     @classmethod
-    def of(cls, fine: NodeRule, coarse: NodeRule, pixels: int, middle: int) -> AxisNodes:
+    def of(cls, fine: NodeRule, coarse: NodeRule, pixels: int, middle: int) -> WindowNodes:
         """Return the nodes of ``pixels``: those of ``fine`` for ``middle`` of them, else those of ``coarse``."""
         middle = min(pixels, middle + (pixels - middle) % 2)
         side = (pixels - middle) // 2

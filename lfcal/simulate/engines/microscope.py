@@ -33,7 +33,7 @@ from lfcal.base import InputError, for_each_chunk, one_blas_thread
 from lfcal.simulate._symmetry import AxisPhase, axis_phase, is_separable
 from lfcal.simulate.engines._debye import debye_fields, radial_field
 from lfcal.simulate.engines._fields_sum import wave_plane
-from lfcal.simulate.engines._nodes import AxisNodes, fitted_rule
+from lfcal.simulate.engines._nodes import WindowNodes, fitted_rule
 from lfcal.simulate.engines._separable import DOWN, fold_rows, in_blocks, pixel_sums, product
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, PlaneEngine, Sampling
 from lfcal.simulate.engines.masks import taper
@@ -188,7 +188,7 @@ class DebyePlane:
         self._matrices: dict[AxisPhase, Matrix] = {}
         self._lefts: dict[AxisPhase, tuple[Matrix, ...]] = {}
         self._rights: dict[AxisPhase, tuple[Matrix, ...]] = {}
-        self._axes: dict[tuple[int, int], tuple[AxisNodes, NDArray[np.int64], Matrix]] = {}
+        self._axes: dict[tuple[int, int], tuple[WindowNodes, NDArray[np.int64], Matrix]] = {}
         self._lenses: dict[float, tuple[NDArray[np.int64], NDArray[np.complex128]]] = {}
         self._rows: dict[RowName, NDArray[np.complex64]] = {}
         self._responses: dict[Pair, NDArray[np.float32]] = {}
@@ -237,14 +237,14 @@ class DebyePlane:
         slope = 1 / (2 * scene.f_number) + half / abs(scene.lattice.types[0].focal_length_um)
         return bright * self._coarse + 1.1 * slope * scene.gap_um  # lenslets and cone carry light sideways
 
-    def _nodes(self, phase: AxisPhase) -> tuple[AxisNodes, NDArray[np.int64], Matrix]:
-        """Return the nodes of a phase, and the pixels and weights of each; see `AxisNodes.pixels`."""
+    def _nodes(self, phase: AxisPhase) -> tuple[WindowNodes, NDArray[np.int64], Matrix]:
+        """Return the nodes of a phase, and the pixels and weights of each; see `WindowNodes.pixels`."""
         _, shift, _, pixels = phase
         middle = min(pixels, 2 * math.ceil((self._lit + abs(shift)) / self.scene.pixel_um) + 1)
         with self._lock:
             known = self._axes.get((pixels, middle))
         if known is None:
-            nodes = AxisNodes.of(self.rule, self._faint_rule, pixels, middle)
+            nodes = WindowNodes.of(self.rule, self._faint_rule, pixels, middle)
             known = nodes, *nodes.pixels()
             with self._lock:
                 self._axes[pixels, middle] = known
