@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import pytest
@@ -195,3 +195,33 @@ def test_groups_of_a_lattice_are_refused_and_a_pupil_that_cuts_nothing_is_named(
         fit_camera(measured(camera_of(), light), unknowns=["geometry"])
     with pytest.raises(InputError, match="iris, which needs lenslets that the edge of the pupil cuts"):
         fit_camera(measured(camera_of(na=0.6), light), unknowns=["iris"])
+
+
+def test_the_work_for_29_lenslets_is_limited_to_their_elemental_images():
+    """One window per lenslet and plane is computed. A change of one lenslet computes only its windows again."""
+    grid = [(1500 * (i + j / 2), 1500 * j * np.sqrt(0.75)) for i in range(-5, 6) for j in range(-5, 6)]
+    centres = tuple(sorted(grid, key=lambda place: np.hypot(*place))[:29])
+    lenslets = PupilLenslets(centres, 154e3, 36e3, (36e3,), 1300.0)
+    camera = Camera("xlfm", Microscope(25.0, 1.05, 1.33), lenslets, Sensor((1024, 1024), 13.0), 0.525)
+    side, depths = 701, (-100.0, 0.0, 100.0)
+    y, x = np.mgrid[:side, :side] - side // 2
+    light = np.zeros((3, side, side))
+    for k, z in enumerate(depths):
+        for cx, cy in centres:
+            far = 1 + lenslets.spread(camera.optics, z)
+            light[k] += np.exp(-((x - far * cx / 13) ** 2 + (y - far * cy / 13) ** 2) / 8)
+    own, _ = elemental_of(measured(camera, light, depths=depths, held=[]))
+    boxes = []
+
+    def counted(scene, box, chief, nodes):
+        boxes.append(box)
+        return np.zeros((box[1] - box[0], box[3] - box[2]), np.float32)
+
+    own = replace(own, light_in=lru_cache(maxsize=4096)(counted))
+    own.predicted(Setup(camera, (), (0.0,) * 3), np.zeros((3, 2)), Fineness.coarse)
+    assert len(boxes) == 3 * 29 and all(len(image.lenslets) == 1 for images in own.boxes for image in images)
+    area = sum((bottom - top) * (right - left) for top, bottom, left, right in boxes)
+    assert area < 0.01 * len(boxes) * side**2
+    moved = replace(camera, lattice=replace(lenslets, lens_centres_um=((5.0, 0.0), *centres[1:])))
+    own.predicted(Setup(moved, (), (0.0,) * 3), np.zeros((3, 2)), Fineness.coarse)
+    assert len(boxes) == 3 * 29 + 3
