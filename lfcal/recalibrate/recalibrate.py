@@ -57,7 +57,7 @@ ROUNDS = (
 )
 """Iterations for the object, sampling, and fraction of the light whose voxels determine derivatives, of each round.
 
-The object is known better from round to round. The many dark voxels would take most of the time for derivatives. If
+The object is known better from round to round. Derivatives for the many dark voxels would be slow and add little. If
 the fraction is 0, earlier derivatives are used. These change the length of a step, not the camera at which the score is
 zero.
 """
