@@ -401,7 +401,7 @@ class _Run:
             found[one.name] = Parameter(
                 one.name, one.group, one.unit, value, known, one.start, one.sigma_of(u, 1 / math.sqrt(held))
             )
-            share = (one.value(u + along[k]) - value) / (DEPTH_SCALE * value) if value else 0.0
+            share = (one.value(u + float(along[k])) - value) / (DEPTH_SCALE * value) if value else 0.0
             if abs(along[k]) > CLEAR * sigma and abs(share) > LEAST_SHARE:
                 scale[one.name] = share
         setup = self.vector.setup_at(at.u)

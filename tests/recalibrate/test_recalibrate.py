@@ -125,6 +125,20 @@ def test_objects_between_the_planes_are_noticed_and_remedied() -> None:
 
 
 @pytest.mark.long
+def test_a_wave_in_the_dark_field_is_noticed_and_remedied() -> None:
+    plan = small_plan(side=76)  # a smaller frame has too few pixels for such a dark field
+    frame, own = frame_of(plan, beads(plan, 1, 25), 1), the_window(plan).plan
+    y, x = np.mgrid[-1:1:76j, -1:1:76j]
+    wave = np.random.default_rng(2).poisson(60 + 40 * np.sin(2 * np.pi * (x + 0.5 * y)))
+    found = recalibrate([replace(frame, values=(frame.values + wave).astype(np.float32))], plan, unknowns=GROUPS)
+    (words,) = found.remedies
+    assert words == "a dark field with structure; the fit was repeated with a smooth dark field of 8 x 8 parts"
+    assert found.accepted and found.contents.dark_parts == 8, found.verdict
+    made, true = patterns_at(found.setup, own, every_voxel(own), Fineness.fine), true_patterns(plan)
+    assert np.abs(made.values - true.values).sum() < 0.015 * true.values.sum()
+
+
+@pytest.mark.long
 def test_light_that_no_object_explains_is_refused() -> None:
     frame = frame_of(PLAN, beads(PLAN, 1), 1)
     stripes = 300 * (np.arange(frame.values.shape[1]) % 2)

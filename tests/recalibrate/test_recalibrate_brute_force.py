@@ -30,6 +30,9 @@ pytestmark = pytest.mark.long
 PLAN = small_plan(side=80)
 KINDS = ("beads", "lines", "texture")
 UNSEEN = 6
+PEAK = 6000.0
+"""Brightest pixel (electrons)."""
+
 NODES = Nodes(pixel=6, reach_um=110.0)
 
 WRONG = {"gap_um": 5.8, "rotation_rad": 5e-4, "pitch_um": 0.03, "offset_y_um": 1.65, "offset_x_um": 1.65}
@@ -110,7 +113,7 @@ def recorded(seed: int) -> Recorded:
     for (z, y, x), one in zip(lit.tolist(), summed(true, own, lit), strict=True):
         light[y : y + nt, x : x + ns] += volume[z, y, x] * one
     slope = np.linspace(-4, 4, light.shape[1])
-    mean = 3000 * light / light.max() + 20 + slope
+    mean = PEAK * light / light.max() + 20 + slope
     electrons = rng.poisson(mean) + 3 * rng.standard_normal(mean.shape)
     frame = NewFrame(electrons.astype(np.float32), noise=(9.0, 1.0))
     return Recorded(start, true, vector.values(u), frame, unseen, summed(true, own, unseen))
