@@ -129,6 +129,7 @@ def test_h_of_an_independent_simulator_is_found_on_one_frame(seed: int) -> None:
         f"{KINDS[seed % 3]} {seed}: {before:.3f} -> {after:.4f}, floor {floor:.4f}, pulls {rms:.2f}, {found.verdict}",
         *found.remedies,
     )
-    assert not found.accepted or after < 0.03, "confidently wrong"
-    assert found.accepted and after < 0.012, (before, after, floor)
-    assert rms < 1.8, given.pulls(found)
+    # the errors of both simulators may raise the goodness of fit of bright frames above the limit
+    assert found.accepted or found.worst < 1.15, found.verdict
+    assert after < 0.012, (before, after, floor)
+    assert rms < 1.5, given.pulls(found)
