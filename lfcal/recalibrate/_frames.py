@@ -32,9 +32,9 @@ def distinct_label(label: str, taken: Collection[str]) -> str:
     return name
 
 
-def check_memory(plan: ScanPlan) -> None:
-    """Raise `InputError` unless the patterns of a window fit into memory, twice while some are selected."""
-    needed, free = 2 * 4 * math.prod(plan.shape), free_memory()
+def check_memory(plan: ScanPlan, copies: int = 2) -> None:
+    """Raise `InputError` unless ``copies`` of the patterns of a window fit into memory: 2 while some are selected."""
+    needed, free = copies * 4 * math.prod(plan.shape), free_memory()
     if free and needed > free:
         raise InputError.expected(
             "memory for the patterns of a window",

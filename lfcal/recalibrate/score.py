@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lfcal.recalibrate._patterns import VoxelPatterns
 from lfcal.recalibrate._scene import ObjectFrame, SceneEstimate
 
-__all__ = ["Goodness", "Score", "goodness", "orthogonal", "score_of"]
+__all__ = ["Goodness", "Score", "goodness", "orthogonal", "score_and_goodness", "score_of"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -31,7 +31,7 @@ RIDGE = 1e-3
 DARK = 1e-5
 """Value of a voxel, relative to the largest, below which it cannot change."""
 
-PROBES = 4
+PROBES = 2
 """Number of images of white noise that determine the expected residual."""
 
 
@@ -135,10 +135,8 @@ def score_of(patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, 
         Dark fields ``(d, rows, columns)``, which are eliminated as well.
     """
     weight = frame.inverse_variance(scene.expected)
-    free = orthogonal(patterns, scene.volume, weight, derivatives, fields).reshape(len(derivatives), -1)
-    weighted = (free * weight.ravel()).astype(np.float64)
-    residual = (frame.electrons - scene.expected).ravel().astype(np.float64)
-    return Score(weighted @ free.T.astype(np.float64), weighted @ residual)
+    free = orthogonal(patterns, scene.volume, weight, derivatives, fields)
+    return _score(free, weight, frame.electrons - scene.expected)
 
 
 class Goodness(NamedTuple):
@@ -163,11 +161,49 @@ def goodness(patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, 
     find the expected value.
     """
     weight = frame.inverse_variance(scene.expected)
+    images = _residual_and_noise(frame, scene, weight, seed)
+    return _goodness(images, orthogonal(patterns, scene.volume, weight, images, fields), weight)
+
+
+def score_and_goodness(
+    patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, derivatives: F4, fields: F4, seed: int = 0
+) -> tuple[Score, Goodness]:
+    """Return the score of a frame, and the goodness of fit after the step that the score proposes.
+
+    Both need one projection. Parameters are those of `score_of`; ``seed`` is that of the noise.
+    """
+    weight = frame.inverse_variance(scene.expected)
+    images = _residual_and_noise(frame, scene, weight, seed)
+    free = orthogonal(patterns, scene.volume, weight, np.concatenate([images, derivatives]), fields)
+    moved, free = free[len(images) :], free[: len(images)]
+    own = _orthonormal(weight, moved)
+    flat = free.reshape(len(free), -1)
+    left = (flat - (flat * weight.ravel()) @ own.T @ own).reshape(free.shape)
+    return _score(moved, weight, images[0]), _goodness(images, left, weight)
+
+
+def _score(free: F4, weight: F4, residual: F4) -> Score:
+    """Return the score of a residual, given the projected derivatives ``free``."""
+    flat = free.reshape(len(free), -1)
+    weighted = (flat * weight.ravel()).astype(np.float64)
+    return Score(weighted @ flat.T.astype(np.float64), weighted @ residual.ravel().astype(np.float64))
+
+
+def _residual_and_noise(frame: ObjectFrame, scene: SceneEstimate, weight: F4, seed: int) -> F4:
+    """Return the residual, and images of white noise that is drawn: ``(1 + PROBES, rows, columns)``."""
     rng = np.random.default_rng(seed)
     scale = np.where(weight > 0, 1 / np.sqrt(np.maximum(weight, 1e-12)), 0)
-    probes = (scale * rng.standard_normal((PROBES, *weight.shape))).astype(np.float32)
-    residual = (frame.valid * (frame.electrons - scene.expected))[None]
-    free = orthogonal(patterns, scene.volume, weight, np.concatenate([residual, probes]), fields)
-    sums = (np.square(free, dtype=np.float64) * weight).sum((1, 2))
-    freedom = float(sums[1:].mean())
-    return Goodness(float(sums[0]) / freedom, freedom)
+    probes = scale * rng.standard_normal((PROBES, *weight.shape))
+    residual = frame.valid * (frame.electrons - scene.expected)
+    return np.concatenate([residual[None], probes]).astype(np.float32)
+
+
+def _goodness(images: F4, free: F4, weight: F4) -> Goodness:
+    """Return the goodness of fit, given residual and drawn noise, ``images``, and what their projection leaves.
+
+    The drawn noise determines only the degrees of freedom that the projection removes. They are fewer than those that
+    remain, so that the result depends little on the draw.
+    """
+    drawn, left = ((np.square(one, dtype=np.float64) * weight).sum((1, 2)) for one in (images, free))
+    freedom = float((weight > 0).sum() - (drawn - left)[1:].mean())
+    return Goodness(float(left[0]) / freedom, freedom)

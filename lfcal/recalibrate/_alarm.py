@@ -1,0 +1,119 @@
+"""Statistical test of measured drifts: T², its threshold for a rate of false alarms, and several tests together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, chdtri, fdtrc, fdtri
+
+__all__ = ["LEAST_QUIET", "AlarmTest", "Drift", "mean_drift", "rejected"]
+
+F8 = NDArray[np.float64]
+
+LEAST_QUIET = 6
+"""Smallest number of quiet frames that determine a threshold."""
+
+
+class Drift(NamedTuple):
+    """Measured drifts ``(k,)``, their covariance ``(k, k)`` from noise, and the error of the model ``(k,)``."""
+
+    values: F8
+    noise: F8
+    floors: F8
+
+    @property
+    def covariance(self) -> F8:
+        """Covariance ``(k, k)`` with the error of the model."""
+        found: F8 = self.noise + np.diag(self.floors**2)
+        return found
+
+    @property
+    def sigmas(self) -> F8:
+        """Standard deviations ``(k,)`` with the error of the model."""
+        found: F8 = np.sqrt(np.diag(self.covariance))
+        return found
+
+    @property
+    def score(self) -> F8:
+        """Values ``(k,)`` in units of their standard deviations."""
+        found: F8 = self.values / self.sigmas
+        return found
+
+
+def mean_drift(drifts: Sequence[Drift]) -> Drift:
+    """Return the weighted mean of drifts; the error of the model is common to all, so that no mean reduces it."""
+    weights = [np.linalg.inv(one.noise) for one in drifts]
+    noise = np.linalg.inv(np.sum(weights, axis=0))
+    values = noise @ np.sum([w @ one.values for w, one in zip(weights, drifts, strict=True)], axis=0)
+    return Drift(values, noise, drifts[0].floors)
+
+
+class AlarmTest:
+    """Test whether drifts differ from those of quiet frames, or from zero.
+
+    With quiet frames, this is Hotelling's test of values in units of their stated standard deviations. These adapt it
+    to the brightness of each frame; the quiet frames determine mean and covariance, so that the stated standard
+    deviations may be wrong by a common factor. Without quiet frames, the stated covariance is trusted.
+
+    Parameters
+    ----------
+    quiet
+        Drifts of at least `LEAST_QUIET` quiet frames; none: the test trusts the stated covariance.
+    rate
+        Probability of an alarm without a drift.
+    """
+
+    def __init__(self, quiet: Sequence[Drift], rate: float) -> None:
+        self.count, self.rate = len(quiet), rate
+        if quiet:
+            scores = np.stack([one.score for one in quiet])
+            self.mean: F8 = scores.mean(0)
+            self.spread: F8 = np.cov(scores.T)
+
+    def threshold(self, k: int = 3) -> float:
+        """Return the threshold of T² for ``k`` values: from an F distribution with k and n - k degrees of freedom."""
+        n = self.count
+        return float(k * (n - 1) / (n - k) * fdtri(k, n - k, 1 - self.rate)) if n else float(chdtri(k, self.rate))
+
+    def tested(self, drifts: Sequence[Drift], *, floored: bool = False) -> tuple[float, float]:
+        """Return T² of the mean of drifts, and the probability of a larger one without a drift.
+
+        The scatter of quiet frames contains the part of the model's error that depends on the object. ``floored``: the
+        mean is over so many frames that this error must not be taken as averaged; without quiet frames it never is.
+        """
+        k, n, m = len(drifts[0].values), self.count, len(drifts)
+        if not n:
+            mean = mean_drift(drifts)
+            square = float(mean.values @ np.linalg.solve(mean.covariance, mean.values))
+            return square, float(chdtrc(k, square))
+        away = np.mean([one.score for one in drifts], axis=0) - self.mean
+        covariance = (1 / m + 1 / n) * self.spread
+        if floored:
+            covariance = covariance + (1 - 1 / m) * np.diag(
+                np.mean([one.floors / one.sigmas for one in drifts], axis=0) ** 2
+            )
+        square = float(away @ np.linalg.solve(covariance, away))
+        return square, float(fdtrc(k, n - k, square * (n - k) / (k * (n - 1))))
+
+    def widened(self, sigmas: F8) -> F8:
+        """Return stated standard deviations, multiplied by the scatter of the quiet frames in their units."""
+        found: F8 = sigmas * np.sqrt(np.diag(self.spread)) if self.count else sigmas
+        return found
+
+
+def rejected(chances: Sequence[float], rate: float) -> list[int]:
+    """Return the indices of tests that are significant together (Simes 1986; Benjamini and Hochberg 1995).
+
+    Parameters
+    ----------
+    chances
+        Probability of each result without a drift.
+    rate
+        Probability that any index is returned without a drift.
+    """
+    order = np.argsort(chances)
+    good = [n for n, k in enumerate(order) if chances[int(k)] <= rate * (n + 1) / len(order)]
+    return sorted(int(k) for k in order[: good[-1] + 1]) if good else []

@@ -1,0 +1,230 @@
+"""Results of watching a series of frames: drifts, tests, trends, and the verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from lfcal.base import plain
+from lfcal.recalibrate.score import Goodness
+
+__all__ = ["DRIFT_NAMES", "DriftTrend", "DriftWatch", "WatchedFrame", "WatchedMean"]
+
+DRIFT_NAMES = {"shift_x_px": "shift x (px)", "shift_y_px": "shift y (px)", "gap_percent": "gap (%)"}
+"""Measured drifts of the array, with their titles: all values are in this order."""
+
+UNITS = ("px", "px", "%")
+
+CLEAR = 3.0
+"""Standard deviations above which a value or a slope is significant."""
+
+FORMAT, VERSION = "lfcal-watch", 1
+
+Three = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class WatchedFrame:
+    """Drift of the array in one frame.
+
+    Attributes
+    ----------
+    name, when
+        Label of the frame, and time of its recording; None if unknown.
+    values, sigmas
+        Shift of the array in x and y (px), change of the gap (%), and their standard deviations; NaN if not measured.
+    goodness
+        Goodness of fit after this drift is taken into account; None if not measured.
+    problem
+        Why the frame is not used; empty if it is.
+    """
+
+    name: str
+    when: datetime | None
+    values: Three = (math.nan, math.nan, math.nan)
+    sigmas: Three = (math.nan, math.nan, math.nan)
+    goodness: Goodness | None = None
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class WatchedMean:
+    """Drift in the mean of consecutive frames, and its test.
+
+    Attributes
+    ----------
+    frames
+        Names of the frames.
+    values, sigmas
+        As in `WatchedFrame`.
+    t_squared
+        Statistic of the test.
+    chance
+        Probability of a larger statistic while H holds.
+    alarm
+        Whether the statistic is above the threshold.
+    """
+
+    frames: tuple[str, ...]
+    values: Three
+    sigmas: Three
+    t_squared: float
+    chance: float
+    alarm: bool
+
+
+@dataclass(frozen=True)
+class DriftTrend:
+    """Slope of a drift ``name`` over time, with its standard deviation, per ``per``: hour, day or frame."""
+
+    name: str
+    slope: float
+    sigma: float
+    per: str
+
+    @property
+    def significant(self) -> bool:
+        """Whether the slope differs from zero."""
+        return abs(self.slope) > CLEAR * self.sigma
+
+
+@dataclass(frozen=True, eq=False)
+class DriftWatch:
+    """Whether H still holds for the frames of a series.
+
+    Attributes
+    ----------
+    frames, quiet
+        The frames of the series, and those directly after the calibration.
+    means
+        Means of consecutive frames, or single frames, with their tests.
+    significant
+        Indices of the means that differ from the calibration when all tests are considered together.
+    moved
+        Whether any of them differs, or the mean of all frames.
+    values, sigmas
+        Weighted mean drift of all used frames, or of the frames in ``significant`` means if there are any.
+    trends
+        Trends of the three drifts; empty for fewer than three frames.
+    rate
+        Probability of an alarm for each mean while H holds; also that of the verdict.
+    threshold
+        Threshold of T².
+    noise_stated
+        Whether the threshold trusts the stated noise, because no quiet frames were given.
+
+    Examples
+    --------
+    >>> from lfcal.recalibrate import DriftWatch, WatchedFrame, WatchedMean
+    >>> shift, sigmas = (0.05, 0.0, 0.01), (0.004, 0.004, 0.03)
+    >>> frames = (WatchedFrame("a.tif", None, shift, sigmas),)
+    >>> means = (WatchedMean(("a.tif",), shift, sigmas, 160.0, 1e-9, True),)
+    >>> found = DriftWatch(frames, (), means, (0,), True, shift, sigmas, (), 0.01, 11.3)
+    >>> print(found.verdict)
+    H no longer holds: shift x +0.050 ± 0.004 px in 1 of 1 frames, first in a.tif; recalibrate with lfcal fit frames
+    """
+
+    frames: tuple[WatchedFrame, ...]
+    quiet: tuple[WatchedFrame, ...]
+    means: tuple[WatchedMean, ...]
+    significant: tuple[int, ...]
+    moved: bool
+    values: Three
+    sigmas: Three
+    trends: tuple[DriftTrend, ...]
+    rate: float
+    threshold: float
+    noise_stated: bool = True
+
+    @property
+    def unexplained(self) -> tuple[WatchedFrame, ...]:
+        """Frames that were measured but that H does not explain, whatever the drift."""
+        return tuple(one for one in self.frames if one.problem and one.goodness is not None)
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether H still holds; None: H does not explain half of the frames, and their drift is unknown."""
+        if self.moved:
+            return False
+        measured = sum(one.goodness is not None for one in self.frames)
+        return None if 2 * len(self.unexplained) >= max(1, measured) else True
+
+    @property
+    def verdict(self) -> str:
+        """The decision in a sentence."""
+        if self.holds is None:
+            worst = max(one.goodness.ratio for one in self.unexplained if one.goodness is not None)
+            return (
+                f"undecided: H does not explain {_of(len(self.unexplained), len(self.frames))} (goodness of fit up to "
+                f"{worst:.2f}); lfcal fit frames looks for the reason"
+            )
+        if self.holds:
+            alarms = sum(one.alarm for one in self.means)
+            words = _drift_words(self.values, self.sigmas, every=True)
+            return f"H holds: {words}; {alarms} of {len(self.means)} above the threshold"
+        moved = [self.means[k] for k in self.significant]
+        count, every = (sum(len(one.frames) for one in means) for means in (moved, self.means))
+        where = f"{_of(count, every)}, first in {moved[0].frames[0]}" if moved else f"the mean of {every} frames"
+        return (
+            f"H no longer holds: {_drift_words(self.values, self.sigmas)} in {where}; recalibrate with lfcal fit frames"
+        )
+
+    @property
+    def basis(self) -> str:
+        """How the threshold follows from the rate of false alarms, in words."""
+        rate = f"false alarms: {100 * self.rate:g} % for each tested value"
+        if self.noise_stated:
+            return f"{rate}, from a chi² distribution with 3 degrees of freedom and the stated noise"
+        n = len([one for one in self.quiet if not one.problem])
+        return f"{rate}, from {n} quiet frames and an F distribution with 3 and {n - 3} degrees of freedom"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all values as plain JSON types."""
+        found: dict[str, Any] = plain(
+            {
+                "format": FORMAT,
+                "version": VERSION,
+                "holds": self.holds,
+                "verdict": self.verdict,
+                "rate": self.rate,
+                "threshold": self.threshold,
+                "basis": self.basis,
+                "frames": [_frame_dict(one) for one in self.frames],
+                "quiet": [_frame_dict(one) for one in self.quiet],
+                "means": [
+                    {"frames": one.frames, **_named(one.values, one.sigmas)}
+                    | {"t_squared": one.t_squared, "chance": one.chance, "alarm": one.alarm}
+                    for one in self.means
+                ],
+                "significant": self.significant,
+                "drift": _named(self.values, self.sigmas),
+                "trends": self.trends,
+            }
+        )
+        return found
+
+
+def _of(count: int, every: int) -> str:
+    return f"{count} of {every} frames"
+
+
+def _drift_words(values: Three, sigmas: Three, *, every: bool = False) -> str:
+    """Return a drift in words: all values, or those that are significant if there are any."""
+    clear = [abs(value) > CLEAR * sigma for value, sigma in zip(values, sigmas, strict=True)]
+    shown = [k for k in range(3) if every or clear[k] or not any(clear)]
+    titles = [title.split(" (")[0] for title in DRIFT_NAMES.values()]
+    return ", ".join(f"{titles[k]} {values[k]:+.3f} ± {sigmas[k]:.3f} {UNITS[k]}" for k in shown)
+
+
+def _named(values: Three, sigmas: Three) -> Mapping[str, float]:
+    names = list(DRIFT_NAMES)
+    return dict(zip(names, values, strict=True)) | dict(zip([f"{name}_sigma" for name in names], sigmas, strict=True))
+
+
+def _frame_dict(one: WatchedFrame) -> dict[str, Any]:
+    when = None if one.when is None else one.when.isoformat(timespec="seconds")
+    ratio = None if one.goodness is None else one.goodness.ratio
+    return {"name": one.name, "when": when, **_named(one.values, one.sigmas), "goodness": ratio, "problem": one.problem}
