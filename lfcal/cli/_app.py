@@ -17,7 +17,7 @@ HEADINGS = {
     "Getting started": ("demo", "doctor"),
     "Camera and plan": ("camera", "plan", "white", "views", "depth", "simulate", "accuracy"),
     "Recording": ("acquire", "verify"),
-    "H and its quality": ("assemble", "inspect", "compare", "fit", "trend", "transpose", "reduce", "export"),
+    "H and its quality": ("assemble", "inspect", "compare", "fit", "watch", "trend", "transpose", "reduce", "export"),
     "Using H": ("reconstruct", "multiplex"),
 }
 """The commands under their headings, in the order of the data; others follow at the end."""

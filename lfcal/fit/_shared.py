@@ -21,6 +21,7 @@ from lfcal.fit.files import (
     fit_outputs,
     iter_write_fit,
     iter_write_model,
+    json_text,
     measured_camera,
     write_found,
 )
@@ -115,6 +116,7 @@ __all__ = [
     "iter_write_fit",
     "iter_write_model",
     "iter_write_validation",
+    "json_text",
     "kept_aside",
     "lacking",
     "leftover_of",

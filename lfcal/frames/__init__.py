@@ -8,6 +8,7 @@
   mosaics
 - ``described``: facts that a scan plan adds to the frames' metadata; ``aligned``: left-aligned samples
 - ``orientation``: the eight flips and turns, and frames turned upright
+- ``recorded``: times of recording
 - ``damage``: frames that cannot be read, which are reported and left out
 - ``corrections``: single corrections, their chain, the recipe, and the corrected view made from it
 """

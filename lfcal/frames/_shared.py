@@ -21,6 +21,7 @@ from lfcal.frames.part import (
     stated_origin,
 )
 from lfcal.frames.positions import natural_key
+from lfcal.frames.recorded import recorded_times
 from lfcal.frames.source import check_index
 from lfcal.frames.view import SourceView
 from lfcal.frames.white_orientation import TurnedWhite, compared_orientations
@@ -57,6 +58,7 @@ __all__ = [
     "parse_origin",
     "part_refusal",
     "pattern_side",
+    "recorded_times",
     "split_dataset",
     "stated_noise",
     "stated_origin",

@@ -12,7 +12,7 @@ from lfcal.judge.dated import (
     read_dated_fit,
     read_inspection,
 )
-from lfcal.judge.expected import fitted_setup, plan_of
+from lfcal.judge.expected import behind, fitted_setup, plan_of
 from lfcal.judge.inspection import is_bad, is_fair
 from lfcal.judge.known_object import ObjectPlace, object_error
 from lfcal.judge.new_frames import new_frame, new_frames
@@ -35,6 +35,7 @@ __all__ = [
     "RegionLoss",
     "ResultList",
     "Trend",
+    "behind",
     "compared_words",
     "cost_words",
     "detailed",

@@ -6,6 +6,8 @@
 - ``_modes``: combinations of unknowns that frames determine, and those that they do not
 - ``model``: frames of a window with the model that explains them; ``recalibrate``: the complete fit; ``files``: its
   files
+- ``_drift``: drift of the array in a frame, for an H that stays fixed; ``_alarm``: its statistical test
+- ``watch``: a series of frames; ``watched``: its results; ``watch_files``: their files
 """
 
 from typing import TYPE_CHECKING

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, fdtrc, fdtri
 
-__all__ = ["LEAST_QUIET", "AlarmTest", "Drift", "mean_drift", "rejected"]
+__all__ = ["LEAST_QUIET", "AlarmTest", "MeasuredDrift", "mean_drift", "rejected"]
 
 F8 = NDArray[np.float64]
 
@@ -17,7 +17,7 @@ LEAST_QUIET = 6
 """Smallest number of quiet frames that determine a threshold."""
 
 
-class Drift(NamedTuple):
+class MeasuredDrift(NamedTuple):
     """Measured drifts ``(k,)``, their covariance ``(k, k)`` from noise, and the error of the model ``(k,)``."""
 
     values: F8
@@ -43,12 +43,12 @@ class Drift(NamedTuple):
         return found
 
 
-def mean_drift(drifts: Sequence[Drift]) -> Drift:
+def mean_drift(drifts: Sequence[MeasuredDrift]) -> MeasuredDrift:
     """Return the weighted mean of drifts; the error of the model is common to all, so that no mean reduces it."""
     weights = [np.linalg.inv(one.noise) for one in drifts]
     noise = np.linalg.inv(np.sum(weights, axis=0))
     values = noise @ np.sum([w @ one.values for w, one in zip(weights, drifts, strict=True)], axis=0)
-    return Drift(values, noise, drifts[0].floors)
+    return MeasuredDrift(values, noise, drifts[0].floors)
 
 
 class AlarmTest:
@@ -66,7 +66,7 @@ class AlarmTest:
         Probability of an alarm without a drift.
     """
 
-    def __init__(self, quiet: Sequence[Drift], rate: float) -> None:
+    def __init__(self, quiet: Sequence[MeasuredDrift], rate: float) -> None:
         self.count, self.rate = len(quiet), rate
         if quiet:
             scores = np.stack([one.score for one in quiet])
@@ -78,7 +78,7 @@ class AlarmTest:
         n = self.count
         return float(k * (n - 1) / (n - k) * fdtri(k, n - k, 1 - self.rate)) if n else float(chdtri(k, self.rate))
 
-    def tested(self, drifts: Sequence[Drift], *, floored: bool = False) -> tuple[float, float]:
+    def tested(self, drifts: Sequence[MeasuredDrift], *, floored: bool = False) -> tuple[float, float]:
         """Return T² of the mean of drifts, and the probability of a larger one without a drift.
 
         The scatter of quiet frames contains the part of the model's error that depends on the object. ``floored``: the

@@ -3,5 +3,16 @@
 from __future__ import annotations
 
 from lfcal.recalibrate.files import iter_write_recalibration, recalibration_dict, recalibration_outputs
+from lfcal.recalibrate.model import stated_contents
+from lfcal.recalibrate.watch_files import watch_outputs, write_watch
+from lfcal.recalibrate.watched import DRIFT_NAMES
 
-__all__ = ["iter_write_recalibration", "recalibration_dict", "recalibration_outputs"]
+__all__ = [
+    "DRIFT_NAMES",
+    "iter_write_recalibration",
+    "recalibration_dict",
+    "recalibration_outputs",
+    "stated_contents",
+    "watch_outputs",
+    "write_watch",
+]

@@ -78,6 +78,7 @@ def iter_write_recalibration(
         origin = {
             "verdict": found.verdict,
             "frames": {name: one.ratio for name, one in found.goodness.items()},
+            "contents": plain(found.contents),
             "date": datetime.now(UTC).isoformat(timespec="seconds"),
         }
         effects = [{"name": one.name, **plain(one)} for one in found.effects]

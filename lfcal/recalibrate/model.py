@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import worker_count
+from lfcal.base import InputError, worker_count
 from lfcal.fit import Setup, Vector
 from lfcal.recalibrate._patterns import VoxelPatterns, Voxels, every_voxel, patterns_at
 from lfcal.recalibrate._scene import ObjectFrame, SceneEstimate, dark_fields, estimate_scene
@@ -16,7 +17,7 @@ from lfcal.recalibrate._window import SensorWindow
 from lfcal.recalibrate.score import Goodness, Score, goodness, score_of
 from lfcal.simulate import Sampling
 
-__all__ = ["DEPTH_SCALE", "Contents", "WindowModel"]
+__all__ = ["DEPTH_SCALE", "Contents", "WindowModel", "stated_contents"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -45,6 +46,21 @@ class Contents:
     depths_um: tuple[float, ...]
     halves: bool = False
     dark_parts: int = 1
+
+
+def stated_contents(provenance: Mapping[str, Any]) -> Contents | None:
+    """Return the contents of frames with which an H was recalibrated, from its provenance; None if it states none."""
+    origin = provenance.get("recalibration")
+    said = origin.get("contents") if isinstance(origin, Mapping) else None
+    if not isinstance(said, Mapping):
+        return None
+    try:
+        depths = tuple(float(z) for z in said["depths_um"])
+        return Contents(depths, bool(said["halves"]), int(said["dark_parts"]))
+    except (KeyError, TypeError, ValueError):
+        raise InputError.expected(
+            "contents of frames in H", "those of a recalibration", repr(dict(said))[:60], "run lfcal fit frames again"
+        ) from None
 
 
 class WindowModel:

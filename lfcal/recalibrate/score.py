@@ -178,8 +178,8 @@ def score_and_goodness(
     moved, free = free[len(images) :], free[: len(images)]
     own = _orthonormal(weight, moved)
     flat = free.reshape(len(free), -1)
-    left = (flat - (flat * weight.ravel()) @ own.T @ own).reshape(free.shape)
-    return _score(moved, weight, images[0]), _goodness(images, left, weight)
+    left = flat - (flat * weight.ravel()) @ own.T @ own
+    return _score(moved, weight, images[0]), _goodness(images, left.reshape(images.shape).astype(np.float32), weight)
 
 
 def _score(free: F4, weight: F4, residual: F4) -> Score:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lfcal.base import Cancelled, Clock, InputError, LfcalError, Work, check_number, drained
 from lfcal.camera import NoLatticeError, ScanPlan
 from lfcal.fit import NewFrame, Setup
-from lfcal.recalibrate._alarm import LEAST_QUIET, AlarmTest, Drift, mean_drift, rejected
+from lfcal.recalibrate._alarm import LEAST_QUIET, AlarmTest, MeasuredDrift, mean_drift, rejected
 from lfcal.recalibrate._drift import COPIES, FLOORS, DriftWindow
 from lfcal.recalibrate._frames import check_memory, distinct_label, whole_frame
 from lfcal.recalibrate._scene import ObjectFrame
@@ -36,8 +36,8 @@ LINEAR = np.array([0.1, 0.1, 0.5])
 ROUNDS, MOST_LOST = 4, 2
 """Largest number of such steps for a frame, and of frames for which they may fail."""
 
-HOURS = 48.0
-"""Time span (hours) above which slopes are stated per day."""
+HOURS, SHORTEST = 48.0, 1 / 6
+"""Time span (hours) above which slopes are stated per day, and up to which they are stated per frame."""
 
 
 def iter_watch(
@@ -144,7 +144,7 @@ class _Measured(NamedTuple):
     """Drift in a frame, or the reason why there is none."""
 
     name: str
-    drift: Drift | None = None
+    drift: MeasuredDrift | None = None
     goodness: Goodness | None = None
     problem: str = ""
 
@@ -158,7 +158,7 @@ class _Measured(NamedTuple):
         )
 
 
-_Used = tuple[str, Drift, datetime | None]
+_Used = tuple[str, MeasuredDrift, datetime | None]
 """Name, drift and time of a frame that is used."""
 
 
@@ -234,7 +234,7 @@ class _Array:
                 f"{frame.name}, objects", "structure that shows the lenslets", "none", "give brighter frames"
             )
         noise = np.asarray(np.linalg.inv(total.information), np.float64)
-        drift = Drift(self.at + noise @ total.gradient, max(1.0, goodness.ratio) * noise, FLOORS)
+        drift = MeasuredDrift(self.at + noise @ total.gradient, max(1.0, goodness.ratio) * noise, FLOORS)
         limit = max(ALARM, 1 + 3 * math.sqrt(2 / max(1.0, goodness.freedom)))
         words = (
             f"H does not explain it: the goodness of fit is {goodness.ratio:.2f}, but at most {limit:.2f} is allowed"
@@ -296,7 +296,7 @@ def _tested(used: Sequence[_Used], start: F8, test: AlarmTest, *, floored: bool 
     return WatchedMean(names, *_mean(drifts, start, test), square, chance, square > test.threshold())
 
 
-def _mean(drifts: Sequence[Drift], start: F8, test: AlarmTest) -> tuple[Three, Three]:
+def _mean(drifts: Sequence[MeasuredDrift], start: F8, test: AlarmTest) -> tuple[Three, Three]:
     """Return the mean of drifts relative to ``start``, and its standard deviations; NaN without drifts."""
     if not drifts:
         return (math.nan,) * 3, (math.nan,) * 3
@@ -304,11 +304,11 @@ def _mean(drifts: Sequence[Drift], start: F8, test: AlarmTest) -> tuple[Three, T
     return _three(found.values - start), _three(test.widened(found.sigmas))
 
 
-def _trends(drifts: Sequence[Drift], times: Sequence[datetime | None]) -> tuple[DriftTrend, ...]:
+def _trends(drifts: Sequence[MeasuredDrift], times: Sequence[datetime | None]) -> tuple[DriftTrend, ...]:
     """Return the slopes of weighted straight lines; their errors include a scatter that is larger than stated."""
     known = [one.timestamp() / 3600 for one in times if one is not None]
     t, per = np.arange(len(drifts), dtype=np.float64), "frame"
-    if len(known) == len(drifts) and len(set(known)) == len(known) > 1:
+    if len(known) == len(drifts) > 0 and np.ptp(known) > SHORTEST:
         t, per = np.array(known), "hour"
         if np.ptp(t) > HOURS:
             t, per = t / 24, "day"

@@ -21,6 +21,7 @@ from lfcal.tasks.simulate import SimulateForecast, SimulateFrames, SimulateH, Si
 from lfcal.tasks.task import RunSettings
 from lfcal.tasks.text import command_of, job_of, python_of
 from lfcal.tasks.transpose import Transpose
+from lfcal.tasks.watch import Watch
 
 __all__ = [
     "Acquire",
@@ -63,6 +64,7 @@ __all__ = [
     "Transpose",
     "ValidateFit",
     "ValidateFitByFrames",
+    "Watch",
     "assemble",
     "command_of",
     "job_of",

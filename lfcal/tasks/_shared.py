@@ -36,6 +36,7 @@ from lfcal.tasks.target_frames import left_words
 from lfcal.tasks.task import Task, TaskSet, may_replace
 from lfcal.tasks.text import load_job, words_of
 from lfcal.tasks.transpose import TransposedFile
+from lfcal.tasks.watch import Watched
 
 __all__ = [
     "OF_NOISE",
@@ -69,6 +70,7 @@ __all__ = [
     "TaskSet",
     "TransposedFile",
     "Validated",
+    "Watched",
     "assumed_in_words",
     "check_mat_files",
     "check_output",

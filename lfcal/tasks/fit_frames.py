@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -12,11 +12,11 @@ from lfcal.records import (
     CorrectionRecipe,
     opt,
     panel,
-    read_orientation,
     record,
     required,
 )
-from lfcal.tasks._patterns import NO_PLACE, check_colours, noise_field, open_upright, own_words
+from lfcal.tasks._object_frames import ObjectFrameReading, channel_field, turn_field, windows_field
+from lfcal.tasks._patterns import noise_field, open_upright
 from lfcal.tasks.cameras import is_camera_file, preset_names
 from lfcal.tasks.fit import FOLDER, read_unknowns
 from lfcal.tasks.planned import cutout_field, depths_field, planned_scan, virtual_depths_field
@@ -24,17 +24,9 @@ from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
-    from lfcal.fit import NewFrame
-    from lfcal.frames import FrameSource
     from lfcal.recalibrate import Recalibration
 
 __all__ = ["FIT_FRAMES", "Recalibrate", "Recalibrated"]
-
-
-def _turns() -> tuple[str, ...]:
-    from lfcal.frames import ORIENTATIONS
-
-    return tuple(one.option for one in ORIENTATIONS.values())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,27 +98,10 @@ class Recalibrate(Task):
         read=read_unknowns,
         more=True,
     )
-    windows: int | None = opt(
-        None,
-        "Number of windows of the sensor in which the frames are explained, at most 5.",
-        at_least=1,
-        at_most=5,
-        empty="one, or five of a large sensor",
-        more=True,
-    )
+    windows: int | None = windows_field("in which the frames are explained")
     noise: tuple[float, float] | None = noise_field("as stated by the frames")
-    orientation: str = opt(
-        "as-is",
-        "How to turn the frames upright. Frames of unknown objects do not show their orientation.",
-        choices=_turns,
-        read=read_orientation,
-    )
-    channel: str = opt(
-        "",
-        "Colour channel to use: R, G1, G2 or B of a mosaic; R, G or B of a colour image.",
-        examples=("R", "G", "B", "G1", "G2"),
-        empty="frames are used unchanged",
-    )
+    orientation: str = turn_field()
+    channel: str = channel_field()
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
     write_h: bool = opt(True, "Compute and write H of the camera.", label="Compute H", flag="--no-h")
 
@@ -157,7 +132,8 @@ class Recalibrate(Task):
         plan = self._plan()
         groups = None if self.unknowns == "auto" else self.unknowns.split(",")
         with ExitStack() as stack:
-            frames = [frame for path in self.frames for frame in self._read(path, plan, stack)]
+            reading = ObjectFrameReading(plan, self.orientation, self.channel, self.corrections)
+            frames = list(reading.frames(self.frames, stack))
             work = iter_recalibrate(
                 frames, plan, noise=self.noise, unknowns=groups, windows=self.windows, workers=workers
             )
@@ -180,37 +156,6 @@ class Recalibrate(Task):
                 str(self.psf), "an H with its camera", "an H without one", "give the camera and the planes instead"
             )
         return plan
-
-    def _read(self, path: Path, plan: ScanPlan, stack: ExitStack) -> list[NewFrame]:
-        """Return the corrected frames of a file or folder, in the orientation of the sensor."""
-        from lfcal.frames import check_turned_colours, named_orientation, open_component, open_unplaced, oriented
-        from lfcal.judge import new_frame
-
-        def opened(colour: str | None = None) -> FrameSource:
-            return stack.enter_context(open_unplaced(path, colour))
-
-        with own_words(without=NO_PLACE):
-            frames = open_component(opened, self.channel)
-            turn = named_orientation(self.orientation)
-            check_turned_colours(frames, plan, replace(self.corrections, channel=self.channel), turn.name)
-            view = oriented(self._corrected(path, frames, plan), turn, plan.camera.sensor.shape)
-            return [new_frame(view, k, view.info(k).label) for k in range(len(view))]
-
-    def _corrected(self, path: Path, frames: FrameSource, plan: ScanPlan) -> FrameSource:
-        """Return the corrected frames; of a mosaic, only the pixels of the channel are valid.
-
-        If H was assembled from a channel, the pixels of its camera are those of the channel.
-        """
-        from lfcal.frames import OneColourSource, colours_of, corrected_view
-
-        if frames.metadata.colour:
-            return corrected_view(frames, self.corrections, plan)
-        if not self.channel:
-            check_colours(path, frames, plan, lambda colours: f"choose one of them (--channel {colours[0]})")
-            return corrected_view(frames, self.corrections, plan)
-        if colours_of(frames, plan) and frames.shape != plan.camera.sensor.shape:
-            return corrected_view(frames, replace(self.corrections, channel=self.channel), plan)
-        return OneColourSource(corrected_view(frames, self.corrections, plan), self.channel, plan)
 
 
 FIT_FRAMES = TaskSet(

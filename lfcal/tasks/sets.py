@@ -27,6 +27,7 @@ TASKS = {
     "fit object": "lfcal.tasks.fit_object:FIT_OBJECT",
     "fit validate": "lfcal.tasks.fit_validate:FIT_VALIDATE",
     "simulate": "lfcal.tasks.simulate:SIMULATE",
+    "watch": "lfcal.tasks.watch:WATCH",
 }
 """Module and name of each set of tasks, by the name of its command; modules are imported only when needed."""
 

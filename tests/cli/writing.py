@@ -22,7 +22,7 @@ from tests.acquire.rigs import small_plan
 from tests.fit.common import few_patterns
 from tests.judge.test_trend import write_fit
 from tests.lattice.white_frames import draw_white
-from tests.recalibrate.common import beads, frame_of
+from tests.recalibrate.common import beads, frame_of, small_h, true_setup
 from tests.recalibrate.common import small_plan as beads_plan
 
 HANG_S = 600
@@ -65,6 +65,7 @@ WRITERS = {
         "out/H.h5",
         8000,
     ),
+    "watch": Writer("watch beads.h5 beads.tif --black-level 64 --noise 9,1 -o out", "out/watch.png", 3000),
     "trend": Writer("trend fits -o out.png", "out.png", 3000),
     "transpose": Writer("transpose H.h5 -o out.h5", "out.h5", 60_000),
     "reduce": Writer("reduce H.h5 -o out.h5", "out.h5", 8000),
@@ -94,7 +95,7 @@ WRITERS = {
 }
 if find_spec("zarr"):  # a folder: what is asked of it as a file holds for the file of that name that it replaces
     WRITERS["reconstruct zarr"] = Writer("reconstruct H.h5 frame.tif -n 1 -o out.ome.zarr", "out.ome.zarr", 3000)
-LONG = {"accuracy", "compare", "demo", "fit", "fit frames", "inspect", "trend", "white", "views"}
+LONG = {"accuracy", "compare", "demo", "fit", "fit frames", "inspect", "trend", "watch", "white", "views"}
 LONG |= {f"multiplex {name}" for name in ("compare", "show", "search", "filters", "figures", "map", "design", "coding")}
 """Those that take a second or more."""
 
@@ -109,6 +110,7 @@ def make_inputs(folder: Path) -> None:
     save(few_patterns(), folder / "fit.h5")
     plan = beads_plan()
     (folder / "beads.json").write_text(plan.to_json())
+    save(small_h(plan, true_setup(plan)), folder / "beads.h5")
     tifffile.imwrite(
         folder / "beads.tif", np.maximum(frame_of(plan, beads(plan, 1), 1).values + 64, 0).astype(np.uint16)
     )

@@ -8,11 +8,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base import plain
 from lfcal.camera import ScanPlan, preset
 from lfcal.fit import NewFrame, Setup
-from lfcal.fit.model import Fineness
+from lfcal.fit.model import Fineness, predict
 from lfcal.fit.parameters import ScanScales, Vector
 from lfcal.fit.setup import starting_effects
+from lfcal.psf import PSFMatrix
 from lfcal.recalibrate._patterns import VoxelPatterns, every_voxel, patterns_at
 from lfcal.recalibrate._window import SensorWindow, windows_of
 
@@ -70,3 +72,14 @@ def frame_of(plan: ScanPlan, volume: NDArray[np.float32], seed: int, *, peak: fl
     mean = light * peak / light.max() + 20 + 6 * y - 4 * x
     electrons = rng.poisson(mean) + 3 * rng.standard_normal(mean.shape)
     return NewFrame(electrons.astype(np.float32), noise=(9.0, 1.0), label=f"beads {seed}")
+
+
+def small_h(plan: ScanPlan, setup: Setup) -> PSFMatrix:
+    """Return H of a few positions by the model of a fit, with its camera and effects."""
+    own = replace(plan, period=(3, 3))
+    index = np.indices(own.shape[:3]).reshape(3, -1).T
+    values = predict(setup, own, index, np.zeros((len(index), 2)), Fineness.fine).reshape(own.shape)
+    known = {"effects": [{"name": one.name, **plain(one)} for one in setup.effects]}
+    return PSFMatrix(
+        values.astype(np.float32), depths=own.depths_um, camera=setup.camera, anchor=own.anchor, provenance=known
+    )

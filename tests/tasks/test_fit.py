@@ -27,6 +27,7 @@ from lfcal.tasks import (
     PredictObject,
     ValidateFit,
     ValidateFitByFrames,
+    Watch,
     command_of,
     job_of,
     load_job,
@@ -87,6 +88,7 @@ TASKS: tuple[Task, ...] = (
     CheckMatrixByScan(matrix="H.h5", frames="session", plan="plan.json", positions=9),
     ValidateFit(fit="fit", sources="H.h5", other=True),
     ValidateFitByFrames(fit="fit", sources="session", orientation="rot90"),
+    Watch(psf="H.h5", frames=("a.tif", "b"), quiet=("monday", "c.tif"), mean=3, rate="2%", noise="64,1", out="watch"),
     PredictObject(fit="fit", frame="frame.tif", scene="object.npy"),
 )
 

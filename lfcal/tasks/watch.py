@@ -1,0 +1,157 @@
+"""Ask for each frame of a series whether H still holds."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lfcal.base import InputError, Work
+from lfcal.records import CorrectionRecipe, opt, panel, read_share, record, required
+from lfcal.tasks._object_frames import ObjectFrameReading, channel_field, turn_field, windows_field
+from lfcal.tasks._patterns import noise_field, open_upright
+from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet
+
+if TYPE_CHECKING:
+    from lfcal.camera import ScanPlan
+    from lfcal.fit import Setup
+    from lfcal.recalibrate import Contents, DriftWatch
+
+__all__ = ["WATCH", "Watch", "Watched"]
+
+COMPARED = 4
+"""Number of patterns of H that are compared with its camera."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watched(TaskResult):
+    """Whether H still holds for the frames of a series, and the files of the result."""
+
+    found: DriftWatch
+    files: tuple[Path, ...]
+
+    @property
+    def failed(self) -> bool:
+        """Whether H no longer holds, or does not explain the frames."""
+        return self.found.holds is not True
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all values as plain JSON types."""
+        return self.found.to_dict() | {"files": list(self.files)}
+
+
+@record
+class Watch(Task):
+    """Check for each frame of a series whether H still holds.
+
+    The frames may show any structured objects within the depth planes of H. For each frame, lfcal measures the shift of
+    the array and the change of the gap, with their uncertainty. H is not changed. Exit code 1: H no longer holds, or
+    does not explain the frames.
+
+    Examples
+    --------
+    >>> from lfcal.tasks import Watch
+    >>> task = Watch(psf="monday/H.h5", frames="friday", quiet="monday/frames", mean=3, noise="64,1")
+    >>> print(task.quiet, task.rate, task.noise)
+    (PosixPath('monday/frames'),) 0.01 (64.0, 1.0)
+    """
+
+    name: ClassVar[str] = "watch"
+
+    psf: Path = required("H file, or the folder of lfcal fit frames with H.h5.", label="H", argument=True, file="in")
+    frames: tuple[Path, ...] = required(
+        "Frames of unknown structured objects in the order of recording: files, or folders of frames.",
+        argument=True,
+        file="in",
+    )
+    out: Path | None = opt(
+        None,
+        "Folder for watch.csv, watch.json and watch.png.",
+        label="Folder",
+        short="-o",
+        file="out",
+        empty="no files",
+    )
+    quiet: tuple[Path, ...] = opt(
+        (),
+        "Frames recorded directly after the calibration, at least 6: files, or folders of frames. May be repeated. "
+        "Drifts are relative to them, and their scatter sets the threshold.",
+        label="Reference frames",
+        file="in",
+        empty="drifts are relative to H, and the stated noise sets the threshold",
+    )
+    mean: int = opt(1, "Number of consecutive frames to average before each test.", at_least=1)
+    rate: float = opt(
+        0.01, "Probability of a false alarm in each test.", label="False alarms", above=0, below=0.5, read=read_share
+    )
+    windows: int | None = windows_field("in which the frames are compared with H")
+    noise: tuple[float, float] | None = noise_field("as stated by the frames")
+    orientation: str = turn_field()
+    channel: str = channel_field()
+    corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
+
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return the files of the task; outputs are those in the folder."""
+        from lfcal.recalibrate import watch_outputs
+
+        if way == "out":
+            return () if self.out is None else watch_outputs(self.out)
+        return (*super().files(way), self._h())
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[Watched, ...]]:
+        """Measure the drift in every frame, and write the files."""
+        from lfcal.recalibrate import iter_watch, write_watch
+
+        setup, plan, contents = self._described()
+        reading = ObjectFrameReading(plan, self.orientation, self.channel, self.corrections)
+        with ExitStack() as stack:
+            frames = reading.frames(self.frames, stack)
+            work = iter_watch(
+                frames,
+                setup,
+                plan,
+                quiet=reading.frames(self.quiet, stack),
+                times=frames.times,
+                noise=self.noise,
+                rate=self.rate,
+                mean=self.mean,
+                contents=contents,
+                windows=self.windows,
+                workers=run.workers if run else None,
+            )
+            found = yield from work
+        return (Watched(found=found, files=() if self.out is None else write_watch(found, self.out)),)
+
+    def _h(self) -> Path:
+        """Return the H file."""
+        from lfcal.fit import MODEL
+
+        return self.psf / MODEL if self.psf.is_dir() else self.psf
+
+    def _described(self) -> tuple[Setup, ScanPlan, Contents | None]:
+        """Return the camera of H, its scan, and the contents of frames with which it was recalibrated."""
+        import numpy as np
+
+        from lfcal.camera import NoLatticeError
+        from lfcal.judge import behind
+        from lfcal.recalibrate import stated_contents
+
+        with open_upright(self._h()) as matrix:
+            if matrix.camera is not None and not matrix.camera.has_lattice:
+                raise NoLatticeError.of("watching frames")
+            index = np.argwhere(matrix.recorded)
+            some = index[np.linspace(0, len(index) - 1, COMPARED).astype(int)] if len(index) else index
+            found = behind(matrix, some) if len(some) else None
+            contents = stated_contents(matrix.provenance)
+        if found is None or not found.explains:
+            got = "one without" if found is None else f"a camera that leaves {found.misfit:.0%} of H unexplained"
+            raise InputError.expected(
+                str(self._h()), "an H with a camera that explains it", got, "fit the camera first (lfcal fit)"
+            )
+        return found.setup, found.plan, contents
+
+
+WATCH = TaskSet(
+    "watch", (Watch,), lambda given: Watch, "lfcal watch monday/H.h5 friday/*.tif --quiet monday/frames -o friday/watch"
+)

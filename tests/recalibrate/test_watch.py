@@ -1,0 +1,164 @@
+"""Drifts in frames of a small sensor, which a finer sampling than that of the model makes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from functools import cache
+
+import numpy as np
+import pytest
+
+from lfcal.base import InputError
+from lfcal.camera import NoLatticeError, ScanPlan, preset
+from lfcal.fit import NewFrame, Setup
+from lfcal.fit.model import Fineness
+from lfcal.fit.parameters import ScanScales, Vector
+from lfcal.recalibrate import DriftWatch, watch
+from lfcal.recalibrate._alarm import MeasuredDrift
+from lfcal.recalibrate._patterns import VoxelPatterns, every_voxel, patterns_at
+from lfcal.recalibrate.watch import _trends
+from lfcal.recalibrate.watched import WatchedFrame, WatchedMean
+from tests.recalibrate.common import beads, small_plan, the_window, true_setup
+
+PLAN = small_plan((2.4,), 56)
+SETUP = true_setup(PLAN)
+
+
+@cache
+def drifted(x_px: float = 0.0, y_px: float = 0.0, gap_percent: float = 0.0) -> VoxelPatterns:
+    """Return H by the finest sampling, after a drift of the array."""
+    own, camera = the_window(PLAN).plan, SETUP.camera
+    pixel, gap = camera.sensor.pixel_um, camera.lattice.gap_um
+    vector = Vector(SETUP, ScanScales.of(own), ("geometry",))
+    moved = {"offset_x_um": x_px * pixel, "offset_y_um": y_px * pixel, "gap_um": 0.01 * gap_percent * gap}
+    return patterns_at(vector.setup_at(vector.at(moved)), own, every_voxel(own), Fineness.finest, 2)
+
+
+def frame(patterns: VoxelPatterns, seed: int, peak: float = 3000.0) -> NewFrame:
+    rng = np.random.default_rng(seed)
+    light = patterns.images(beads(PLAN, seed)[None])[0]
+    electrons = rng.poisson(light * peak / light.max() + 20) + 3 * rng.standard_normal(light.shape)
+    return NewFrame(electrons.astype(np.float32), noise=(9.0, 1.0), label=f"{seed}.tif")
+
+
+def watched(frames: list[NewFrame], **options: object) -> DriftWatch:
+    return watch(frames, SETUP, PLAN, workers=2, **options)
+
+
+@cache
+def quiet() -> tuple[NewFrame, ...]:
+    return tuple(frame(drifted(), seed) for seed in range(16))
+
+
+def test_h_holds_for_frames_of_other_objects() -> None:
+    found = watched([frame(drifted(), 100 + k, (3000, 300)[k % 2]) for k in range(8)], quiet=quiet())
+    assert found.holds and found.verdict.startswith("H holds: shift x")
+    assert not any(one.alarm for one in found.means) and not found.noise_stated
+    assert "16 quiet frames and an F distribution with 3 and 13 degrees of freedom" in found.basis
+    pulls = np.array([one.values for one in found.frames]) / np.array([one.sigmas for one in found.frames])
+    assert 0.4 < np.sqrt(np.mean(pulls**2)) < 1.5
+    dim, bright = found.frames[1].sigmas, found.frames[0].sigmas
+    assert dim[0] > 2 * bright[0]
+
+
+def test_a_shift_is_found_and_dated() -> None:
+    frames = [frame(drifted(*([0.05] if k >= 3 else [])), 200 + k) for k in range(6)]
+    for options in ({}, {"quiet": quiet()}):
+        found = watched(frames, **options)
+        assert found.holds is False and [one.alarm for one in found.means] == [False] * 3 + [True] * 3
+        assert found.verdict.startswith("H no longer holds: shift x +0.05") and "first in 203.tif" in found.verdict
+        assert found.values == pytest.approx((0.05, 0, 0), abs=0.006) or abs(found.values[2]) < 0.15
+        assert found.sigmas[0] < 0.005
+
+
+def test_a_large_drift_is_measured_in_several_steps() -> None:
+    drift = (0.5, -0.3, 1.0)
+    found = watched([frame(drifted(*drift), seed) for seed in (300, 301)])
+    assert found.holds is False and all(not one.problem for one in found.frames)
+    assert found.values == pytest.approx(drift, abs=0.2)
+    assert found.values[:2] == pytest.approx(drift[:2], abs=0.02)
+
+
+def test_means_of_three_find_a_change_of_the_gap() -> None:
+    frames = [frame(drifted(0.0, 0.0, 0.2), 400 + k) for k in range(7)]
+    found = watched(frames, quiet=quiet(), mean=3)
+    assert [len(one.frames) for one in found.means] == [3, 3, 1]
+    assert found.holds is False and all(one.alarm for one in found.means[:2])
+    assert found.values[2] == pytest.approx(0.2, abs=0.07)
+
+
+def test_a_trend_has_the_unit_of_its_times() -> None:
+    rng, begin = np.random.default_rng(0), datetime(2026, 5, 1, tzinfo=UTC)
+    noise = np.diag([1e-6, 1e-6, 1e-4])
+    drifts = [
+        MeasuredDrift(np.array([0.02 * k, 0, 0]) + np.sqrt(np.diag(noise)) * rng.standard_normal(3), noise, np.zeros(3))
+        for k in range(6)
+    ]
+    hourly = _trends(drifts, [begin + timedelta(hours=2 * k) for k in range(6)])
+    daily = _trends(drifts, [begin + timedelta(days=k) for k in range(6)])
+    plain = _trends(drifts, [begin] * 6)
+    for found, slope, per in ((hourly, 0.01, "hour"), (daily, 0.02, "day"), (plain, 0.02, "frame")):
+        assert found[0].per == per and found[0].significant and abs(found[0].slope - slope) < 4 * found[0].sigma
+        assert not found[1].significant and not found[2].significant
+    assert found[0].sigma == pytest.approx(1e-3 / np.sqrt(17.5), rel=1.2)
+    assert _trends(drifts[:2], [None, None]) == ()
+
+
+def test_frames_that_h_does_not_explain_are_no_evidence() -> None:
+    good = frame(drifted(), 600)
+    stripes = (good.values + 300 * (np.arange(56) % 2)).astype(np.float32)
+    mixed = watched([replace(good, values=stripes), *(frame(drifted(), 601 + k) for k in range(3))])
+    assert mixed.holds and len(mixed.means) == 3 and "does not explain it" in mixed.frames[0].problem
+    alone = replace(mixed, frames=mixed.frames[:1])
+    assert alone.holds is None and alone.verdict.startswith("undecided: H does not explain 1 of 1 frames")
+
+
+def test_a_frame_that_cannot_be_used_does_not_end_the_series() -> None:
+    dark = NewFrame(np.random.default_rng(0).normal(0, 3, (56, 56)).astype(np.float32), noise=(9.0, 1.0), label="dark")
+    found = watched([dark, frame(drifted(), 610)])
+    assert found.holds and "structure" in found.frames[0].problem and np.isnan(found.frames[0].values[0])
+    with pytest.raises(InputError, match="structure that is larger than the noise"):
+        watched([dark])
+
+
+def test_saturated_pixels_are_left_out() -> None:
+    clipped = replace(frame(drifted(0.05), 620), values=np.minimum(frame(drifted(0.05), 620).values, 900))
+    found = watched([clipped])
+    assert found.values[0] == pytest.approx(0.05, abs=0.015)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"quiet": [frame(drifted(), k) for k in range(3)]}, "quiet frames: expected at least 6, or none, got 3"),
+        ({"quiet": [NewFrame(np.ones((50, 60), np.float32))] * 6}, "at least 6 that H explains, got 0; frame: "),
+        ({"rate": 0.7}, "rate of false alarms: expected"),
+        ({"mean": 0}, "mean: expected"),
+    ],
+)
+def test_options_that_cannot_be_used_are_refused(options: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        watched([frame(drifted(), 1)], **options)
+
+
+def test_frames_of_another_camera_are_refused() -> None:
+    with pytest.raises(InputError, match=r"pixels: expected \(56, 56\), as in the camera, got \(80, 60\)"):
+        watched([NewFrame(np.ones((80, 60), np.float32), noise=(9, 1), label="a.tif")])
+    plan = ScanPlan.for_camera(preset("flfm_20x05"), depths_um=[0.0], cutout=21)
+    with pytest.raises(NoLatticeError, match="watching frames"):
+        watch([frame(drifted(), 1)], Setup(plan.camera, (), (0.0,)), plan)
+
+
+def test_the_mean_of_all_frames_is_a_test_too() -> None:
+    one = WatchedMean(("a",), (0.0, 0.0, 0.1), (0.01, 0.01, 0.04), 9.0, 0.02, False)
+    frames = (WatchedFrame("a", None), WatchedFrame("b", None))
+    found = DriftWatch(frames, (), (one, one), (), True, (0.0, 0.0, 0.1), (0.01, 0.01, 0.03), (), 0.01, 11.3)
+    assert found.verdict.startswith("H no longer holds: gap +0.100 ± 0.030 % in the mean of 2 frames; recalibrate")
+
+
+def test_depths_that_h_states_are_used() -> None:
+    wrong = replace(PLAN, depths_um=tuple(z + 40.0 for z in PLAN.depths_um))
+    setup = replace(SETUP, depth_errors_um=(-40.0,))
+    some = [frame(drifted(), 1)]
+    assert watch(some, setup, wrong).frames[0].values == pytest.approx(watched(some).frames[0].values, abs=1e-4)
