@@ -17,12 +17,21 @@ LEAST_QUIET = 6
 """Smallest number of quiet frames that determine a threshold."""
 
 
+EXACT: F8 = np.zeros(3)
+"""Error of no step."""
+
+
 class MeasuredDrift(NamedTuple):
-    """Measured drifts ``(k,)``, their covariance ``(k, k)`` from noise, and the error of the model ``(k,)``."""
+    """Measured drifts ``(k,)``, their covariance ``(k, k)`` from noise, and two errors ``(k,)``.
+
+    ``floors`` is the error of the model. ``linear`` is that of a linear step to the drift, which is zero without one,
+    so that no test needs it.
+    """
 
     values: F8
     noise: F8
     floors: F8
+    linear: F8 = EXACT
 
     @property
     def covariance(self) -> F8:
@@ -48,7 +57,7 @@ def mean_drift(drifts: Sequence[MeasuredDrift]) -> MeasuredDrift:
     weights = [np.linalg.inv(one.noise) for one in drifts]
     noise = np.linalg.inv(np.sum(weights, axis=0))
     values = noise @ np.sum([w @ one.values for w, one in zip(weights, drifts, strict=True)], axis=0)
-    return MeasuredDrift(values, noise, drifts[0].floors)
+    return MeasuredDrift(values, noise, drifts[0].floors, np.mean([one.linear for one in drifts], axis=0))
 
 
 class AlarmTest:
@@ -98,9 +107,10 @@ class AlarmTest:
         square = float(away @ np.linalg.solve(covariance, away))
         return square, float(fdtrc(k, n - k, square * (n - k) / (k * (n - 1))))
 
-    def widened(self, sigmas: F8) -> F8:
-        """Return stated standard deviations, multiplied by the scatter of the quiet frames in their units."""
-        found: F8 = sigmas * np.sqrt(np.diag(self.spread)) if self.count else sigmas
+    def errors(self, drift: MeasuredDrift) -> F8:
+        """Return the standard deviations to state: all errors, and at least the scatter of the quiet frames."""
+        wide = np.maximum(1, np.sqrt(np.diag(self.spread))) if self.count else 1.0
+        found: F8 = np.hypot(drift.sigmas * wide, drift.linear)
         return found
 
 

@@ -33,6 +33,9 @@ RATE = 0.01
 LINEAR = np.array([0.1, 0.1, 0.5])
 """Steps (px, px, %) above which derivatives are computed again at the drifted array if they do not explain a frame."""
 
+STEP_ERROR = 0.1
+"""Error of a linear step, relative to its length."""
+
 ROUNDS, MOST_LOST = 4, 2
 """Largest number of such steps for a frame, and of frames for which they may fail."""
 
@@ -152,7 +155,7 @@ class _Measured(NamedTuple):
         """Return the result for the frame, relative to the drift ``start``."""
         if self.drift is None:
             return WatchedFrame(self.name, when, goodness=self.goodness, problem=self.problem)
-        sigmas = test.widened(self.drift.sigmas)
+        sigmas = test.errors(self.drift)
         return WatchedFrame(
             self.name, when, _three(self.drift.values - start), _three(sigmas), self.goodness, self.problem
         )
@@ -234,7 +237,9 @@ class _Array:
                 f"{frame.name}, objects", "structure that shows the lenslets", "none", "give brighter frames"
             )
         noise = np.asarray(np.linalg.inv(total.information), np.float64)
-        drift = MeasuredDrift(self.at + noise @ total.gradient, max(1.0, goodness.ratio) * noise, FLOORS)
+        step = noise @ total.gradient
+        noise = max(1.0, goodness.ratio) * noise
+        drift = MeasuredDrift(self.at + step, noise, FLOORS, STEP_ERROR * np.abs(step))
         limit = max(ALARM, 1 + 3 * math.sqrt(2 / max(1.0, goodness.freedom)))
         words = (
             f"H does not explain it: the goodness of fit is {goodness.ratio:.2f}, but at most {limit:.2f} is allowed"
@@ -301,7 +306,7 @@ def _mean(drifts: Sequence[MeasuredDrift], start: F8, test: AlarmTest) -> tuple[
     if not drifts:
         return (math.nan,) * 3, (math.nan,) * 3
     found = mean_drift(drifts)
-    return _three(found.values - start), _three(test.widened(found.sigmas))
+    return _three(found.values - start), _three(test.errors(found))
 
 
 def _trends(drifts: Sequence[MeasuredDrift], times: Sequence[datetime | None]) -> tuple[DriftTrend, ...]:
