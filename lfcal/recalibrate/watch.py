@@ -109,7 +109,7 @@ def iter_watch(
         )
     if not plan.camera.has_lattice:
         raise NoLatticeError.of("watching frames")
-    array = _Array(setup, plan, contents or Contents(_depths(setup, plan)), noise, windows, workers)
+    array = _Array(setup, plan, contents or Contents(plan.depths_um), noise, windows, workers)
     yield from array.iter_prepared()
     clock = Clock("watch", len(quiet) + len(frames))
     yield clock.at(0)
@@ -136,11 +136,6 @@ watch = drained(
     lfcal.base.errors.InputError: frames: expected at least one, got none; give frames of structured objects
     """,
 )
-
-
-def _depths(setup: Setup, plan: ScanPlan) -> tuple[float, ...]:
-    """Return the actual depths of the planes (µm)."""
-    return tuple(z + error for z, error in zip(plan.depths_um, setup.depth_errors_um, strict=True))
 
 
 class _Measured(NamedTuple):
