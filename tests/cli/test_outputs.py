@@ -41,6 +41,7 @@ COMMANDS = (
     ("fit",),
     ("fit", "frames"),
     ("trend",),
+    ("watch",),
     ("transpose",),
     ("reduce",),
     ("export",),
