@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,9 @@ SCALES = ("linear", "log", "gamma")
 
 DECADES_BELOW = 1e-4
 """Smallest value shown on a logarithmic scale, relative to the largest."""
+
+LARGEST = 1e30
+"""Magnitude below which, and inverse span above which, float32 is used."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,12 @@ def levels_of(image: NDArray[np.generic], *, signed: bool = False) -> tuple[floa
     if signed:
         top = max(abs(low), abs(high)) or 1.0
         return (-top, top)
-    return (low, high if high > low else low + 1.0)
+    return (low, high if high > low else above(low))
+
+
+def above(value: float) -> float:
+    """Return a number above ``value`` for a range of values that are all equal."""
+    return value + max(1.0, 1e-6 * abs(value))
 
 
 def to_uint8(image: NDArray[np.generic], display: DisplaySettings, levels: tuple[float, float]) -> NDArray[np.uint8]:
@@ -104,19 +113,21 @@ def shades(image: NDArray[np.generic], scale: str, levels: tuple[float, float]) 
     if scale != "linear" and high > 0:
         low = max(low, 0.0)
     span = high - low if high > low else 1.0
+    # products beyond the range of float32
+    kind: Any = np.float32 if 1 / LARGEST < span and max(abs(low), abs(high)) < LARGEST else np.float64
     if scale == "log" and high > 0:
         bottom = max(low, DECADES_BELOW * high)
-        values = np.asarray(image, np.float32) * np.float32(1.0 / bottom)
+        values = np.asarray(image, kind) * kind(1.0 / bottom)
         np.nan_to_num(values, copy=False, nan=0.0, posinf=high / bottom, neginf=0.0)
         np.log(np.clip(values, 1.0, max(1.0, high / bottom), out=values), out=values)
         decades = math.log(high / bottom)
-        return values / np.float32(decades) if decades > 0 else np.asarray(values >= 0, np.float32)
-    values = (np.asarray(image, np.float32) - np.float32(low)) * np.float32(1.0 / span)
+        return np.asarray(values / kind(decades) if decades > 0 else values >= 0, np.float32)
+    values = (np.asarray(image, kind) - kind(low)) * kind(1.0 / span)
     np.nan_to_num(values, copy=False, nan=0.0, posinf=1.0, neginf=0.0)
     np.clip(values, 0.0, 1.0, out=values)
     if scale == "gamma":
         np.sqrt(values, out=values)
-    return values
+    return np.asarray(values, np.float32)
 
 
 def tinted(

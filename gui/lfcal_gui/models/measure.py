@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal_gui.models.display import above
+
 MOST = 1 << 17
 """Largest number of values sampled from a large image for a histogram, so that the window stays responsive."""
 
@@ -140,5 +142,7 @@ def value_histogram(image: NDArray[Any], bins: int = 200) -> tuple[NDArray[np.fl
     if not len(values):
         return np.zeros(0), np.zeros(0, np.intp)
     low, high = float(values.min()), float(values.max())
-    counts, edges = np.histogram(values, bins, (low, high if high > low else low + 1))
-    return (edges[:-1] + edges[1:]) / 2, counts
+    span = high - low or above(low) - low
+    # not of the values themselves: bins of large ones that hardly differ have no width
+    counts, edges = np.histogram((values - low) / span, bins, (0.0, 1.0))
+    return low + span * (edges[:-1] + edges[1:]) / 2, counts
