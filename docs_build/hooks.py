@@ -21,6 +21,7 @@ from docs_build.links import broken_links  # noqa: E402
 from docs_build.reference import packages, page_of  # noqa: E402
 from docs_build.running import TutorialError, run_page, runs  # noqa: E402
 from docs_build.screens import take_screens  # noqa: E402
+from docs_build.search import repair_search  # noqa: E402
 from docs_build.tables import TABLES  # noqa: E402
 
 BESIDE = {
@@ -149,5 +150,7 @@ def on_post_build(config: Any) -> None:
     site = Path(config.site_dir)
     if missing := [name for name in (SHIM, "search/search_index.js") if not (site / name).is_file()]:
         raise PluginError(f"the search does not work from a folder without {', '.join(missing)}")
+    if not repair_search(site):
+        raise PluginError("the theme's search has changed; adapt or remove docs_build/search.py")
     if broken := broken_links(site):
         raise PluginError("links that lead nowhere:\n" + "\n".join(broken))
