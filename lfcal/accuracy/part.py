@@ -93,7 +93,7 @@ GROUP = "lfcal.accuracy"
 
 def _check(part: AccuracyPart) -> None:
     if not isinstance(part, AccuracyPart):
-        raise TypeError(f"expected a AccuracyPart, got {type(part).__name__}")
+        raise TypeError(f"expected an AccuracyPart, got {type(part).__name__}")
 
 
 def find_parts() -> Registry[AccuracyPart]:

@@ -47,7 +47,7 @@ class Control:
         self._paused.set()
 
     def resume(self) -> None:
-        """Request the recording to continue after a pause."""
+        """Request that the recording continue after a pause."""
         self._paused.clear()
         self._wake.set()
 

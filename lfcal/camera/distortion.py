@@ -185,7 +185,10 @@ class LatticeDistortion:
         if self.model == "radial":
             if len(counts) != 1 or not 1 <= counts[0] <= 4:
                 raise InputError.expected(
-                    "terms of a radial distortion", "one list of 1 to 4 terms", counts, "give one list of this length"
+                    "terms of a radial distortion",
+                    "one list of 1 to 4 terms",
+                    f"lists of {counts} terms",
+                    "give one list of 1 to 4 terms",
                 )
             return
         right = [len(polynomial_powers(n)) for n in range(2, MAX_DEGREE + 1)]

@@ -197,9 +197,9 @@ class Written(NamedTuple):
 
 
 def write_found(fit: CameraResult, folder: Path, name: str, numbers: Mapping[str, Any]) -> list[Path]:
-    """Write camera, effects and finally ``numbers`` with the time to ``folder``, and return the paths.
+    """Write the camera, the effects and then ``numbers`` into ``folder``, and return the paths.
 
-    ``name`` is the name of the file of the numbers.
+    ``name`` is the file name for ``numbers``, to which the current time is added.
 
     Raises
     ------

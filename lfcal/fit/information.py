@@ -97,7 +97,7 @@ def iter_information(
     *,
     workers: int | None = None,
 ) -> Work[Information]:
-    """Compute the information from the patterns at the given positions; yields progress in patterns.
+    """Compute the Fisher information about the unknowns from patterns at given positions; yields progress in patterns.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def iter_information(
     expected
         Expected light, and stability of stage and lamp.
     workers
-        Number of threads over derivatives. None: all processors.
+        Number of threads that compute derivatives. None: all processors.
 
     Notes
     -----

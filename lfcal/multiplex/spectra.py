@@ -228,7 +228,12 @@ def band_edges(bands: int | Sequence[float]) -> Array:
         return np.linspace(*VISIBLE_NM, int(bands) + 1)
     edges = np.array(check_tuple("edges of the bands (nm)", tuple(np.asarray(bands, float).tolist()), above=0))
     if len(edges) < 2 or (np.diff(edges) <= 0).any():
-        raise InputError.expected("edges of the bands (nm)", "two or more increasing numbers", edges, "sort the edges")
+        raise InputError.expected(
+            "edges of the bands (nm)",
+            "two or more increasing numbers",
+            edges,
+            "give at least two different edges, in increasing order",
+        )
     return edges
 
 

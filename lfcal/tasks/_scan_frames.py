@@ -154,8 +154,8 @@ def note_size(shape: tuple[int, int], camera: Camera, *, folder: str = "the fram
     if times:
         sensor = f"{tall // times}x{wide // times},{camera.sensor.pixel_um * times:g}"
         warn(
-            f"{what}, as after binning {times} x {times}; if they are binned, make a camera with the binned pixels "
-            f"and measure its array (lfcal camera import CAMERA --sensor {sensor} "
+            f"{what}; this suggests binning of {times} x {times}. If the frames are binned, create a camera file with "
+            f"the binned pixels and measure its array (lfcal camera import CAMERA --sensor {sensor} "
             f"--pitch {camera.lattice.pitch_um:g}um -o BINNED, then lfcal camera check BINNED WHITE)"
         )
         return

@@ -122,7 +122,7 @@ class _Assemble(Task):
     name: ClassVar[str] = "assemble"
 
     frames: Path = required(
-        "Folder of frames, manifest (.csv, .json), one file of many frames, recorded session, or scan plan "
+        "Folder of frames, manifest (.csv, .json), file with several frames, recorded session, or scan plan "
         "(.json). For a scan plan, the simulated camera records the frames.",
         argument=True,
         file="in",

@@ -124,8 +124,8 @@ class _Fit(Task):
     )
     effects: tuple[str, ...] = opt(
         (),
-        "Effect to simulate in addition to those in the camera description: NAME=on|off|VALUE, for example "
-        "index_mismatch=1.38,depth:20um; or a JSON file of effects.",
+        "Effect that differs from the camera description: NAME=on|off|VALUE, for example "
+        "index_mismatch=1.38,depth:20um; or a JSON file of effects. May be repeated.",
         flag="--effect",
         file="in",
         is_path=lambda text: "=" not in text,

@@ -103,7 +103,7 @@ class Recalibrate(Task):
     orientation: str = turn_field()
     channel: str = channel_field()
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
-    write_h: bool = opt(True, "Compute and write H of the camera.", label="Compute H", flag="--no-h")
+    write_h: bool = opt(True, "Compute and write H of the fitted camera.", label="Compute H", flag="--no-h")
 
     def __post_init__(self) -> None:
         """Check every field and the combinations that exclude each other."""

@@ -53,7 +53,8 @@ class ValidateFit(Task):
 
     fit: Path = required("Folder of a fit.", argument=True, file="in")
     sources: tuple[Path, ...] = required(
-        "Source of the fit: H, a recorded session, or frames. Positions that were fitted are left out.",
+        "Source of the fit (H, a recorded session, or frames), or another recording with --other. For a fit of several "
+        "regions: the source of each. Positions that were fitted are left out, except with --other.",
         argument=True,
         file="in",
     )

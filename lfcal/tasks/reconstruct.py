@@ -149,7 +149,7 @@ class _Reconstruct(Task):
         "H file (.h5), or a file of another code (.mat, .npy, .lfc, .tif).", label="H", argument=True, file="in"
     )
     frames: Path = required(
-        "Light-field frame. Several frames: an image file of many pages, a folder of frames, or a recorded session.",
+        "Light-field frame. Several frames: a multi-page image file, a folder of frames, or a recorded session.",
         argument=True,
         file="in",
     )

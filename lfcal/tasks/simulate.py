@@ -545,8 +545,8 @@ def _note_plan(plan: ScanPlan, found: EffectSelection | None = None) -> None:
         own = f"{py * plan.cells[0]:.5g} x {px * plan.cells[1]:.5g} px"
         note(
             f"the period of H, {ny} x {nx} px, does not match that of the lattice, {own}: they drift apart by "
-            f"{plan.drift_px:.3g} px over the sensor; resample the pixels in the plan to remove the drift (lfcal "
-            "plan --resample); a reconstruction resamples frames to the period of H"
+            f"{plan.drift_px:.3g} px over the sensor; to remove the drift, make the plan with resampling (lfcal "
+            "plan --resample); otherwise, a reconstruction resamples frames to the period of H"
         )
 
 

@@ -17,10 +17,13 @@ from tests.frames.lists.scans import SENSOR, scan, small_camera, write_frames
 @pytest.mark.parametrize(
     ("shape", "words"),
     [
-        ((20, 24), "as after binning 2 x 2; if they are binned, make a camera with the binned pixels"),
-        ((24, 20), "as after binning 2 x 2"),
-        ((13, 16), "as after binning 3 x 3"),
-        ((10, 12), "as after binning 4 x 4"),
+        (
+            (20, 24),
+            "this suggests binning of 2 x 2. If the frames are binned, create a camera file with the binned pixels",
+        ),
+        ((24, 20), "this suggests binning of 2 x 2"),
+        ((13, 16), "this suggests binning of 3 x 3"),
+        ((10, 12), "this suggests binning of 4 x 4"),
         ((20, 40), "--frame FRAME"),
         ((38, 44), "--frame FRAME"),
     ],

@@ -301,7 +301,7 @@ def test_unknown_exposure_names_the_frame() -> None:
     [
         (lambda: White(np.zeros(SHAPE), 0.0), "light above the dark level"),
         (lambda: White(DARK, WHITE), "white and dark are not swapped"),
-        (lambda: White(WHITE, DARK[:-1]), "dark of the white frame"),
+        (lambda: White(WHITE, DARK[:-1]), "dark frame for the white frame"),
         (lambda: White(WHITE, 0.0, floor=0.0), "white floor"),
         (lambda: White(np.full(SHAPE, 65535, np.uint16), 0.0), "saturated, got 100 %; reduce its exposure"),
         (lambda: White(WHITE, 0.0, saturation=4000), "at most 0.1 % saturated"),

@@ -147,7 +147,7 @@ def _type() -> Values:
 INJECTIONS: dict[str, Injection] = {
     "saturated": Injection(
         "the sensor saturates at half the peak signal",
-        "above a common value, samples have less light than the camera predicts",
+        "above one value, which is the same for all samples, samples are lower than the model of the camera predicts",
         lambda: np.minimum(clean(), np.float32(0.5 * PEAK)),
     ),
     "cut_off": Injection(

@@ -14,7 +14,7 @@ __all__ = ["STATUS", "AravisError", "library"]
 
 NAMES = ("libaravis-0.8.so.0", "libaravis-0.8.0.dylib", "libaravis-0.8-0.dll", "aravis-0.8-0.dll")
 GOBJECT = ("libgobject-2.0.so.0", "libgobject-2.0.0.dylib", "libgobject-2.0-0.dll", "gobject-2.0-0.dll")
-INSTALL = "apt install libaravis-0.8-0 (Debian, Ubuntu), brew install aravis (macOS)"
+INSTALL = "run apt install libaravis-0.8-0 (Debian, Ubuntu), brew install aravis (macOS)"
 
 STATUS = (
     "complete",

@@ -36,7 +36,7 @@ RECORDED = re.compile(r"(analog.|digital.|pre.?amp.)?gain|offset|black.?level|ga
 The automatic shutter is not included; it is the mechanical one, which opens for each exposure.
 """
 
-INSTALL = "uv pip install 'lfcal[acquire]', and Micro-Manager for its drivers"
+INSTALL = "run uv pip install 'lfcal[acquire]', and install Micro-Manager for its drivers"
 
 
 class MicroManagerBackend:

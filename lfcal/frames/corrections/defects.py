@@ -71,7 +71,12 @@ class Defects:
         check_cfa(self.cfa)
         pixels = np.asarray(self.pixels, np.int64).reshape(-1, 2)
         if self.kinds and len(self.kinds) != len(pixels):
-            raise InputError.expected("kinds of defects", len(pixels), len(self.kinds), "give one for each pixel")
+            raise InputError.expected(
+                "kinds of defects",
+                f"{len(pixels)}, one for each defective pixel",
+                len(self.kinds),
+                "give one kind for each defective pixel",
+            )
         if pixels.size and (pixels.min() < 0 or (pixels >= np.array(self.shape)).any()):
             raise InputError.expected(
                 "defect pixels",

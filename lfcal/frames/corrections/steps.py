@@ -341,10 +341,10 @@ class White:
         self._check_saturation(raw)
         level = np.asarray(dark, np.float32)
         if level.ndim:
-            level = as_sensor_frame("dark of the white frame", level)
+            level = as_sensor_frame("dark frame for the white frame", level)
         if level.ndim and level.shape != white.shape:
             raise InputError.expected(
-                "dark of the white frame",
+                "dark frame for the white frame",
                 f"shape {white.shape}",
                 level.shape,
                 "record both with the same sensor settings",

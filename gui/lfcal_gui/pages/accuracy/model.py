@@ -57,10 +57,15 @@ class AccuracySettings(PageSettings):
             raise InputError.expected("subject", any_of(dict(SUBJECTS)), self.subject, "choose one of these")
         if not 0 < self.seconds <= 86_400:
             raise InputError.expected(
-                "time per measurement (s)", "above 0 and up to 86400 (a day)", self.seconds, "enter such a number"
+                "time per measurement (s)",
+                "a number above 0 and at most 86400 (a day)",
+                self.seconds,
+                "enter a number in this range",
             )
         if not 0 < self.error <= 10:
-            raise InputError.expected("error", "above 0 and up to 1000 %", self.error, "enter such a number")
+            raise InputError.expected(
+                "error", "a number above 0 and at most 1000 %", self.error, "enter a number in this range"
+            )
 
 
 def subjects(project: ProjectState) -> tuple[str, ...]:

@@ -79,7 +79,7 @@ class ChecksView(QWidget):
         self.counts.setProperty("role", "hint")
         self.redo.setAccessibleName("record bad positions again")
         self.redo.setToolTip(
-            "Record the bad positions again, then assemble and judge a new H. The previous H is kept as the other H"
+            "Record the bad positions again, then assemble and check a new H. The previous H is kept for comparison"
         )
         self.redo.hide()
         self.table = RowsTable(COLUMNS, 1, brief=(1, 2), spare=(3, 4, 5, 6))

@@ -91,7 +91,7 @@ FIELDS = (
         "Ref. mask",
         kind="choice",
         choices=_named(MASKS),
-        tip="Mask of the reference, of the same size. Gains are relative to it",
+        tip="Mask of the reference; it has the size of the mask above. Gains are relative to the reference",
         group="Reference",
     ),
     Field(

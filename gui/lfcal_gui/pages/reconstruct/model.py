@@ -258,7 +258,7 @@ class ReconstructSettings(PageSettings):
         if not 1 <= self.iterations <= 100_000:
             raise InputError.expected("iterations", "1 to 100000", self.iterations, "enter a number in this range")
         if self.margin is not None and self.margin < 0:
-            raise InputError.expected("margin", "0 px or more", self.margin, "enter such a number")
+            raise InputError.expected("margin", "0 px or more", self.margin, "enter a number that is not negative")
         if self.voxel not in ("", "auto"):
             _side(self.voxel)
         if len(self.region) not in (0, 4) or any(v < 0 or v != int(v) for v in self.region) or 0 in self.region[2:]:

@@ -157,7 +157,7 @@ class FramePanel(QWidget):
         self.save_button.setEnabled(False)
         if "view" in vars(self):
             self.view.set_shot(None)
-        self.words.setText("The plan or the settings changed since this frame was made. Make another one.")
+        self.words.setText("The plan or the settings have changed since the last frame was made. Make a new frame.")
 
     def save(self, path: str = "") -> None:
         """Write the samples of the frame."""
