@@ -75,7 +75,10 @@ def worker_count(workers: int | None = None) -> int:
         return processors()
     if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) and len(text) < 9):
         raise InputError.expected(
-            WORKERS, "a whole number of at least 1", repr(text[:40]), "set such a number, or unset the variable"
+            WORKERS,
+            "a whole number of at least 1",
+            repr(text[:40]),
+            "set a positive whole number, or unset the variable",
         )
     return int(text)
 

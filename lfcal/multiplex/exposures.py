@@ -150,6 +150,9 @@ def _shares(what: str, values: ArrayLike) -> Array:
     good = shares.ndim == 2 and shares.size and np.isfinite(shares).all() and shares.min() >= 0 and shares.max() <= 1
     if not good or not shares.any():
         raise InputError.expected(
-            what, "rows and columns of fractions from 0 to 1, not all 0", array_words(shares), "give such fractions"
+            what,
+            "rows and columns of fractions from 0 to 1, not all 0",
+            array_words(shares),
+            "give fractions in this range",
         )
     return shares

@@ -68,7 +68,10 @@ class ReferencePlane:
         self.per_px = 8 if wanted is None else round(wanted)
         if self.per_px < 1 or (wanted is not None and self.per_px != wanted):
             raise InputError.expected(
-                "samples per pixel of the reference", "a whole number of 1 or more", wanted, "give such a number"
+                "samples per pixel of the reference",
+                "a whole number of 1 or more",
+                wanted,
+                "give a positive whole number",
             )
         self._dx = scene.reduced_pixel_um / self.per_px
         self._reach = self._lit_radius()
