@@ -78,7 +78,7 @@ def worker_count(workers: int | None = None) -> int:
             WORKERS,
             "a whole number of at least 1",
             repr(text[:40]),
-            "set a positive whole number, or unset the variable",
+            "set a whole number, or unset the variable",
         )
     return int(text)
 

@@ -488,7 +488,7 @@ def measured_coding_gain(
     overlap = _Overlap(patterns, code)
     frames, points = overlap.code.shape
     if frames % points:
-        remedy = "choose a code with one of these numbers of frames"
+        remedy = "choose a code whose number of frames is a multiple"
         raise InputError.expected("frames of the code", f"a multiple of {points}, the number of points", frames, remedy)
     alone = np.vstack([np.eye(points)] * (frames // points))
     signals = overlap.signals(noise, signal_e, limit)

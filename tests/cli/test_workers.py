@@ -110,7 +110,7 @@ def test_a_wrong_variable_is_one_line(lfcal: Lfcal, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv(WORKERS, "all")
     run = lfcal("plan", "bench", "--virtual-depths", "3")
     assert run.code == 2
-    words = "LFCAL_WORKERS: expected a whole number of at least 1, got 'all'; set such a number, or unset the variable"
+    words = "LFCAL_WORKERS: expected a whole number of at least 1, got 'all'; set a whole number, or unset the variable"
     assert run.err == f"lfcal: {words}\n"
 
 
