@@ -30,7 +30,7 @@ def show(made: tuple[InspectedMatrix, ...]) -> None:
 def _show(one: InspectedMatrix) -> None:
     """Print the verdict, the checks that are not good, a line for all others, and the comparison."""
     from lfcal.judge.quality import counted_words, merit_word
-    from lfcal.judge.report import limits, value_text
+    from lfcal.judge.report import limits
     from lfcal.psf import computed_words
 
     H, found, comparison, every = one.matrix, one.found, one.comparison, one.task.every
@@ -47,7 +47,7 @@ def _show(one: InspectedMatrix) -> None:
     if listed_metrics:
         print_table(
             ["merit", "check", "value", "good", "bad", "cost (NRMSE)"],
-            [[merit_word(m), m.spec.title, value_text(m), *limits(m), m.cost_text] for m in listed_metrics],
+            [[merit_word(m), m.spec.title, m.text, *limits(m), m.cost_text] for m in listed_metrics],
         )
     more = "" if every else "; --all lists them, and the aperture of each plane"
     typer.echo(f"checks: {counted_words(quality.metrics)}{more}")

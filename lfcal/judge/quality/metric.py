@@ -296,14 +296,11 @@ class Metric:
 
     @property
     def text(self) -> str:
-        """Text with the value and its unit."""
+        """Text with the value and its unit; "∞" if there is no noise to divide by, as in a simulated H."""
         if math.isnan(self.value):
             return "unknown"
-        digits = (
-            f"{self.value:.0f}"
-            if self.value == round(self.value) and abs(self.value) < 1e6
-            else format_number(self.value)
-        )
+        whole = float(self.value).is_integer() and abs(self.value) < 1e6
+        digits = f"{self.value:.0f}" if whole else format_number(self.value).replace("inf", "∞")
         unit = self.spec.unit
         if digits == "1" and unit in COUNTED:
             unit = unit[:-1]

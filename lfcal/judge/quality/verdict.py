@@ -42,7 +42,6 @@ def findings_of(metrics: Iterable[Metric], shape: Sequence[int]) -> tuple[Findin
 def _finding(metric: Metric, frames: int) -> Finding:
     spec = metric.spec
     named = spec.verdict_detail and metric.detail and not math.isnan(metric.value)
-    value = f"∞ {spec.unit}".strip() if math.isinf(metric.value) else metric.text
     cost = ""
     if metric.cost > 0:
         cost = f"{metric.cost:.3f} (NRMSE)" if metric.measured else f"{metric.cost:.2g} (NRMSE, typical)"
@@ -50,7 +49,7 @@ def _finding(metric: Metric, frames: int) -> Finding:
         kind=spec.key,
         what=metric.detail if named else spec.title.lower(),
         subject=spec.subject,
-        detail=value if named or not metric.detail else f"{value}, {metric.detail}",
+        detail=metric.text if named or not metric.detail else f"{metric.text}, {metric.detail}",
         where=where(metric.positions.tolist(), frames),
         positions=tuple(map(tuple, metric.positions.tolist())),
         size=metric.value,

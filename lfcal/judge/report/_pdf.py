@@ -16,7 +16,7 @@ from lfcal.base import COLOURS, figure, format_share, one_line
 from lfcal.judge.inspection import Inspection
 from lfcal.judge.quality import QualityReport, counted_words, merit_word
 from lfcal.judge.report._pictures import ReportPicture
-from lfcal.judge.report.page import limits, value_text
+from lfcal.judge.report.page import limits
 from lfcal.judge.telling import compared_words, cost_words, drawn
 from lfcal.psf import PSFMatrix
 
@@ -186,7 +186,7 @@ def _metrics(inspection: Inspection, every: bool) -> Iterator[PageBlock]:
         gone = named and inspection.withdrawn(m)
         last = f"see {cause.title}" if cause is not None else "not confirmed" if gone else m.cost_text
         tone = COLOURS["muted"] if cause is not None or gone else COLOURS.get(m.merit, COLOURS["muted"])
-        cells = (merit_word(m), m.spec.title, value_text(m), *limits(m), last)
+        cells = (merit_word(m), m.spec.title, m.text, *limits(m), last)
         yield PageBlock(cells=cells, at=AT, size=8, colour=tone, gap=0.02)
 
 

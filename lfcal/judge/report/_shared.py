@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.judge.report.page import limits, value_text
+from lfcal.judge.report.page import limits
 from lfcal.judge.report.two import (
     COLUMNS,
     compared_report_files,
@@ -21,6 +21,5 @@ __all__ = [
     "iter_compared_report",
     "limits",
     "map_levels",
-    "value_text",
     "verdict",
 ]

@@ -30,7 +30,7 @@ from lfcal.judge.telling import compared_words, cost_words
 from lfcal.psf import PSFMatrix
 from lfcal.psf.aperture import KINDS, Aperture, with_error
 
-__all__ = ["limits", "page", "value_text"]
+__all__ = ["limits", "page"]
 
 FULL = 1190
 """Width of a picture of three panels, which fills the page (pixels)."""
@@ -168,7 +168,7 @@ def _metrics(quality: QualityReport, every: bool) -> str:
             words += f' <span class="advice {m.merit}">{html_text(m.spec.advice)}</span>'
         best, worst = limits(m)
         name = f'<b class="nb">{html_text(m.spec.title)}</b>'
-        return [_merit(m), name, html_text(value_text(m)), html_text(best), html_text(worst), m.cost_text, words]
+        return [_merit(m), name, html_text(m.text), html_text(best), html_text(worst), m.cost_text, words]
 
     note = (
         '<p class="note">Cost: the error of a reconstruction (NRMSE) caused by a fault of this size, '
@@ -178,13 +178,6 @@ def _metrics(quality: QualityReport, every: bool) -> str:
     headers = ("merit", "check", "value", "good", "bad", "cost", "meaning and advice")
     shown = [m for m in quality.metrics if every or m.applies]
     return count + html_table(headers, map(row, shown), (2, 3, 4, 5)) + note
-
-
-def value_text(metric: Metric) -> str:
-    """Return the value with its unit; "∞" if there is no noise to divide by, as in a simulated H."""
-    if math.isinf(metric.value):
-        return f"∞ {metric.spec.unit}".strip()
-    return metric.text
 
 
 def limits(metric: Metric) -> tuple[str, str]:

@@ -46,6 +46,13 @@ def test_five_of_few_positions_must_not_be_used(clean: QualityReport) -> None:
     assert with_misplaced(clean, (4, 5, 5)).merit == "bad"
 
 
+def test_a_value_without_bound_is_shown(clean: QualityReport) -> None:
+    """The contrast of an H without any noise, for one; it once ended the list of checks with an OverflowError."""
+    metric = clean["misplaced"]
+    unit = f" {metric.spec.unit}" if metric.spec.unit else ""
+    assert [replace(metric, value=v).text for v in (np.inf, -np.inf)] == [f"∞{unit}", f"-∞{unit}"]
+
+
 def test_the_metrics_are_counted(clean: QualityReport) -> None:
     words = counted_words(clean.metrics)
     assert sum(counted(clean.metrics).values()) == len(clean.metrics)
