@@ -11,12 +11,16 @@ from PySide6.QtWidgets import QFrame, QHBoxLayout, QLabel, QMenu, QPushButton, Q
 from lfcal_gui.models import Step
 from lfcal_gui.widgets import ElidedLabel, row_of
 
-NEAR_PX, HELD_S, POLL_MS = 24, 0.4, 100
-"""The button stays while the pointer is so near, and so long after a change; how often it is tried again."""
+NEAR_PX, NEAR_S, HELD_S, POLL_MS = 24, 2.0, 0.4, 100
+"""Distance (px) at which the pointer delays a change, for how long (s), least time between two changes (s), and period
+of the check (ms)."""
 
 
 class NextLine(QWidget):
-    """Shows a `Step`, and a second button for an optional one. They wait while the user is about to press others."""
+    """Shows a `Step`, and a second button for an optional one.
+
+    While the user is about to press a button, a step with other buttons waits, with its sentence.
+    """
 
     pressed = Signal(str, arguments=["action"])
     """The button, or Stop next to it, was pressed."""
@@ -27,7 +31,7 @@ class NextLine(QWidget):
         super().__init__(parent)
         self.step: Step | None = None
         self._wanted: Step | None = None
-        self._changed = 0.0
+        self._changed = self._due = 0.0
         self.lead, self.words = QLabel(), ElidedLabel(sentence=True, lines=3)
         self.lead.setProperty("role", "lead")
         self.words.setProperty("role", "next")
@@ -57,9 +61,6 @@ class NextLine(QWidget):
     def show_step(self, step: Step) -> None:
         """Show a step."""
         self._wanted = step
-        self.lead.setText(f"{step.lead}:")
-        self.words.setText(step.words)
-        self.setAccessibleName(step.line)
         self._settle()
 
     def press(self) -> None:
@@ -73,20 +74,29 @@ class NextLine(QWidget):
             self.declined.emit(optional.action, optional.place)
 
     def _settle(self) -> None:
-        """Change the button, unless the user is about to press it."""
+        """Change sentence and buttons, unless the user is about to press one."""
         step, shown = self._wanted, self.step
         if step is None:
             return
         same = shown is not None and _button(step) == _button(shown)
-        if not same and shown is not None and (self._near() or time.monotonic() - self._changed < HELD_S):
+        now = time.monotonic()
+        if not self._later.isActive():
+            self._due = now + NEAR_S
+        if not same and shown is not None and (now - self._changed < HELD_S or (now < self._due and self._near())):
             self._later.start()
             return
         self._later.stop()
         self.step = step
+        self.lead.setText(f"{step.lead}:")
+        self.words.setText(step.words)
+        self.setAccessibleName(step.line)
         self.not_now.setEnabled(_optional(step) is not None)
         if same:
             return
-        self._changed = time.monotonic()
+        self._changed = now
+        self._show_buttons(step)
+
+    def _show_buttons(self, step: Step) -> None:
         self.button.setText(step.button)
         tip = f"{step.button} (Ctrl+Return)"
         self.button.setToolTip(f"{tip}. Del: skip this step for now" if step.optional else tip)

@@ -82,7 +82,9 @@ def _project(window: MainWindow) -> None:
     sitting = window.leading.sitting
     for place, said in rail_words(sitting).items():
         assert window.rail.word(place).endswith(said.words), f"{place} is said to be {window.rail.word(place)}"
-    assert window.next_line.words.text() == next_step(sitting).words
+    line = window.next_line
+    assert line._wanted == next_step(sitting)
+    assert line.step is not None and (line.words.text(), line.button.text()) == (line.step.words, line.step.button)
 
 
 def _body(page: BasePage) -> bool:

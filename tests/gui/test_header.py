@@ -17,7 +17,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.base import Clock
 from lfcal.base.sample import sample_session
-from lfcal_gui._header import HELD_S, NextLine
+from lfcal_gui._header import HELD_S, NEAR_S, NextLine
 from lfcal_gui.models import Step
 from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
@@ -56,21 +56,40 @@ def test_the_button_stays_while_the_pointer_is_near_it(
     monkeypatch.setattr(NextLine, "pointer", staticmethod(lambda: at))
     line.show_step(MAKE)
     later(line)
-    assert line.words.text() == "make H." and line.button.text() == "Pause" and line.stop.isVisible()
+    assert line.words.text() == "plane 1 of 2." and line.button.text() == "Pause" and line.stop.isVisible()
+    assert line.lead.text() == "Recording:" and line.accessibleName() == PAUSE.line
+    line.show_step(replace(PAUSE, words="plane 2 of 2."))
+    assert line.words.text() == "plane 2 of 2.", "a step with the same buttons is shown at once"
+    line.show_step(MAKE)
     QTest.mouseClick(line.button, Qt.MouseButton.LeftButton)
     assert pressed == ["acquire.pause"], "what the label said"
     at = line.button.mapToGlobal(QPoint(5, -25))
     qtbot.waitUntil(lambda: line.button.text() == "Assemble H", timeout=GUARD_MS)
-    assert not line.stop.isVisible()
+    assert not line.stop.isVisible() and line.words.text() == "make H." and line.accessibleName() == MAKE.line
     QTest.keyClick(line, Qt.Key.Key_Return, Qt.KeyboardModifier.ControlModifier)
     assert pressed == ["acquire.pause", "acquire.assemble"]
+
+
+def test_a_pointer_that_rests_at_the_button_does_not_hide_the_next_step(
+    line: NextLine, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line.show_step(PAUSE)
+    later(line)
+    at = line.button.mapToGlobal(QPoint(5, 5))
+    monkeypatch.setattr(NextLine, "pointer", staticmethod(lambda: at))
+    line.show_step(MAKE)
+    assert line.button.text() == "Pause"
+    line._due -= NEAR_S
+    qtbot.waitUntil(lambda: line.button.text() == "Assemble H", timeout=GUARD_MS)
+    assert line.words.text() == "make H."
 
 
 def test_the_button_stays_for_a_while_after_a_change(line: NextLine, qtbot: QtBot) -> None:
     line.show_step(PAUSE)
     line.show_step(MAKE)
-    assert line.button.text() == "Pause" and line.words.text() == "make H."
+    assert line.button.text() == "Pause" and line.words.text() == "plane 1 of 2."
     qtbot.waitUntil(lambda: line.button.text() == "Assemble H", timeout=GUARD_MS)
+    assert line.words.text() == "make H."
 
 
 def test_an_optional_step_is_left_out_by_del(line: NextLine) -> None:
