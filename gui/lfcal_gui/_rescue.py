@@ -47,6 +47,7 @@ class RestoreDialog(QDialog):
             hint.setProperty("role", "hint")
             column.addWidget(hint)
         column.addLayout(self._buttons())
+        self.restore.setFocus()
         self.setMinimumWidth(WIDTH)
         self.resize(WIDTH, column.heightForWidth(WIDTH))  # the size hint of a wrapping label is too high
 

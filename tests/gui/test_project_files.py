@@ -109,8 +109,9 @@ def test_discard_removes_and_later_keeps(window: MainWindow, place: Path, qtbot:
     file = left_behind(place)
     window.files.begin()
     idle(window.jobs, qtbot)
-    assert window.files.rescue.dialog is not None
-    window.files.rescue.dialog.close()
+    dialog = window.files.rescue.dialog
+    assert dialog is not None and dialog.focusWidget() is dialog.restore, "Space does not discard the work"
+    dialog.close()
     assert file.exists() and window.project.state.name == "untitled"
     window.files.rescue.look(asked=True)
     idle(window.jobs, qtbot)
