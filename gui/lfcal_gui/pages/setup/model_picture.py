@@ -236,12 +236,15 @@ class ScanCosts:
 
     @classmethod
     def of(
-        cls, plan: ScanPlan, settings: PlanSettings, half: NDArray[np.intp] | None, light: ExpectedLight | None
+        cls, plan: ScanPlan, settings: PlanSettings, half: NDArray[np.intp] | None, light: ExpectedLight | str | None
     ) -> ScanCosts:
-        """Return the costs of a plan, with its noise if the light of its patterns is known."""
+        """Return the costs of a plan, with its noise if the light of its patterns is known.
+
+        ``light`` may be the reason why it is unknown; None: it is being computed.
+        """
         forecast = Forecast.of(plan, **settings.forecast_keywords(), positions=half)
-        unknown = _unknown(plan, settings)
-        if unknown or light is None or settings.peak is None:
+        unknown = _unknown(plan, settings) or (light if isinstance(light, str) else "")
+        if isinstance(light, str) or unknown or light is None or settings.peak is None:
             return cls(plan, settings, half, forecast, unknown=unknown)
         from lfcal.simulate import scan_choices
 
@@ -335,5 +338,5 @@ def _noise(costs: ScanCosts) -> Number:
     if costs.unknown:
         return Number("-", "noise of H", costs.unknown)
     if costs.own < 0:
-        return Number("…", "", "computing noise of H")
+        return Number("…", "noise of H", "computing")
     return Number.of(format_share(costs.choices[costs.own].noise), "expected noise of H")

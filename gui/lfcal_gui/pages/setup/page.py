@@ -66,7 +66,9 @@ class Page(BasePage):
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
         self._white, self._dark, self._job = "", "", 0
-        self._light: tuple[Any, ExpectedLight] | None = None
+        self._light: tuple[Any, ExpectedLight | str] | None = None
+        self._light_asked: Any = None
+        """What the light was last computed for."""
         self._expected_of: tuple[Any, ...] = ()
         """Camera, depths and cutout whose apertures are shown."""
         self._weighed: tuple[Any, tuple[AssumedEffect, ...]] | None = None
@@ -203,8 +205,8 @@ class Page(BasePage):
                 "apertures of the scan", lambda: expected_apertures(plan), self.panel.show_expected
             )
 
-    def _light_of(self, plan: ScanPlan | None) -> ExpectedLight | None:
-        """Return the light of a plan's patterns, where it was computed."""
+    def _light_of(self, plan: ScanPlan | None) -> ExpectedLight | str | None:
+        """Return the light of a plan's patterns, or why it is unknown; None: it was not computed."""
         known = plan is not None and self._light is not None and self._light[0] == light_key(plan)
         return self._light[1] if known and self._light is not None else None
 
@@ -213,13 +215,20 @@ class Page(BasePage):
         plan, costs = self.context.state.plan, self.panel.costs
         if plan is None or costs is None or costs.unknown or self._light_of(plan) is not None or not self.isVisible():
             return
+        if self._light_asked == (key := light_key(plan)):
+            return
+        self._light_asked = key
 
-        def done(light: ExpectedLight) -> None:
-            self._light = light_key(plan), light
+        def done(light: ExpectedLight | str) -> None:
+            self._light, self._light_asked = (key, light), None
             if self._light_of(self.context.state.plan) is not None:
                 self.panel.show_state(self.context.state, self._checked, light)
 
-        self.context.jobs.compute("light of the scan", lambda: expected_light(plan), done)
+        def failed(message: str) -> None:
+            self.context.jobs.trouble.emit(f"the noise of H could not be computed: {message}")
+            done("computation failed")
+
+        self.context.jobs.compute("light of the scan", lambda: expected_light(plan), done, failed)
 
     def _choose(self, choice: ScanChoice) -> None:
         state = self.context.state

@@ -272,10 +272,11 @@ class PlanningPanel(QWidget):
         self._draw(self._area)
 
     # -- showing ---------------------------------------------------------------------------------------
-    def show_state(self, state: ProjectState, checked: Checked | None, light: ExpectedLight | None) -> None:
+    def show_state(self, state: ProjectState, checked: Checked | None, light: ExpectedLight | str | None) -> None:
         """Show camera and plan of a project.
 
-        ``checked`` has the white image that the camera was compared with, ``light`` that of the patterns.
+        ``checked`` has the white image that the camera was compared with, ``light`` that of the patterns,
+        or the reason why it is unknown.
         """
         plan, settings, refused, half = state.plan, PlanSettings.of(state), "", None
         if plan is not None and settings.half_cell:

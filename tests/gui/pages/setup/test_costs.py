@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 
-from lfcal.base import drain
+from lfcal.base import LfcalError, drain
 from lfcal.camera import Camera, Forecast, Marks, ScanPlan, preset
 from lfcal.simulate import iter_expected_light
 from lfcal_gui.context import Context
@@ -61,6 +61,28 @@ def test_moving_the_slider_changes_time_and_noise_together_and_is_undone(
     context.project.undo()
     assert context.state.plan == PLAN and PlanSettings.of(context.state).peak == 0.8
     assert row.slider.value() == begun and row.numbers == before
+
+
+def test_the_noise_is_computed_once_and_its_failure_is_shown(
+    open_page: OpenPage, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[ScanPlan] = []
+    troubles: list[str] = []
+    context.jobs.trouble.connect(troubles.append)
+
+    def fail(plan: ScanPlan) -> None:
+        asked.append(plan)
+        raise LfcalError("too large")
+
+    monkeypatch.setattr("lfcal_gui.pages.setup.page.expected_light", fail)
+    page = open_page("setup")
+    page.entered()
+    context.project.update("made", plan=PLAN)
+    context.project.update("longer", plan=replace(PLAN, frames_averaged=2))
+    idle(context.jobs, qtbot)
+    noise = page.panel.numbers.numbers[2]
+    assert (noise.value, noise.unit, noise.words) == ("-", "noise of H", "computation failed")
+    assert len(asked) == 1 and troubles == ["the noise of H could not be computed: too large"]
 
 
 def test_choices_stay_while_the_slider_is_dragged(open_page: OpenPage, context: Context, qtbot: QtBot) -> None:

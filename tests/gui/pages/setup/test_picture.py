@@ -84,7 +84,7 @@ def test_numbers_say_time_disk_and_lattice() -> None:
     time, disk, noise, lattice = numbers_of(costs, None)
     assert (time.value, time.unit, time.words) == ("4", "min 19 s", "2,508 positions")
     assert (disk.value, disk.unit, disk.words) == ("513.6", "MB", "frames; H 45.0 MB")
-    assert (noise.value, noise.words) == ("…", "computing noise of H")
+    assert (noise.value, noise.unit, noise.words) == ("…", "noise of H", "computing")
     assert (lattice.value, lattice.unit) == ("0.05", "px")
     assert numbers_of(None, None) == ()
 
