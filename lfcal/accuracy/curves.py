@@ -139,18 +139,23 @@ class Curve:
         good = (point for point in self.points if point.error <= error)
         return min(good, key=lambda point: (point.cost, point.error), default=None)
 
+    def error_text(self, error: float, *others: float) -> str:
+        """Return an error in per cent, with enough digits to differ from the points' errors and from ``others``."""
+        return format_share(error, (*others, *(point.error for point in self.points)))
+
     def answer(self, error: float) -> str:
         """Return a sentence that states the lowest cost of a relative error of at most ``error``."""
-        found, best, asked = self.cheapest(error), self.best, format_share(error)
+        found, best, asked = self.cheapest(error), self.best, self.error_text(error)
         if found is not None:
             return (
                 f"An error of {asked} costs {format_cost(found.cost, self.unit)}: {found.label} "
-                f"({format_share(found.error)})"
+                f"({self.error_text(found.error, error)})"
             )
         if best is None:
             return f"Error of {asked}: nothing was measured" + (f" ({self.stopped})" if self.stopped else "")
         return (
-            f"No measured setting reaches an error of {asked}; the best one has {format_share(best.error)} "
+            f"No measured setting reaches an error of {asked}; the best one has "
+            f"{self.error_text(best.error, error)} "
             f"for {format_cost(best.cost, self.unit)}: {best.label}"
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from datetime import datetime
 
 __all__ = [
@@ -111,7 +112,24 @@ def format_count(many: int, one: str, several: str) -> str:
     return f"{many} {one if many == 1 else several}"
 
 
-def format_share(share: float) -> str:
-    """Return a fraction in per cent as text with two digits, such as ``'0.35 %'`` or ``'140 %'``."""
+def format_share(share: float, among: Iterable[float] = ()) -> str:
+    """Return a fraction in per cent as text with two digits, such as ``'0.35 %'`` or ``'140 %'``.
+
+    The text has up to six digits where they distinguish it from the other fractions ``among``.
+
+    Examples
+    --------
+    >>> from lfcal.base import format_share
+    >>> format_share(0.0103), format_share(0.0103, among=(0.01, 0.5))
+    ('1 %', '1.03 %')
+    """
+    exact = _percent(share, 6)
+    others = [one for one in among if _percent(one, 6) != exact]
+    digits = next(n for n in range(2, 7) if _percent(share, n) not in {_percent(one, n) for one in others})
+    return _percent(share, digits)
+
+
+def _percent(share: float, digits: int) -> str:
     percent = 100 * share
-    return f"{percent:.0f} %" if abs(percent) >= 99.5 else f"{percent:.2g} %"
+    whole = len(f"{abs(percent):.0f}") >= max(3, digits)
+    return f"{percent:.0f} %" if whole else f"{percent:.{digits}g} %"

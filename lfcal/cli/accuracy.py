@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base import InputError, check_number, format_share
+from lfcal.base import InputError, check_number
 from lfcal.cli._console import print_json, print_result, print_table, report, run_work
 from lfcal.cli._options import MATRICES, ForceOption, JsonOption, MatOrderOption, WorkersOption
 from lfcal.cli._usage import refuse
@@ -153,7 +153,7 @@ def _show(curve: Curve, share: float) -> None:
     for point in curve.points:
         mark = ", ".join(marks_of(point, chosen))
         others = [f"{point.others[name]:.4g}" if name in point.others else "—" for name in names]
-        words = [point.label, format_share(point.error), format_cost(point.cost, curve.unit), *others]
+        words = [point.label, curve.error_text(point.error, share), format_cost(point.cost, curve.unit), *others]
         rows.append([*words, "; ".join(filter(None, (mark, point.note)))])
     print_table(["", "error", "cost", *names, " "], rows, title=curve.title)
     typer.echo(f"error: {curve.error}; cost: {curve.cost}")

@@ -28,6 +28,12 @@ def test_shares(share: float, words: str) -> None:
     assert format_share(share) == words
 
 
+def test_different_shares_read_differently_and_rounding_errors_do_not_show() -> None:
+    shares = (0.01, 0.0103, 0.996, 1.0)
+    assert [format_share(one, shares) for one in shares] == ["1 %", "1.03 %", "99.6 %", "100 %"]
+    assert format_share(0.31, (0.1 + 0.21, 0.31 * (1 + 1e-9))) == "31 %"
+
+
 @pytest.mark.parametrize(
     ("value", "words"),
     [(0.0, "0"), (0.263, "0.263"), (999.4, "999"), (1063.2, "1,060"), (49440.0, "49,400"), (-2e3, "-2,000")],

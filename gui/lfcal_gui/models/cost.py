@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lfcal.base import InputError, Work, format_seconds, format_share
+from lfcal.base import InputError, Work, format_seconds
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.models.settings import stated_order
 from lfcal_gui.models.words import typeset
@@ -115,8 +115,13 @@ class ChartPoint:
     words: str
 
 
-def points_of(curve: Curve, picked: CostPoint | None, in_use: CostPoint | None = None) -> tuple[ChartPoint, ...]:
-    """Return the measured settings of a curve as points, in their order, with the chosen one and the one in use."""
+def points_of(
+    curve: Curve, picked: CostPoint | None, in_use: CostPoint | None = None, asked: tuple[float, ...] = ()
+) -> tuple[ChartPoint, ...]:
+    """Return the measured settings of a curve as points, in their order, with the chosen one and the one in use.
+
+    Their errors have enough digits to differ from each other and from the target errors ``asked``.
+    """
     from lfcal.accuracy import cost_axis
 
     _, scale = cost_axis(curve)
@@ -129,7 +134,7 @@ def points_of(curve: Curve, picked: CostPoint | None, in_use: CostPoint | None =
             point is picked,
             point is in_use,
             _name_of(point.label, labels) + (" (in use)" if point is in_use else ""),
-            point_words(point),
+            point_words(point, curve.error_text(point.error, *asked)),
         )
         for point in curve.points
     )
@@ -150,10 +155,10 @@ def axis_labels(curve: Curve) -> tuple[str, str]:
     return cost_axis(curve)[0], f"{curve.error.split(',')[0]} (%)"
 
 
-def point_words(point: CostPoint) -> str:
+def point_words(point: CostPoint, error: str) -> str:
     """Return the description of a measured setting as a few lines of text."""
     from lfcal.accuracy import format_cost
 
-    lines = [typeset(point.label), f"error {format_share(point.error)}, costs {format_cost(point.cost, point.unit)}"]
+    lines = [typeset(point.label), f"error {error}, costs {format_cost(point.cost, point.unit)}"]
     lines += [f"{name}: {value:.4g}" for name, value in point.others.items()]
     return "\n".join(filter(None, (*lines, point.note)))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from lfcal.accuracy import CostPoint, Curve, format_cost
-from lfcal.base import InputError, LfcalError, any_of, format_share
+from lfcal.base import InputError, LfcalError, any_of
 from lfcal.reconstruct import SolverChoice
 from lfcal.tasks import SimulateH
 from lfcal_gui.models import Field, PageSettings, ProjectState, typeset
@@ -84,7 +84,7 @@ def words_of(curve: Curve | None, error: float, *, running: bool, in_use: CostPo
     how = [f"Measured by: {curve.truth}.", *curve.notes, state]
     answer = curve.answer(error)
     if in_use is not None:
-        spent = f"{format_share(in_use.error)} for {format_cost(in_use.cost, in_use.unit)}"
+        spent = f"{curve.error_text(in_use.error, error)} for {format_cost(in_use.cost, in_use.unit)}"
         answer += f"\nIn use: {in_use.label} ({spent})"
     return typeset(answer), "\n".join(typeset(line) for line in how if line)
 

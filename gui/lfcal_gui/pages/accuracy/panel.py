@@ -109,7 +109,7 @@ class AccuracyPanel(QWidget):
         self.title.setText(title)
         if curve is not None:
             self.chart.set_labels(*axis_labels(curve))
-        points = () if curve is None else points_of(curve, curve.cheapest(settings.error), used)
+        points = () if curve is None else points_of(curve, curve.cheapest(settings.error), used, (settings.error,))
         self.chart.show_points(points, math.log10(100 * settings.error), "error")
         self.chart.show_status(took, "" if running else "Measure again" if took else "Measure")
 

@@ -48,7 +48,7 @@ def test_points_are_logarithms_with_the_front_and_the_pick() -> None:
     assert [p.efficient for p in points] == [True, False, True, True]
     assert [p.picked for p in points] == [False, False, True, False]
     assert np.isfinite(points[3].y), "an error of nothing is shown, too"
-    assert point_words(made.points[0]) == "point 1\nerror 10 %, costs 1.0 s\nread (s): 2.5\nnote"
+    assert point_words(made.points[0], "10 %") == "point 1\nerror 10 %, costs 1.0 s\nread (s): 2.5\nnote"
     assert axis_labels(made) == ("time (s)", "relative L1 error (%)")
 
 
@@ -64,6 +64,15 @@ def test_names_distinguish_points() -> None:
     made = curve(*(CostPoint(label, {}, 0.1, k + 1.0, "seconds") for k, label in enumerate(labels)))
     names = ["sparse, f4, above 1", "sparse, f4, above 0.1", "sparse, f8", "sparse, f4", "3 %, grid"]
     assert [p.name for p in points_of(made, None)] == names
+
+
+def test_different_errors_never_read_the_same() -> None:
+    used = point(0.0103, 0.254)
+    made = curve(point(0.0099, 0.545), used)
+    answer = words_of(made, 0.01, running=False, in_use=used)[0]
+    assert answer == "An error of 1 % costs 545 ms: point 0.545 (0.99 %)\nIn use: point 0.254 (1.03 % for 254 ms)"
+    words = [shown.words for shown in points_of(made, None, used, (0.01,))]
+    assert "error 1.03 %," in words[0] and "error 0.99 %," in words[1]
 
 
 def test_words_say_what_to_do_and_why_there_is_nothing() -> None:
