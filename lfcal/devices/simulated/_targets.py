@@ -12,7 +12,7 @@ from lfcal.base import InputError, parse_json, read_text
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Point, Rendered, Roi
 from lfcal.devices.simulated._camera import LightPatch, Renderer
-from lfcal.devices.simulated._optics import PatternRenderer, chosen_effects
+from lfcal.devices.simulated._optics import PatternRenderer, chosen_effects, lit
 from lfcal.targets import Target, TargetCamera, TargetPlan, uneven
 
 __all__ = ["SwitchedRenderer", "TargetPattern", "TargetRenderer", "simulated_target"]
@@ -31,7 +31,7 @@ class TargetPattern:
     Parameters
     ----------
     plan
-        Camera and exposures.
+        Camera, period and depths.
     target
         The target; the stage position is that of its middle.
     brightness
@@ -158,8 +158,8 @@ def simulated_target(
             raise InputError.expected("option effects", "a level of the simulator", "pattern", "give optics=auto")
         return _switched(TargetPattern(plan, target, brightness), stated)
     planes = len(plan.depths_um)
-    stands = TargetPlan(plan, target, ((),) * planes, 0.1, (0.0,) * planes, "geometric")
-    chosen = chosen_effects(plan, effects, TOLERANCE) if effects else ()
+    stands = TargetPlan(lit(plan), target, ((),) * planes, 0.1, (0.0,) * planes, "geometric")
+    chosen = chosen_effects(stands.scan, effects, TOLERANCE) if effects else ()
     frames = TargetCamera(stands, chosen, brightness=brightness, level=level, tolerance=TOLERANCE)
     return _switched(TargetRenderer(frames), stated)
 

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 from lfcal.base.axes import centre
 from lfcal.camera import ScanPlan
 from lfcal.devices.protocols import Roi
 from lfcal.devices.simulated._optics import FramesRenderer
+from lfcal.devices.simulated.backend import SimBackend
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
 from lfcal.simulate.sensor.responses import place
+from lfcal.targets import Target
 from tests.simulate.common import BASE, FAST, difference, small_plan
 
 
@@ -40,3 +47,21 @@ def test_moving_the_source_away_changes_the_picture() -> None:
     camera: SimulatedCamera = made._frames  # type: ignore[assignment]
     light = camera.light_of((round(right, 3), round(down, 3), round(depth, 3)))
     assert np.allclose(there * plan.camera.sensor.electrons_per_count, light * 0.02 / plan.exposures[0])
+
+
+@pytest.mark.parametrize("optics", ["pattern", "geometric", "target"])
+def test_the_source_is_equally_bright_whatever_the_plan_exposes(tmp_path: Path, optics: str) -> None:
+    """The light jumped by 14 % where a session resumed, whose exposures had been measured between two connections."""
+    plan, file = small_plan(), tmp_path / "target.json"
+    file.write_text(json.dumps(Target("square", (2, 2), (1000.0, 1000.0)).to_dict()))
+    options = {"optics": "geometric", "target": str(file)} if optics == "target" else {"optics": optics}
+    planes = len(plan.depths_um)
+    frames = []
+    for exposures in (0.02, (0.0175, *(0.03,) * (planes - 1))):
+        with SimBackend().open(replace(plan, exposure_s=exposures), options) as rig:
+            rig.stage.move(tuple(plan.stage_um([0, 1, 1]).tolist()))
+            while rig.stage.moving():
+                rig.time.sleep(0.1)
+            frames.append(rig.camera.grab(0.02).data)
+    assert frames[0].max() > 1.5 * plan.camera.sensor.black_level
+    np.testing.assert_array_equal(frames[0], frames[1])
