@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.live_quality import alarm
-from lfcal.acquire.recording import Kind, Note, TargetRecording
+from lfcal.acquire.recording import Kind, Note, TargetRecording, sampled_references
 from lfcal.acquire.schedule import ScheduledFrame
 from lfcal.base import Finding, LfcalError
 
@@ -123,8 +123,7 @@ class LiveCoverage:
         """Take an acknowledged frame into account."""
         if step.kind is Kind.DARK:
             return
-        stride = max(1, int(np.sqrt(frame.size / SAMPLE)))
-        light = note.energy - float(np.median(frame[::stride, ::stride])) * frame.size
+        light = _light(note.energy, frame)
         if step.kind is Kind.REFERENCE:
             with self._lock:
                 self._lamp.append((note.elapsed_s, light))
@@ -157,6 +156,12 @@ class LiveCoverage:
             self._frames.add((z, k))
             self._shown[z, found] += 1
 
+    def remember(self, folder: Path) -> None:
+        """Compare the reference frames of the next run with those already in the session in ``folder``."""
+        with suppress(LfcalError, OSError), self._lock:
+            for check in sampled_references(folder):
+                self._lamp.append((check.elapsed_s, _light(check.energy, check.frame)))
+
     def state(self) -> CoverageState:
         """Return a snapshot of the coverage."""
         with self._lock:
@@ -167,6 +172,12 @@ class LiveCoverage:
         return CoverageState(
             done, len(self._number), shown, light, saturated, lamp, tuple(_alarms(light, saturated, lamp))
         )
+
+
+def _light(energy: float, frame: NDArray[Any]) -> float:
+    """Return the sum of a frame's samples minus their median (counts)."""
+    stride = max(1, int(np.sqrt(frame.size / SAMPLE)))
+    return energy - float(np.median(frame[::stride, ::stride])) * frame.size
 
 
 def _alarms(light: NDArray[np.float64], saturated: NDArray[np.int64], lamp: NDArray[np.float64]) -> list[Finding]:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire._references import HotPixels, References, light_where
-from lfcal.acquire.recording import Kind, Note
+from lfcal.acquire.recording import Kind, Note, sampled_references
 from lfcal.acquire.schedule import ScheduledFrame
-from lfcal.base import Finding, position_at
+from lfcal.base import Finding, LfcalError, position_at
 from lfcal.camera import ScanPlan
 
 __all__ = ["LIMITS", "LiveQuality", "QualityState", "alarm"]
@@ -152,9 +154,7 @@ class LiveQuality:
 
     def __call__(self, step: ScheduledFrame, note: Note, frame: NDArray[Any]) -> None:
         """Take an acknowledged frame into account."""
-        # each recording of a session counts from 0
-        self._before += self._now if note.elapsed_s < self._now else 0.0
-        self._now = note.elapsed_s
+        self._count(note.elapsed_s)
         if step.kind is Kind.DARK:
             self._hot.learn(note.row, note.column, note.exposure_s, frame)
             return
@@ -184,6 +184,20 @@ class LiveQuality:
             self._sums[step.z] += frame
             self._levels[step.z] += self._level
             self._done += 1
+
+    def remember(self, folder: Path) -> None:
+        """Compare the reference frames of the next run with those already in the session in ``folder``."""
+        # unreadable files only shorten the comparison
+        with suppress(LfcalError, OSError), self._lock:
+            for check in sampled_references(folder):
+                if check.frame.shape == self._window:
+                    self._count(check.elapsed_s)
+                    self._references.add(self._before + self._now, check.frame, self._border)
+
+    def _count(self, elapsed_s: float) -> None:
+        """Add up the time of recording; each recording of a session counts from 0."""
+        self._before += self._now if elapsed_s < self._now else 0.0
+        self._now = elapsed_s
 
     def know(self, records: NDArray[Any], levels: NDArray[np.float64]) -> None:
         """Add positions of earlier runs from their records; depth sums do not change, because they need the frames.

@@ -401,6 +401,8 @@ class _Acquire(Task):
         from lfcal.acquire import LiveQuality, window_shape
 
         quality = LiveQuality(plan, window_shape(plan, options))
+        if begun is not None:
+            quality.remember(begun)
         return (quality,), lambda: {"alarms": quality.state().alarms}
 
     def _iter_ended(self, found: Any, facts: dict[str, Any], ended_by: int, run: RunSettings) -> Work[RecordedSession]:
@@ -497,6 +499,8 @@ class AcquireTarget(_Acquire):
         from lfcal.acquire import LiveCoverage
 
         coverage = LiveCoverage(plan, begun)
+        if begun is not None:
+            coverage.remember(begun)
 
         def seen() -> dict[str, Any]:
             state = coverage.state()

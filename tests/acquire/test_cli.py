@@ -251,6 +251,19 @@ def test_fault_resume_redo_and_coarse_order(
     assert [key for key in old if not np.array_equal(old[key], new[key])] == [(1, 2, 3)]
 
 
+def test_a_resumed_session_reports_a_lamp_that_changed_in_between(
+    tmp_path: Path, plan_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begin = ("acquire", plan_file, "--out", tmp_path / "session", "--no-pack", *QUICK)
+    references = ("--darks", 0, "--reference-every", 5, "--no-check-stage")
+    fault = ("--option", "faults=times out@20*9")
+    assert run(*begin, *references, *fault, monkeypatch=monkeypatch) == 2
+    monkeypatch.setattr("lfcal.devices.simulated._optics.LIT_S", 0.02 / 1.14)
+    capsys.readouterr()
+    assert run(*begin, "--resume", monkeypatch=monkeypatch) == 0
+    assert "the lamp drifts" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

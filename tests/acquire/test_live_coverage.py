@@ -54,6 +54,15 @@ def test_frames_of_earlier_runs_are_counted_once() -> None:
     assert state.shown[1].sum() == (replace(plan, offsets_px=((), (plan.offsets_px[1][2],))).shown(1) > 0).sum()
 
 
+def test_references_of_an_earlier_run_are_compared_with_those_of_the_next(tmp_path: Path) -> None:
+    before = watched(tmp_path / "s", small_target()).state().lamp
+    watching = LiveCoverage(small_target())
+    watching.remember(tmp_path / "s")
+    np.testing.assert_allclose(watching.state().lamp, before)
+    watching.remember(tmp_path / "nothing")
+    assert len(watching.state().lamp) == len(before) == 3
+
+
 def test_saturation_is_told(tmp_path: Path) -> None:
     state = watched(tmp_path / "s", small_target(), light=3.0).state()
     assert [alarm.kind for alarm in state.alarms] == ["saturated"]

@@ -89,6 +89,23 @@ def test_a_lamp_that_fades_and_one_that_fails_are_told(tmp_path: Path) -> None:
     assert "lamp" in {alarm.kind for alarm in state.alarms}
 
 
+@pytest.mark.parametrize("gain", [1.0, 1.14])
+def test_a_lamp_that_changed_before_a_session_was_resumed_is_found(tmp_path: Path, gain: float) -> None:
+    """References of the second run were compared only with each other, so that a jump between the runs was missed."""
+    watched(tmp_path, PLAN, rig_for(PLAN), count=60, reference_every=25)
+    rig = rig_for(PLAN)
+    rig.camera._renderer._rate *= gain  # type: ignore[attr-defined]
+    quality = LiveQuality(PLAN, window_shape(PLAN, CAREFUL))
+    quality.remember(tmp_path)
+    before = quality.state().lamp
+    record(tmp_path, PLAN, rig, None, resume=True, observers=(quality,))
+    state = quality.state()
+    assert len(before) == 3 < len(state.lamp) and (np.diff(state.lamp[:, 0]) > 0).all()
+    found = [one.size for one in state.alarms if one.kind == "lamp"]
+    assert found == ([] if gain == 1 else [pytest.approx(0.14, abs=0.01)])
+    assert {one.kind for one in state.alarms} <= {"lamp"}
+
+
 def test_saturation_is_told_with_its_positions(tmp_path: Path) -> None:
     rig = rig_for(PLAN)
     rig.camera._renderer._rate *= 4  # type: ignore[attr-defined]

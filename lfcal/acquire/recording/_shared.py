@@ -7,7 +7,7 @@ from lfcal.acquire.recording.durable import DiskGuard, FolderLock, holder_of
 from lfcal.acquire.recording.opening import open_session
 from lfcal.acquire.recording.recording_file import RecordingFile
 from lfcal.acquire.recording.records import RECORD, Kind, Note, Suspicion, file_name, frame_crc, intact
-from lfcal.acquire.recording.source import CheckFrame, RecordingSource, TargetRecording, read_checks
+from lfcal.acquire.recording.source import CheckFrame, RecordingSource, TargetRecording, read_checks, sampled_references
 from lfcal.acquire.recording.store import Store, recording_bytes
 from lfcal.acquire.recording.writer import Acknowledged, Sink, Writer
 
@@ -37,5 +37,6 @@ __all__ = [
     "open_session",
     "read_checks",
     "recording_bytes",
+    "sampled_references",
     "verify",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -43,7 +43,10 @@ from lfcal.frames.formats import codec_fact
 if TYPE_CHECKING:
     from lfcal.targets import Phases, TargetPlan
 
-__all__ = ["CheckFrame", "RecordingSource", "TargetRecording", "read_checks"]
+__all__ = ["CheckFrame", "RecordingSource", "TargetRecording", "read_checks", "sampled_references"]
+
+SAMPLED = 32
+"""Largest number of reference frames of a recording from which the light of an earlier run is known."""
 
 
 @dataclass(frozen=True)
@@ -366,18 +369,38 @@ def read_checks(folder: Path) -> list[CheckFrame]:
     """
     session = SessionFile.read(folder)
     return [
-        CheckFrame(
-            Kind(int(record["kind"])),
-            position_at(int(record["index"]), session.grid[1:]),
-            (int(record["period_y"]), int(record["period_x"])),
-            float(record["elapsed_s"]),
-            float(record["energy"]),
-            (int(record["row"]), int(record["column"])),
-            frame,
-        )
+        _check_frame(session, record, frame)
         for run in range(len(session.recordings))
         for record, frame in _checks(folder, run)
     ]
+
+
+def sampled_references(folder: Path) -> Iterator[CheckFrame]:
+    """Yield at most `SAMPLED` reference frames of each recording in ``folder``, in order; skip damaged frames."""
+    session = SessionFile.read(folder)
+    for run in range(len(session.recordings)):
+        path = folder / file_name(Kind.REFERENCE, run)
+        if not path.exists():
+            continue
+        with RecordingFile(path) as file:
+            slots = np.flatnonzero(file.taken & (file.records["kind"] == Kind.REFERENCE))
+            slots = slots[np.argsort(file.records["sequence"][slots])]
+            chosen = np.unique(np.linspace(0, len(slots) - 1, min(SAMPLED, len(slots))).round().astype(np.intp))
+            for slot in slots[chosen].tolist():
+                with suppress(FileFormatError):
+                    yield _check_frame(session, file.records[slot], file.read(slot))
+
+
+def _check_frame(session: SessionFile, record: Any, frame: NDArray[Any]) -> CheckFrame:
+    return CheckFrame(
+        Kind(int(record["kind"])),
+        position_at(int(record["index"]), session.grid[1:]),
+        (int(record["period_y"]), int(record["period_x"])),
+        float(record["elapsed_s"]),
+        float(record["energy"]),
+        (int(record["row"]), int(record["column"])),
+        frame,
+    )
 
 
 def _checks(folder: Path, run: int) -> Iterator[tuple[Any, NDArray[Any]]]:

@@ -163,6 +163,8 @@ class Recorder:
         how: dict[str, Any] = {"seen": self.steps.append} if self.goal else {}
         how |= {"resume": self.resume, "control": self.control, "preview": self.preview}
         seeing, rig = (self.quality, self._count), station.rig
+        if self.resume or self.redo:
+            self.quality.remember(self.folder)
         # a light that can be switched makes it unnecessary to cover the lens
         if self.task.cover and rig.light is None:
             rig = replace(rig, light=self.cover)
