@@ -81,10 +81,11 @@ QLineEdit, QPlainTextEdit, QTextEdit {{
     background: {panel}; border: 1px solid {edge}; border-radius: 4px; padding: 3px 6px;
     selection-background-color: {accent}; selection-color: {accent_text}; }}
 QLineEdit:focus, QPlainTextEdit:focus, QTextEdit:focus {{ border-color: {accent}; }}
-QCheckBox::indicator {{ width: 13px; height: 13px; border: 1px solid {muted}; border-radius: 3px;
-    background: {panel}; }}
-QCheckBox::indicator:checked {{ background: {accent}; border-color: {accent}; image: url("{tick}"); }}
-QCheckBox::indicator:disabled {{ border-color: {line}; }}
+QCheckBox::indicator, QAbstractItemView::indicator {{ width: 13px; height: 13px; border: 1px solid {muted};
+    border-radius: 3px; background: {panel}; }}
+QCheckBox::indicator:checked, QAbstractItemView::indicator:checked {{ background: {accent}; border-color: {accent};
+    image: url("{tick}"); }}
+QCheckBox::indicator:disabled, QAbstractItemView::indicator:disabled {{ border-color: {line}; }}
 QComboBox {{ min-height: 22px; }}
 QWidget[dense="true"] QLineEdit {{ padding: 1px 4px; }}
 QWidget[dense="true"] QPushButton {{ padding: 3px 10px; }}

@@ -14,6 +14,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QLineEdit,
     QListWidget,
+    QListWidgetItem,
     QPlainTextEdit,
     QPushButton,
     QSlider,
@@ -93,6 +94,20 @@ def test_a_checked_box_has_a_tick(qapp: QApplication, qtbot: QtBot, theme: Theme
     inside = [pixel for row in pixels[low[0] : high[0]] for pixel in row[low[1] : high[1]]]
     tick = sum(contrast(pixel, QColor(theme.accent)) >= 3 for pixel in inside)
     assert 8 <= tick <= len(inside) / 3
+
+
+@pytest.mark.parametrize("theme", [LIGHT, DARK, NIGHT], ids=lambda theme: theme.name)
+def test_the_box_of_a_list_item_is_seen(qapp: QApplication, qtbot: QtBot, theme: Theme) -> None:
+    """Unchecked boxes of lists were dark on dark: only those outside lists had a style."""
+    entries = QListWidget()
+    for state in (Qt.CheckState.Unchecked, Qt.CheckState.Checked):
+        QListWidgetItem(entries).setCheckState(state)
+    _, pixels = drawn(entries, theme, qtbot)
+    high = entries.visualItemRect(entries.item(0)).height()
+    top = entries.viewport().y()
+    empty, ticked = ([row[4:40] for row in pixels[top + k * high : top + (k + 1) * high]] for k in (0, 1))
+    assert sum(contrast(pixel, QColor(theme.panel)) >= 3 for row in empty for pixel in row) >= 40
+    assert [any(QColor(theme.accent) in row for row in rows) for rows in (empty, ticked)] == [False, True]
 
 
 def test_another_theme_leaves_the_style(qapp: QApplication, monkeypatch: pytest.MonkeyPatch) -> None:

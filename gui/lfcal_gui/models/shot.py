@@ -22,13 +22,17 @@ CUTOUT = "#ffd166"
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """A line through ``points`` ``(n, 2)`` (row, column), in the units of the image."""
+    """A line through ``points`` ``(n, 2)`` (row, column), in the units of the image.
+
+    A dark rim (``rimmed``) makes it visible on bright pixels.
+    """
 
     points: NDArray[np.float64]
     colour: str = "#ffffff"
     dashed: bool = False
     closed: bool = True
     width: float = 1.5
+    rimmed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +51,7 @@ class Symbols:
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """Text centred at one of the ``points`` ``(1, 2)``."""
+    """Text with a dark rim, centred at one of the ``points`` ``(1, 2)``."""
 
     points: NDArray[np.float64]
     words: str

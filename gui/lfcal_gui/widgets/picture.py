@@ -50,7 +50,7 @@ from lfcal_gui.theme import TYPE_COLOURS, current_theme
 from lfcal_gui.widgets._axes import ABOVE, PixelAxis, Plot, count_pixels
 from lfcal_gui.widgets._blank import Blank
 from lfcal_gui.widgets._measuring import Measuring
-from lfcal_gui.widgets.colours import ramp, row_of, theme_table
+from lfcal_gui.widgets.colours import outline_pen, ramp, row_of, theme_table
 from lfcal_gui.widgets.picture_menu import copy_picture, offer_menu, save_picture, save_values
 from lfcal_gui.widgets.words import shortened
 
@@ -64,6 +64,9 @@ REDRAW_MS = 12
 
 PILL, GAP, LINE = QColor(8, 10, 13, 205), 8, 15
 """Ground of words over a picture, room about them, height of a line (px)."""
+
+RIM = QColor(0, 0, 0)
+"""Colour around marks that lie on bright pixels."""
 
 RAMP, SCALE = 120, 140
 """Greatest length of the colours in a legend, and of a scale bar (px)."""
@@ -425,7 +428,7 @@ class Picture(QWidget):
             _paint_cross(painter, shot, to_screen)
         area = QRectF(inside)
         if shot.caption:
-            _paint_lines(painter, [(shot.caption, "")], area)
+            _paint_lines(painter, [(words, "") for words in shot.caption.splitlines()], area)
         lines = [(words, "") for words in shot.readout.splitlines()] + [self._note] * bool(self._note[0])
         self._readout_at = _paint_lines(painter, lines, area, right=True) if lines else QRectF()
         if shot.pixel_um is not None:
@@ -685,14 +688,19 @@ def _paint_overlay(painter: QPainter, overlay: Overlay, to_screen: QTransform) -
     places = to_screen.map(QPolygonF([QPointF(column, row) for row, column in np.asarray(overlay.points).tolist()]))
     painter.setBrush(Qt.BrushStyle.NoBrush)
     if isinstance(overlay, Label):
-        painter.setPen(_tone(overlay.colour))
         around = QRectF(places.first(), QSizeF()).adjusted(-40, -LINE, 40, LINE)
-        painter.drawText(around, Qt.AlignmentFlag.AlignCenter, overlay.words)
+        for colour, across, down in (*((RIM, x, y) for x in (-1, 1) for y in (-1, 1)), (_tone(overlay.colour), 0, 0)):
+            painter.setPen(colour)
+            painter.drawText(around.translated(across, down), Qt.AlignmentFlag.AlignCenter, overlay.words)
         return
     if isinstance(overlay, Outline):
         style = Qt.PenStyle.DashLine if overlay.dashed else Qt.PenStyle.SolidLine
-        painter.setPen(QPen(_tone(overlay.colour), overlay.width, style))
-        (painter.drawPolygon if overlay.closed else painter.drawPolyline)(places)
+        draw = painter.drawPolygon if overlay.closed else painter.drawPolyline
+        if overlay.rimmed:
+            painter.setPen(QPen(RIM, overlay.width + 2))
+            draw(places)
+        painter.setPen(outline_pen(_tone(overlay.colour), overlay.width, style))
+        draw(places)
         return
     if overlay.filled and isinstance(overlay.colours, str):  # thousands of micro-images in one call
         pen = QPen(_tone(overlay.colours), overlay.size)
@@ -727,7 +735,7 @@ def _paint_cross(painter: QPainter, shot: Shot, to_screen: QTransform) -> None:
     (row, column), half = shot.cross, shot.step / 2
     around = to_screen.mapRect(QRectF(column - half, row - half, shot.step, shot.step))
     painter.setBrush(Qt.BrushStyle.NoBrush)
-    for colour, width in ((QColor(0, 0, 0), 3.5), (_ink(), 1.5)):
+    for colour, width in ((RIM, 3.5), (_ink(), 1.5)):
         painter.setPen(QPen(colour, width))
         if min(around.width(), around.height()) >= 6:
             painter.drawRect(around)

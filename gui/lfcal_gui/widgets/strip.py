@@ -15,7 +15,7 @@ from PySide6.QtWidgets import QListWidget, QListWidgetItem, QStyle
 from lfcal.base import format_plane
 from lfcal_gui.models import DisplaySettings, levels_of, minus, to_uint8
 from lfcal_gui.theme import current_theme
-from lfcal_gui.widgets.colours import theme_table
+from lfcal_gui.widgets.colours import outline_pen, theme_table
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -101,7 +101,7 @@ class PlaneTile:
         painter = QPainter(on)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         for colour, style, points in self.outlines():
-            painter.setPen(QPen(QColor(colour), 1.3 * ratio, style))
+            painter.setPen(outline_pen(QColor(colour), 1.3 * ratio, style))
             # centres of pixels have whole numbers
             painter.drawPolygon(QPolygonF([QPointF((s + 0.5) * across, (t + 0.5) * down) for t, s in points.tolist()]))
         painter.end()

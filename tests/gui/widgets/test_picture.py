@@ -18,7 +18,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal_gui.context import Context
 from lfcal_gui.models.display import SCALES, DisplaySettings, colour_table, depth_colours, to_uint8
-from lfcal_gui.models.shot import Outline, Shot, Symbols, Tint, cutout_of, scale_bar
+from lfcal_gui.models.shot import Label, Outline, Shot, Symbols, Tint, cutout_of, scale_bar
 from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.simulate._effect_panel import InfluenceView
 from lfcal_gui.pages.simulate.model_frames import InfluencePictures
@@ -227,6 +227,20 @@ def test_overlays_lie_on_their_pixels(qtbot: QtBot) -> None:
     QApplication.processEvents()
     image = view.grab().toImage()
     assert max(colour(8.0, 8.0)) < 40 > max(colour(8.0, 1.5))
+
+
+def test_rimmed_lines_and_labels_are_seen_on_bright_pixels(qtbot: QtBot) -> None:
+    """White axes of a volume disappeared on bright voxels."""
+    view = shown(qtbot, Picture(legend=False))
+    drawn = Outline(np.array([(2.0, 1.0), (2.0, 8.0)]), closed=False, rimmed=True), Label(np.array([(7.0, 5.0)]), "x")
+    for overlay in drawn:
+        view.set_shot(Shot(np.ones((10, 10)), levels=(0.0, 1.0), overlays=(overlay,)))
+        view.set_display(DisplaySettings(colour_map="gray"))
+        QApplication.processEvents()
+        inside = view.box.mapViewToScene(QRectF(0.5, 0.5, 8, 8)).boundingRect()
+        image = view.graphics.grab(view.graphics.mapFromScene(inside).boundingRect()).toImage()
+        pixels = [image.pixelColor(x, y) for x in range(image.width()) for y in range(image.height())]
+        assert sum(pixel.lightness() < 160 for pixel in pixels) > 20, overlay
 
 
 def test_a_caption_is_read_on_the_picture_and_is_red_in_a_dark_lab(qapp: QApplication, qtbot: QtBot) -> None:

@@ -315,14 +315,20 @@ def shown_unit(intent: HIntent, matrix: PSFMatrix, reference: PSFMatrix | None) 
     return unit_of(reference if other and reference is not None else matrix)
 
 
+def unit_word(unit: str) -> str:
+    """Return what follows a value whose quantity and unit are ``unit``."""
+    return "counts" if "counts" in unit else "of the light"
+
+
 def pixel_words(picture: HPicture, pixel: Pixel, unit: str) -> tuple[str, str]:
     """Return pixel (t, s) of the main image and its value in ``unit`` as text, and a shorter text."""
     t, s = pixel
-    whole = f"t {t}, s {s}: {picture.main[t, s]:.5g} {'counts' if 'counts' in unit else 'of the light'}"
+    word = unit_word(unit)
+    whole = f"t {t}, s {s}: {picture.main[t, s]:.5g} {word}"
     if not picture.signed:
         return whole, ""
     apart = picture.linked[t, s]
-    return f"{whole}, {apart:+.4g} relative to the other H", f"t {t}, s {s}: difference {apart:+.4g}"
+    return f"{whole}, {apart:+.4g} {word} relative to the other H", f"t {t}, s {s}: Δ {apart:+.4g} {word}"
 
 
 def _virtual_words(camera: Camera | None, depth_um: float) -> str:

@@ -24,7 +24,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal_gui.models import DisplaySettings, Outline, Shot
+from lfcal_gui.models import DisplaySettings, Outline, Shot, levels_of
 from lfcal_gui.pages.h.model import (
     HIntent,
     HPicture,
@@ -33,6 +33,7 @@ from lfcal_gui.pages.h.model import (
     aperture_tip,
     aperture_words,
     pixel_words,
+    unit_word,
 )
 from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import (
@@ -432,6 +433,8 @@ class HPanel(QWidget):
             (self.linked_view, picture.linked, picture.linked_title, picture.linked_cursor),
         ):
             apart = picture.signed and view is self.linked_view
+            if apart:  # the scale below the pictures is that of H
+                title += f", ±{(signed or levels_of(image, signed=True))[1]:.3g} {unit_word(unit)}"
             shot = Shot(image, title, unit, "psf", signed if apart else levels, apart, cross=cross)
             view.set_shot(replace(shot, pixel_um=self._pixel_um))
         words = (HOVER, HOVER_BRIEF) if intent.pixel is None else pixel_words(picture, intent.pixel, unit)

@@ -477,7 +477,7 @@ class VolumeView(QWidget):
         levels = min(low for low, _ in known), max(high for _, high in known)
         planes, rows, columns = prepared.volume.shape
         for look, title in zip(self.looks, (self._title, "Truth"), strict=False):
-            look.show_as(intent, self.turn, levels, f"{title}, {columns} × {rows} × {planes} voxels")
+            look.show_as(intent, self.turn, levels, f"{title}\n{columns} × {rows} × {planes} voxels")
         if intent.mode == MODES[0]:
             flat = replace(intent, mode=MODES[1])
             shot = side_shot(intent, prepared, "xy", sides(flat, prepared)["xy"], None if intent.own_scale else levels)

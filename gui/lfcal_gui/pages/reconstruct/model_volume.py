@@ -201,7 +201,7 @@ def axes_in(scene: Viewpoint, corner: tuple[float, float], length: float) -> tup
     found: list[Overlay] = []
     for axis, name in enumerate("xyz"):
         end = middle + length * scene.turn[[1, 0], axis]
-        found.append(Outline(np.array([middle, end]), NEAR, closed=False, width=1.5))
+        found.append(Outline(np.array([middle, end]), NEAR, closed=False, rimmed=True))
         # a name beyond the end of a short axis stays readable
         found.append(Label((middle + 1.35 * length * _away(scene.turn[[1, 0], axis]))[None], name))
     return tuple(found)

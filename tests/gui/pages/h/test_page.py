@@ -224,8 +224,11 @@ def test_the_readout_follows_the_picture(page: Any, context: Context, qtbot: QtB
     idle(context.jobs, qtbot)
     panel.readout.resize(240, 20)
     assert panel.readout.text().endswith("relative to the other H")
-    shown = f"t 2, s 3: difference {panel.linked_view.values[2, 3]:+.4g}"
+    shown = f"t 2, s 3: Δ {panel.linked_view.values[2, 3]:+.4g} counts"
     assert QLabel.text(panel.readout) == shown.replace("-", "−")
+    low, high = panel.linked_view.levels
+    assert low == -high and panel.linked_view.shot.caption.endswith(f"the other H, ±{high:.3g} counts")
+    assert "±" not in panel.main_view.shot.caption
     panel.main_view.hovered.emit(-1, -1, float("nan"))
     assert panel.readout.text().startswith("Point at")
 
@@ -361,17 +364,20 @@ def test_apertures_of_all_planes_are_drawn_beside_the_expected_ones(
         assert round(tile.fitted.apothem_px) == (18, 13)[z] and len(tile.outlines()) == 2
         tip = page.panel.strip.item(z).toolTip()
         assert "fitted: 7 blades" in tip and "expected: 7 blades" in tip and f"Plane {z} (0 to 1)" in tip
-        assert drawn_in(tile) == {FITTED, EXPECTED}
+        assert set(drawn_in(tile)) == {FITTED, EXPECTED}
         assert not drawn_in(replace(tile, fitted=None, expected=None))
+        below, dashes = drawn_in(replace(tile, expected=tile.fitted)).values()
+        assert dashes / 2 < below < 2 * dashes, "gaps show the fit where both coincide"
     assert "expected" in page.panel.aperture_text.text()
 
 
-def drawn_in(tile: PlaneTile) -> set[str]:
-    """Return which outlines are seen in the picture of a plane."""
+def drawn_in(tile: PlaneTile) -> dict[str, int]:
+    """Return how many pixels of each outline that is seen are in the picture of a plane."""
     picture = tile.picture(160).toImage()
     pixels = [picture.pixelColor(x, y).getRgb()[:3] for x in range(160) for y in range(160)]
     wanted = {name: QColor(name).getRgb()[:3] for name in (FITTED, EXPECTED)}
-    return {name for name, rgb in wanted.items() if min(max(map(abs, np.subtract(p, rgb))) for p in pixels) < 30}
+    seen = {name: sum(max(map(abs, np.subtract(p, rgb))) < 30 for p in pixels) for name, rgb in wanted.items()}
+    return {name: number for name, number in seen.items() if number}
 
 
 def test_the_large_apertures_follow_the_strip_and_choose_planes(page: Any, context: Context, qtbot: QtBot) -> None:

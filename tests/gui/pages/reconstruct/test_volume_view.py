@@ -232,6 +232,7 @@ def test_the_cross_links_slices_and_projections(qtbot: QtBot) -> None:
 def test_slice_and_strip_follow_the_cross(view: VolumeView) -> None:
     """In 3-D the slice through the cross is at the right; the strip shows each plane with its share of the light."""
     assert view.slice.isVisible() and "1.5 mm" in view.slice.shot.caption
+    assert view.solid.shot.caption.splitlines() == ["Volume", "30 × 20 × 4 voxels"], "one line was cut"
     np.testing.assert_array_equal(view.slice.values, volume()[2])
     assert [round(tile.depth_um) for tile in view.strip.tiles] == DEPTHS.tolist()
     shares = [float(part) for part in volume().sum((1, 2)) / volume().sum()]
