@@ -121,12 +121,13 @@ def iter_elemental_depth(
     Examples
     --------
     >>> import numpy as np
+    >>> from lfcal.base import drain
     >>> from lfcal.camera import preset
-    >>> from lfcal.lattice import elemental_depth, metric_depth
+    >>> from lfcal.lattice import iter_elemental_depth
     >>> camera = preset("flfm_20x05")
-    >>> found = elemental_depth(np.ones(camera.sensor.shape), camera, slopes=(-0.005, 0.005))
-    >>> print(found.slope.shape, f"{found.known.mean():.0%} known: a uniform frame has no texture")
-    (385, 385) 0% known: a uniform frame has no texture
+    >>> found = drain(iter_elemental_depth(np.ones(camera.sensor.shape), camera, slopes=(0.0, 0.005)))
+    >>> print(f"{found.known.mean():.0%} known: a uniform frame has no texture")
+    0% known: a uniform frame has no texture
     """
     views, place, shift = _views(frame, camera, origin, white, mask)
     low, high = _slopes(camera, slopes)
@@ -138,7 +139,20 @@ def iter_elemental_depth(
     return map_of_views(found, shift, seen, image, (place, (1.0, 1.0)))
 
 
-elemental_depth = drained(iter_elemental_depth)
+elemental_depth = drained(
+    iter_elemental_depth,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.camera import preset
+    >>> from lfcal.lattice import elemental_depth, metric_depth
+    >>> camera = preset("flfm_20x05")
+    >>> found = elemental_depth(np.ones(camera.sensor.shape), camera, slopes=(-0.005, 0.005))
+    >>> print(found.slope.shape, f"{found.known.mean():.0%} known: a uniform frame has no texture")
+    (385, 385) 0% known: a uniform frame has no texture
+    """,
+)
 
 
 def elemental_seconds(

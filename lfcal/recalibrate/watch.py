@@ -95,6 +95,17 @@ def iter_watch(
     ------
     InputError
         If no frame can be used, or the quiet frames are too few.
+
+    Examples
+    --------
+    >>> from lfcal.base import drain
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.fit import Setup
+    >>> from lfcal.recalibrate import iter_watch
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3, 4], cutout=49)
+    >>> drain(iter_watch([], Setup(plan.camera, (), (0.0, 0.0)), plan, rate=2))
+    Traceback (most recent call last):
+    lfcal.base.errors.InputError: rate of false alarms: expected a number > 0 and < 0.5, got 2; correct this value
     """
     check_number("rate of false alarms", rate, above=0, below=0.5)
     check_number("mean", mean, at_least=1)

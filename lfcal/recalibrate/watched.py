@@ -78,7 +78,14 @@ class WatchedMean:
 
 @dataclass(frozen=True)
 class DriftTrend:
-    """Slope of a drift ``name`` over time, with its standard deviation, per ``per``: hour, day or frame."""
+    """Slope of a drift ``name`` over time, with its standard deviation, per ``per``: hour, day or frame.
+
+    Examples
+    --------
+    >>> from lfcal.recalibrate import DriftTrend
+    >>> DriftTrend("gap (%)", 0.02, 0.004, "hour").significant
+    True
+    """
 
     name: str
     slope: float

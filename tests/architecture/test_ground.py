@@ -17,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 import lfcal
+from lfcal.base import full_version
 from lfcal.base.compiled import Kernel, kernel_input, njit, preparing_seconds
 from lfcal.base.errors import InputError, LfcalError, StorageError
 from lfcal.base.registry import Registry
@@ -46,7 +47,7 @@ def test_the_top_level_has_the_ten_names_and_says_what_each_package_is_for() -> 
 
 def test_the_package_runs_as_a_module() -> None:
     done = subprocess.run([sys.executable, "-m", "lfcal", "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == f"lfcal {lfcal.__version__}"
+    assert done.stdout.strip() == f"lfcal {full_version()}"
 
 
 @njit()
@@ -73,6 +74,7 @@ def test_kernels_compile_at_their_first_call_and_call_each_other() -> None:
 RECORDED = """
 from typing import NamedTuple
 import numpy as np
+from lfcal.base import full_version
 from lfcal.base.compiled import njit
 class {name}(NamedTuple):
     first: float

@@ -40,4 +40,4 @@ def test_what_would_take_minutes_is_not_measured() -> None:
     assert Influence(plan, 0, BASE).of(effect) is not None
     camera = replace(plan.camera, sensor=replace(plan.camera.sensor, shape=(1400, 1400)))
     large = ScanPlan.for_camera(camera, cutout=1301, depths_um=[-20.0])
-    assert Influence(large, 0, BASE).of(effect) is None, "its formula stays"
+    assert Influence(large, 0, BASE).of(Bandwidth(0.5)) is None, "its formula stays"

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from lfcal.simulate.engines._nodes import WindowNodes, fitted_rule
-from lfcal.simulate.engines._separable import DOWN, in_blocks, pixel_sums
-from lfcal.simulate.engines._tile_llvm import row_light
+from lfcal.simulate.engines._separable import in_blocks, pixel_sums
+from lfcal.simulate.engines._tile_llvm import ACROSS, DOWN, row_light
 
 
 def parts(value: np.ndarray) -> np.ndarray:
@@ -50,7 +50,7 @@ def test_light_of_two_factors_on_pixels(shape: tuple[int, int, int]) -> None:
     pixels = np.stack([np.arange(used) // 2, np.where(np.arange(used) % 3, -1, 1)], axis=1)
     weights = rng.random(pixels.shape).astype(np.float32)
     lines = np.ones((high, wide), np.float32)
-    row_light(parts(left), in_blocks(parts(right)), pixels, weights, lines)
+    row_light(parts(left), in_blocks(parts(right), ACROSS), pixels, weights, lines)
     wanted = np.ones((high, wide))
     for i, light in enumerate(np.abs(left[:used] @ right.T) ** 2):
         for pixel, weight in zip(pixels[i], weights[i], strict=True):

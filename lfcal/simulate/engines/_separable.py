@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 
 from lfcal.base import njit
 
-__all__ = ["ACROSS", "DOWN", "fold_rows", "in_blocks", "pixel_sums", "product"]
+__all__ = ["fold_rows", "in_blocks", "pixel_sums", "product"]
 
 Array = NDArray[Any]
 _SMALL = 1 << 18  # multiply-adds
-DOWN, ACROSS = 8, 16
-"""Nodes along y and along x whose light is computed together."""
 
 
 @njit(fastmath=True)
@@ -64,14 +62,14 @@ def fold_rows(wide: Array, row_of: Array, middle: Array, out: Array) -> None:
 
 
 @njit()
-def in_blocks(value: Array) -> Array:
-    """Return ``value`` (3, k, n) transposed and in blocks of columns ``(3, blocks, n, ACROSS)``, padded with zeros."""
+def in_blocks(value: Array, across: int) -> Array:
+    """Return ``value`` (3, k, n) transposed and in blocks of columns ``(3, blocks, n, across)``, padded with zeros."""
     k, n = value.shape[1], value.shape[2]
-    out = np.zeros((3, (k + ACROSS - 1) // ACROSS, n, ACROSS), value.dtype)
+    out = np.zeros((3, (k + across - 1) // across, n, across), value.dtype)
     for part in range(3):
         for i in range(k):
             for c in range(n):
-                out[part, i // ACROSS, c, i % ACROSS] = value[part, i, c]
+                out[part, i // across, c, i % across] = value[part, i, c]
     return out
 
 

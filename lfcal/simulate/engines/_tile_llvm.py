@@ -14,11 +14,12 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from lfcal.base import njit
-from lfcal.simulate.engines._separable import ACROSS, DOWN
 
-__all__ = ["row_light"]
+__all__ = ["ACROSS", "DOWN", "row_light"]
 
 Reals = NDArray[np.float32]
+DOWN, ACROSS = 8, 16
+"""Nodes along y and along x whose light is computed together."""
 _I32, _I64, _REAL = ir.IntType(32), ir.IntType(64), ir.FloatType()
 
 

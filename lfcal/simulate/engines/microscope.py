@@ -34,7 +34,7 @@ from lfcal.simulate._symmetry import AxisPhase, axis_phase, is_separable
 from lfcal.simulate.engines._debye import debye_fields, radial_field
 from lfcal.simulate.engines._fields_sum import wave_plane
 from lfcal.simulate.engines._nodes import WindowNodes, fitted_rule
-from lfcal.simulate.engines._separable import DOWN, fold_rows, in_blocks, pixel_sums, product
+from lfcal.simulate.engines._separable import fold_rows, in_blocks, pixel_sums, product
 from lfcal.simulate.engines.base import Certificate, EnergyError, Ledger, Pilot, PlaneEngine, Sampling
 from lfcal.simulate.engines.masks import taper
 from lfcal.simulate.scene import Scene
@@ -260,6 +260,8 @@ class DebyePlane:
             known = self._matrices.get(phase)
         if known is not None:
             return known
+        from lfcal.simulate.engines._tile_llvm import DOWN
+
         place, shift, pitch, _ = phase
         px, dx = self.scene.pixel_um, self._coarse
         s = self._nodes(phase)[0].positions * px + shift
@@ -349,7 +351,9 @@ class DebyePlane:
             for field, factors in zip(self._fields, self._quarters, strict=True)
         )
         if axis == 1:
-            made = tuple(in_blocks(one) for one in made)
+            from lfcal.simulate.engines._tile_llvm import ACROSS
+
+            made = tuple(in_blocks(one, ACROSS) for one in made)
         self._cache(store, phase, made, CACHED // len(made))
         return made
 
