@@ -53,8 +53,8 @@ class ValidateFit(Task):
 
     fit: Path = required("Folder of a fit.", argument=True, file="in")
     sources: tuple[Path, ...] = required(
-        "Source of the fit (H, a recorded session, or frames), or another recording with --other. For a fit of several "
-        "regions: the source of each. Positions that were fitted are left out, except with --other.",
+        "Source of the fit (H, a recorded session, or frames), or another recording. For a fit of several regions: the "
+        "source of each. Positions of the source that were fitted are left out.",
         argument=True,
         file="in",
     )
