@@ -226,7 +226,8 @@ def _views(
     weights *= np.hypot(y, x) <= radius
     # lenslets at the edge of the pupil have less light; small numbers lose less in sums of squares
     level = (images * weights).sum((1, 2)) / np.maximum(weights.sum((1, 2)), 1)
-    images = np.where(weights > 0, images / np.maximum(level, 1e-30)[:, None, None] - 1, 0).astype(np.float32)
+    weights *= (level > 0)[:, None, None]  # a blank elemental image shows no object
+    images = np.where(weights > 0, images / np.where(level > 0, level, 1)[:, None, None] - 1, 0).astype(np.float32)
     place = (float(corners[central, 0]), float(corners[central, 1]))
     return MovedViews(images, weights, moves, fixed), place, float(np.hypot(*moves.T).max())
 

@@ -194,8 +194,9 @@ def own_words(without: str = "") -> Iterator[None]:
         yield
     except LfcalError as error:
         said = str(error)
-        reported = said.replace("(--skip-damaged)", "(lfcal assemble --skip-damaged)")
-        reported = reported.replace(' (colour="G")', "")
+        # frames without positions cannot be assembled
+        skipped = said.replace(" (--skip-damaged)", "" if without else " (lfcal assemble --skip-damaged)")
+        reported = skipped.replace(' (colour="G")', "")
         reported = reported.replace(without, "") if without else reported
         if reported == said:
             raise

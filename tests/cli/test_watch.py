@@ -113,3 +113,9 @@ def test_what_cannot_be_done_is_one_line(lfcal: Lfcal, place: Path, words: tuple
     run = lfcal("watch", *words, *GIVEN, "-o", "bad")
     assert run.code == 2 and message in run.err.replace("\\", "/"), run.err
     assert run.err.count("\n") <= 2 and not (place / "bad").exists()
+
+
+def test_a_blank_frame_is_refused_without_an_option_of_another_command(lfcal: Lfcal, place: Path) -> None:
+    tifffile.imwrite(place / "blank.tif", np.zeros(PLAN.camera.sensor.shape, np.uint16))
+    run = lfcal("watch", "monday", "blank.tif", *GIVEN)
+    assert run.code == 2 and run.err.strip().endswith("record it again, or leave it out"), run.err
