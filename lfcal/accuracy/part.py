@@ -37,7 +37,7 @@ class AccuracyStep:
     label
         Description of the step.
     seconds
-        Expected duration (s). None: as long as the previous step.
+        Expected duration (s). None: as long as the previous point took.
     """
 
     label: str

@@ -227,7 +227,7 @@ class Subject:
 
 
 def reference_seconds(plan: ScanPlan, z: int, tolerance: float) -> float:
-    """Return the estimated duration (s) of a position of plane ``z`` by the reference, to within a factor of 3."""
+    """Return the estimated time (s) to simulate a position of plane ``z`` as reference, to within a factor of 3."""
     return REFERENCE * few_seconds(outlook_of(plan, z), "reference", tolerance, 1)
 
 

@@ -76,7 +76,7 @@ def iter_assemble_session(
 
 
 class Packed(NamedTuple):
-    """Result of packing a session: the number of bytes saved, and a message for each file that was not packed."""
+    """Result of compressing a session: the number of bytes saved, and a message for each file left unchanged."""
 
     bytes_gained: int
     left: tuple[str, ...]

@@ -200,7 +200,7 @@ class LiveQuality:
         self._now = elapsed_s
 
     def know(self, records: NDArray[Any], levels: NDArray[np.float64]) -> None:
-        """Add positions of earlier runs from their records; depth sums do not change, because they need the frames.
+        """Add the positions of earlier runs from their records, but not to the depth sums, which need the frames.
 
         Parameters
         ----------
@@ -218,7 +218,7 @@ class LiveQuality:
             self._saturated[place] = records["saturated"]
 
     def state(self, plane: int | None = None) -> QualityState:
-        """Return a snapshot of the quality; with the index ``plane``, it contains only the depth sum of that plane."""
+        """Return a snapshot of the quality; if ``plane`` is given, with only the depth sum of that plane."""
         with self._lock:
             references = np.array(self._references.seen).reshape(-1, 5)
             follow = self._slopes()

@@ -43,8 +43,8 @@ class Options:
         Number of positions after which a reference frame at a fixed position is taken, and also at the start and the
         end (0: none). Reference frames show the drift of the lamp. The default adds 1 % to the number of frames.
     controls
-        Number of control frames per plane and direction, for the check of periodicity (0: none). They are spread from
-        one period away to the edge of the field.
+        Number of control frames per plane and direction, for the check of periodicity (0: none). Their displacements
+        are whole periods, from one period up to the edge of the field.
     retries
         Number of further attempts at a position after a transient fault.
     tolerance_um, overshoot_um
@@ -63,7 +63,7 @@ class Options:
         Treatment of a frame whose content is still suspect after the frame was taken again: ``"stop"`` the session, or
         ``"flag"`` the position, to be recorded again later.
     allow_automatic
-        Whether to record although the camera changes samples automatically, by automatic exposure, gain or black level,
+        Whether to record even if the camera changes samples automatically, by automatic exposure, gain or black level,
         or by a gamma curve.
     suspend, steady_s
         Bounds of gauges as texts for `Bound.parse`, such as ``"temperature=20:22"``. The session is paused while a

@@ -366,7 +366,7 @@ class Runner:
     recorded
         Maps the CRC-32 of each frame stored by earlier runs to its position.
     known
-        Frames of earlier runs around the remaining steps.
+        Frames of earlier runs at positions next to the remaining ones.
     whole_frames
         Whether frames cover the whole sensor and show many points of a target.
 

@@ -61,7 +61,7 @@ class Block:
 def blocks_of(
     plan: ScanPlan, options: Options, redo: Sequence[Position] | None, only: Sequence[Position] = ()
 ) -> list[Block]:
-    """Return all blocks to record for ``plan``, or for its positions ``redo``.
+    """Return all blocks of steps to record for ``plan``, or for its positions ``redo`` (z, y, x).
 
     With ``only``, the session records only these positions, with its dark, reference and control frames.
 
@@ -92,7 +92,7 @@ def blocks_of(
 
 
 def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | None) -> list[Block]:
-    """Return all blocks to record for a plan of whole frames, or for its frames ``redo``.
+    """Return all blocks of steps to record for a plan of whole frames, or for its frames ``redo`` (z, 0, k).
 
     Raises
     ------

@@ -43,7 +43,7 @@ NAME = "session.json"
 def keep_task(folder: Path, task: Mapping[str, Any], run: int = 0) -> None:
     """Write the task of recording ``run`` into the session's folder, as a job that `lfcal run` can continue.
 
-    The job is a separate file, because older versions of lfcal refuse a ``session.json`` with additional entries.
+    The job is a separate file, because older versions of lfcal reject a ``session.json`` with additional entries.
     """
     write_text(folder / _job_name(run), json.dumps({**task, "out": task.get("out", ".")}, indent=2))
 
@@ -100,7 +100,7 @@ class Devices:
 
     @property
     def automatic_words(self) -> str:
-        """Text with name and value of each setting with which samples are not proportional to light; empty if none."""
+        """Names and values of the settings that make samples not proportional to light, as text; empty if none."""
         return ", ".join(f"{name} = {self.settings[name]}" for name in self.automatic)
 
     @classmethod
@@ -122,7 +122,10 @@ class Devices:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One run of a recording: when it started and ended (ISO 8601), how, positions on disk, duration (s), message.
+    """One run of a recording.
+
+    ``started`` and ``ended`` are ISO 8601 times, and ``how`` states how the run ended. ``acknowledged`` is the number
+    of positions whose frames are on disk, and ``seconds`` the duration without pauses.
 
     ``recording`` is the number of the recording; -1: not stored by an older version. ``stage`` is the result of the
     stage check before the run, or why it was skipped; empty: not stored by an older version.

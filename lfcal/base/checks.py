@@ -101,7 +101,7 @@ def check_length(what: str, value_um: object, **bounds: Any) -> None:
 
 
 def check_exposure(what: str, value_s: object) -> None:
-    """Raise `InputError` unless ``value_s`` is a possible exposure (s); ratios of values out of range overflow."""
+    """Raise `InputError` unless ``value_s`` is a possible exposure (s); beyond its limits, ratios overflow."""
     check_number(what, value_s, at_least=1e-12, at_most=1e9)
 
 

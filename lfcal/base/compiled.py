@@ -130,7 +130,7 @@ class Kernel(Generic[P, R]):
     def for_work(self, seconds: float) -> Callable[P, R]:
         """Return this kernel, or a function that runs it uncompiled if it is spared.
 
-        ``seconds`` are those that Python takes to interpret it.
+        ``seconds`` is the time (s) that the uncompiled function would take.
         """
         return self._interpreted if self.spared(seconds) else self
 
@@ -170,8 +170,8 @@ class Kernel(Generic[P, R]):
 def sparing_kernels() -> Iterator[None]:
     """Context of a command, in which small work is done without kernels that have never been compiled.
 
-    A first run then takes about as long as a later one. The other way to do the work gives the same result to the
-    precision of its numbers. `Kernel.spared` decides for each kernel.
+    A first run then takes about as long as a later one. The results are the same to within rounding errors.
+    `Kernel.spared` decides for each kernel.
     """
     global _SPARED
     before, _SPARED = _SPARED, {}
@@ -184,8 +184,8 @@ def sparing_kernels() -> Iterator[None]:
 def kernel_spared(module: str, name: str, seconds: float) -> bool:
     """Return whether to do work without a kernel, because it would be compiled for little work.
 
-    The answer is always False outside `sparing_kernels`, and for a kernel that has been compiled before. It depends on
-    no timing. Neither numba nor the module of the kernel is loaded.
+    The answer is always False outside `sparing_kernels`, and for a kernel that has been compiled before. It does not
+    depend on measured times. Neither numba nor the module of the kernel is loaded.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def _made(numba: Any, function: Callable[..., Any], options: dict[str, object]) 
 
 
 def kernel_folder() -> str | None:
-    """Return the folder that keeps the compiled kernels of this package; None if no folder is writable."""
+    """Return the folder in which compiled kernels of this package are cached; None if no folder is writable."""
     folder: str | None = _probe.compiled().stats.cache_path
     return folder
 

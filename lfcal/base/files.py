@@ -329,7 +329,7 @@ def check_regular(path: Path) -> None:
 
 
 def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bool = False) -> str:
-    """Return the content of a text file in UTF-8 of at most ``limit`` bytes (64 MB).
+    """Return the content of a text file in UTF-8 of at most ``limit`` bytes (64 MiB by default).
 
     If ``foreign`` is set, the file may have an encoding of spreadsheets: UTF-16 with a byte-order mark, or Windows code
     page 1252.

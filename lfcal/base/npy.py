@@ -63,7 +63,7 @@ def map_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
 
 
 def npy_header(shape: tuple[int, ...], dtype: np.dtype[Any]) -> bytes:
-    """Return the header of an ``.npy`` file; the values must follow it in C order, as in memory.
+    """Return the header of an ``.npy`` file; the bytes of a C-contiguous array must follow it.
 
     `numpy.save` is not used, because on a full disk it can lose the last kilobytes without an error.
     """

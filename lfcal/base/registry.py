@@ -18,7 +18,7 @@ __all__ = ["Named", "Registry"]
 
 
 class Named(Protocol):
-    """Protocol of an object with a name that is unique within a registry."""
+    """Protocol for an object with a name that is unique within a registry."""
 
     @property
     def name(self) -> str:

@@ -48,7 +48,7 @@ _SEEKING = threading.Lock()
 
 
 def reserve(descriptor: int, size: int) -> None:
-    """Reserve ``size`` bytes of disk space for a file without changing its content; OSError if the disk is full."""
+    """Reserve ``size`` bytes of disk space for a file without changing its content; raises OSError if it is full."""
     if hasattr(os, "posix_fallocate"):
         try:
             os.posix_fallocate(descriptor, 0, size)

@@ -233,12 +233,12 @@ class Camera:
         return self.sensor.pixel_um * distance / (self.optics.image_distance_um + self.lattice.gap_um)
 
     def image_shift_um(self, z_um: float) -> float:
-        """Return the distance a (µm) of the image of the plane at depth ``z_um`` (µm) behind the lenslet array.
+        """Return the distance a (µm) from the lenslet array to the image of the plane at depth ``z_um`` (µm).
 
-        The depth z is relative to the working plane and positive away from the camera; the image is then in front of
-        the array, and a is negative. For a microscope with the magnification M and the medium index n, ``a = -M² z /
-        n`` (paraxial). For a main lens, a follows from the thin-lens equation. For lenslets in a pupil plane, it is not
-        defined, and `NoLatticeError` is raised.
+        The distance is positive behind the array. The depth z is relative to the working plane and positive away from
+        the camera; a is then negative. For a microscope with the magnification M and the medium index n,
+        ``a = -M² z / n`` (paraxial). For a main lens, a follows from the thin-lens equation. For lenslets in a pupil
+        plane, it is not defined, and `NoLatticeError` is raised.
         """
         self._check_lattice("virtual depth")
         if isinstance(self.optics, Microscope):

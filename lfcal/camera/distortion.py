@@ -136,9 +136,9 @@ class LatticeDistortion:
     model
         ``"polynomial"`` or ``"radial"``.
     centre
-        Point (x, y) of the ideal lattice at which u = 0.
+        Point (x, y) of the ideal lattice at which u = 0, in the unit of the lattice.
     scale
-        Length scale, the distance from the centre at which |u| = 1.
+        Distance from the centre at which |u| = 1, in the unit of the lattice.
     terms
         Coefficients in the unit of the lattice: two tuples for the polynomial (along x and along y), one for the radial
         model.

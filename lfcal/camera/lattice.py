@@ -373,7 +373,7 @@ RIGHT_ANGLE = 1e-9
 
 
 def cell_neighbours(basis: ArrayLike) -> Array:
-    """Return the lattice vectors to the neighbours that bound a cell, one of each pair of opposite neighbours.
+    """Return the lattice vectors ``(2 or 3, 2)`` to neighbours that bound a cell, one of each opposite pair.
 
     There are two for a rectangular cell and three for a hexagonal one.
 

@@ -283,7 +283,7 @@ class ScanPlan:
 
     @property
     def scan(self) -> ScanPlan:
-        """Scan plan on which this plan is based: the plan itself, unlike for plans of targets and of regions."""
+        """The plan itself; the plan of a target or of regions returns the scan plan on which it is based."""
         return self
 
     @property

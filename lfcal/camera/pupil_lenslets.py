@@ -153,7 +153,11 @@ class PupilLenslets:
         return float(apart[~np.eye(len(centres), dtype=bool)].min())
 
     def pupil_um(self, optics: Microscope) -> float:
-        """Return the diameter (µm) of the image of the objective's pupil in the plane of the lenslets: 2 NA f / M."""
+        """Return the diameter (µm) of the image of the objective's pupil in the plane of the lenslets: 2 NA f / M.
+
+        NA and M are the numerical aperture and the magnification of ``optics``; f is the focal length of the Fourier
+        lens.
+        """
         return 2 * optics.numerical_aperture * self.fourier_um / optics.magnification
 
     def spread(self, optics: Microscope, z_um: float) -> float:

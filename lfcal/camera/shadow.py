@@ -55,10 +55,11 @@ def half_extent_px(camera: Camera, z_um: float) -> float:
     """Return the half width of the pattern of a point at depth ``z_um`` about its chief ray (sensor pixels).
 
     A ray through pupil point p meets the lenslet array at a distance p·a/(b+a) from the chief ray, with slope -p/(b+a).
-    A lenslet changes the slope by -e/f, where e is the distance from the lenslet's centre. On the sensor, at distance
-    B, the ray is ``p (a - B)/(b + a) - (B/f) e`` from the chief ray. The half width is the bound of this expression
-    over the pupil's corners and the lenslet's edge. Without a lattice, the pattern consists of the spots behind all
-    lenslets.
+    Here a is the distance from the array to the image (`Camera.image_shift_um`), and b the image distance of the main
+    lens. A lenslet with the focal length f changes the slope by -e/f, where e is the distance from the lenslet's
+    centre. On the sensor, at the distance B behind the array, the ray is ``p (a - B)/(b + a) - (B/f) e`` from the chief
+    ray. The half width is the bound of this expression over the pupil's corners and the lenslet's edge. Without a
+    lattice, the pattern consists of the spots behind all lenslets.
     """
     if isinstance(camera.lattice, PupilLenslets):
         spots, blur = _elemental(camera, camera.lattice, z_um)

@@ -111,7 +111,10 @@ def read_sensor(text: str) -> dict[str, Any]:
 
 
 def read_values(text: str, paths: tuple[str, ...], units: tuple[str, ...], shape: str, example: str) -> dict[str, Any]:
-    """Return the values in a comma-separated list, by the path of each; the last values may be omitted."""
+    """Return the values in a comma-separated list, by the path of each; the last values may be omitted.
+
+    ``units`` are the default units, empty for plain numbers. Error messages contain ``shape`` and ``example``.
+    """
     parts = text.split(",")
     if len(parts) > len(paths) or not all(part.strip() for part in parts):
         raise InputError.expected(shape.split()[0], shape, repr(text), f"write it in this form: {example}")

@@ -142,7 +142,8 @@ class AdaptiveStep:
     held_out_error
         Relative error (L2) of H, estimated from held-out patterns; if noise hides it, an upper limit.
     chi2, complete
-        Chi-square of the fit, and whether the model is complete.
+        Chi-square of the fit (1 for a correct model), and whether the model explains the patterns to within their
+        noise.
     groups
         Names of the groups of unknowns that were fitted.
     outliers

@@ -284,7 +284,7 @@ def moved_far(finished: Finished) -> bool:
 
 
 def without_hole(finished: Finished) -> Finished:
-    """Return the fit with the described size of the holes and unchanged values of all other unknowns."""
+    """Return the fit with the size of the holes from the target's description, and all other unknowns unchanged."""
     problem, point, groups, columns, outliers = finished
     u = point.u.copy()
     u[problem.vector.of_groups([HOLE])] = 0.0

@@ -50,7 +50,7 @@ class Points:
     brightness
         Light of each point relative to the median hole in its frame, ``(n,)``.
     away_um
-        Depth of each point from the target's pose in its frame, ``(n,)`` (µm).
+        Object depth of each point, ``(n,)`` (µm), according to the pose of the target in its frame.
     found
         Results for each frame, by its index.
     """

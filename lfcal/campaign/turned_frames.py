@@ -101,7 +101,9 @@ def seen_patterns(
 
 
 def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFrames | None:
-    """Return the orientations in which patterns match the camera; None if they match as delivered or in none.
+    """Return the orientations in which patterns match the camera.
+
+    The result is None if they match as delivered, or in no orientation.
 
     Parameters
     ----------

@@ -161,7 +161,7 @@ class CheckedCamera(_Checked[CameraDevice]):
 
     @property
     def optics(self) -> str:
-        """How the simulator computes frames (`Rendered.optics`); empty for a real camera."""
+        """Method by which the simulator computes frames (`Rendered.optics`); empty for a real camera."""
         return self.device.optics if isinstance(self.device, Rendered) else ""
 
     def grab(self, timeout_s: float, cancelled: Callable[[], bool] = never) -> Frame | None:
@@ -293,7 +293,7 @@ class CheckedStage(_Checked[StageDevice]):
 
 
 class CheckedLight(_Checked[Light]):
-    """A light whose calls have a time limit."""
+    """A light source whose calls have a time limit; a call that exceeds it raises `DeviceLost`."""
 
     usual = "light"
 

@@ -261,7 +261,7 @@ class Rendered(Protocol):
 
     @property
     def optics(self) -> str:
-        """How frames are computed: ``"pattern"``, or a level of `lfcal.simulate`."""
+        """Method by which frames are computed: ``"pattern"``, or a level of `lfcal.simulate`."""
         ...
 
 

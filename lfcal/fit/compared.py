@@ -57,7 +57,7 @@ class Compared:
         Arrays ``(nt, ns)``: samples minus background, prediction of H times ``gain``, variance, and 1/sigma (0: not
         measured).
     moved
-        Derivative of ``light`` by the displacement (dy, dx) of the source, per pixel, ``(2, nt, ns)``.
+        Derivative of ``light`` with respect to the displacement (dy, dx) of the source, per pixel, ``(2, nt, ns)``.
     """
 
     label: str

@@ -79,7 +79,7 @@ class Regional(Measured):
 
     @property
     def level(self) -> NDArray[np.intp]:
-        """Index of the gain and background of each pattern ``(n,)``, of which each plane of each region has one."""
+        """Index ``(n,)`` of the gain and background of each pattern; every plane of every region has its own."""
         found: NDArray[np.intp] = self.region * self.plan.shape[0] + self.index[:, 0]
         return found
 
@@ -253,7 +253,7 @@ class FieldFit:
 
 
 def _rate(name: str, n: int, m: int, own: FieldAberrations | None, field_um: tuple[float, float]) -> float:
-    """Return the derivative of a term at a position by a parameter; terms are linear in all parameters."""
+    """Return the derivative of a term at a position with respect to a parameter; terms are linear in all parameters."""
     if name == (f"zernike_{n}_{m}" if m >= 0 else f"zernike_{n}_m{-m}"):
         return 1.0
     key = name.removeprefix("field_")

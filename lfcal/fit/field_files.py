@@ -92,7 +92,8 @@ def iter_write_field(
     known
         Facts about the source of the patterns of each region, as plain JSON types.
     hybrids, noise
-        Patterns for the hybrid H of each region, and their noise if they do not state it. None: H is the model.
+        Patterns for the hybrid H of each region, by its name, and their noise if they do not state it. None: H is the
+        model.
     with_h
         Whether to compute and write H of each region.
     workers

@@ -58,7 +58,8 @@ def field_report_files(folder: Path) -> list[Path]:
 def iter_field_report(fit: FieldFit, folder: Path, hybrids: Mapping[str, HybridSummary]) -> Work[Path]:
     """Write the plot and the page of a fit of several regions into ``folder``; return the path of the page.
 
-    ``hybrids`` describes what the hybrid H of a region adds to the model. Each file is written atomically.
+    ``hybrids`` contains the summary of the hybrid H of each region that has one, by name of the region. Each file is
+    written atomically.
     """
     clock = Clock("drawing the field", 1)
     yield clock.at(0)

@@ -190,7 +190,7 @@ CAMERA, EFFECTS, MODEL, NUMBERS, REPORT = "camera.json", "effects.json", "H.h5",
 
 
 class Written(NamedTuple):
-    """Paths of the files of a fit, and the summary of its hybrid H; None without one."""
+    """Paths of the files of a fit, and the summary of its hybrid H, which is None without a hybrid H."""
 
     files: list[Path]
     hybrid: HybridSummary | None

@@ -295,7 +295,8 @@ CUT_PUPIL = (0.98, 0.96, 0.93, 0.9)
 def with_cut_pupil(problem: Problem, point: Point, core: Sequence[str]) -> Point:
     """Return ``point``, or a better point at which the edge of the pupil cuts lenslets of a Fourier microscope.
 
-    If the pupil is described too large, its edge cuts no lenslet, and the derivatives by the aperture are zero.
+    If the pupil is described too large, its edge cuts no lenslet, and the derivatives with respect to the aperture are
+    zero.
     """
     camera = problem.vector.setup_at(point.u).camera
     which = problem.vector.of_groups(["iris"])

@@ -332,7 +332,7 @@ INFORMED_SHARE = 0.95
 
 @dataclass(frozen=True, slots=True)
 class HybridSummary:
-    """Summary of a hybrid H.
+    """Summary of a hybrid H: the model, corrected where the recorded patterns deviate from it significantly.
 
     Attributes
     ----------

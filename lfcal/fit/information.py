@@ -37,13 +37,13 @@ class Expected:
     Attributes
     ----------
     full
-        Brightest pixel of the scan, as a fraction of the full well.
+        Signal of the brightest pixel of the scan, as a fraction of the full well.
     stage_px
         Source position error (rms along an axis, pixels); 0: none.
     lamp
         Relative rms fluctuation of the lamp; 0: stable.
     response
-        Relative rms of the response of pixels; 0: all are equal.
+        Rms variation of the response of pixels, relative to its mean; 0: all are equal.
     """
 
     full: float = 0.8

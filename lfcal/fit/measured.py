@@ -158,7 +158,10 @@ class Measured:
         return {name: getattr(self, name)[keep] for name in names} | {"blurred_um": self.blurred_um}
 
     def more_light(self, hole_um: float | None) -> NDArray[np.float32] | None:
-        """Return the light ``(n, nt, ns)`` to add to predictions for holes of diameter ``hole_um`` (µm). None: none."""
+        """Return the light ``(n, nt, ns)`` to add to predictions for holes of diameter ``hole_um`` (µm), or None.
+
+        A ``hole_um`` of None is the diameter `blurred_um`. The result is None if there is no additional light.
+        """
         if self.extra_light is None or self.blur is None or hole_um is None:
             return self.extra_light
         return self.extra_light + np.float32(hole_um**2 - self.blurred_um**2) * self.blur

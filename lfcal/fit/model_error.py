@@ -68,8 +68,8 @@ class ModelError:
     Attributes
     ----------
     squared, squared_sigma
-        Mean square residual of held-out patterns beyond their noise, as a fraction of their mean square, and its
-        standard deviation. For an incomplete model, all patterns are used.
+        Mean squared residual of the held-out patterns beyond their noise, divided by the mean square of these patterns,
+        and its standard deviation. For an incomplete model, all patterns are used.
     statistical
         Contribution of the errors of the unknowns (relative L2).
     patterns

@@ -23,16 +23,17 @@ class Columns:
     Attributes
     ----------
     shared
-        Derivatives by each unknown ``(k, n, m)``.
+        Derivatives with respect to each unknown, ``(k, n, m)``.
     displacements
-        Derivatives by the displacement (dy, dx) of each source ``(2, n, m)``; None if sources are not displaced.
+        Derivatives with respect to the displacement (dy, dx) of each source, ``(2, n, m)``; None if sources are not
+        displaced.
     """
 
     shared: F4
     displacements: F4 | None = None
 
     def with_others(self, others: Columns, which: Sequence[int]) -> Columns:
-        """Return the derivatives by the unknowns ``which`` from this object, and all others from ``others``."""
+        """Return the derivatives for the unknowns ``which`` from this object, and all others from ``others``."""
         shared = others.shared.copy()
         shared[list(which)] = self.shared[list(which)]
         return Columns(shared, self.displacements)
@@ -51,7 +52,7 @@ class Local:
     lamp
         Relative rms fluctuation of the lamp; 0: it is stable.
     response
-        Relative rms of the response of the pixels, which acts as noise proportional to the light.
+        Rms variation of the pixel response relative to its mean; it acts as noise proportional to the light.
     """
 
     offsets_px: F8
@@ -81,8 +82,9 @@ class Normal:
     chi2
         Sum of squares with unchanged shared unknowns, and with the unknowns of single patterns at their best values.
     solved
-        C^-1 B^T and C^-1 h of each pattern, with which the steps of its unknowns follow from the steps of the shared
-        ones.
+        C^-1 B^T and C^-1 h of each pattern. C is the block of N for its own unknowns, B the block that couples them to
+        the shared unknowns, and h their part of the gradient. For a step d of the shared unknowns, its own step is
+        ``C^-1 h - C^-1 B^T d``.
     """
 
     matrix: F8

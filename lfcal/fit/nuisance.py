@@ -131,12 +131,13 @@ def nuisance_steps(problem: Problem, point: Point, columns: Columns, keep: NDArr
 
 
 def response_of(problem: Problem, point: Point) -> Response:
-    """Return the relative rms of the response of the pixels, estimated from products of residuals at the same pixel.
+    """Return the relative rms variation of the pixel response, from products of residuals at the same pixel.
 
-    The residuals are ``r = g m + noise``. The product of two patterns ``i`` and ``j`` at a pixel has the mean ``g² m_i
-    m_j``, because their noise is independent. Errors of the model contribute if they agree between patterns, so the
-    result is limited to the value in the description of the camera. A result that is not significant is 0, with the
-    standard deviation from the patterns, or else from the description.
+    The residuals are ``r = g m + noise``, where g is the relative deviation of the response of the pixel, and m the
+    predicted light. The product of two patterns ``i`` and ``j`` at a pixel has the mean ``g² m_i m_j``, because their
+    noise is independent. Errors of the model contribute if they agree between patterns, so the result is limited to the
+    value in the description of the camera. A result that is not significant is 0, with the standard deviation from the
+    patterns, or else from the description.
     """
     measured = problem.measured
     described = measured.plan.camera.sensor.prnu**2

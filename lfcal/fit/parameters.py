@@ -285,7 +285,7 @@ class Vector:
         return setup
 
     def prior(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the prior precisions (1/sigma²) and the prior means as vectors in scales; precision 0: no prior."""
+        """Return the prior precisions (1/sigma²; 0: no prior) and prior means of ``u``, as vectors."""
         precision = [0.0 if one.sigma is None else (one.scale / one.sigma) ** 2 for one in self.unknowns]
         return np.array(precision), np.zeros(len(precision))
 

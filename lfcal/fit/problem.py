@@ -153,7 +153,7 @@ class Problem:
     def columns(
         self, point: Point, which: Sequence[int], note: str, *, displaced: bool, both: bool | None = None
     ) -> Work[Columns]:
-        """Compute the derivatives by the unknowns ``which`` and, if ``displaced``, by the displacement of each source.
+        """Compute the derivatives for the unknowns ``which`` and, if ``displaced``, for the displacements of sources.
 
         Derivatives are finite differences at the coarse sampling; yields progress in columns. With ``both``,
         differences are central; this is the default except at coarse points. One-sided differences contain a curvature

@@ -73,7 +73,7 @@ class StoredFit:
     stage_scale
         Relative error of the step length of the stage.
     response
-        Relative rms of the response of the pixels.
+        Rms variation of the pixel response, relative to its mean.
     travel_rad
         Tilt (down the rows, along the columns) of the travel of the source relative to the optical axis (rad).
     """

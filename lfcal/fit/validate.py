@@ -61,7 +61,8 @@ class PointError:
     place_px
         Row and column of the image of the source on the sensor.
     field
-        Distance from the middle of the sensor, where 1 is the edge.
+        Distance from the middle of the sensor along rows or columns, whichever is larger, as a fraction of half the
+        sensor's size; 1 at the edge.
     model
         Comparison with the prediction of the fitted camera at this position, with its relative error (L2).
     periodic
@@ -344,7 +345,8 @@ def iter_write_validation(
 ) -> Work[Validation]:
     """Validate a fit with `iter_validate`, write the result into the folder of the fit, and return it.
 
-    Numbers and plot are separate files, and the plot is added to the report. ``source`` is the name of the recording.
+    Numbers and plot are written to separate files, and the plot is added to the report. ``source`` is the name of the
+    recording.
     """
     found = yield from iter_validate(fit, withheld, another=another)
     numbers, picture = validation_outputs(folder)

@@ -113,7 +113,7 @@ class ChannelSource(SourceView):
         return replace(info, origin=place, drift=drift, label=f"{info.label} {self.channel}", mask=mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return the channel of frame ``index``, or its rows and columns ``region``."""
+        """Return the channel of frame ``index``, or the part of it in ``region`` (px of the channel)."""
         rows, columns = (
             # read the mosaic only from the first to the last pixel of the channel
             slice(start + self._step * part.start, start + self._step * (part.stop - 1) + 1)
@@ -122,7 +122,7 @@ class ChannelSource(SourceView):
         return np.ascontiguousarray(self.source.read(index, (rows, columns))[:: self._step, :: self._step])
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples of the channel in frame ``index``, or in its rows and columns ``region``."""
+        """Return the samples of the channel in frame ``index``, or those in ``region`` (px of the channel)."""
         return Frames.samples(self, index, region)
 
 
@@ -140,7 +140,7 @@ class OneColourSource(SourceView):
         self._mask[row::step, column::step] = True
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples of frame ``index``, or of its rows and columns ``region``; other colours are invalid."""
+        """Return the samples of frame ``index``, or of the part of it in ``region``; other colours are invalid."""
         return masked(self.source.samples(index, region), self._mask[region or whole(self.shape)])
 
 
@@ -178,7 +178,7 @@ class BalancedSource(SourceView):
         return replace(known, saturation=None, bit_depth=None, gains=None, balanced_by=self.gains)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
-        """Return frame ``index``, or its rows and columns ``region``, with balanced colours."""
+        """Return frame ``index``, or the part of it in ``region``, with balanced colours."""
         rows, columns = check_region(region or whole(self.shape), self.shape)
         part = self.source.read(index, (rows, columns)).astype(np.float32)
         # frames of a part of the sensor count the pattern from their first pixel, cutouts from that of the sensor
@@ -190,7 +190,7 @@ class BalancedSource(SourceView):
         return part
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the balanced samples of frame ``index`` or of its rows and columns ``region``.
+        """Return the balanced samples of frame ``index``, or of the part of it in ``region``.
 
         Saturation is determined from the values before balancing.
         """

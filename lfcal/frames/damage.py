@@ -22,7 +22,7 @@ BLOCK = 64
 
 @contextmanager
 def frame_errors(label: str, position: Position) -> Iterator[None]:
-    """Add the name and position of an unreadable frame to its error, and how to continue without the frame."""
+    """Context that adds the name and position of a frame, and a remedy, to the error if the frame is unreadable."""
     try:
         yield
     except (FileFormatError, StorageError) as error:
@@ -33,7 +33,10 @@ def frame_errors(label: str, position: Position) -> Iterator[None]:
 
 
 class SelectedSource(SourceView):
-    """The frames ``chosen`` (indices) of another source; those ``left_out`` are listed in its metadata."""
+    """View of another source that contains only the frames with the indices ``chosen``.
+
+    The metadata of the view list the frames ``left_out``.
+    """
 
     def __init__(self, source: FrameSource, chosen: NDArray[np.int64], left_out: tuple[LeftOut, ...]) -> None:
         super().__init__(source)

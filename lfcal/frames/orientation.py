@@ -137,8 +137,8 @@ def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
     """Return the orientation of frames whose image motion is closest to ``moves``, and the residual.
 
     The columns of ``moves`` ``(2, 2)`` are the observed motions (down, right; px) of the image for a planned motion of
-    one pixel down and of one pixel right. For upright frames, it is the unit matrix. The residual is the Frobenius norm
-    of the difference between ``moves`` and the matrix of the returned orientation.
+    one pixel down and of one pixel right. For upright frames, ``moves`` is the unit matrix. The residual is the
+    Frobenius norm of the difference between ``moves`` and the matrix of the returned orientation.
 
     Examples
     --------

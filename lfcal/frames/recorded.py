@@ -16,10 +16,10 @@ STAMP = 306
 
 
 def recorded_times(source: FolderSource) -> list[datetime | None]:
-    """Return the time of each frame of files: as its TIFF page states, else of its file; None if unknown.
+    """Return the time of each frame: that stated in its TIFF page, or else that of its file; None if unknown.
 
-    If one page states no time, times of files are used for all, because those are of another clock. Frames of a file
-    with several pages then have none.
+    If any page states no time, the times of the files are used for all frames, because they are from another clock.
+    Frames of a file with several pages then have no time.
     """
     entries = source.manifest.entries
     paths = [source.root / entry.file for entry in entries]

@@ -35,12 +35,12 @@ class SourceView(Frames):
 
     @cached_property
     def known(self) -> FrameMetadata:
-        """Facts about the viewed frames."""
+        """Metadata of the viewed frames."""
         return FrameMetadata.of(self.source.metadata)
 
     @cached_property
     def metadata(self) -> FrameMetadata:
-        """Facts about all frames, computed once."""
+        """Metadata common to all frames, computed once."""
         return self.derived(self.known)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:

@@ -75,7 +75,9 @@ class _Compared:
 
 
 def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> TurnedWhite | None:
-    """Return the orientations in which a white image matches ``camera``; None if it matches as delivered or in none.
+    """Return the orientations in which a white image matches ``camera``.
+
+    The result is None if it matches as delivered, or in no orientation.
 
     The comparison uses the order of the lens types, the rotation of the lattice, and its offset unless that is only
     assumed.

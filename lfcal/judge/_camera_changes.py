@@ -67,7 +67,7 @@ class Suspect:
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """Derivatives of patterns at unit gain by the unknowns of each suspect.
+    """Derivatives of patterns at unit gain with respect to the unknowns of each suspect.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Changes:
 
 
 def changes_of(camera: Behind, index: NDArray[np.intp], offsets_px: F8) -> Changes:
-    """Return the derivatives of patterns by all unknowns of a fit, in steps of each unknown."""
+    """Return the derivatives of patterns with respect to all unknowns of a fit, in steps of each unknown."""
     plan = camera.plan
     groups = [group.name for group in GROUPS if group.name not in OF_THE_SCAN and not (group.late or group.held)]
     vector = Vector(camera.setup, ScanScales.of(plan), groups)
@@ -146,7 +146,8 @@ class FrameResiduals:
     noise, weight
         Variance, and 1/sigma of each sample (0: no measurement).
     nuisance
-        Derivatives of each frame by nuisance parameters ``(n, j, m)``: gain, background, position of the source.
+        Derivatives of each frame with respect to nuisance parameters ``(n, j, m)``: gain, background, position of the
+        source.
     """
 
     residual: F8
@@ -307,7 +308,7 @@ class _Frames:
         return _State(u, offsets, left, float(residual @ residual))
 
     def columns(self, state: _State, own: Sequence[int]) -> F8:
-        """Return the derivatives ``(k, n, m)`` of the light by the unknowns ``own`` of the vector."""
+        """Return the derivatives ``(k, n, m)`` of the light with respect to the unknowns ``own`` of the vector."""
         vector, found = self.changes.vector, []
         for k in own:
             step = STEP if np.isclose(vector.clipped(_moved(state.u, k, STEP))[k], state.u[k] + STEP) else -STEP

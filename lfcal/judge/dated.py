@@ -169,7 +169,7 @@ def _when(data: Mapping[str, Any], path: Path) -> tuple[datetime, bool | None]:
 
 @dataclass(frozen=True, slots=True)
 class MetricValue:
-    """Value and merit of a metric in one session; the value is NaN if unknown."""
+    """Value of a metric in one session (NaN if unknown), and its rating, such as ``"good"``."""
 
     value: float
     merit: Merit
@@ -195,7 +195,7 @@ class DatedInspection:
         Name, time of the inspection (UTC), and whether this time is stated in the file; if not, it is the time of the
         file.
     verdict, merit
-        Verdict as a sentence, and merit as a word.
+        Verdict as a sentence, and rating as a word, such as ``"good"``.
     values, scales
         Value and scale of each metric by its key.
     faults

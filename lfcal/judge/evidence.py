@@ -302,7 +302,7 @@ class Evidence:
         return replace(self, model=model, columns=columns, starts=starts).with_data(self.data, self.valid)
 
     def corners(self) -> NDArray[np.intp]:
-        """Return the first pixel (row, column) of each cutout on the sensor, relative to that of H, ``(n, 2)``."""
+        """Return the first sensor pixel (row, column) of each cutout, relative to the first cutout of H, ``(n, 2)``."""
         return self.index[:, 1:].copy()
 
 

@@ -74,6 +74,19 @@ def object_error(
     """Compare the frame of a known object with its prediction by the H nearest to each point.
 
     Patterns are assumed to be periodic only from each point to the nearest region.
+
+    Parameters
+    ----------
+    places
+        Regions of the sensor with their H.
+    shot
+        Frame of the object with the dark level subtracted.
+    volume
+        The object, ``(nz, rows, columns)``, in any unit.
+    given
+        Constant and slope of the variance of a sample. None: as stated by the frame.
+    workers
+        Number of threads. None: all processors.
     """
     noise = given or shot.noise
     if noise is None:

@@ -27,7 +27,8 @@ class RegionLoss:
     anchors
         Sensor position (row, column) of position (0, 0) of each region, ``(n, 2)`` (pixels).
     error
-        ``|a / s - b| / |b|`` (L2) of each pattern at equal energy, ``(n, nz, ny, nx)``; NaN if not compared.
+        ``|a / s - b| / |b|`` (L2) for each pattern a and that of the first region b, ``(n, nz, ny, nx)``, where s makes
+        the energies equal; NaN if not compared.
     shift_px
         Root mean square of the shifts of the centroids ``(n,)`` (pixels).
     """

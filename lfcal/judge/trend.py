@@ -51,7 +51,7 @@ class CoursePoint:
     value, sigma
         The value and its standard deviation (NaN: unknown).
     merit
-        Merit of the value; "unknown" for parameters of a camera.
+        Rating of the value; "unknown" for parameters of a camera.
     compared
         Whether the value can be compared with the newest one.
     """
@@ -96,7 +96,7 @@ class Course:
     jumps
         Changes between consecutive sessions that exceed the limit.
     worse, better
-        Whether a parameter has changed or the newest merit is worse than the previous known one, and whether it is
+        Whether a parameter has changed or the newest rating is worse than the previous known one, and whether it is
         better.
     """
 
@@ -127,7 +127,7 @@ class Course:
         return any(one is not None and one.merit != "good" for one in self.points)
 
     def to_dict(self) -> dict[str, object]:
-        """Return the values and merits of a metric or a fault as plain JSON types."""
+        """Return the values and ratings of a metric or a fault as plain JSON types."""
         return {
             "key": self.name,
             "title": self.title,

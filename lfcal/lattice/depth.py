@@ -119,10 +119,10 @@ def iter_depth_map(
         by the focus of the camera's lenslets; without a camera, choose the method that explains more of the light in
         the middle of the frame.
     slopes
-        Smallest and largest slope to consider. None: those of the camera's lenslets, or the limits of the method
-        without a camera.
+        Smallest and largest slope to consider (see `sensor_slope`). None: those of the camera's lenslets, or the limits
+        of the method without a camera.
     radius_px
-        Radius of the micro-images (px). None: 0.45 of the pitch.
+        Radius of the micro-images (px). None: 0.45 times the pitch.
     workers
         Number of threads. None: one for each available CPU core.
 

@@ -103,7 +103,7 @@ def iter_elemental_depth(
     mask
         Boolean mask ``(rows, columns)``, true at pixels to leave out; None: all pixels are used.
     slopes
-        Smallest and largest slope to search; None: as far as the elemental images are blurred by less than 16 px.
+        Smallest and largest slope to search. None: the range in which elemental images are blurred by less than 16 px.
     workers
         Number of threads; None: one for each available CPU core.
 

@@ -267,7 +267,7 @@ def best_places(index: NDArray[np.intp], lattice: Array, measured: Array) -> Arr
 
     The estimate is the position in the lattice plus a fraction of the weighted mean deviation of the neighbours. The
     fraction is the part of this mean that is common to the neighbours (James and Stein 1961). If the deviations were
-    only scatter, the variance of the mean would be sum(w²)/sum(w)² times that of a single deviation.
+    only scatter, the variance of the mean with the weights w would be sum(w²)/sum(w)² times that of a single deviation.
 
     Parameters
     ----------

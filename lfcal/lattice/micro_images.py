@@ -80,31 +80,31 @@ class CameraLattice:
 
     @property
     def kind(self) -> str:
-        """``"square"`` or ``"hexagonal"``."""
+        """Kind of lattice: ``"square"`` or ``"hexagonal"``."""
         return self.camera.lattice.kind
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the sensor."""
+        """Shape ``(rows, columns)`` of the sensor (px)."""
         return self.camera.sensor.shape
 
     @property
     def pitch_px(self) -> float:
-        """Distance between neighbours along a row (pixels)."""
+        """Distance between adjacent micro-images along a row (px)."""
         return self.camera.pitch_px
 
     @property
     def row_pitch_px(self) -> float:
-        """Distance between neighbouring rows (pixels)."""
+        """Distance between adjacent rows of micro-images (px)."""
         return self.camera.lattice.row_step_um / self.camera.sensor.pixel_um
 
     @property
     def rotation_rad(self) -> float:
-        """Angle from the +x axis to a row (rad)."""
+        """Angle (rad) from the +x (column) axis to a row of micro-images, positive towards +y (down)."""
         return self.camera.lattice.rotation_rad
 
     def basis_px(self) -> Array:
-        """Return the lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
+        """Return the lattice vectors (x, y) as rows of a ``(2, 2)`` array (px): along a row, and to the next row."""
         return self.camera.lattice.basis_um() / self.camera.sensor.pixel_um
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
@@ -112,7 +112,7 @@ class CameraLattice:
         return self.camera.pixels(self.camera.periodic.centres_um(q, r))
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return fractional indices ``(..., 2)`` as (q, r) of image points: the inverse of `centres_px`."""
+        """Return the fractional indices (q, r), ``(..., 2)``, of points of the frame (px); inverse of `centres_px`."""
         points = np.stack(np.broadcast_arrays(np.asarray(row, float), np.asarray(column, float)), axis=-1)
         inverse = np.linalg.inv(self.basis_px())
         index: Array = (points - self.centres_px(0, 0))[..., ::-1] @ inverse
@@ -135,26 +135,26 @@ class CroppedLattice:
 
     @property
     def kind(self) -> str:
-        """``"square"`` or ``"hexagonal"``."""
+        """Kind of lattice: ``"square"`` or ``"hexagonal"``."""
         return self.whole.kind
 
     @property
     def pitch_px(self) -> float:
-        """Distance between neighbours along a row (pixels)."""
+        """Distance between adjacent micro-images along a row (px)."""
         return self.whole.pitch_px
 
     @property
     def row_pitch_px(self) -> float:
-        """Distance between neighbouring rows (pixels)."""
+        """Distance between adjacent rows of micro-images (px)."""
         return self.whole.row_pitch_px
 
     @property
     def rotation_rad(self) -> float:
-        """Angle from the +x axis to a row (rad)."""
+        """Angle (rad) from the +x (column) axis to a row of micro-images, positive towards +y (down)."""
         return self.whole.rotation_rad
 
     def basis_px(self) -> Array:
-        """Return the lattice vectors as rows (x, y): along a row, and to the next row (pixels)."""
+        """Return the lattice vectors (x, y) as rows of a ``(2, 2)`` array (px): along a row, and to the next row."""
         return self.whole.basis_px()
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
@@ -163,7 +163,7 @@ class CroppedLattice:
         return centres
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return fractional lattice indices ``(..., 2)`` as (q, r) of points on the frames."""
+        """Return the fractional lattice indices (q, r), ``(..., 2)``, of points of the frame (px)."""
         return self.whole.lenslet_at(np.asarray(row) + self.origin[0], np.asarray(column) + self.origin[1])
 
 

@@ -34,7 +34,11 @@ def stack_names(label: str, slopes: tuple[float, ...]) -> list[str]:
 
 
 def save_views(out: Path, label: str, colours: list[Views], times: int) -> None:
-    """Write all views as a stack ``(v, u, y, x)`` (t, z, y, x in ImageJ) and as a mosaic, and the central view."""
+    """Write all views as a stack ``(v, u, y, x)`` (t, z, y, x in ImageJ) and as a mosaic, and the central view.
+
+    ``label`` is part of the names of the files in the folder ``out``. ``colours`` contains the views of each colour
+    channel, and ``times`` is the factor by which the central view is enlarged.
+    """
     stack, mosaic, central = (out / name for name in view_names(label))
     images = _joined([np.where(one.mask, one.images, np.float32(np.nan)) for one in colours], 2)
     _save_stack(stack, images, "TZCYX" if len(colours) > 1 else "TZYX")

@@ -130,7 +130,8 @@ def score_of(patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, 
     patterns, frame, scene
         H, the frame, and the estimate of its object.
     derivatives
-        Derivatives of the expected frame by the unknowns ``(k, rows, columns)``, for the volume of the scene.
+        Derivatives of the expected frame with respect to the unknowns, ``(k, rows, columns)``, for the volume of the
+        scene.
     fields
         Dark fields ``(d, rows, columns)``, which are eliminated as well.
     """

@@ -71,9 +71,9 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 def iris_diameter_px(camera: Camera, z_um: float) -> float:
     """Return the diameter (pixels) of a circle with the area of the iris's shadow on the sensor.
 
-    A ray through point p of the iris that no lenslet deflects meets the sensor at ``p (a - B)/(b + a)``, relative to
-    the chief ray. Here a is the distance from the lenslet array to the image, B the gap between array and sensor, and b
-    the image distance of the main lens.
+    Without the lenslets, a ray through the point p of the iris would meet the sensor at ``p (a - B)/(b + a)``, relative
+    to the chief ray. Here p is measured from the centre of the iris (µm), a is the distance from the lenslet array to
+    the image, B the gap between array and sensor, and b the image distance of the main lens.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def noisy_sum(total: NDArray[np.float64], frames: int, sensor: Sensor, rng: np.r
     Parameters
     ----------
     total
-        Sum of the patterns, in units of the brightest pixel of a frame; that pixel reaches the fraction `FULL` of the
+        Sum of the patterns ``(rows, columns)``; 1 is the brightest pixel of a frame, with the fraction `FULL` of the
         full well.
     frames
         Number of frames in the sum.

@@ -35,7 +35,7 @@ PIXELS = 40_000_000
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error of the mean of increasing numbers of simulated frames, relative to the true light."""
+    """Yield the error of the mean of simulated frames, relative to the true light, for increasing numbers of frames."""
     plan = subject.planned
     patterns = yield from subject.iter_patterns()
     flat = np.maximum(patterns.values.reshape(-1, *plan.cutout), 0)
@@ -113,7 +113,7 @@ def _cut_off(camera: Camera) -> tuple[str, ...]:
 
 
 def expected_noise(light_e: NDArray[np.float32], noise: Noise, electrons_per_count: float, count: int) -> float:
-    """Return the mean absolute error of the mean of ``count`` frames, relative to the mean light.
+    """Return the mean absolute error of the mean of ``count`` frames, relative to the mean of ``light_e`` (electrons).
 
     The mean of n values with normal noise of variance v has the mean absolute error ``sqrt(2 v / (pi n))``. With few
     electrons, the noise is not normal, and the result is approximate.

@@ -46,7 +46,10 @@ ABOUT = 0.5
 
 @dataclass(frozen=True, eq=False)
 class PointByPoint:
-    """Both projections of some points as explicit sums in float64: ``f[p] = sum_v g[v] H[v mod n][p - v + c]``.
+    """Forward and back projection of some points as explicit sums in float64.
+
+    The image f of an object g is ``f[p] = sum_v g[v] H[(v - anchor) mod n][p - v + c]``. Here p is a pixel, v a
+    position, n the period, and c the central pixel of the cutout.
 
     Attributes
     ----------
@@ -63,7 +66,7 @@ class PointByPoint:
     shape: tuple[int, int]
 
     def pattern(self, voxel: tuple[int, int, int]) -> tuple[tuple[slice, slice], NDArray[np.float64]]:
-        """Return the slices of the image that the pattern of a voxel (z, y, x) covers, and that part of the pattern."""
+        """Return the part of the image (as slices) that the pattern of voxel (z, y, x) covers, and the values there."""
         z, y, x = voxel
         _, ny, nx, nt, ns = self.H.shape
         whole = np.asarray(self.H[z, (y - self.anchor[0]) % ny, (x - self.anchor[1]) % nx], np.float64)
@@ -73,7 +76,7 @@ class PointByPoint:
         return (rows, columns), whole[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
 
     def forward(self, voxels: list[tuple[int, int, int]], values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the image of an object with ``values`` ``(n,)`` at ``voxels`` and zeros elsewhere."""
+        """Return the image of an object with ``values`` ``(n,)`` at the n ``voxels`` (z, y, x), and zeros elsewhere."""
         out = np.zeros(self.shape)
         for voxel, value in zip(voxels, values, strict=True):
             where, pattern = self.pattern(voxel)
@@ -81,7 +84,7 @@ class PointByPoint:
         return out
 
     def adjoint(self, voxels: list[tuple[int, int, int]], image: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the back projection ``(n,)`` of ``image`` at ``voxels``."""
+        """Return the back projection ``(n,)`` of ``image`` ``(rows, columns)`` at the n ``voxels`` (z, y, x)."""
         found = [self.pattern(voxel) for voxel in voxels]
         return np.array([float((image[where] * pattern).sum()) for where, pattern in found])
 

@@ -25,7 +25,7 @@ SUBJECTS = {
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Suspected faults of one frame, with the findings that explain them; false in a condition if there are none."""
+    """Suspected faults of one frame, with the findings that explain them; falsy if there are none."""
 
     what: Suspicion = Suspicion.NONE
     findings: tuple[Finding, ...] = ()

@@ -179,7 +179,7 @@ class RecordingJournal:
                 raise
 
     def sync(self) -> None:
-        """Wait until all frames passed to `put` are on disk; StorageError if that fails or the file was removed."""
+        """Wait until all frames passed to `put` are on disk; raises `StorageError` if this fails."""
         try:
             sync_data(self._descriptor)
             # a removed file still accepts writes, which are lost when it is closed
@@ -211,7 +211,7 @@ class RecordingJournal:
 
 
 def read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
-    """Return ``size`` bytes of an open file at ``offset``; ``path`` is for messages."""
+    """Return ``size`` bytes of an open file at ``offset``; ``path`` names the file in error messages."""
     with storage_errors(path):
         data = read_bytes(descriptor, size, offset)
     if len(data) != size:

@@ -119,7 +119,7 @@ def _whole(
 
 
 class RecordingSource(Frames):
-    """Frame source for the acknowledged frames of a session; of repeated positions, the latest recording is used.
+    """Frame source for the frames of a session that are safe on disk; of a repeated position, the latest frame is used.
 
     Frames are cutouts, and `info` states their position on the sensor. ``metadata`` contains the session's ``plan``,
     the camera's bit depth and saturation, and the recorded ``darks``, by exposure time (s).
@@ -292,7 +292,7 @@ class RecordingSource(Frames):
         return np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples of frame ``index`` or of its rows and columns ``region``, with their validity and noise.
+        """Return the samples of frame ``index``, or of the part of it in ``region``, with their validity and noise.
 
         For a frame merged from several exposures, the number of saturated pixels is taken from its record.
         """
@@ -421,7 +421,7 @@ def _devices(devices: Devices) -> dict[str, Any]:
 
 
 class TargetRecording(RecordingSource):
-    """Frame source for the acknowledged frames of a session with a target, in the plan's order.
+    """Frame source for the frames of a session with a target that are safe on disk, in the plan's order.
 
     In a complete session, frame ``k`` is frame ``k`` of the plan; otherwise, `frames` states the plane and the offset
     number of each frame. The ``points`` of each frame are the positions nearest to its holes at the planned pose, in

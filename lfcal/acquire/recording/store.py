@@ -21,14 +21,14 @@ CHECKS = (Kind.REFERENCE, Kind.CONTROL)
 
 
 class Store:
-    """Open journals of one recording of a session; the `Sink` of its runner.
+    """Files of one recording of a session, open for writing; the `Sink` of its runner.
 
     Parameters
     ----------
     journals
-        Journals by kind of frame, for the files that are not packed; packed files are complete.
+        Files open for writing, by kind of frame. Packed files are complete, and are therefore absent.
     schedule
-        The steps.
+        Steps of the recording.
     taken
         For each kind, whether each slot contains an intact acknowledged frame. None: none does.
     earlier
@@ -121,7 +121,7 @@ class Store:
         self._sequence += 1
 
     def sync(self, kinds: set[Kind]) -> None:
-        """Wait until all frames of these kinds that were put are on disk."""
+        """Wait until all frames of these kinds that were passed to `put` are on disk."""
         # by identity, because reference and control frames share one journal
         for journal in {id(self._journals[kind]): self._journals[kind] for kind in kinds}.values():
             journal.sync()
@@ -157,7 +157,7 @@ def recording_bytes(schedule: Schedule, dtype: np.dtype[Any]) -> int:
 
 
 def files_of(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]]:
-    """Return number, shape and dtype of the frames in each kind's file; control frames are counted as references."""
+    """Return the number, shape and dtype of the frames in each kind's file; control frames count as references."""
     plans: dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]] = {}
     for kind, count, shape, sample in (
         (Kind.POSITION, schedule.count(Kind.POSITION), schedule.window, dtype),

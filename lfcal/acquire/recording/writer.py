@@ -21,14 +21,14 @@ __all__ = ["Acknowledged", "Sink", "Writer"]
 
 
 class Sink(Protocol):
-    """Protocol of a receiver of frames."""
+    """Protocol for a receiver of frames."""
 
     def put(self, step: ScheduledFrame, frame: NDArray[Any], note: Note) -> None:
         """Write a frame with its note, without waiting for the disk."""
         ...
 
     def sync(self, kinds: set[Kind]) -> None:
-        """Wait until all frames of these kinds that were put are on disk."""
+        """Wait until all frames of these kinds that were passed to `put` are on disk."""
         ...
 
 

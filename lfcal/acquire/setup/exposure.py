@@ -52,11 +52,11 @@ def iter_exposures(
     options: Options | None = None,
     control: Control | None = None,
 ) -> Work[tuple[float, ...]]:
-    """Measure a suitable exposure time (s) for every plane, from frames at four positions of the plane's cell.
+    """Measure a suitable exposure time (s) for every plane, from frames at four positions within one period.
 
-    Nothing is recorded, and the stage returns to its previous position. The positions are a corner, the middle, and
-    half-way along either side. At the returned exposure time, the peak of the brightest one is at the fraction
-    ``target`` of the range from the black level to saturation.
+    Nothing is recorded, and the stage returns to its previous position. The positions are a corner and the middle of a
+    period cell, and the middles of two of its sides. At the returned exposure time, the peak of the brightest one is at
+    the fraction ``target`` of the range from the black level to saturation.
 
     Parameters
     ----------

@@ -41,8 +41,8 @@ class OpticalAxis:
 def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     """Return the optical axis, computed from images of the source at several depths and lateral positions.
 
-    In each plane k, the image position is an affine function ``M_k p + t_k`` of the lateral position p. The matrix is
-    ``M_k``, the shift ``t_k``. The axis is the p at which all planes agree best (least squares).
+    In each plane k, the image position is an affine function ``M_k p + t_k`` of the lateral position p, with the matrix
+    ``M_k`` and the shift ``t_k``. The axis is the p at which all planes agree best (least squares).
 
     Parameters
     ----------

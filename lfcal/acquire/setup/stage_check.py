@@ -102,7 +102,7 @@ def _left_out(why: str) -> StageCheck:
 def iter_stage_check(
     rig: Rig, plan: ScanPlan | FramePlan, options: Options | None = None, control: Control | None = None
 ) -> Work[StageCheck]:
-    """Check the stage at five positions in the first and the last plane, with several visits to the middle of the cell.
+    """Check the stage at five positions in the first and the last plane, and visit the middle one several times.
 
     Nothing is recorded, and the stage returns to its previous position.
 

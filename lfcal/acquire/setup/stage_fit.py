@@ -241,8 +241,8 @@ def iter_stage_fit(
 ) -> Work[StageFit]:
     """Measure the motion of the image with the stage, in the middle and at the corners of a rectangle in plane ``z``.
 
-    The corners are whole periods away from the middle of the plane's cell, as in `places_about`. Nothing is recorded,
-    and the stage returns to its previous position.
+    The corners are whole periods away from the middle, as in `places_about`. Nothing is recorded, and the stage returns
+    to its previous position.
 
     Parameters
     ----------
@@ -285,7 +285,7 @@ def phase_drift(plan: ScanPlan) -> NDArray[np.float64]:
 
 
 def room(plan: ScanPlan) -> NDArray[np.intp]:
-    """Return by how many periods the middle cutout can move, ``((up, left), (down, right))``."""
+    """Return by how many periods the middle cutout can move on the sensor, ``((up, left), (down, right))``."""
     image, factors = plan.image_px([0, *(n // 2 for n in plan.period)]), np.array(plan.resample_factors)
     half, size = (np.array(plan.cutout) - 1) / 2 / factors, np.array(plan.camera.sensor.shape)
     periods = np.array(plan.period) / factors
@@ -295,7 +295,7 @@ def room(plan: ScanPlan) -> NDArray[np.intp]:
 def places_about(
     plan: ScanPlan, z: int, limits: Limits, overshoot_um: tuple[float, float, float]
 ) -> NDArray[np.float64]:
-    """Return five stage positions ``(5, 3)`` (µm): the middle of the cell in plane ``z``, and a rectangle around it.
+    """Return five stage positions ``(5, 3)`` (µm): the middle of a period in plane ``z``, and a rectangle around it.
 
     The corners are whole periods away from the middle, so that the pattern of the lenslets is the same there. The
     distance is three periods, or a tenth of the sensor if that is more. They are closer if the period was rounded, or
@@ -378,7 +378,7 @@ def depth_fit(
     Parameters
     ----------
     plan
-        The expected plan.
+        Plan with which the movement is compared.
     looks
         Measurements in the first and in the last plane.
     slope_error

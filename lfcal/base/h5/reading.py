@@ -207,9 +207,9 @@ class H5File:
         kinds
             Accepted kinds of numbers, as in numpy's ``dtype.kind``.
         finite
-            Whether to refuse NaN and infinity.
+            Whether to reject NaN and infinity.
         at_most
-            Largest accepted magnitude; NaN is refused as well.
+            Largest accepted magnitude; NaN is rejected as well. None: no limit.
         """
         data = self.dataset(name, max_bytes=1 << 32)
         if data.dtype.kind not in kinds or (shape is not None and data.shape != shape):
@@ -535,7 +535,7 @@ class Attributes:
     def numbers(self, key: str, lengths: tuple[int, ...]) -> NDArray[np.float64] | None:
         """Return an attribute that must be finite numbers; None if it is absent.
 
-        Their number must be one of ``lengths``; 1 also accepts a plain number.
+        Their number must be one of ``lengths``; if 1 is one of them, a scalar is accepted too.
         """
         value = self._get(key)
         if value is None:

@@ -23,7 +23,7 @@ WORKING_SHARE = 0.005
 
 
 def depth_scale(camera: Camera) -> float:
-    """Return the displacement of the source (µm) that moves its image by a fiftieth of the gap.
+    """Return the displacement of the source in depth (µm) that moves its image by a fiftieth of the gap.
 
     In a Fourier light-field microscope, the displacement moves the outermost elemental image by `IMAGES_PX`.
     """

@@ -131,7 +131,7 @@ class Law(Group):
 
 
 class SecondStop(Group):
-    """The rim that cuts the pupil as seen from off axis, if the setup has one."""
+    """Rim that vignettes the pupil away from the axis, if the setup has one."""
 
     name = "cats_eye"
     title = "position and radius of the rim that limits the pupil"

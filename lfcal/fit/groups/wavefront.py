@@ -75,9 +75,9 @@ class ThirdOrder(WavefrontGroup):
 class Defocus(WavefrontGroup):
     """Defocus of the wavefront, proportional to the square of the pupil radius.
 
-    For a main lens, defocus has the same effect as the distance of all planes, and is included in that distance. For
-    the wide pupil of an objective, defocus differs from a displacement of the planes, whose phase depends on the cosine
-    of the angle. For objectives, the fit therefore uses distance, depth in a specimen and spherical aberration instead.
+    For a main lens, defocus has the same effect as a common displacement of all planes, and is included in it. For the
+    wide pupil of an objective, defocus differs from a displacement of the planes, whose phase depends on the cosine of
+    the angle. For objectives, the fit therefore uses distance, depth in a specimen and spherical aberration instead.
     """
 
     held = True

@@ -214,12 +214,12 @@ class Dark:
 
 @dataclass(frozen=True, eq=False)
 class DarkSet:
-    """Subtract from each frame the dark that was recorded with its exposure.
+    """Correction that subtracts from each frame the dark frame recorded with the same exposure time.
 
     Attributes
     ----------
     darks
-        Dark frames by exposure (s).
+        Dark steps by exposure time (s).
     """
 
     darks: Mapping[float, Dark]
@@ -235,7 +235,7 @@ class DarkSet:
         return next(iter(self.darks.values())).shape
 
     def at(self, exposure_s: float | None) -> Dark:
-        """Return the dark with the exposure closest to ``exposure_s``; raises `InputError` if none is within 1 %."""
+        """Return the dark step for the exposure time ``exposure_s`` (s); raises `InputError` if none is within 1 %."""
         if exposure_s is None:
             # a single dark is used for frames without a stated exposure; among several, any choice could be wrong
             if len(self.darks) == 1:
@@ -263,7 +263,7 @@ class DarkSet:
 def white_gain(
     light: NDArray[np.float32], floor: float, cfa: str = ""
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the factors that flatten the white image ``light``, and a map of the pixels limited to ``1 / floor``.
+    """Return the factors that flatten the white image ``light``, and a mask of the pixels limited to ``1 / floor``.
 
     ``light`` is first divided by its 99th percentile, separately for each position of the pattern ``cfa``.
     """

@@ -54,7 +54,7 @@ def plan_of_list(
     depths_um
         Depths of the planes (µm) from the nearest to the farthest, if they are known more accurately.
     part
-        Position on the sensor of frames that show a part of it. None: whole frames.
+        Part of the sensor that the frames show. None: the whole sensor.
     settings
         Further arguments of `ScanPlan.for_camera`, such as cutout, anchor and order.
 

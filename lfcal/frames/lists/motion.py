@@ -40,11 +40,11 @@ class CentroidMotion:
     matrix
         ``(2, 2)``: pixels (row, column) per step along the first (column 0) and the second lateral axis (column 1).
     start
-        Row and column of the centroid at the first position along both axes.
+        Row and column of the centroid (px) at the first position along both axes.
     rms_px
         Rms distance of the centroids from the fitted motion, over the frames (px).
     middle
-        Row and column of the centroid at the middle of the positions.
+        Row and column of the centroid (px) at the middle of the positions.
     shape
         Rows and columns of the frames.
     """

@@ -56,7 +56,7 @@ class Placing:
     notes
         Notes on what was found, one line each.
     scales
-        Those of the notes that report differences of steps and plane distances from the plan.
+        Subset of ``notes`` that reports differences of steps and plane distances from the plan.
     """
 
     positions: NDArray[np.intp]
@@ -91,7 +91,7 @@ def place(
         ``"check"`` or ``"auto"``: frames may be flipped or turned, which is then not attributed to the stage's axes
         (`lfcal.frames.lists.motion`). Any other value: frames are upright as ``read`` returns them.
     part
-        Position on the sensor of frames that show a part of it. None: whole frames.
+        Part of the sensor that the frames show. None: the whole sensor.
 
     Raises
     ------

@@ -44,9 +44,9 @@ class SensorMeasurement:
     linearity
         Largest relative deviation of the signal from a straight line over exposure, between 5 and 95 % of saturation.
     prnu
-        Photo-response non-uniformity: rms of the pixels' responses relative to their mean.
+        Photo-response non-uniformity: rms variation of the pixels' responses, relative to their mean.
     dsnu_counts, dsnu_e
-        Dark-signal non-uniformity: rms of the pixels' offsets, in sample values and in electrons.
+        Dark-signal non-uniformity: rms variation of the pixels' offsets, in sample values and in electrons.
     dark_current_e_s
         Dark current (electrons per pixel and second).
     bits

@@ -55,7 +55,7 @@ def check_frame(
     name
         Name for messages.
     nan
-        ``"refuse"``: raise an error for NaN and infinity in frames of floats; ``"mask"``: accept them, and replace
+        ``"refuse"``: raise an error for NaN and infinity in floating-point frames; ``"mask"``: accept them, and replace
         infinity by NaN.
     blank
         ``"reject"``: raise an error for a frame with the same value in every pixel; ``"accept"``: allow it.

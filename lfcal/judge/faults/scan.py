@@ -46,7 +46,7 @@ DARK = 0.25
 
 
 class Moved(NamedTuple):
-    """Coefficients of a displacement by row, column and direction of the scan, with sigmas, and residuals ``(n,)``."""
+    """Coefficients of a displacement by row, column and scan direction, standard deviations, and residuals ``(n,)``."""
 
     terms: dict[str, tuple[float, float]]
     left: F8

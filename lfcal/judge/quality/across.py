@@ -139,9 +139,9 @@ def shadow_sizes(
     """Return the diameter of the shadow of the iris on the sensor for each plane ``(nz,)`` (pixels); NaN if unknown.
 
     Light through the iris reaches the sensor at r = P (1 - 1/v) - e B/f, where P is a point of the shadow at the
-    lenslets and e a point of a lenslet. Over a full cell, both are distributed independently. The second moment of a
-    depth-plane sum is therefore that of the shadow (D²/8 for a disc of diameter D) plus that of the lenslets. The
-    latter does not depend on depth.
+    lenslets, e a point of a lenslet, v the virtual depth, B the gap, and f the focal length of the lenslets. Over a
+    full cell, both are distributed independently. The second moment of a depth-plane sum is therefore that of the
+    shadow (D²/8 for a disc of diameter D) plus that of the lenslets. The latter does not depend on depth.
     """
     sizes = np.full(len(planes), math.nan)
     if camera is None:

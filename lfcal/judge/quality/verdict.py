@@ -18,9 +18,9 @@ PLACES = 3
 
 
 def merit_of(metric: Metric) -> Merit:
-    """Return the merit of an H according to a metric.
+    """Return the rating of an H according to a metric, such as ``"good"``.
 
-    A metric of single frames, which can be recorded again, counts by its cost.
+    A metric of single frames is rated by its cost, because these frames can be recorded again.
     """
     spec = metric.spec
     if metric.merit in ("bad", "fair") and spec.redo and spec.cost.per_frame and len(metric.positions):
@@ -29,7 +29,7 @@ def merit_of(metric: Metric) -> Merit:
 
 
 def merit_word(metric: Metric) -> str:
-    """Return the merit of a metric for a table, or "repeat" if H is good except for positions to record again."""
+    """Return the rating of a metric for a table, or "repeat" if H is good except for positions to record again."""
     return "repeat" if merit_of(metric) == "good" != metric.merit else metric.merit
 
 
@@ -74,7 +74,7 @@ def where(positions: Sequence[Sequence[int]], frames: int) -> str:
 
 
 def counted(metrics: Iterable[Metric]) -> dict[str, int]:
-    """Return the number of metrics of each merit, and of those that do not apply."""
+    """Return the number of metrics with each rating, and of those that do not apply."""
     found = dict.fromkeys(("bad", "fair", "good", "unknown", "not_applicable"), 0)
     for metric in metrics:
         found[merit_of(metric) if metric.applies else "not_applicable"] += 1
