@@ -50,9 +50,9 @@ made on purpose.
 """Start of the page that holds the tables of the tests."""
 
 ABOUT = """Every public name, by package. Names that you import from a package (`from lfcal.psf import ...`) have an
-example. The tests run each example, in a folder that holds the sample session
-(`session`), a session that lfcal recorded (`recorded`; both are in `sample_data`), and `H.h5`, the H that `lfcal demo`
-assembles."""
+example. The tests run each example in a folder with three entries: the sample session
+(`session`), a session that lfcal recorded (`recorded`; both are in `sample_data`), and the H of `lfcal demo`
+(`H.h5`)."""
 
 LATE = ("reference/", "changelog.md", "tests.md")
 """Pages that come after the guides in the search."""
