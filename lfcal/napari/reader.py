@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +27,9 @@ Layer = tuple[Any, dict[str, Any], str]
 """Data, keyword arguments and type of a napari layer."""
 
 H_AXES = ("z", "y", "x", "t", "s")
-MICROMETRE, PIXEL = "micrometer", "pixel"
+MICROMETRE, PIXEL, SECOND = "micrometer", "pixel", "second"
+
+Read = Callable[[Index], Any]
 
 
 def get_reader(path: str | Sequence[str]) -> Callable[[str | Sequence[str]], list[Layer]] | None:
@@ -54,7 +57,8 @@ def _read(path: str | Sequence[str]) -> list[Layer]:
 def read_layers(path: str | Path) -> list[Layer]:
     """Return the layers of an H or HT file, a recorded session, or a volume; values are loaded when displayed.
 
-    For an H file, a hidden layer with HT is added. A file with several regions of the field has one layer for each
+    Planes are in the order of increasing depth; the metadata ``planes`` of a layer lists their indices in the file. For
+    an H file, a hidden layer with HT is added. A file with several regions of the field has one layer for each
     region.
 
     Raises
@@ -106,14 +110,14 @@ def _matrices(source: Path) -> list[Layer]:
 
 
 def _matrix_layer(H: PSFMatrix, name: str, *, visible: bool) -> Layer:
-    known = _along_z(H.depths if H.camera is not None and H.knows_depths else None)
+    known = _along_z(len(H), H.depths if H.camera is not None and H.knows_depths else None)
     step, pixel = voxel_um(H), pixel_um(H)
     sides = (*(step or (1.0, 1.0)), *(pixel or (1.0, 1.0)))
     sides = (*sides[2:], *sides[:2]) if H.is_transposed else sides  # positions of HT are pixels
     unit = PIXEL if step is None or pixel is None else MICROMETRE
     middle = [n // 2 for n in H.shape[:3]]
-    depths = H.depths.tolist() if H.knows_depths else None
-    facts = {"anchor": H.anchor, "region": H.region, "path": H.path, "depths_um": depths}
+    depths = [float(H.depths[z]) for z in known.planes] if H.knows_depths else None
+    facts = {"anchor": H.anchor, "region": H.region, "path": H.path, "depths_um": depths, "planes": known.planes}
     words = {
         "name": name,
         "axis_labels": H_AXES,
@@ -125,7 +129,7 @@ def _matrix_layer(H: PSFMatrix, name: str, *, visible: bool) -> Layer:
         "visible": visible,
         "metadata": {"lfcal": facts},
     }
-    return Lazy(H.shape, H.dtype, H.__getitem__, H), words, "image"
+    return Lazy(H.shape, H.dtype, known.sorted(H.__getitem__), H), words, "image"
 
 
 # -- sessions --------------------------------------------------------------------------------------------
@@ -151,7 +155,7 @@ def _session(folder: Path) -> list[Layer]:
         stack = np.array(out, source.dtype).reshape(*(len(s) for s in spread), *frame)
         return stack[tuple(0 if isinstance(p, int) else slice(None) for p in picks)][..., rows, columns]
 
-    known = _along_z(np.asarray(plan.depths_um, np.float64))
+    known = _along_z(len(plan.depths_um), np.asarray(plan.depths_um, np.float64))
     step = plan.camera.step_um(float(np.median(plan.depths_um)))
     pixel = plan.camera.sensor.pixel_um
     words = {
@@ -161,9 +165,16 @@ def _session(folder: Path) -> list[Layer]:
         "translate": (known.start, *(0.0,) * 4),
         "units": (MICROMETRE,) * 5,
         "contrast_limits": _limits(_whole(source, len(source) // 2)),
-        "metadata": {"lfcal": {"path": str(folder), "depths_um": list(plan.depths_um), "frames": len(source)}},
+        "metadata": {
+            "lfcal": {
+                "path": str(folder),
+                "depths_um": [plan.depths_um[z] for z in known.planes],
+                "planes": known.planes,
+                "frames": len(source),
+            }
+        },
     }
-    return [(Lazy((*plan.shape[:3], *frame), source.dtype, read, source), words, "image")]
+    return [(Lazy((*plan.shape[:3], *frame), source.dtype, known.sorted(read), source), words, "image")]
 
 
 def _whole(source: RecordingSource, k: int) -> NDArray[Any]:
@@ -181,32 +192,40 @@ def _volume(source: Path) -> list[Layer]:
     file = H5File(source)
     try:
         data = file.dataset(DATASET)
-        depths = file.values("depths", (data.shape[-3],), finite=True) if "depths" in file else None
-        sides = file.attributes().numbers("voxel_um", (2,))
+        own: dict[str, Any] = {
+            name: None if found is None else found.tolist()
+            for name, found in (
+                ("depths_um", file.values("depths", (data.shape[-3],), finite=True) if "depths" in file else None),
+                ("times_s", file.values("times", finite=True) if "times" in file else None),
+                ("voxel_um", file.attributes().numbers("voxel_um", (2,))),
+                ("origin_um", file.attributes().numbers("origin_um", (2,))),
+            )
+        }
         known = file.attributes().plain()
     except BaseException:
         file.close()
         raise
-    words = _volume_words(source, data.ndim, depths, None if sides is None else tuple(map(float, sides)), known)
+    words, along = _volume_words(source, data.shape, own, known)
     words["contrast_limits"] = _limits(data.read((*(n // 2 for n in data.shape[:-2]),)))
-    return [(Lazy(data.shape, data.dtype, data.read, file), words, "image")]
+    return [(Lazy(data.shape, data.dtype, along.sorted(data.read, data.ndim - 3), file), words, "image")]
 
 
 def _ome_zarr(source: Path) -> list[Layer]:
     array, image, own = open_ome_zarr(source)
-    depths = own.get("depths_um")
-    words = _volume_words(source, array.ndim, depths, None, own)
+    words, along = _volume_words(source, array.shape, own, own)
     placed = {one.get("type"): one for one in image["datasets"][0].get("coordinateTransformations", ())}
-    if "scale" in placed:
-        words["scale"] = tuple(map(float, placed["scale"]["scale"]))
-    if "translation" in placed:
-        words["translate"] = tuple(map(float, placed["translation"]["translation"]))
+    z = array.ndim - 3
+    for name, key in (("scale", "scale"), ("translate", "translation")):
+        if kind := placed.get(key):
+            stated = list(map(float, kind[key]))
+            # files of earlier versions with decreasing depths state no correct start
+            words[name] = (*stated[:z], words[name][z], *stated[z + 1 :])
     axes = [axis for axis in image.get("axes", ()) if isinstance(axis, dict)]
     if len(axes) == array.ndim:
         words["axis_labels"] = tuple(str(axis.get("name")) for axis in axes)
         words["units"] = tuple(str(axis.get("unit", PIXEL)) for axis in axes)
     words["contrast_limits"] = _limits(np.asarray(array[tuple(n // 2 for n in array.shape[:-2])]))
-    return [(Lazy(array.shape, array.dtype, partial(_piece, array), array), words, "image")]
+    return [(Lazy(array.shape, array.dtype, along.sorted(partial(_piece, array), z), array), words, "image")]
 
 
 def _piece(array: Any, index: Index) -> NDArray[Any]:
@@ -214,35 +233,65 @@ def _piece(array: Any, index: Index) -> NDArray[Any]:
 
 
 def _volume_words(
-    source: Path, ndim: int, depths: Any, sides: tuple[float, ...] | None, known: dict[str, Any]
-) -> dict[str, Any]:
-    """Return the keyword arguments of a layer of volumes with the axes (t), z, y, x."""
-    along = _along_z(None if depths is None else np.asarray(depths, np.float64))
-    time = ndim - 3
-    return {
+    source: Path, shape: tuple[int, ...], own: Mapping[str, Any], known: Mapping[str, Any]
+) -> tuple[dict[str, Any], _AlongZ]:
+    """Return the keyword arguments of a layer of volumes with the axes (t), z, y, x, and its planes."""
+    depths, times, sides = own.get("depths_um"), own.get("times_s"), own.get("voxel_um")
+    along = _along_z(shape[-3], None if depths is None else np.asarray(depths, np.float64))
+    first, step = (0.0, 1.0) if not times else (times[0], float(np.diff(times).mean()) if len(times) > 1 else 1.0)
+    n = len(shape)
+    words = {
         "name": source.name.removesuffix(".zarr").removesuffix(".ome").removesuffix(".h5"),
-        "axis_labels": ("t", *H_AXES[:3])[-ndim:],
-        "scale": (*(1.0,) * time, along.step, *(sides or (1.0, 1.0))),
-        "translate": (*(0.0,) * time, along.start, 0.0, 0.0),
-        "units": (*(PIXEL,) * time, along.unit, *((PIXEL if sides is None else MICROMETRE,) * 2)),
-        "metadata": {"lfcal": known | ({} if depths is None else {"depths_um": [float(z) for z in depths]})},
+        "axis_labels": ("t", *H_AXES[:3])[-n:],
+        "scale": (step, along.step, *(sides or (1.0, 1.0)))[-n:],
+        "translate": (first, along.start, *((own.get("origin_um") if sides else None) or (0.0, 0.0)))[-n:],
+        "units": (SECOND if times else PIXEL, along.unit, *((PIXEL if sides is None else MICROMETRE,) * 2))[-n:],
+        "metadata": {
+            "lfcal": {**known, "planes": along.planes}
+            | ({} if depths is None else {"depths_um": [float(depths[z]) for z in along.planes]})
+        },
     }
+    return words, along
 
 
+@dataclass(frozen=True)
 class _AlongZ:
-    """Position and spacing of the planes for napari, which accepts a single spacing for all of them."""
+    """Position and spacing of the planes for napari, which assumes one spacing and increasing depths.
 
-    def __init__(self, step: float, start: float, unit: str) -> None:
-        self.step, self.start, self.unit = step, start, unit
+    ``planes`` are the planes of the file from the smallest depth to the largest.
+    """
+
+    planes: list[int]
+    step: float = 1.0
+    start: float = 0.0
+    unit: str = PIXEL
+
+    def sorted(self, read: Read, axis: int = 0) -> Read:
+        """Return ``read`` for the planes, along ``axis``, in the order of `planes`."""
+        if self.planes == list(range(len(self.planes))):
+            return read
+
+        def read_sorted(index: Index) -> NDArray[Any]:
+            before, part, after = index[:axis], index[axis], index[axis + 1 :]
+            if isinstance(part, int):
+                return np.asarray(read((*before, self.planes[part], *after)))
+            # the axis of the planes follows those of slices
+            at = sum(isinstance(one, slice) for one in before)
+            if not (picked := self.planes[part]):
+                return np.asarray(read((*before, slice(0, 0), *after)))
+            return np.stack([read((*before, z, *after)) for z in picked], at)
+
+        return read_sorted
 
 
-def _along_z(depths: NDArray[np.float64] | None) -> _AlongZ:
-    """Return the mean spacing of the planes, and the position of the first if they are sorted; metadata has all."""
-    if depths is None or not len(depths):
-        return _AlongZ(1.0, 0.0, PIXEL)
-    steps = np.diff(depths)
-    step = float(np.abs(steps).mean()) if len(steps) else 1.0
-    return _AlongZ(step or 1.0, float(depths[0]) if (steps > 0).all() else 0.0, MICROMETRE)
+def _along_z(planes: int, depths: NDArray[np.float64] | None) -> _AlongZ:
+    """Return the planes by increasing depth, their mean spacing and the position of the first."""
+    if depths is None:
+        return _AlongZ(list(range(planes)))
+    order = np.argsort(depths, kind="stable")
+    steps = np.diff(depths[order])
+    step = float(steps.mean()) if len(steps) else 1.0
+    return _AlongZ(order.tolist(), step or 1.0, float(depths[order[0]]), MICROMETRE)
 
 
 def _limits(values: NDArray[Any]) -> tuple[float, float]:

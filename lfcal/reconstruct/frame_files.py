@@ -274,10 +274,14 @@ def saving(
             yield lambda _, volume, known: add(nothing if volume is None else placed(volume))
         return
 
+    times_of = dict(zip(targets, times_s, strict=True))
+
     def save(name: str, volume: NDArray[Any] | None, known: Mapping[str, Any]) -> None:
         if volume is None:
             return
-        facts = VolumeFacts(depths, voxel, {**details, "frame": name, **known}, origin)
+        time = times_of[name]
+        times = None if time is None else [time]
+        facts = VolumeFacts(depths, voxel, {**details, "frame": name, **known}, origin, times)
         with write_volumes(targets[name], shape, facts) as add:
             add(placed(volume))
 

@@ -4,6 +4,9 @@ OME-Zarr is written in version 0.4 of the layout (https://ngff.openmicroscopy.or
 Fiji (n5-ij, MoBIE, BigDataViewer) and the web viewers open. Fewer programs read version 0.5 (zarr format 3): napari's
 plug-in needs ome-zarr 0.12 for it, and MoBIE does not support it. Chunks are compressed with zlib, for which no reader
 needs an additional library. Both versions can be read.
+
+TIFF and OME-Zarr readers know one spacing of the planes, and assume increasing depths. These files therefore contain
+the planes from the smallest depth to the largest, and `load_volume` returns them in their original order.
 """
 
 from __future__ import annotations
@@ -11,9 +14,9 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 from xml.etree import ElementTree
@@ -25,6 +28,7 @@ from lfcal.base import (
     MAX_EXPANSION,
     FileFormatError,
     InputError,
+    LfcalError,
     StorageError,
     any_of,
     check_writable,
@@ -88,6 +92,12 @@ VERSION = "0.4"
 
 LFCAL_KEY = "lfcal"
 """Attribute of the folder for metadata outside the layout: depth of every plane, and details."""
+
+STORED = "stored_planes"
+"""Entry of the details: index in the volume of each plane of the file. Without it, both have the same order."""
+
+KNOWN = ("depths_um", "voxel_um", "origin_um", "times_s")
+"""Fields of `VolumeFacts`, by their names in the metadata of lfcal."""
 
 LEVEL = "0"
 """Name of the array; there is only one resolution."""
@@ -154,32 +164,24 @@ def _attributes(target: Path, facts: VolumeFacts) -> dict[str, Any]:
     """Return the metadata of the folder's array: axes, sizes in micrometres, and entries of lfcal."""
     scale, start = [1.0, 1.0, 1.0, 1.0], [0.0, 0.0, 0.0, 0.0]
     known: set[str] = set()
-    depths = None if facts.depths_um is None else np.asarray(facts.depths_um, np.float64)
-    if depths is not None and len(depths) > 1:
-        # one spacing for all: the mean if planes are uneven; lfcal's attributes contain the depths
-        scale[1] = float(np.abs(np.diff(depths)).mean()) or 1.0
-    if depths is not None and len(depths):
+    if facts.depths_um is not None:
         known.add("z")
-        # readers assume increasing depths, so planes from far to near have no correct start
-        start[1] = float(depths[0]) if (np.diff(depths) > 0).all() else 0.0
+        # one spacing for all: the mean if planes are uneven; lfcal's attributes contain the depths
+        scale[1], start[1] = _step(facts.depths_um), float(facts.depths_um[0])
     if facts.voxel_um is not None:
         known |= {"y", "x"}
         scale[2:] = map(float, facts.voxel_um)
         start[2:] = map(float, facts.origin_um or (0.0, 0.0))
-    if facts.times_s is not None and len(facts.times_s) > 1:
+    if facts.times_s is not None:
         known.add("t")
-        scale[0] = float(np.diff(facts.times_s).mean())
+        scale[0], start[0] = _step(facts.times_s), float(facts.times_s[0])
     units = {"t": "second", "z": "micrometer", "y": "micrometer", "x": "micrometer"}
     axes = [{"name": name, "type": kind} | ({"unit": units[name]} if name in known else {}) for name, kind in AXES]
     placed: list[dict[str, Any]] = [{"type": "scale", "scale": scale}]
     if any(start):
         placed.append({"type": "translation", "translation": start})
     name = target.name.removesuffix(".zarr").removesuffix(".ome")
-    own: dict[str, Any] = {"version": 1, "details": json.loads(json.dumps(facts.details))}
-    if depths is not None:
-        own["depths_um"] = depths.tolist()
-    if facts.times_s is not None:
-        own["times_s"] = list(facts.times_s)
+    own = {"version": 1, "details": json.loads(json.dumps(facts.details)), **_known(facts)}
     image = {
         "version": VERSION,
         "name": name,
@@ -189,11 +191,49 @@ def _attributes(target: Path, facts: VolumeFacts) -> dict[str, Any]:
     return {"multiscales": [image], LFCAL_KEY: own}
 
 
+def _step(values: ArrayLike) -> float:
+    """Return the mean distance between successive values; 1 if there is none."""
+    steps = np.diff(np.asarray(values, np.float64))
+    return (float(np.abs(steps).mean()) if len(steps) else 0.0) or 1.0
+
+
+def _known(facts: VolumeFacts) -> dict[str, Any]:
+    """Return the known depths, sizes, origin and times as JSON types."""
+    values = {name: getattr(facts, name) for name in KNOWN}
+    return {name: np.asarray(value, np.float64).tolist() for name, value in values.items() if value is not None}
+
+
+def _facts(own: Mapping[str, Any], details: Mapping[str, Any]) -> VolumeFacts:
+    """Return the facts with the names of `KNOWN` in ``own``, by the order of the volume."""
+    depths, voxel, origin, times = (None if own.get(name) is None else np.asarray(own[name], float) for name in KNOWN)
+    rest = dict(details)
+    if depths is not None and (stored := rest.pop(STORED, None)) is not None:
+        depths = depths[_original(stored, len(depths))]
+
+    def pair(values: NDArray[np.float64] | None) -> tuple[float, float] | None:
+        if values is None:
+            return None
+        row, column = np.broadcast_to(values, 2).tolist()  # one number: both are equal
+        return row, column
+
+    return VolumeFacts(depths, pair(voxel), rest, pair(origin), None if times is None else times.tolist())
+
+
+def _original(stored: Any, planes: int) -> NDArray[np.intp]:
+    """Return the index in the file of each plane of the volume."""
+    order = np.asarray(stored)
+    if order.shape != (planes,) or order.dtype.kind != "i" or (np.sort(order) != np.arange(planes)).any():
+        raise ValueError(f"{STORED} is no order of {planes} planes")
+    return np.argsort(order)
+
+
 @contextmanager
 def _understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
     """Convert errors of the disk to `StorageError`, and all others to `FileFormatError`."""
     try:
         yield
+    except LfcalError:
+        raise
     except Exception as error:  # zarr and its codecs raise various errors for other folders
         if isinstance(error, OSError) and error.errno is not None:
             raise StorageError(storage_words(error, source)) from error
@@ -264,6 +304,9 @@ def read_ome_zarr(source: Path) -> NDArray[np.float32]:
 SUFFIXES = (".tif", ".tiff", ".h5", ".hdf5", ".npy", ".zarr")
 """File types of volumes."""
 
+IMAGEJ_BYTES = 3 << 30
+"""Largest size of a TIFF in the format of ImageJ, which is limited to 4 GB, and of one without 64-bit offsets."""
+
 DATASET = "volume"
 """Name of the volumes in an HDF5 file."""
 
@@ -293,6 +336,7 @@ def save_volume(
     *,
     depths_um: ArrayLike | None = None,
     voxel_um: float | tuple[float, float] | None = None,
+    origin_um: tuple[float, float] | None = None,
     details: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a volume as float32; the suffix of ``path`` selects the format.
@@ -300,15 +344,18 @@ def save_volume(
     Parameters
     ----------
     path
-        File to write: ``.tif`` (a stack for ImageJ, with z spacing and voxel size in µm), ``.ome.tif`` (OME-TIFF, with
-        the depth of each plane), ``.ome.zarr`` (an OME-Zarr folder; requires the library zarr), ``.h5`` (dataset
-        ``volume``, axes z, y, x, with ``depths``), or ``.npy``.
+        File to write: ``.tif`` (a stack for ImageJ), ``.ome.tif`` (OME-TIFF, with the depth of each plane),
+        ``.ome.zarr`` (an OME-Zarr folder; requires the library zarr), ``.h5`` (dataset ``volume``, axes z, y, x, with
+        ``depths``), or ``.npy`` (values only). TIFF and OME-Zarr files contain the planes in the order of increasing
+        depth.
     volume
         Volume ``(nz, Y, X)``.
     depths_um
         Depth of each plane (µm), ``(nz,)``. None: unknown.
     voxel_um
         Lateral voxel size in object space (µm): one number, or (y, x). None: unknown.
+    origin_um
+        Position (y, x) of the centre of the first voxel relative to the optical axis (µm). None: unknown.
     details
         Further metadata to store, by name, as plain JSON types.
 
@@ -333,7 +380,7 @@ def save_volume(
         raise InputError.expected("volume", "three axes (z, y, x)", f"shape {data.shape}", "add the missing axis")
     depths = None if depths_um is None else np.asarray(depths_um, np.float64)
     sides = (voxel_um, voxel_um) if isinstance(voxel_um, int | float) else voxel_um
-    facts = VolumeFacts(depths, sides, dict(details or {}))
+    facts = VolumeFacts(depths, sides, dict(details or {}), origin_um)
     with write_volumes(path, data.shape, facts) as add:
         add(data)
 
@@ -357,15 +404,24 @@ def write_volumes(
     Raises
     ------
     InputError, StorageError
-        If the suffix is unknown, or the file cannot be written; no incomplete file remains.
+        If the suffix or the number of depths or times is wrong, or the file cannot be written; no incomplete file
+        remains.
     """
     target = check_suffix(path)
+    series = shape[0] if len(shape) > 3 else 1
+    for what, values, count in (("depths", facts.depths_um, shape[-3]), ("times", facts.times_s, series)):
+        if values is not None and len(values) != count:
+            raise InputError.expected(f"{what} of the volume", count, len(values), "give one for each")
     require_space(target.parent, 4 * math.prod(shape) + (1 << 16), what="the volume")
+    kind = target.suffix.lower()
     usual = _ome_tiff if is_ome(target) else _tiff
     own = {".npy": _npy, ".h5": _h5, ".hdf5": _h5, ".zarr": write_ome_zarr}
-    make = own.get(target.suffix.lower(), usual)
-    with make(target, shape, facts) as add:
-        yield add
+    depths, order = facts.depths_um, None
+    if depths is not None and (np.diff(depths) < 0).any() and kind not in (".npy", ".h5", ".hdf5"):
+        order = np.argsort(depths, kind="stable")
+        facts = replace(facts, depths_um=depths[order], details={**facts.details, STORED: order.tolist()})
+    with own.get(kind, usual)(target, shape, facts) as add:
+        yield add if order is None else lambda volume: add(volume[order])
 
 
 @contextmanager
@@ -383,16 +439,21 @@ def _append(file: BinaryIO, volume: NDArray[np.float32]) -> None:
 def _tiff(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Callable[[NDArray[np.float32]], None]]:
     import tifffile
 
-    axes = "TZYX"[-len(shape) :]
-    # ImageJ supports one spacing, so the depths of planes are stated separately
-    depths = {} if facts.depths_um is None else {"depths_um": [float(z) for z in facts.depths_um]}
-    metadata: dict[str, Any] = {"axes": axes, "unit": "um", "lfcal": json.dumps({**facts.details, **depths})}
-    if facts.depths_um is not None and len(facts.depths_um) > 1:
-        # ImageJ uses one spacing for the whole stack: the mean if planes are uneven
-        metadata["spacing"] = float(np.abs(np.diff(facts.depths_um)).mean())
+    # ImageJ knows one spacing of planes and frames, so the depths and times are stated separately
+    own = json.dumps({**facts.details, **_known(facts)})
+    metadata: dict[str, Any] = {"axes": "TZYX"[-len(shape) :], "unit": "um", "lfcal": own}
+    if facts.depths_um is not None:
+        metadata["spacing"] = step = _step(facts.depths_um)
+        # ImageJ counts its origin in voxels, from the first one
+        metadata["zorigin"] = -float(facts.depths_um[0]) / step
+    if facts.times_s is not None and len(facts.times_s) > 1:
+        metadata |= {"finterval": _step(facts.times_s), "tunit": "s"}
     # TIFF has x first
     resolution = None if facts.voxel_um is None else (1 / facts.voxel_um[1], 1 / facts.voxel_um[0])
-    big = 4 * math.prod(shape) > 3 << 30  # the ImageJ format is limited to 4 GB
+    if facts.voxel_um is not None and facts.origin_um is not None:
+        pairs = zip("yx", facts.origin_um, facts.voxel_um, strict=True)
+        metadata |= {f"{axis}origin": -start / side for axis, start, side in pairs}
+    big = 4 * math.prod(shape) > IMAGEJ_BYTES
     with replace_whole(target) as part, part.open("r+b") as file:
         # allocated first and filled in order, so that a time series is never in memory as a whole
         place = tifffile.imwrite(
@@ -421,22 +482,25 @@ def is_ome(path: Path) -> bool:
 def _ome_tiff(
     target: Path, shape: tuple[int, ...], facts: VolumeFacts
 ) -> Iterator[Callable[[NDArray[np.float32]], None]]:
-    """Write the metadata that OME readers need: sizes in µm, and the depth of every plane (`PositionZ`)."""
+    """Write the metadata that OME readers need: sizes in µm, and position and time of every plane.
+
+    `PositionX` and `PositionY` are those of the centre of the first voxel.
+    """
     import tifffile
 
     metadata: dict[str, Any] = {"axes": "TZYX"[-len(shape) :], "MapAnnotation": {"lfcal": json.dumps(facts.details)}}
     if facts.voxel_um is not None:
         for axis, side in zip("YX", facts.voxel_um, strict=True):
             metadata |= {f"PhysicalSize{axis}": side, f"PhysicalSize{axis}Unit": "µm"}
-    if facts.depths_um is not None:
-        depths = [float(z) for z in facts.depths_um]
-        frames = math.prod(shape) // math.prod(shape[-3:])
-        metadata["Plane"] = {"PositionZ": depths * frames, "PositionZUnit": ["µm"] * (len(depths) * frames)}
-        steps = np.diff(depths)
-        if len(steps):
-            # one spacing for all: the mean if planes are uneven; the depths are stated separately
-            metadata |= {"PhysicalSizeZ": float(np.abs(steps).mean()), "PhysicalSizeZUnit": "µm"}
-    big = 4 * math.prod(shape) > 3 << 30
+    series = math.prod(shape) // math.prod(shape[-3:])
+    if facts.depths_um is not None and len(facts.depths_um) > 1:
+        # one spacing for all: the mean if planes are uneven; the depths are stated separately
+        metadata |= {"PhysicalSizeZ": _step(facts.depths_um), "PhysicalSizeZUnit": "µm"}
+    if facts.times_s is not None and len(facts.times_s) > 1:
+        metadata |= {"TimeIncrement": _step(facts.times_s), "TimeIncrementUnit": "s"}
+    if planes := _ome_planes(facts, series, shape[-3]):
+        metadata["Plane"] = planes
+    big = 4 * math.prod(shape) > IMAGEJ_BYTES
     with replace_whole(target) as part, part.open("r+b") as file:
         place = tifffile.imwrite(
             file,
@@ -452,6 +516,19 @@ def _ome_tiff(
         assert place is not None  # because the samples are contiguous
         file.seek(place[0])
         yield lambda volume: _append(file, volume)
+
+
+def _ome_planes(facts: VolumeFacts, series: int, planes: int) -> dict[str, Any]:
+    """Return the attributes of all planes, by time and then by depth."""
+    said: dict[str, list[float]] = {}
+    if facts.depths_um is not None:
+        said["PositionZ"] = [float(z) for z in facts.depths_um] * series
+    if facts.origin_um is not None:
+        said |= {f"Position{axis}": [at] * (series * planes) for axis, at in zip("YX", facts.origin_um, strict=True)}
+    if facts.times_s is not None:
+        said["DeltaT"] = [float(t) for t in facts.times_s for _ in range(planes)]
+    units = {f"{name}Unit": ["s" if name == "DeltaT" else "µm"] * len(values) for name, values in said.items()}
+    return {**said, **units}
 
 
 @contextmanager
@@ -476,12 +553,39 @@ def _h5(target: Path, shape: tuple[int, ...], facts: VolumeFacts) -> Iterator[Ca
             file.create_dataset("depths", data=facts.depths_um).attrs["unit"] = "um"
         if facts.voxel_um is not None:
             file.attrs["voxel_um"] = facts.voxel_um
+        if facts.origin_um is not None:
+            file.attrs["origin_um"] = facts.origin_um
+        if facts.times_s is not None:
+            file.create_dataset("times", data=np.asarray(facts.times_s, np.float64)).attrs["unit"] = "s"
+        _mark_plot(file, shape, facts)
         places = iter([...] if len(shape) == 3 else range(shape[0]))
 
         def add(volume: NDArray[np.float32]) -> None:
             stored[next(places)] = volume
 
         yield add
+
+
+def _mark_plot(file: Any, shape: tuple[int, ...], facts: VolumeFacts) -> None:
+    """Make the volumes the default plot of NeXus viewers, with axes in µm and s where they are known."""
+    file.attrs.update({"NX_class": "NXroot", "default": "entry"})
+    entry = file.create_group("entry")
+    entry.attrs.update({"NX_class": "NXentry", "default": "data"})
+    data = entry.create_group("data")
+    data[DATASET] = file[DATASET]
+    names = ("times", "depths", "y", "x")[-len(shape) :]
+    starts = facts.origin_um or (0.0, 0.0)
+    for k, name in enumerate(names):
+        unit = "s" if name == "times" else "um"
+        if name in file:  # a hard link, because soft links are refused when the file is opened
+            data[name] = file[name]
+        elif name in "yx" and facts.voxel_um is not None:
+            data[name] = starts["yx".index(name)] + facts.voxel_um["yx".index(name)] * np.arange(shape[k])
+        else:
+            data[name], unit = np.arange(shape[k]), ""
+        data[name].attrs.update({"units": unit, "long_name": f"{name} ({unit})" if unit else name})
+    data.attrs.update({"NX_class": "NXdata", "signal": DATASET, "axes": list(names)})
+    data.attrs.update({f"{name}_indices": np.int32(k) for k, name in enumerate(names)})
 
 
 def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
@@ -515,66 +619,95 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
         volume = volume[None]
     if volume.ndim != 3:
         raise InputError.expected(str(source), "a volume (z, y, x)", f"shape {volume.shape}", "choose another file")
-    return volume
+    with _understood(source, "metadata of a volume", "copy the file again"):
+        stored = _said(source)[1].get(STORED)
+        return volume if stored is None else volume[_original(stored, len(volume))]
 
 
 def volume_facts(path: str | os.PathLike[str]) -> VolumeFacts:
-    """Return depths and voxel size from a file that `load_volume` can read; values that are not stated are None.
+    """Return the metadata of a file that `load_volume` can read; values that are not stated are None.
 
     Raises
     ------
     FileFormatError, StorageError
-        If the file does not contain such a volume.
+        If the file does not contain such a volume, or its metadata are damaged.
     """
     source = check_suffix(path)
-    if source.suffix.lower() in (".h5", ".hdf5"):
-        with H5File(source) as file:
-            planes = file.dataset(DATASET).shape[-3]
-            depths = file.values("depths", (planes,), finite=True) if "depths" in file else None
-            sides = file.attributes().numbers("voxel_um", (2,))
-            return VolumeFacts(depths, None if sides is None else (float(sides[0]), float(sides[1])))
-    if source.suffix.lower() == ".zarr":
+    with _understood(source, "metadata of a volume", "copy the file again"):
+        return _facts(*_said(source))
+
+
+Said = tuple[dict[str, Any], dict[str, Any]]
+"""What a file states of `KNOWN`, by the order of its planes, and its details."""
+
+
+def _said(source: Path) -> Said:
+    kind = source.suffix.lower()
+    if kind in (".h5", ".hdf5"):
+        return _said_h5(source)
+    if kind == ".npy":
+        return {}, {}
+    if kind == ".zarr":
         _, image, own = open_ome_zarr(source)
-        return _zarr_facts(image, own)
-    if source.suffix.lower() == ".npy":
-        return VolumeFacts()
+        return _zarr_said(image) | {name: own[name] for name in KNOWN if name in own}, dict(own.get("details", {}))
     import tifffile
 
     with storage_errors(source), tifffile.TiffFile(source) as tiff:
         if is_ome(source) and tiff.ome_metadata:
-            return _ome_facts(tiff.ome_metadata)
+            return _ome_said(tiff.ome_metadata)
         resolution = [tiff.pages[0].tags[name].value for name in ("YResolution", "XResolution")]
-        return _imagej_facts(tiff.imagej_metadata or {}, resolution)
+        return _imagej_said(tiff.imagej_metadata or (tiff.shaped_metadata or ({},))[0], resolution)
 
 
-def _zarr_facts(image: Mapping[str, Any], own: Mapping[str, Any]) -> VolumeFacts:
+def _said_h5(source: Path) -> Said:
+    with H5File(source) as file:
+        planes = file.dataset(DATASET).shape[-3]
+        attributes = file.attributes()
+        own = {name: attributes.numbers(name, (2,)) for name in ("voxel_um", "origin_um")}
+        own["depths_um"] = file.values("depths", (planes,), finite=True) if "depths" in file else None
+        own["times_s"] = file.values("times", finite=True) if "times" in file else None
+        return own, json.loads(attributes.text("details", "{}"))
+
+
+def _zarr_said(image: Mapping[str, Any]) -> dict[str, Any]:
     placed = {one.get("type"): one for one in image["datasets"][0].get("coordinateTransformations", ())}
     known = {axis.get("name") for axis in image.get("axes", ()) if axis.get("unit") == "micrometer"}
     scale = placed.get("scale", {}).get("scale")
-    sides = (float(scale[-2]), float(scale[-1])) if scale and {"y", "x"} <= known else None
-    depths = own.get("depths_um")
-    return VolumeFacts(None if depths is None else np.asarray(depths, np.float64), sides)
+    return {"voxel_um": scale[-2:]} if scale and {"y", "x"} <= known else {}
 
 
-def _ome_facts(words: str) -> VolumeFacts:
+def _ome_said(words: str) -> Said:
     root = ElementTree.fromstring(words)
-    pixels = next((one for one in root.iter() if one.tag.endswith("}Pixels")), None)
+    pixels = root.find("{*}Image/{*}Pixels")
     if pixels is None:
-        return VolumeFacts()
-    sides = [pixels.get(f"PhysicalSize{axis}") for axis in "YX"]
-    depths = [float(at) for one in pixels if (at := one.get("PositionZ")) is not None]
-    known = len(depths) == int(pixels.get("SizeZ", 0))
-    return VolumeFacts(
-        np.array(depths) if known else None, (float(sides[0]), float(sides[1])) if sides[0] and sides[1] else None
-    )
+        return {}, {}
+    # of several channels, the first
+    planes = [plane for plane in pixels.findall("{*}Plane") if plane.get("TheC", "0") == "0"]
+    at = {(int(plane.get("TheT", "0")), int(plane.get("TheZ", "0"))): plane for plane in planes}
+
+    def of_planes(where: Iterable[tuple[int, int]], *names: str) -> list[list[float]] | None:
+        """Return attributes of the planes (t, z); None if any of them is not stated."""
+        rows = [[at[place].get(name, "") if place in at else "" for name in names] for place in where]
+        return [list(map(float, row)) for row in rows] if all(map(all, rows)) else None
+
+    nz, nt = (int(pixels.get(f"Size{axis}", "1")) for axis in "ZT")
+    depths = of_planes(((0, z) for z in range(nz)), "PositionZ")
+    times = of_planes(((t, 0) for t in range(nt)), "DeltaT")
+    origin = of_planes([(0, 0)], "PositionY", "PositionX")
+    sides = [pixels.get(f"PhysicalSize{axis}", "") for axis in "YX"]
+    note = next((one.text for one in root.iter() if one.tag.endswith("}M") and one.get("K") == "lfcal"), None)
+    return {
+        "depths_um": None if depths is None else [z for (z,) in depths],
+        "voxel_um": list(map(float, sides)) if all(sides) else None,
+        "origin_um": None if origin is None else origin[0],
+        "times_s": None if times is None else [t for (t,) in times],
+    }, json.loads(note or "{}")
 
 
-def _imagej_facts(said: Mapping[str, Any], resolution: Sequence[tuple[int, int]]) -> VolumeFacts:
+def _imagej_said(said: Mapping[str, Any], resolution: Sequence[tuple[int, int]]) -> Said:
     own = json.loads(said.get("lfcal", "{}"))
-    depths = own.get("depths_um")
+    details = {name: value for name, value in own.items() if name not in KNOWN}
     # a file without a voxel size also has a resolution of 1
-    known = said.get("unit") == "um" and all(n and n != d for n, d in resolution)
-    sides = tuple(d / n for n, d in resolution) if known else ()
-    return VolumeFacts(
-        None if depths is None else np.asarray(depths, np.float64), (sides[0], sides[1]) if sides else None
-    )
+    if said.get("unit") == "um" and all(n and n != d for n, d in resolution):
+        own = {"voxel_um": [d / n for n, d in resolution]} | own
+    return own, details

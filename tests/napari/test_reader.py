@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
@@ -136,6 +137,82 @@ def test_volumes(tmp_path: Path, suffix: str, times: int) -> None:
     assert words["metadata"]["lfcal"]["depths_um"] == list(depths) and words["name"] == "v"
     np.testing.assert_array_equal(data[...].reshape(volumes.shape), volumes)
     np.testing.assert_array_equal(data[..., 1, 2:5, :], volumes[:, 1, 2:5] if axes == 4 else volumes[0, 1, 2:5])
+
+
+DESCENDING = (-20.0, -26.0, -38.0)
+
+
+def test_planes_from_far_to_near_are_shown_where_they_are(tmp_path: Path) -> None:
+    """Napari places plane k at start + k step."""
+    pytest.importorskip("zarr", reason="zarr is not installed")
+    volumes = np.random.default_rng(3).random((2, 3, 8, 9), np.float32)
+    facts = VolumeFacts(np.array(DESCENDING), (2.0, 3.0), {}, (-8.0, 4.0), [5.0, 7.5])
+    for suffix in (".h5", ".ome.zarr"):
+        with write_volumes(tmp_path / f"v{suffix}", volumes.shape, facts) as add:
+            for volume in volumes:
+                add(volume)
+        data, words = one(tmp_path / f"v{suffix}")
+        assert words["scale"] == (2.5, 9.0, 2.0, 3.0) and words["translate"] == (5.0, -38.0, -8.0, 4.0)
+        assert words["units"] == ("second", *("micrometer",) * 3)
+        assert words["metadata"]["lfcal"]["depths_um"] == sorted(DESCENDING)
+        shown = volumes[:, ::-1]
+        for key in (..., (1, 0), (slice(None), slice(0, 2), 3), (0, slice(0, None, 2)), (0, slice(1, 1))):
+            np.testing.assert_array_equal(data[key], shown[key])
+
+
+def test_a_zarr_of_an_earlier_version_is_turned_too(tmp_path: Path) -> None:
+    pytest.importorskip("zarr", reason="zarr is not installed")
+    volume = np.random.default_rng(4).random((3, 8, 9), np.float32)
+    save_volume(tmp_path / "v.zarr", volume, depths_um=sorted(DESCENDING))
+    place = tmp_path / "v.zarr" / ".zattrs"
+    said = json.loads(place.read_text())
+    said["lfcal"]["depths_um"] = list(DESCENDING)  # the planes as they are, with a start of 0
+    said["multiscales"][0]["datasets"][0]["coordinateTransformations"] = [{"type": "scale", "scale": [1, 9, 1, 1]}]
+    place.write_text(json.dumps(said))
+    data, words = one(tmp_path / "v.zarr")
+    assert words["translate"] == (0.0, -38.0, 0.0, 0.0) and words["scale"] == (1.0, 9.0, 1.0, 1.0)
+    np.testing.assert_array_equal(data[0], volume[::-1])
+
+
+def test_h_and_sessions_from_far_to_near(tmp_path: Path) -> None:
+    plan = small_plan()
+    depths = sorted(plan.depths_um, reverse=True)
+    values = np.random.default_rng(0).random((3, 3, 3, 21, 21), np.float32)
+    save(PSFMatrix(values, depths=depths, camera=plan.camera, anchor=plan.anchor), tmp_path / "H.h5")
+    data, words, _ = read_layers(tmp_path / "H.h5")[0]
+    np.testing.assert_array_equal(data[0], values[2])
+    np.testing.assert_array_equal(data[:, 1, 0:2, 3], values[::-1, 1, 0:2, 3])
+    assert words["translate"][0] == depths[-1] and words["metadata"]["lfcal"]["planes"] == [2, 1, 0]
+    falling = replace(plan, depths_um=tuple(depths))
+    record(tmp_path / "s", falling, rig_for(falling), CAREFUL)
+    frames = frames_of(tmp_path / "s")
+    data, words = one(tmp_path / "s")
+    np.testing.assert_array_equal(data[0, 1, 2], frames[2, 1, 2])
+    np.testing.assert_array_equal(data[0:2, 1, 2, 3:5], np.stack([frames[z, 1, 2][3:5] for z in (2, 1)]))
+    assert words["translate"][0] == depths[-1]
+
+
+def test_napari_reads_through_the_installed_plug_in(tmp_path: Path) -> None:
+    if importlib.util.find_spec("npe2") is None:
+        pytest.skip("npe2 is not installed")
+    volume = np.random.default_rng(5).random((3, 8, 9), np.float32)
+    save_volume(tmp_path / "v.h5", volume, depths_um=DESCENDING, voxel_um=(2.0, 3.0))
+    command = [sys.executable, "-c", READ, str(MANIFEST), str(tmp_path / "v.h5")]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONWARNINGS": "ignore"})
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert said["translate"] == [-38.0, 0.0, 0.0] and said["scale"] == [9.0, 2.0, 3.0]
+    np.testing.assert_array_equal(said["plane"], volume[2].tolist())
+
+
+READ = """
+import json, sys
+from npe2 import PluginManager, PluginManifest, read
+manager = PluginManager.instance()
+manager.register(PluginManifest.from_file(sys.argv[1]))
+((data, words, kind),) = read([sys.argv[2]], stack=False)
+print(json.dumps({"plane": data[0].tolist(), "scale": words["scale"], "translate": words["translate"]}))
+"""
 
 
 def test_what_is_not_of_lfcal_is_left_to_others(tmp_path: Path) -> None:

@@ -102,7 +102,12 @@ def test_ome_zarr_has_sizes_and_uneven_depths(tmp_path: Path) -> None:
     assert scale == {"type": "scale", "scale": [1.0, 8531.0, 27.37, 25.5]}
     assert start == {"type": "translation", "translation": [0.0, -5983.0, 0.0, 0.0]}
     own = json.loads((path / ".zattrs").read_text())["lfcal"]
-    assert own == {"version": 1, "details": {"solver": "µ"}, "depths_um": list(DEPTHS)}
+    assert own == {
+        "version": 1,
+        "details": {"solver": "µ"},
+        "depths_um": list(DEPTHS),
+        "voxel_um": [27.37, 25.5],
+    }
     stored = zarr.open_array(path / level["path"], mode="r")
     assert stored.shape == (1, 3, 8, 9) and stored.metadata.zarr_format == 2
     np.testing.assert_array_equal(load_volume(path), VOLUME)
@@ -141,11 +146,11 @@ def test_a_series_with_times_and_a_place(tmp_path: Path) -> None:
     assert image["axes"][0] == {"name": "t", "type": "time", "unit": "second"}
     scale, start = image["datasets"][0]["coordinateTransformations"]
     assert scale["scale"] == [0.5, 2.5, 2.0, 3.0]
-    # planes from far to near: where they lie is told plane by plane alone
-    assert start["translation"] == [0.0, 0.0, -8.0, -12.0]
+    # the given planes are from far to near
+    assert start["translation"] == [0.0, -1.0, -8.0, -12.0]
     array, _, own = open_ome_zarr(tmp_path / "t.ome.zarr")
-    np.testing.assert_array_equal(array[...], series)
-    assert own["depths_um"] == [4.0, 0.0, -1.0] and own["times_s"] == [0.0, 0.5, 1.0, 1.5]
+    np.testing.assert_array_equal(array[...], series[:, ::-1])
+    assert own["depths_um"] == [-1.0, 0.0, 4.0] and own["times_s"] == [0.0, 0.5, 1.0, 1.5]
     with pytest.raises(InputError, match="a volume"):
         load_volume(tmp_path / "t.ome.zarr")
 
@@ -252,3 +257,182 @@ def test_depths_and_voxel_size_are_read_as_they_were_written(tmp_path: Path, nam
     np.testing.assert_allclose(facts.voxel_um, (1.25, 2.5), rtol=1e-5)
     save_volume(tmp_path / f"bare_{name}", np.ones((3, 4, 5)))
     assert volume_facts(tmp_path / f"bare_{name}") == VolumeFacts()
+
+
+FACTS = {
+    "far to near": VolumeFacts(
+        np.array([-20.0, -26.0, -32.0]), (2.0, 3.0), {"solver": "rl"}, (-8.0, -12.0), [5.0, 7.0]
+    ),
+    "near to far": VolumeFacts(np.array([-32.0, -26.0, -20.0]), (2.0, 3.0), {}, (-8.0, -12.0), [0.0, 0.5]),
+    "unsorted": VolumeFacts(np.array([0.0, 10.0, 5.0]), (2.5, 2.5), {}, (4.0, 0.0), [1.0, 3.5]),
+    "depths only": VolumeFacts(np.array([3.0, 2.0, 1.0])),
+    "nothing": VolumeFacts(),
+}
+"""Metadata of a series of two volumes."""
+
+Placed = list[tuple[tuple[float | None, ...], float]]
+"""Time, depth, row and column of every voxel as another program computes them, None where unknown, and its value."""
+
+
+def spread(values: Any, axes: list[list[float | None]]) -> Placed:
+    array = np.asarray(values)
+    return [
+        (tuple(axis[k] for axis, k in zip(axes, at, strict=True)), float(array[at])) for at in np.ndindex(array.shape)
+    ]
+
+
+def by_imagej(path: Path) -> Placed:
+    """As FileOpener and Calibration of ImageJ do: (index - origin) * side; frames are ``finterval`` seconds apart."""
+    with tifffile.TiffFile(path) as file:
+        values = file.series[0].asarray()
+        assert file.series[0].axes == "TZYX"
+        lines = dict(line.split("=", 1) for line in file.pages[0].description.splitlines() if "=" in line)
+        ratios = [file.pages[0].tags[f"{axis}Resolution"].value for axis in "YX"]
+    assert lines["ImageJ"] and lines["unit"] == "um"
+    sides = [float(lines.get("spacing", 0)), *(d / n for n, d in ratios)]
+    known = ["spacing" in lines, *([ratios != [(1, 1)] * 2] * 2)]
+    axes: list[list[float | None]] = [
+        [float(lines["finterval"]) * k for k in range(2)] if "finterval" in lines else [None] * 2
+    ]
+    for axis, n, side, stated in zip("zyx", values.shape[1:], sides, known, strict=True):
+        origin = float(lines.get(f"{axis}origin", 0))
+        axes.append([round((k - origin) * side, 4) if stated else None for k in range(n)])
+    return spread(values, axes)
+
+
+def by_ome(path: Path) -> Placed:
+    """By the schema of OME 2016-06: the position of every plane, sizes of pixels, and seconds since the first one."""
+    pixels, planes, _ = told(path)
+    values = tifffile.imread(path).reshape(2, 3, 4, 5)
+    number = {(int(plane["TheT"]), int(plane["TheZ"])): plane for plane in planes}
+    assert {key for key in pixels if key.endswith("Unit")} <= {f"PhysicalSize{a}Unit" for a in "XYZ"} | {
+        "TimeIncrementUnit"
+    }
+    out: Placed = []
+    for t, z, y, x in np.ndindex(values.shape):
+        said = number.get((t, z), {})
+        place: list[float | None] = [float(said[name]) if name in said else None for name in ("DeltaT", "PositionZ")]
+        for axis, k in (("Y", y), ("X", x)):
+            side = pixels.get(f"PhysicalSize{axis}")
+            place.append(None if side is None else float(said[f"Position{axis}"]) + k * float(side))
+        out.append((tuple(place), float(values[t, z, y, x])))
+    if "TimeIncrement" in pixels:
+        assert float(pixels["TimeIncrement"]) == float(planes[-1]["DeltaT"]) - float(planes[0]["DeltaT"])
+    return out
+
+
+def by_ngff(path: Path) -> Placed:
+    """By https://ngff.openmicroscopy.org/0.4/: index * scale + translation, in the units of the axes."""
+    image = image_of(path)
+    (level,) = image["datasets"]
+    scale, *rest = level["coordinateTransformations"]
+    start = rest[0]["translation"] if rest else [0.0] * 4
+    values = zarr.open_array(path / level["path"], mode="r")[...]
+    axes = [
+        [k * side + first if "unit" in axis else None for k in range(n)]
+        for axis, side, first, n in zip(image["axes"], scale["scale"], start, values.shape, strict=True)
+    ]
+    return spread(values, axes)
+
+
+def by_nexus(path: Path) -> Placed:
+    """By the rules of NeXus for the default plot, with h5py alone."""
+    import h5py
+
+    with h5py.File(path) as file:
+        group = file[file.attrs["default"]]
+        group = group[group.attrs["default"]]
+        assert group.attrs["NX_class"] == "NXdata"
+        axes = [group[name] for name in group.attrs["axes"]]
+        places = [list(axis[()]) if axis.attrs["units"] else [None] * len(axis) for axis in axes]
+        return spread(group[group.attrs["signal"]][()], places)
+
+
+@pytest.mark.parametrize("facts", FACTS.values(), ids=FACTS)
+@pytest.mark.parametrize(
+    ("name", "read"), [("v.tif", by_imagej), ("v.ome.tif", by_ome), ("v.ome.zarr", by_ngff), ("v.h5", by_nexus)]
+)
+def test_other_programs_place_every_voxel_right(tmp_path: Path, name: str, read: Any, facts: VolumeFacts) -> None:
+    """The value of each voxel is read where, and when, it was in the volume that was given."""
+    series = np.random.default_rng(3).random((2, 3, 4, 5), np.float32)
+    with write_volumes(tmp_path / name, series.shape, facts) as add:
+        for volume in series:
+            add(volume)
+    times = list(facts.times_s) if facts.times_s is not None else [None] * 2
+    if name == "v.tif" and facts.times_s is not None:  # ImageJ has intervals, no start
+        times = [0.0, facts.times_s[1] - facts.times_s[0]]
+    depths = [None] * 3 if facts.depths_um is None else facts.depths_um.tolist()
+    lateral: list[list[float | None]] = [
+        [None] * n
+        if facts.voxel_um is None or facts.origin_um is None
+        else [facts.origin_um[k] + i * facts.voxel_um[k] for i in range(n)]
+        for k, n in enumerate((4, 5))
+    ]
+    # values are all different, so sorting by them pairs the voxels
+    expected, found = (
+        sorted(places, key=lambda place: place[1])
+        for places in (spread(series, [times, depths, *lateral]), read(tmp_path / name))
+    )
+    assert found == expected
+    known = volume_facts(tmp_path / name)
+    assert known.details == facts.details
+    for one in ("depths_um", "voxel_um", "origin_um", "times_s"):
+        stated = getattr(facts, one)
+        assert (getattr(known, one) is None) == (stated is None), one
+        if stated is not None:
+            np.testing.assert_allclose(getattr(known, one), stated, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["v.tif", "v.ome.tif", "v.ome.zarr", "v.h5", "v.npy"])
+def test_planes_are_returned_in_their_order(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    save_volume(tmp_path / name, VOLUME, depths_um=[-20.0, -32.0, -26.0], origin_um=(1.0, 2.0))
+    np.testing.assert_array_equal(load_volume(tmp_path / name), VOLUME)
+    monkeypatch.setattr("lfcal.reconstruct.volumes.IMAGEJ_BYTES", 0)  # as for the largest files
+    save_volume(tmp_path / f"large_{name}", VOLUME, depths_um=[-20.0, -32.0, -26.0], voxel_um=2.0)
+    np.testing.assert_array_equal(load_volume(tmp_path / f"large_{name}"), VOLUME)
+    if name != "v.npy":
+        facts = volume_facts(tmp_path / f"large_{name}")
+        assert facts.depths_um is not None and facts.depths_um.tolist() == [-20.0, -32.0, -26.0]
+        assert facts.voxel_um == (2.0, 2.0)
+
+
+@pytest.mark.parametrize("name", ["v.tif", "v.ome.tif", "v.ome.zarr", "v.h5"])
+def test_details_of_a_grid_agree_with_the_metadata(tmp_path: Path, name: str) -> None:
+    grid = {"voxel_um": 2.5, "origin_um": (-5.0, -7.5)}
+    save_volume(tmp_path / name, VOLUME, voxel_um=(2.5, 2.5), origin_um=(-5.0, -7.5), details=grid)
+    facts = volume_facts(tmp_path / name)
+    assert facts.voxel_um == (2.5, 2.5) and facts.origin_um == (-5.0, -7.5) and facts.depths_um is None
+
+
+def test_another_number_of_depths_or_times_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="depths of the volume: expected 3, got 2"):
+        save_volume(tmp_path / "v.tif", VOLUME, depths_um=[1.0, 2.0])
+    facts = VolumeFacts(times_s=[1.0])
+    with (
+        pytest.raises(InputError, match="times of the volume: expected 2, got 1"),
+        write_volumes(tmp_path / "v.h5", (2, *VOLUME.shape), facts),
+    ):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "bad"),
+    [
+        ("v.ome.tif", b'SizeZ="3"', b'SizeZ="B"'),
+        ("v.ome.tif", b'PositionZ="-20.0"', b'PositionZ="-2o.0"'),
+        ("v.ome.tif", b"stored_planes&quot;: [2, 1, 0]", b"stored_planes&quot;: [2, 1, 1]"),
+        ("v.tif", b'"stored_planes": [2, 1, 0]', b'"stored_planes": [2, 1, 1]'),
+        ("v.tif", b'{"stored_planes"', b'["stored_planes"'),
+    ],
+)
+def test_damaged_metadata_are_reported_in_a_line(tmp_path: Path, name: str, good: bytes, bad: bytes) -> None:
+    path = tmp_path / name
+    save_volume(path, VOLUME, depths_um=[-20.0, -26.0, -32.0])
+    data = path.read_bytes()
+    good, bad = (good, bad) if good in data else (good.replace(b"&quot;", b'"'), bad.replace(b"&quot;", b'"'))
+    assert data.count(good) == 1
+    path.write_bytes(data.replace(good, bad))
+    with pytest.raises(FileFormatError, match=r"metadata of a volume.*copy the file again") as raised:
+        volume_facts(path)
+    assert "\n" not in str(raised.value)

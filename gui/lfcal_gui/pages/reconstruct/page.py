@@ -461,7 +461,8 @@ class Page(BasePage):
 
         def write() -> str:
             placed = solving.placed(settings)
-            save_volume(path, placed.volume, depths_um=depths, voxel_um=placed.voxel_um, details=placed.details)
+            facts = {"depths_um": depths, "voxel_um": placed.voxel_um, "origin_um": placed.details.get("origin_um")}
+            save_volume(path, placed.volume, **facts, details=placed.details)
             return path
 
         self.context.jobs.compute(
