@@ -179,7 +179,7 @@ def marked(points: Iterable[CostPoint]) -> tuple[CostPoint, ...]:
 
 
 def marks_of(point: CostPoint, chosen: CostPoint | None) -> tuple[str, ...]:
-    """Return the marks of a point in tables and charts: chosen for the requested error, in use, efficient."""
+    """Return the marks of a point, of "chosen", "in use" and "efficient"; ``chosen`` is the chosen point, or None."""
     marks = {"chosen": point is chosen, "in use": point.in_use, "efficient": point.efficient}
     return tuple(word for word, true in marks.items() if true)
 

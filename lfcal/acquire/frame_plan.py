@@ -31,7 +31,7 @@ class FramePlan(Protocol):
 
     @property
     def lit(self) -> object:
-        """For each plane and frame, the numbers of the offsets that a display shows; None for a moving target."""
+        """Numbers of the target's offsets that a display shows in each frame, by plane; None for a moving target."""
         ...
 
     def stage_um(self) -> NDArray[np.float64]:
@@ -44,7 +44,7 @@ class FramePlan(Protocol):
 
 
 def frame_grid(plan: FramePlan) -> tuple[int, int, int]:
-    """Return the shape of the grid on which frames are counted: (planes, 1, largest number of frames in a plane)."""
+    """Return the shape of the grid of frame numbers: (planes, 1, largest number of frames in a plane)."""
     counts = np.bincount([z for z, _ in plan.frames], minlength=len(plan.scan.depths_um))
     return len(counts), 1, max(1, int(counts.max(initial=0)))
 

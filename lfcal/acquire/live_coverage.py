@@ -157,7 +157,7 @@ class LiveCoverage:
             self._shown[z, found] += 1
 
     def remember(self, folder: Path) -> None:
-        """Compare the reference frames of the next run with those already in the session in ``folder``."""
+        """Read the reference frames of the session in ``folder``, for comparison with those of the next run."""
         with suppress(LfcalError, OSError), self._lock:
             for check in sampled_references(folder):
                 self._lamp.append((check.elapsed_s, _light(check.energy, check.frame)))

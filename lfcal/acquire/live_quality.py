@@ -186,7 +186,7 @@ class LiveQuality:
             self._done += 1
 
     def remember(self, folder: Path) -> None:
-        """Compare the reference frames of the next run with those already in the session in ``folder``."""
+        """Read the reference frames of the session in ``folder``, for comparison with those of the next run."""
         # unreadable files only shorten the comparison
         with suppress(LfcalError, OSError), self._lock:
             for check in sampled_references(folder):

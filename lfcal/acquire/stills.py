@@ -50,7 +50,7 @@ def still_files(folder: Path, kind: str) -> tuple[Path, ...]:
 
 
 def recipe_of(folder: Path) -> CorrectionRecipe:
-    """Return the corrections for a session: its white image and the dark frames for it; none without a white image."""
+    """Return the corrections with a session's white image and its dark frames; no corrections without a white image."""
     white, dark = (folder / kind if still_files(folder, kind)[0].is_file() else "" for kind in ("white", "dark"))
     # a recording has separate darks; those of the whole sensor are for the white image
     return CorrectionRecipe(white=white, dark=dark) if white else CorrectionRecipe()

@@ -46,7 +46,11 @@ def check_number(
     integer: bool = False,
     remedy: str = "correct this value",
 ) -> None:
-    """Raise `InputError` unless ``value`` is a finite number within the bounds and at most `MAX_NUMBER`."""
+    """Raise `InputError` unless ``value`` is a finite number within the bounds and at most `MAX_NUMBER`.
+
+    It must be larger than ``above`` and smaller than ``below`` (None: no bound), and whole if ``integer`` is set.
+    ``what`` names the value in the message, which ends with ``remedy``.
+    """
     # plain types first: checking abstract ones takes as long as everything else. A bool is an Integral in Python.
     plain = isinstance(value, int if integer else (float, int))
     good = (plain or isinstance(value, Integral if integer else Real)) and not isinstance(value, bool)

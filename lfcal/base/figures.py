@@ -90,7 +90,10 @@ def draw_image(
     signed: bool = False,
     extent: tuple[float, float, float, float] | None = None,
 ) -> None:
-    """Draw a 2-D array with a colour bar and axis labels; ``signed`` centres the colour map on zero."""
+    """Draw a 2-D array with a colour bar and axis labels; ``signed`` centres the colour map on zero.
+
+    ``unit`` is the label of the colour bar, and ``extent`` is that of `matplotlib.axes.Axes.imshow`.
+    """
     data = np.asarray(image, dtype=float)
     finite = data[np.isfinite(data)]
     limit = float(np.abs(finite).max()) if finite.size else 1.0

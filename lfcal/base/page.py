@@ -77,7 +77,10 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
 def html_page(name: str, title: str, kind: str, sections: Iterable[str], footer: str) -> str:
-    """Return an HTML page without scripts or external links; ``sections`` contain HTML."""
+    """Return an HTML page without scripts or external links; ``sections`` contain HTML.
+
+    ``name`` is the main heading, ``title`` the title of the document, and ``kind`` a phrase shown below the heading.
+    """
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'

@@ -289,7 +289,10 @@ class LatticeDistortion:
         return max(hypot(x, y) for x, y in self.displacement(points))
 
     def scaled(self, factor: float, shift: tuple[float, float] = (0.0, 0.0)) -> LatticeDistortion:
-        """Return the distortion in transformed coordinates ``factor * (x, y) + shift``, for another unit or origin."""
+        """Return the distortion in transformed coordinates ``factor * (x, y) + shift``, for another unit or origin.
+
+        The displacements are scaled by ``factor``, too; ``shift`` is in the new unit.
+        """
         check_number("factor of the distortion", factor, above=0)
         x, y = (factor * c + s for c, s in zip(self.centre, shift, strict=True))
         terms = tuple(tuple(factor * t for t in line) for line in self.terms)

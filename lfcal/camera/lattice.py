@@ -269,7 +269,7 @@ class LensletLattice:
         return index
 
     def in_cell(self, x_um: ArrayLike, y_um: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether points are in the cell of a lenslet, given their coordinates (µm) relative to its centre."""
+        """Return whether points are in the cell of a lenslet; ``x_um`` and ``y_um`` (µm) are relative to its centre."""
         points = np.stack(np.broadcast_arrays(np.asarray(x_um, float), np.asarray(y_um, float)), -1)
         others = cell_neighbours(self.basis_um())
         inside: NDArray[np.bool_] = (np.abs(points @ others.T) <= (others**2).sum(-1) / 2).all(-1)

@@ -49,7 +49,7 @@ __all__ = ["FEWEST", "Adapted", "AdaptiveStep", "Goal", "iter_adaptive", "iter_s
 
 
 def iter_session_patterns(folder: Path) -> Work[Measured]:
-    """Read the patterns of all positions of a session and return them; yields progress in positions.
+    """Read the patterns of all positions of a session and return them; progress counts positions.
 
     Raises
     ------

@@ -103,7 +103,7 @@ class PointOptics:
 
     @classmethod
     def of(cls, points: Points, measured: Regional) -> PointOptics:
-        """Return the optics of the points in ``measured``, which are those of ``points`` in any order."""
+        """Return the optics of the points in ``measured``, which contains those of ``points`` in any order."""
         scan, middles = points.plan.scan, np.zeros((len(measured), 2), np.intp)
         for plan, part, _ in measured.parts():
             middles[part] = np.floor(np.array(plan.anchor) + 0.5).astype(np.intp) + measured.index[part, 1:]
@@ -145,7 +145,7 @@ def _plane(pixels: F8, values: F8, at: F8) -> F8:
 def iter_with_point_light(
     problem: Problem, optics: PointOptics, u: F8, offsets_px: F8, sampling: Sampling, note: str
 ) -> Work[Problem]:
-    """Return the problem with the light of each point computed for the unknowns ``u``; yields progress in points.
+    """Return the problem with the light of each point computed for the unknowns ``u``; progress counts points.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def iter_with_point_light(
     optics
         Optics of the individual points.
     u, offsets_px
-        Vector of the unknowns, and the displacement of each point (pixels).
+        Vector of the unknowns, and the displacement (dy, dx) of each point on the sensor, ``(n, 2)`` (px).
     sampling
         Sampling of the computation.
     note
@@ -240,7 +240,7 @@ SHOWN = 3.0
 
 
 def iter_hole_is_needed(finished: Finished) -> Work[bool]:
-    """Return whether the size of the holes must be an unknown of the fit; yields progress in derivatives.
+    """Return whether the size of the holes must be an unknown of the fit; progress counts derivatives.
 
     It must be one if chi² shows that the model is incomplete and another size lowers the residual of held-out patterns.
     """

@@ -275,6 +275,7 @@ def measured_modulo(source: FrameSource, points: Points, *, most: int | None = N
     """Return points as patterns of a scan of one period, as if the period were a whole number of pixels.
 
     Positions are rounded and reduced modulo the period. This is an approximation; chi² of a fit shows its error.
+    ``most`` is the largest number of points. None: all.
     """
     scan = points.plan.scan
     firsts = _firsts(points)

@@ -212,7 +212,10 @@ def temporary_parts(out: Path, names: Sequence[str]) -> Iterator[dict[str, Path]
 
 
 def save_parts(parts: dict[str, Path], out: Path, **settings: Any) -> Path:
-    """Combine the H of several regions, given by name in ``parts``, into the file ``out`` and return its path."""
+    """Combine the H of several regions, given by name in ``parts``, into the file ``out`` and return its path.
+
+    ``settings`` are further arguments of `lfcal.psf.save_regions`.
+    """
     with ExitStack() as stack:
         matrices: dict[str, PSFMatrix] = {name: stack.enter_context(open_psf(path)) for name, path in parts.items()}
         return save_regions(matrices, out, **settings)

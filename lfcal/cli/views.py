@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GivenLattice:
-    """Options for the lattice: a white image, with kind and nominal pitch (px) for its fit, or a lattice file."""
+    """Options for the lattice: a white image, with kind and nominal pitch (px) for the fit, or a lattice file."""
 
     white: Path | None
     file: Path | None

@@ -237,7 +237,7 @@ class CheckedStage(_Checked[StageDevice]):
 
     @property
     def limits(self) -> Limits:
-        """Lowest and highest position of each axis (x, y, z) (µm)."""
+        """Lowest and highest position of each axis (x, y, z) (µm), ``((low, high), ...)``; infinite if unknown."""
         found = self._caller.call("limits", getattr, self.device, "limits")
         try:
             axes = tuple((float(low), float(high)) for low, high in found)
@@ -253,7 +253,7 @@ class CheckedStage(_Checked[StageDevice]):
         return isinstance(self.device, MovedElsewhere) and self.device.moved_elsewhere
 
     def move(self, target: Point, *, seconds: float = MOVE_S, cancelled: Callable[[], bool] = never) -> None:
-        """Begin to move to ``target`` (µm); a driver that waits for arrival may take ``seconds``."""
+        """Begin to move to ``target`` (x, y, z) (µm); a driver that waits for arrival may take ``seconds``."""
         self._caller.call("move", self.device.move, target, seconds=seconds, cancelled=cancelled)
 
     def moving(self, cancelled: Callable[[], bool] = never) -> bool:

@@ -96,7 +96,7 @@ class Says(Protocol):
         """Return the pattern ``(nt, ns)`` of a source displaced by ``offset`` (dy, dx) pixels."""
 
     def doubt(self, offset: F8) -> float:
-        """Return the uncertainty of the prediction for a source displaced by ``offset`` pixels (relative L2)."""
+        """Return the uncertainty (relative L2) of the prediction for a source displaced by ``offset`` (dy, dx; px)."""
 
 
 def compared_with(expected: Says, frame: NewFrame, at: LocatedPattern, noise: tuple[float, float]) -> Compared:

@@ -99,7 +99,7 @@ def _ratio(above: NDArray[np.float64], below: NDArray[np.float64]) -> NDArray[np
 def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.intp]:
     """Return the type of the lenslet in front of each pixel ``(nt, ns)`` of the pattern of source position (y, x).
 
-    ``camera`` is the fitted camera; ``plan`` is the scan with the described camera.
+    ``camera`` is the fitted camera; ``plan`` is the scan with the camera before the fit.
 
     In a Fourier light-field microscope, the index of the lenslet whose image is nearest to the pixel is returned
     instead.
@@ -165,7 +165,7 @@ def draw_leftover(left: FitResiduals, path: str | os.PathLike[str]) -> None:
 
 
 def draw_parameters(fit: Fit, path: str | os.PathLike[str]) -> None:
-    """Draw the deviation of every parameter from its described value, in standard deviations of the parameter."""
+    """Draw the deviation of every parameter from the camera description, in standard deviations of the parameter."""
     found = list(fit.parameters.values())
     off = [(one.value - one.start) / one.sigma if one.sigma > 0 else 0.0 for one in found]
     with figure(7.0, 1.2 + 0.24 * len(found)) as fig:

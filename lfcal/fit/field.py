@@ -117,7 +117,7 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
     patterns
         Patterns of each region, by name.
     camera
-        The described camera. None: that of the first region.
+        Description of the camera from which a fit starts. None: that of the first region.
 
     Raises
     ------
@@ -176,7 +176,11 @@ ALONE = ("geometry", "focal_lengths", "iris")
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """A Zernike term of the wavefront at a position in the field, with its standard deviation (waves at the rim)."""
+    """Zernike term of the wavefront at a position in the field.
+
+    ``n`` and ``m`` are its orders. ``waves`` is the coefficient, normalized at the rim of the pupil, and ``sigma`` its
+    standard deviation (waves).
+    """
 
     n: int
     m: int

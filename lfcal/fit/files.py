@@ -45,7 +45,7 @@ VERSION = 1
 
 
 class CameraResult(Protocol):
-    """A fitted camera with its effects, and the scan with the described camera."""
+    """A fitted camera with its effects, and the scan with the camera before the fit."""
 
     @property
     def camera(self) -> Camera:
@@ -57,7 +57,7 @@ class CameraResult(Protocol):
 
     @property
     def planned(self) -> ScanPlan:
-        """Scan with the described camera."""
+        """Scan with the camera before the fit."""
 
 
 def measured_camera(fit: CameraResult) -> Camera:
@@ -137,10 +137,10 @@ def iter_write_model(
 ) -> Work[Path]:
     """Write H of the fitted camera to a file, with one plane in memory at a time.
 
-    Yields progress in rows. Closing the generator leaves no incomplete file. ``provenance`` is stored in addition to
-    that of the fit. With ``run``, each plane is computed as a separate unit; ``keep`` keeps the files of the units. The
-    fit itself has no units, because each of its steps takes seconds and needs the previous step. After a stop, the fit
-    is repeated with the same result, and H is resumed.
+    Progress counts rows. Closing the generator leaves no incomplete file. ``provenance`` is stored in addition to that
+    of the fit. With ``run``, each plane is computed as a separate unit; ``keep`` keeps the files of the units. The fit
+    itself has no units, because each of its steps takes seconds and needs the previous step. After a stop, the fit is
+    repeated with the same result, and H is resumed.
 
     Raises
     ------

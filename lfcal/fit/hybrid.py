@@ -62,7 +62,7 @@ class Fitted(Protocol):
 
     @property
     def planned(self) -> ScanPlan:
-        """The scan as planned, with the described camera."""
+        """The scan as planned, with the camera before the fit."""
         ...
 
     @property
@@ -127,7 +127,11 @@ def model_uncertainty(model: F4, share: float) -> F4:
 
 @dataclass(frozen=True, eq=False)
 class RecordedPatterns:
-    """The recorded patterns of a scan, read when they are needed."""
+    """The recorded patterns of a scan, read when they are needed.
+
+    ``read`` is a function that returns the pattern at a position (z, y, x), ``(nt, ns)``, and the mask of its valid
+    samples.
+    """
 
     counts: NDArray[np.uint16]
     noise: NDArray[np.float64]
@@ -186,7 +190,7 @@ def iter_plane_data(
 ) -> Work[tuple[PlaneResiduals, Facts]]:
     """Return the model and residuals of plane ``z``, and a mask of the positions with residuals.
 
-    Outliers count as not recorded. Yields progress in patterns.
+    Outliers count as not recorded. Progress counts patterns.
     """
     counts = recorded.counts[z]
     residual, precision = np.zeros_like(model), np.zeros_like(model)
@@ -219,7 +223,7 @@ def _whole_period(plan: ScanPlan) -> bool:
 def _iter_remove_nuisance(fit: Fitted, data: PlaneResiduals, z: int, workers: int | None) -> Work[None]:
     """Remove from each residual the effects of lamp and displaced source, if the fit found them to be unstable.
 
-    Only the part that neighbours do not share is removed; the shared part is an error of the model. Yields progress in
+    Only the part that neighbours do not share is removed; the shared part is an error of the model. Progress counts
     patterns.
     """
     places = np.argwhere(data.recorded)

@@ -97,7 +97,7 @@ def iter_information(
     *,
     workers: int | None = None,
 ) -> Work[Information]:
-    """Compute the Fisher information about the unknowns from patterns at given positions; yields progress in patterns.
+    """Compute the Fisher information about the unknowns from patterns at given positions; progress counts patterns.
 
     Parameters
     ----------

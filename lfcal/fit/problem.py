@@ -155,7 +155,7 @@ class Problem:
     ) -> Work[Columns]:
         """Compute the derivatives for the unknowns ``which`` and, if ``displaced``, for the displacements of sources.
 
-        Derivatives are finite differences at the coarse sampling; yields progress in columns. With ``both``,
+        Derivatives are finite differences at the coarse sampling. Progress counts derivatives. With ``both``,
         differences are central; this is the default except at coarse points. One-sided differences contain a curvature
         of a few percent, which makes degenerate unknowns appear distinguishable.
         """

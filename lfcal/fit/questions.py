@@ -115,7 +115,7 @@ def check_light(measured: Measured) -> None:
 
 
 def check_described(measured: Measured) -> None:
-    """Raise `InputError` if the light of the described camera would hardly reach the pixels of the patterns.
+    """Raise `InputError` if the light of a camera as described would hardly reach the pixels of the patterns.
 
     Without this check, a wrong description, such as a microscope described with the distances of a main lens, would be
     reported only after hours.
@@ -166,7 +166,7 @@ def as_described(
 
 
 def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
-    """Fit a few patterns to check whether the description is wrong; yields progress in derivatives.
+    """Fit a few patterns to check whether the description is wrong; progress counts derivatives.
 
     Raises
     ------
@@ -192,10 +192,10 @@ def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
 
 
 def order_of_types(described: Camera, found: Camera) -> str:
-    """Return the order of the described lens types that matches the fitted ones, such as "1, 0, 2".
+    """Return the order of the lens types in the description that matches the fitted ones, such as "1, 0, 2".
 
-    The text is empty if the described order is correct. The focal lengths are compared: if the order is wrong, the fit
-    finds the described values, but for other types.
+    The text is empty if the order in the description is correct. The focal lengths are compared: if the order is wrong,
+    the fit finds the values of the description, but for other types.
     """
     if not described.has_lattice:
         return ""

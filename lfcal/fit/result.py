@@ -35,7 +35,7 @@ class Parameter:
         As in `lfcal.fit.parameters.Unknown`.
     value, sigma
         Fitted value and its standard deviation, in ``unit``. The latter includes the uncertainty of degenerate
-        parameters that were tried but are fixed at their described values.
+        parameters that were tried but are fixed at the values in the description.
     start
         Start value, from the description of the camera.
     sigma_held

@@ -148,7 +148,7 @@ def described_effects(camera: Camera) -> tuple[Effect, ...]:
 
 
 def starting_effects(plan: ScanPlan) -> tuple[Effect, ...]:
-    """Return the initial effects of a fit: the described ones, and the vector field if its effect is noticeable."""
+    """Return the initial effects of a fit: those of `described_effects`, and the vector field if it is noticeable."""
     if not plan.camera.has_lattice:
         return described_effects(plan.camera)
     vectorial = VectorialPupil()

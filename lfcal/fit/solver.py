@@ -126,8 +126,8 @@ def descend(
     """Return the point reached by descending until a step gains less than the fraction ``enough`` of the loss.
 
     Only the unknowns ``which`` change, in at most ``most`` rounds. ``columns`` are known derivatives for the first
-    round. The last derivatives are also returned. Yields progress in derivatives, and the result of ``record_round`` at
-    the end of each round.
+    round. The last derivatives are also returned. Progress counts derivatives; the result of ``record_round`` is
+    yielded at the end of each round.
     """
     damping, known = 1e-3, columns
     for turn in range(most):

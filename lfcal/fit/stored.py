@@ -257,7 +257,7 @@ class Filler:
         return {"fit": self._fit.folder.name, "error": self._fit.error, "camera": self._fit.setup.camera.to_dict()}
 
     def __call__(self, z: int, values: F4, facts: Facts) -> Work[Filled]:
-        """Fill plane ``z`` ``(ny, nx, nt, ns)`` in place where nothing was recorded; yields progress in positions.
+        """Fill plane ``z`` ``(ny, nx, nt, ns)`` in place where nothing was recorded; progress counts positions.
 
         Raises
         ------

@@ -25,7 +25,7 @@ _LETTERS = "RGBWCMYE"
 
 
 def check_cfa(cfa: str) -> str:
-    """Return ``cfa``; raise `InputError` unless it is empty or lists the filter letters of a square pattern by rows."""
+    """Return ``cfa``; raise `InputError` unless it is empty, or the letters of a square pattern in row-major order."""
     if not isinstance(cfa, str) or len(cfa) not in _SIDES or any(letter not in _LETTERS for letter in cfa):
         raise InputError.expected(
             "colour filter pattern",
@@ -49,15 +49,15 @@ def cfa_from(cfa: str, origin: tuple[int, int]) -> str:
 
 
 def phases(cfa: str) -> list[tuple[slice, slice]]:
-    """Return, for each position of the pattern by rows, the strided row and column slices that select its pixels."""
+    """Return, for each position of the pattern in row-major order, the strided slices (rows, columns) of its pixels."""
     side = pattern_side(cfa)
     return [(slice(r, None, side), slice(c, None, side)) for r in range(side) for c in range(side)]
 
 
 def channel_names(cfa: str) -> tuple[str, ...]:
-    """Return a name for each position of the pattern by rows: its letter, numbered if it occurs several times.
+    """Return a name for each position of the pattern in row-major order: its letter, with a number if it is repeated.
 
-    ``"GRBG"`` becomes ``("G1", "R", "B", "G2")``: G1 is the first green by rows.
+    ``"GRBG"`` becomes ``("G1", "R", "B", "G2")``: G1 is the first green in row-major order.
     """
     names = []
     for k, letter in enumerate(check_cfa(cfa)):

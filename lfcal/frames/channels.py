@@ -92,7 +92,7 @@ class ChannelSource(SourceView):
         return replace(dark, frame=dark.frame[first[0] :: step, first[1] :: step], origin=place)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known about frame ``index``; its drift is in pixels of the channel."""
+        """Return the metadata of frame ``index``; its drift is in pixels of the channel."""
         info, (r0, c0), step = self.source.info(index), self._phase, self._step
         origin = info.origin if self._cut else self.known.origin or (0, 0)
         # pixels of the mosaic from the channel's first pixel to the first one in this frame
@@ -147,8 +147,8 @@ class OneColourSource(SourceView):
 class BalancedSource(SourceView):
     """View of a source of mosaics, with balanced colours as float32; use it on dark-corrected frames.
 
-    Each position of the colour filter pattern is multiplied by its gain. ``gains`` lists the gains by rows of the
-    pattern. None: those of the camera's white balance.
+    Each position of the colour filter pattern is multiplied by its gain. ``gains`` lists the gains in row-major order.
+    None: those of the camera's white balance.
     """
 
     def __init__(self, source: FrameSource, gains: Sequence[float] | None = None) -> None:
@@ -200,7 +200,7 @@ class BalancedSource(SourceView):
 def channel_source(source: FrameSource, channel: str) -> ChannelSource:
     """Return a view of ``source`` with one colour of the mosaic, such as ``"R"``, ``"G1"``, ``"G2"`` or ``"B"``.
 
-    The greens are numbered by rows of the pattern: in ``GRBG``, G1 is the first pixel.
+    The greens are numbered in row-major order: in ``GRBG``, G1 is the first pixel.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def channel_source(source: FrameSource, channel: str) -> ChannelSource:
 
 
 def balanced_source(source: FrameSource, gains: Sequence[float] | None = None) -> BalancedSource:
-    """Return a view of ``source`` with its colours multiplied by ``gains``, listed by rows of the pattern.
+    """Return a view of ``source`` with its colours multiplied by ``gains``, in row-major order of the pattern.
 
     Without ``gains``, those of the camera's white balance are used.
 
@@ -371,7 +371,7 @@ class ThinnedSource(SourceView):
         return len(self._kept)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about a frame, with its position in the colour's plan."""
+        """Return the metadata of frame ``index``, with its position in the colour's plan."""
         info = self.source.info(self._kept[index])
         (y0, x0), step = self._scan.first, self._scan.step
         z, y, x = info.position

@@ -53,7 +53,7 @@ class SelectedSource(SourceView):
         return len(self.chosen)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index``."""
+        """Return the metadata of frame ``index``."""
         return self.source.info(int(self.chosen[index]))
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:

@@ -63,7 +63,7 @@ class DescribedSource(SourceView):
         return known if known.noise is not None else replace(known, noise=stated_noise(self.plan.camera))
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index``, with the plan's exposure if it has none."""
+        """Return the metadata of frame ``index``, with the plan's exposure time if the frame states none."""
         info = self.source.info(index)
         if info.exposure_s is None and len(info.points) == 1 and info.points[0].z < len(self.plan.exposures):
             return replace(info, exposure_s=self.plan.exposures[info.points[0].z])

@@ -62,7 +62,7 @@ class HalfCellSource(SourceView):
         return len(self.source) + len(self._frames)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index``; a copy has the position and sensor origin of the filled position."""
+        """Return the metadata of frame ``index``; a copy has the position and sensor origin that it fills."""
         extra = index - len(self.source)
         if extra < 0:
             return self.source.info(index)
@@ -87,7 +87,7 @@ class HalfCellSource(SourceView):
 
 
 def with_partners(source: FrameSource, plan: ScanPlan) -> HalfCellSource:
-    """Return the frames of a half-cell scan, completed to those of the scan of a full cell.
+    """Return the frames of a half-cell scan, completed to those of a full cell.
 
     Raises
     ------

@@ -111,7 +111,7 @@ class Manifest:
     bit_depth
         Number of bits that a sample may use. None: not checked.
     cfa
-        Colour filter pattern, by rows, that the frames must have; empty: not checked.
+        Colour filter pattern in row-major order that the frames must have; empty: not checked.
 
     Raises
     ------

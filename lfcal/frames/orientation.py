@@ -180,7 +180,7 @@ class OrientedSource(SourceView):
     Parameters
     ----------
     source
-        Corrected frames in the orientation delivered.
+        Corrected frames in the orientation as delivered.
     turn
         The orientation that makes them upright.
     sensor
@@ -203,7 +203,7 @@ class OrientedSource(SourceView):
         return replace(known, cfa="", channel_phase=None, darks={}, origin=origin, orientation=self.turn.name)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known about frame ``index``, with its origin and mask turned.
+        """Return the metadata of frame ``index``, with its origin and mask turned.
 
         The drift stays unchanged, because it refers to the plan's upright image.
         """
@@ -223,7 +223,7 @@ class OrientedSource(SourceView):
         return replace(info, origin=(row, column), mask=mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or the rows and columns ``region`` of the turned frame."""
+        """Return the turned frame ``index``, or the part of it in ``region`` (rows and columns after turning)."""
         return self._turned(self.source.read(index, self._behind(region)))
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
@@ -255,7 +255,7 @@ def oriented(source: FrameSource, turn: Orientation, sensor: tuple[int, int]) ->
     Parameters
     ----------
     source
-        Corrected frames in the orientation delivered.
+        Corrected frames in the orientation as delivered.
     turn
         The orientation that makes them upright.
     sensor

@@ -87,7 +87,11 @@ class FrameInfo:
 
 
 class LeftOut(NamedTuple):
-    """A damaged frame that was left out: its name, scan position (z, y, x; None for a dark frame), and damage."""
+    """A damaged frame that was left out.
+
+    ``label`` is its name, ``position`` its scan position (z, y, x; None for a dark frame), and ``reason`` describes the
+    damage.
+    """
 
     label: str
     position: Position | None
@@ -182,13 +186,13 @@ class FrameMetadata:
         Sample value at which a pixel is saturated (counts); None also if it differs between pixels.
     black_level
         Sample value without light (counts), or a tuple with one value for each position of the colour filter pattern,
-        by rows.
+        in row-major order.
     cfa
-        Colour filter pattern by rows, from the first pixel of the frames, such as ``"RGGB"``; empty also for monochrome
-        frames.
+        Colour filter pattern in row-major order, from the first pixel of the frames, such as ``"RGGB"``; empty also for
+        monochrome frames.
     gains
-        White-balance factors of the camera for the positions of the colour filter pattern, by rows; for a single
-        channel, one number.
+        White-balance factors of the camera for the positions of the colour filter pattern, in row-major order; for a
+        single channel, one number.
     noise
         Noise of the samples before any correction.
     darks
@@ -224,7 +228,7 @@ class FrameMetadata:
     pixel_step
         Distance between neighbouring pixels of the channel (pixels of the mosaic).
     balanced_by
-        Factors by which the positions of the colour filter pattern were multiplied, by rows.
+        Factors by which the positions of the colour filter pattern were multiplied, in row-major order.
     shift
         Number of bits by which left-aligned samples were shifted down.
     corrections
@@ -399,11 +403,11 @@ class FrameSource(Protocol):
         ...
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known about frame ``index`` without reading it."""
+        """Return the metadata of frame ``index`` without reading its samples."""
         ...
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or the rows and columns ``region`` of it, as a new array of `dtype`."""
+        """Return frame ``index``, or the part of it in ``region`` (rows, columns), as a new array of `dtype`."""
         ...
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
@@ -448,11 +452,11 @@ class Frames(ABC):
 
     @abstractmethod
     def info(self, index: int) -> FrameInfo:
-        """Return what is known about frame ``index`` without reading it."""
+        """Return the metadata of frame ``index`` without reading its samples."""
 
     @abstractmethod
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or the rows and columns ``region`` of it, as a new array of `dtype`."""
+        """Return frame ``index``, or the part of it in ``region`` (rows, columns), as a new array of `dtype`."""
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
         """Return the result of `read` with its validity: saturated and masked samples are invalid."""

@@ -52,7 +52,7 @@ class SourceView(Frames):
         return len(self.source)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the facts about frame ``index``."""
+        """Return the metadata of frame ``index``."""
         return self.source.info(index)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:

@@ -117,7 +117,7 @@ class Evidence:
     asked
         Mask ``(n,)``, True for patterns that were included because they are suspect; the others are evenly spread.
     more_suspected
-        Number of suspect positions that were not included; the most suspect ones were.
+        Number of suspect positions that were not included; those included are the most suspect ones.
     rounding
         Variance of a value due to rounding.
 

@@ -95,7 +95,7 @@ _STAGE = "searching for an explanation of the patterns"
 
 @dataclass(frozen=True)
 class Explanation:
-    """Change of the described camera, or of the recording, with which the patterns of H are explained much better.
+    """Change of the camera description, or of the recording, that explains the patterns of H much better.
 
     Attributes
     ----------
@@ -202,7 +202,7 @@ class Disagreement:
 
 @dataclass(frozen=True, eq=False)
 class _Few:
-    """A few patterns of H, and the residual that the described camera leaves in them."""
+    """A few patterns of H, and the residual that the camera as described leaves in them."""
 
     matrix: PSFMatrix
     known: Behind
@@ -359,7 +359,7 @@ def _most_agree(shifts: F8, size: Index) -> bool:
 def iter_explained(
     matrix: PSFMatrix, known: Behind, *, iris: Iris | None = None, evidence: Evidence | None = None
 ) -> Work[Explanation | None]:
-    """Return an explanation of the patterns that is much better than their described camera; None if none is found.
+    """Return an explanation of the patterns that is much better than their camera description; None if there is none.
 
     Parameters
     ----------
@@ -464,7 +464,7 @@ def _moved_back(patterns: NDArray, by: tuple[int, int]) -> NDArray:  # type: ign
 
 
 def _types(few: _Few) -> Work[Explanation | None]:
-    """Return the order of the described lens types that the patterns show."""
+    """Return the order of the lens types in the description that the patterns show."""
     camera = few.known.setup.camera
     count = len(camera.lattice.types)
     orders = [order for order in itertools.permutations(range(count)) if order != tuple(range(count))]

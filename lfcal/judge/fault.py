@@ -109,7 +109,7 @@ class FoundFault:
     wider
         Factor by which the cutouts are enlarged so that ``put_in`` shows the cost.
     cost
-        Error of a reconstruction with H due to the fault, in addition to noise (NRMSE); errors add in squares. None:
+        Error of a reconstruction with H due to the fault, in addition to noise (NRMSE); errors add in quadrature. None:
         not measured.
 
     Examples

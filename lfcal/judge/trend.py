@@ -64,7 +64,7 @@ class CoursePoint:
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """A change between two consecutive sessions, with its significance in combined standard deviations."""
+    """A change between the sessions ``before`` and ``after``, and its significance in standard deviations."""
 
     before: str
     after: str

@@ -108,7 +108,7 @@ class CameraLattice:
         return self.camera.lattice.basis_um() / self.camera.sensor.pixel_um
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return the centres ``(..., 2)`` as (row, column) of lenslets with indices q and r (pixels)."""
+        """Return the centres (row, column), ``(..., 2)``, of micro-images with indices q and r (px)."""
         return self.camera.pixels(self.camera.periodic.centres_um(q, r))
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
@@ -127,7 +127,10 @@ class CameraLattice:
 
 @dataclass(frozen=True, slots=True)
 class CroppedLattice:
-    """The lattice on frames that show a part of the sensor; ``origin`` is the sensor pixel of their first pixel."""
+    """The lattice ``whole`` on smaller frames of ``shape``, which show only a part of its frames.
+
+    ``origin`` is the position (row, column) of their first pixel in the frames of ``whole``.
+    """
 
     whole: FrameLattice
     shape: tuple[int, int]
@@ -158,7 +161,7 @@ class CroppedLattice:
         return self.whole.basis_px()
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return the centres ``(..., 2)`` as (row, column) on the frames (pixels)."""
+        """Return the centres (row, column), ``(..., 2)``, of micro-images with indices q and r (px)."""
         centres: Array = self.whole.centres_px(q, r) - np.array(self.origin, float)
         return centres
 

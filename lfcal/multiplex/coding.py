@@ -95,6 +95,8 @@ def _is_paley(n: int) -> bool:
 def random_code(frames: int, points: int, density: float, rng: np.random.Generator) -> Array:
     """Return a random code ``(frames, points)`` of 0 and 1 with full column rank, so that all points can be separated.
 
+    ``density`` is the expected fraction of ones (0 to 1), and ``rng`` the random number generator.
+
     Raises
     ------
     InputError

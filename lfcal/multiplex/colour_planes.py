@@ -34,7 +34,9 @@ Planes = dict[str, "NDArray[np.float32]"]
 
 @dataclass(frozen=True)
 class ColourReading:
-    """Settings for reading frames: colour, pattern of colour filters, dark frame, position of the first pixel.
+    """Settings for reading frames: colour channel, pattern of colour filters, dark frame, and origin.
+
+    The ``origin`` is the sensor position (row, column) of the first pixel. None: the frames show the whole sensor.
 
     With ``repair``, pixels that are not finite, and those that the file ``mask`` marks, are interpolated.
     """
@@ -142,7 +144,7 @@ def interpolated(
 
 
 def _square(cfa: str) -> str:
-    """Return the letters of a square that repeats the pattern, by rows; empty for no pattern."""
+    """Return the letters of a square that repeats the pattern, in row-major order; empty for no pattern."""
     from lfcal.multiplex.colour_filters import parse_pattern
 
     if not cfa:

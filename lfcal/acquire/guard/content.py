@@ -46,7 +46,7 @@ class FramePlace(NamedTuple):
 
 
 class RowSample(NamedTuple):
-    """Some rows of one exposure, their CRC-32, the bytes of the first and last row, and the exposure's position."""
+    """Some rows of one exposure, their CRC-32, the bytes of the first and last of them, and the exposure's position."""
 
     place: FramePlace
     rows: NDArray[Any]
@@ -179,9 +179,10 @@ class SensorLimits(NamedTuple):
 
 
 class MeasuredFrame(NamedTuple):
-    """Measurements of a frame (`COLUMNS`), their standard deviations, and the number of saturated pixels.
+    """Measurements of a frame in the order of `COLUMNS`, standard deviations, and the number of saturated pixels.
 
-    ``level_sigma`` and ``energy_sigma`` are in counts, ``place_sigma`` of the centroid in pixels.
+    ``level_sigma`` and ``energy_sigma`` are the standard deviations of background and energy (counts), and
+    ``place_sigma`` that of the centroid (px).
     """
 
     values: NDArray[np.float64]
@@ -293,7 +294,10 @@ class Neighbours:
 
 
 def same_place(now: MeasuredFrame, before: MeasuredFrame, sensor: SensorLimits, *, references: bool = False) -> Doubt:
-    """Compare a frame with an earlier one of the same position and exposure, and return the findings."""
+    """Compare a frame with an earlier one of the same position and exposure, and return the findings.
+
+    Reference frames (``references``) may differ more, because the lamp and the stage may have drifted between them.
+    """
     return _compare(now, before.values, REFERENCES if references else AGAIN, 1.5, sensor)
 
 

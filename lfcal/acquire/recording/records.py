@@ -57,8 +57,13 @@ def file_name(kind: Kind, run: int) -> str:
 class Note:
     """Record of a frame; the fields, their order and their stored types define the layout in the file.
 
-    Stage coordinates (x, y, z) are in µm, times in s, light in counts, and ``row`` and ``column`` in sensor pixels.
-    ``sequence`` and ``frame_crc`` are filled in when the frame is written.
+    ``index`` is the flat position in the plan, ``(z * ny + y) * nx + x``, from which a control frame is displaced by
+    ``period_y`` and ``period_x`` whole periods. ``target_um`` and ``stage_um`` are the target and the read-back stage
+    coordinates (x, y, z) in µm. ``time_s`` is the time since 1970-01-01 UTC, and ``elapsed_s`` the recording time so
+    far, without pauses. ``energy`` is the sum and ``peak`` the highest of all samples (counts). ``row`` and ``column``
+    are the first sensor pixel of the frame. ``saturated`` and ``sensor_saturated`` are the numbers of saturated pixels
+    in the frame, and in the whole region read from the sensor. ``sequence`` and ``frame_crc`` are filled in when the
+    frame is written.
 
     Examples
     --------

@@ -88,7 +88,7 @@ class Store:
     ) -> Store:
         """Open the files of recording ``run`` to continue it; ``damaged`` returns the slots of a file to take again.
 
-        Raises `FileFormatError` if they belong to another session.
+        Raises `FileFormatError` if they belong to a session other than ``identity``.
         """
         opened: dict[Kind, RecordingJournal] = {}
         taken: dict[Kind, NDArray[np.bool_]] = {}

@@ -345,7 +345,7 @@ ALIKE, APART_PX = 0.98, 2.0
 
 
 class DepthLook(NamedTuple):
-    """Measurements in one plane: the fit, the spread of the light at each position (pixels), and the middle cutout."""
+    """Measurements in one plane: the fit, the rms spread of the light at each position (px), and the middle cutout."""
 
     fit: StageFit
     spread: NDArray[np.float64]

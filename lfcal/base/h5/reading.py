@@ -177,7 +177,7 @@ class H5File:
     def dataset(
         self, name: str, *, max_bytes: int = MAX_BYTES, dtype: np.dtype[Any] | None = None, holes: bool = False
     ) -> H5Data:
-        """Return a dataset of numbers, with checks of its type, size and storage."""
+        """Return a dataset of numbers after checking its type, size and storage; see `H5Data` for the parameters."""
         import h5py
 
         data = self._object(name)

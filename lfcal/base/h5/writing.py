@@ -31,7 +31,7 @@ def new_h5(
     path
         Path of the file; an existing one is replaced.
     header
-        Size of the user block before the HDF5 data (bytes): 0, 512, 1024, 2048 …
+        Content of the user block before the HDF5 data; its length must be 0, 512, 1024, 2048 … bytes.
     libver
         Oldest and newest version of the format that HDF5 may use. None: HDF5 chooses.
 

@@ -86,12 +86,12 @@ class CorrectedSource(SourceView):
         return None if found is None else CorrectedSource(found, self.chain)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
-        """Return the corrected frame ``index``, or its rows and columns ``region``."""
+        """Return the corrected frame ``index``, or the part of it in ``region``."""
         values: NDArray[np.float32] = self.samples(index, region).values
         return values
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the corrected samples of frame ``index`` or of its rows and columns ``region``.
+        """Return the corrected samples of frame ``index``, or of the part of it in ``region``.
 
         Saturation is determined from the raw values.
 

@@ -35,7 +35,7 @@ class Defects:
     shape
         Shape ``(rows, columns)`` of the sensor (px).
     cfa
-        Colour filter pattern by rows, such as ``"RGGB"``; empty for monochrome frames.
+        Colour filter pattern in row-major order, such as ``"RGGB"``; empty for monochrome frames.
     kinds
         Kind of each defect: ``"hot"``, ``"dead"``, ``"stuck"`` or ``"listed"``; empty if unknown.
     neighbours, margin
@@ -152,7 +152,7 @@ def nearest_good(
     bad
         Boolean map ``(rows, columns)``, true at the pixels that must not be used.
     cfa
-        Colour filter pattern by rows.
+        Colour filter pattern in row-major order.
     origin
         Sensor coordinates of the first pixel of ``bad``.
     reach

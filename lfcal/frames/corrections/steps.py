@@ -304,7 +304,7 @@ class White:
     floor
         Lowest relative brightness by which frames are divided, above 0 and at most 1.
     cfa
-        Colour filter pattern by rows, such as ``"RGGB"``; empty for monochrome frames.
+        Colour filter pattern in row-major order, such as ``"RGGB"``; empty for monochrome frames.
     saturation
         Sample value at which a pixel is saturated (counts). None: the highest value of an integer type.
     gain, dim
@@ -453,7 +453,10 @@ def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
 
 
 def fit_plane(rows: NDArray[Any], columns: NDArray[Any], values: NDArray[Any], *, rounds: int = 4) -> Plane:
-    """Return ``(p0, p1, p2)`` of the plane ``p0 + p1 row + p2 column``, fitted without values beyond 3 robust sigma."""
+    """Return ``(p0, p1, p2)`` of the plane ``p0 + p1 row + p2 column`` that is fitted to ``values``.
+
+    Values farther than 3 robust standard deviations from the plane are excluded, in at most ``rounds`` rounds.
+    """
     design = np.stack([np.ones(rows.size), rows, columns], axis=1).astype(np.float64)
     values = values.astype(np.float64)
     # a wider first cut: the median ignores the slope, and a steep plane varies strongly about it

@@ -124,7 +124,7 @@ class Format:
 
 @contextmanager
 def decoding(path: Path, kind: str) -> Iterator[None]:
-    """Convert any error of a decoder to a one-line `FileFormatError` that names the file."""
+    """Context that converts any error of a decoder to a one-line `FileFormatError` with the ``path`` of the file."""
     try:
         yield
     except (LfcalError, MemoryError):

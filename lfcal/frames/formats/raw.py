@@ -28,9 +28,9 @@ SONY = 32767
 class RawImage(ImageFile):
     """A camera RAW file of one frame.
 
-    Nothing is interpolated, scaled or clipped. ``metadata`` contains ``cfa`` (the pattern of the visible area, by rows)
-    and, if the file states a white level, ``saturation``. For each pattern position it contains ``black_level`` (sample
-    value) and ``gains``, the camera's white balance (1 for the first green).
+    Nothing is interpolated, scaled or clipped. ``metadata`` contains ``cfa`` (the pattern of the visible area, in
+    row-major order) and, if the file states a white level, ``saturation``. For each pattern position it contains
+    ``black_level`` (sample value) and ``gains``, the camera's white balance (1 for the first green).
     """
 
     def __init__(self, path: Path) -> None:

@@ -78,7 +78,11 @@ class CentroidMotion:
 
 
 class Part(NamedTuple):
-    """Part of the sensor that frames show: row and column of their first pixel as delivered, and their orientation."""
+    """Part of the sensor that frames show.
+
+    ``origin`` is the (row, column) of their first pixel on the sensor, as delivered. ``turn`` is the orientation that
+    makes the frames upright, as in `lfcal.frames.ORIENTATIONS`.
+    """
 
     origin: tuple[int, int]
     turn: str = AS_IS
@@ -171,7 +175,10 @@ class StageOrientation:
 
 
 def turn_of(stage: StageAxes, light: CentroidMotion, lateral: tuple[int, int]) -> Orientation | None:
-    """Return the orientation of frames that reconciles the motion of their light with the stage axes, or None."""
+    """Return the orientation of frames that reconciles the motion of their light with the stage axes, or None.
+
+    ``lateral`` contains the indices of the first and the second lateral axis in (x, y, z).
+    """
     seen = light.axes()
     if seen is None:
         return None

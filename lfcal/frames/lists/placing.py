@@ -141,7 +141,10 @@ def place(
 
 
 def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[ScanGrid, tuple[int, int]]:
-    """Return the grid of a list, and the indices of the first and the second lateral axis in (x, y, z)."""
+    """Return the grid of a list, and the indices of the first and the second lateral axis in (x, y, z).
+
+    ``planes`` is the number of planes of the scan; 0: unknown.
+    """
     depth = AXES.index(stage.away[1])
     lateral = tuple(k for k in range(3) if k != depth)
     if not listing.has_depth and (planes > 1 or depth != 2):
@@ -381,7 +384,11 @@ def _light_notes(plan: ScanPlan, light: CentroidMotion | None, stage: StageAxes,
 def anchor_of(
     light: CentroidMotion, stage: StageAxes, lateral: tuple[int, int], period: tuple[int, int]
 ) -> tuple[float, float]:
-    """Return the row and the column of the centroid of the light at position y = x = 0."""
+    """Return the row and the column of the centroid of the light at position y = x = 0 (px).
+
+    ``lateral`` contains the indices of the first and the second lateral axis in (x, y, z), and ``period`` the number of
+    positions (ny, nx).
+    """
     start = np.array(light.start)
     for axis, count in ((stage.down, period[0]), (stage.right, period[1])):
         if axis[0] == "-":  # the first place along the axis is then the last position

@@ -52,7 +52,7 @@ def iter_measure_sensor(
     darks
         Two or more darks for each exposure, recorded with the same settings as the flats.
     cfa
-        Colour filter pattern by rows; empty for a monochrome sensor.
+        Colour filter pattern in row-major order; empty for a monochrome sensor.
 
     Raises
     ------

@@ -172,7 +172,7 @@ def figures_of(found: SensorMeasurement, known: Sensor | None = None) -> list[tu
     found
         The measured properties.
     known
-        The sensor as described; with it, the full well for its description is included.
+        The sensor before the measurement. If it is given, the full well for its description is included.
     """
     channels = [(f"  {name}", _text(gain, "counts per e⁻")) for name, gain in found.channels.items()]
     return [

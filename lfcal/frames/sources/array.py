@@ -125,7 +125,7 @@ class ArraySource(Frames):
         return len(self._positions)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what is known about frame ``index`` without reading it."""
+        """Return the metadata of frame ``index`` without reading its samples."""
         k = check_index(index, len(self))
         return FrameInfo(
             (self._positions[k],),
@@ -137,7 +137,7 @@ class ArraySource(Frames):
         )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return a copy of frame ``index``, or of its rows and columns ``region``."""
+        """Return a copy of frame ``index``, or of the part of it in ``region``."""
         at = np.unravel_index(check_index(index, len(self)), self._lead)
         rows, columns = check_region(region or whole(self.shape), self.shape)
         part = self._frames[(*(int(k) for k in at), rows, columns)]

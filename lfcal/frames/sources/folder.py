@@ -309,7 +309,7 @@ class FolderSource(Frames):
         )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or its rows and columns ``region``, as a new array, checked by `check_frame`."""
+        """Return frame ``index``, or the part of it in ``region``, as a new array, after `check_frame`."""
         return self._values(index, region)[0]
 
     def samples(self, index: int, region: Region | None = None) -> Samples:

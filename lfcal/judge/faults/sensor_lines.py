@@ -58,7 +58,10 @@ def standing_out(values: F8, sigmas: F8) -> tuple[F8, F8]:
 
 
 def bridged(axis: int, lines: NDArray[np.intp]) -> Repair:
-    """Return a function that replaces lines of the sensor by the mean of the nearest good lines on both sides."""
+    """Return a function that replaces lines of the sensor by the mean of the nearest good lines on both sides.
+
+    ``axis`` is 0 for rows and 1 for columns; ``lines`` are their indices.
+    """
     bad = set(lines.tolist())
 
     def repair(index: NDArray[np.intp], patterns: F4) -> F4:
@@ -80,7 +83,7 @@ def bridged(axis: int, lines: NDArray[np.intp]) -> Repair:
 
 
 def shifted(axis: int, offsets: F8) -> Repair:
-    """Return a function that subtracts the offsets of the lines of the sensor from patterns."""
+    """Return a function that subtracts the offsets of sensor rows (``axis`` 0) or columns (1) from patterns."""
 
     def repair(index: NDArray[np.intp], patterns: F4) -> F4:
         size = patterns.shape[1 + axis]
@@ -92,7 +95,7 @@ def shifted(axis: int, offsets: F8) -> Repair:
 
 
 def lit(axis: int, gains: F8, shape: tuple[int, ...]) -> PutIn:
-    """Return a function that multiplies the light on each line of the sensor, of this ``shape``, by its gain."""
+    """Return a function that multiplies the light on each sensor row (``axis`` 0) or column (1) by its gain."""
     image = np.ones(shape) * (gains[:, None] if axis == 0 else gains)
     return lambda patch: patch.light * patch.seen(image)
 

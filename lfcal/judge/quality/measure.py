@@ -68,11 +68,11 @@ class PlaneContext:
     aperture
         The iris fitted to the sum.
     waves
-        Wave vectors of the lenslet lattice; see `lfcal.judge.quality._lattice.wave_vectors`.
+        Wave vectors (x, y) of the lenslet lattice, ``(2 or 3, 2)`` (rad/px of H).
     tiling
-        Result of the control frames. None: there are none.
+        Result of the check of periodicity with control frames. None: there are none.
     expected
-        Mean pattern expected from the camera; see `lfcal.judge.quality._expected.expected_sum`. None: unknown.
+        Mean pattern expected from the camera, ``(nt, ns)``, with a total light of 1. None: unknown.
     """
 
     matrix: PSFMatrix
@@ -94,7 +94,7 @@ class PlaneContext:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Faulty:
-    """Masks ``(ny, nx)`` of the positions whose frames cannot be used, one for each kind of fault."""
+    """Masks ``(ny, nx)`` of the positions whose frames cannot be used: missing, not finite, or duplicates."""
 
     missing: NDArray[np.bool_]
     nonfinite: NDArray[np.bool_]

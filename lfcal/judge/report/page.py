@@ -50,7 +50,8 @@ def page(
 ) -> str:
     """Return the report on ``H`` as one HTML document without scripts or external links.
 
-    With ``every``, metrics that do not apply are listed as well.
+    ``comparison`` is that with another H, whose path is ``reference``. With ``every``, metrics that do not apply are
+    listed as well.
     """
     quality = inspection.quality
     name = one_line(Path(H.path).name) or "PSF matrix"
