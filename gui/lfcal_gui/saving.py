@@ -61,7 +61,9 @@ def write_picture(widget: QWidget, path: str) -> bool:
 
     def write(part: Path) -> None:
         if not widget.grab().save(str(part), "PNG"):
-            raise StorageError(f"{path}: the image could not be written; check the disk and the path")
+            raise StorageError(
+                f"{path}: the image could not be written; check that the folder exists and the disk is not full"
+            )
 
     return write_file(widget, path, write)
 

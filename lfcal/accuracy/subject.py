@@ -110,7 +110,7 @@ class Subject:
         """Check that there is something to measure."""
         if self.plan is None and self.matrix is None:
             raise InputError.expected(
-                "subject of the accuracy measurement", "a scan plan or H", "neither", "give a plan or an H"
+                "subject of the accuracy measurement", "a scan plan or H", "neither", "make a plan, or open an H"
             )
 
     @classmethod
@@ -129,10 +129,10 @@ class Subject:
         """The scan plan; raises `InputError` with the reason if there is none."""
         if self.plan is None:
             raise InputError.expected(
-                "camera of the measurement",
-                "the camera of a scan",
+                "scan of the measurement",
+                "a scan plan with its camera",
                 self.no_plan or "none",
-                "give a scan plan or a camera",
+                "measure the accuracy of a scan plan or a camera instead of H",
             )
         return self.plan
 

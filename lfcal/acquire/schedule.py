@@ -240,7 +240,9 @@ def _periods_to_edge(plan: ScanPlan, middle: NDArray[Any], shape: tuple[int, int
 def _redo_positions(shape: tuple[int, ...], redo: Sequence[Position]) -> NDArray[np.int64]:
     positions = np.array(sorted(set(redo)), np.int64).reshape(-1, 3)
     if not len(positions):
-        raise InputError.expected("positions to redo", "at least one", "an empty list", "list at least one position")
+        raise InputError.expected(
+            "positions to record again", "at least one", "an empty list", "leave the empty list out"
+        )
     bad = ((positions < 0) | (positions >= np.array(shape))).any(axis=1)
     if bad.any():
         first = tuple(positions[np.flatnonzero(bad)[0]].tolist())

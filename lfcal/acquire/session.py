@@ -273,7 +273,9 @@ def _new(file: SessionFile, only: Sequence[Position] | None, kept_aside: Sequenc
     if only is None:
         return replace(file, kept_aside=aside)
     if not len(only):
-        raise InputError.expected("positions to record", "at least one", "an empty list", "list at least one position")
+        raise InputError.expected(
+            "positions to record", "at least one", "an empty list", "leave the empty list out, to record all positions"
+        )
     positions = tuple(tuple(map(int, p)) for p in file.plan.in_scan_order(only).tolist())
     return replace(file, redo=(positions,), kept_aside=aside)
 

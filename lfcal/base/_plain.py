@@ -70,7 +70,7 @@ def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: 
         value = dict(pairs)
         if len(value) < len(pairs):
             count = Counter(name for name, _ in pairs)
-            raise refuse(f"{count.most_common(1)[0][0]!r} more than once")
+            raise refuse(f"the entry {count.most_common(1)[0][0]!r} more than once")
         return value
 
     try:
@@ -81,7 +81,7 @@ def parse_json(text: str, what: str, *, remedy: str = "check the file", finite: 
     except RecursionError:
         raise refuse("lists nested too deeply to be read") from None
     except ValueError as error:
-        raise refuse(str(error)) from None
+        raise refuse(f"other text ({error})") from None
     if _deeper_than(value, MAX_NESTING):
         raise refuse(f"more than {MAX_NESTING} levels of nested lists")
     # half a surrogate pair cannot be encoded

@@ -57,7 +57,7 @@ _REMEDIES = {
     errno.ENOENT: "check the path",
     errno.ENOTDIR: "a part of the path is a file; check the path",
     errno.EEXIST: "a part of the path is a file; check the path",
-    errno.EISDIR: "the path is a folder; name a file in it",
+    errno.EISDIR: "this is a folder; give the path of a file",
     errno.ENAMETOOLONG: "choose a shorter name",
 }
 
@@ -115,9 +115,9 @@ def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
     need = int(nbytes * 1.01) + (1 << 20)
     if free < need:
         raise StorageError.expected(
-            f"disk space for {what} in {folder}",
-            format_bytes(need),
-            f"{format_bytes(free)} free",
+            f"free disk space for {what} in {folder}",
+            f"at least {format_bytes(need)}",
+            format_bytes(free),
             "free some space or choose another folder",
         )
 
@@ -138,7 +138,7 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
         elif target.exists():
             check_regular(target)
             if not target.stat().st_mode & stat.S_IWUSR:
-                raise StorageError(f"{target}: is read-only; choose another name, or make it writable")
+                raise StorageError(f"{target}: this file is read-only; choose another name, or make the file writable")
         folder = target.parent
         # missing folders are created in the nearest existing one
         while not folder.exists() and folder != folder.parent:
@@ -188,9 +188,9 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
 def _check_store(target: Path) -> None:
     """Raise `StorageError` unless a folder is a store or empty: other files of the user are never replaced."""
     if not any((target / name).is_file() for name in (".zgroup", ".zarray", "zarr.json")) and any(target.iterdir()):
-        raise StorageError(f"{target}: is a folder with other files; choose another name")
+        raise StorageError(f"{target}: this folder contains other files; choose another name")
     if not os.access(target, os.W_OK):
-        raise StorageError(f"{target}: is read-only; choose another name, or make it writable")
+        raise StorageError(f"{target}: this folder is read-only; choose another name, or make the folder writable")
 
 
 @contextmanager
@@ -323,9 +323,9 @@ def check_regular(path: Path) -> None:
     with storage_errors(path):
         kind = path.stat().st_mode
     if stat.S_ISDIR(kind):
-        raise StorageError(f"{path}: is a folder; name a file in it")
+        raise StorageError(f"{path}: this is a folder; give the path of a file")
     if not stat.S_ISREG(kind):
-        raise StorageError(f"{path}: is a pipe or a device; name a file on a disk")
+        raise StorageError(f"{path}: this is a pipe or a device; give the path of a file")
 
 
 def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bool = False) -> str:

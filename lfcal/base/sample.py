@@ -24,4 +24,6 @@ def _place(name: str, holds: str) -> Path:
     for place in (package.parent / "sample_data" / name, package / f"_sample_{name}"):
         if (place / holds).is_file():
             return place
-    raise StorageError(f"sample data ({name}): not part of this installation; make it with sample_data/make.py")
+    raise StorageError(
+        f"sample data ({name}): not part of this installation; run sample_data/make.py of the source code"
+    )

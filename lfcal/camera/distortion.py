@@ -188,7 +188,7 @@ class LatticeDistortion:
                     "terms of a radial distortion",
                     "one list of 1 to 4 terms",
                     f"lists of {counts} terms",
-                    "give one list of 1 to 4 terms",
+                    "combine the terms into one list, and leave out those of higher order",
                 )
             return
         right = [len(polynomial_powers(n)) for n in range(2, MAX_DEGREE + 1)]
@@ -197,7 +197,7 @@ class LatticeDistortion:
                 "terms of a polynomial distortion",
                 f"two lists of the same length ({any_of(map(str, right))})",
                 f"lengths {' and '.join(map(str, counts))}" if counts else "no lists",
-                "give two lists of one of these lengths",
+                "write 0 for each term that is not known",
             )
 
     @property

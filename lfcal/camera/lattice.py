@@ -67,7 +67,10 @@ class LensType:
         # lenslet equation 1/f = 1/B - 1/a with a = v B: between 0 and 1 the focal length would be negative
         if virtual_depth in (0, 1) or 0 < virtual_depth < 1:
             raise InputError.expected(
-                "virtual depth in focus", "a value above 1 or below 0", virtual_depth, "choose a value in this range"
+                "virtual depth in focus",
+                "a value above 1 or below 0",
+                virtual_depth,
+                "give inf for lenslets that are focused at infinity",
             )
         return cls(gap_um / (1.0 - 1.0 / virtual_depth), depth_range)
 

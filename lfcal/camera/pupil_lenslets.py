@@ -109,7 +109,9 @@ class PupilLenslets:
         focal = check_tuple("focal lengths of the lenslets (µm)", self.focal_lengths_um)
         if len(focal) not in (1, len(centres)):
             wanted = f"one for all lenslets, or one for each of the {len(centres)}"
-            raise InputError.expected("focal lengths of the lenslets", wanted, len(focal), "give one of these numbers")
+            raise InputError.expected(
+                "focal lengths of the lenslets", wanted, len(focal), "list one focal length per lenslet"
+            )
         for one in focal:
             check_length("focal length of a lenslet (µm)", one)
         object.__setattr__(self, "focal_lengths_um", focal)

@@ -70,7 +70,8 @@ class RegionPlan:
             raise InputError.expected("regions of the field", wanted, got, "rename the regions")
         if len(anchors) != len(names) or anchors[0] != self.scan.anchor:
             wanted = f"one for each of the {len(names)} regions, of which the first is that of the scan"
-            raise InputError.expected("anchors of the regions", wanted, len(anchors), "give as many anchors as regions")
+            got = len(anchors) if len(anchors) != len(names) else f"{anchors[0]} as the first, not {self.scan.anchor}"
+            raise InputError.expected("anchors of the regions", wanted, got, "start with the anchor of the scan")
         for k in range(len(names)):
             self.plan(k)
 
@@ -189,7 +190,7 @@ def _checked(rows: int, columns: int) -> tuple[int, int]:
             "regions (rows, columns)",
             f"2 to {MAX_REGIONS} in all",
             f"{rows}x{columns}",
-            "choose a number in this range",
+            "choose another number of rows and columns, such as 3x3",
         )
     return rows, columns
 

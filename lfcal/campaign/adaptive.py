@@ -67,8 +67,8 @@ def iter_session_patterns(folder: Path) -> Work[Measured]:
         noise = matrix.facts.noise
         known = None if noise is None else noise[tuple(index.T)]
         if known is None or not np.isfinite(known).all() or (known[:, 0] < 0).any():
-            got, remedy = "none", "record single exposures with dark frames, with a camera whose noise is known"
-            raise InputError.expected(f"{folder}, noise of the frames", "a variance", got, remedy)
+            got, remedy = "none", "record single exposures and dark frames, with a camera whose noise is known"
+            raise InputError.expected(f"{folder}, noise of the frames", "a known variance", got, remedy)
         aside = source.metadata.kept_aside
         return measured_of(matrix, held_out=[list(p) for p in aside])
 

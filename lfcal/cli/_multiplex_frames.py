@@ -303,8 +303,8 @@ def views(
         cells = modulator_of(modulator)
         grid = channel_grid(light.shape, fit, cells.side, spacing_px=None, axes=axes)
     if weights is not None and (route == "fourier" or filter not in (None, "linear")):
-        wanted = "spatial or both, and linear, because pixels have weights (--sensor, --mask, or NaN in the frame)"
-        got = f"{route} and {filter or 'linear'}"
+        wanted = "spatial or both with linear, because pixels have weights (--sensor, --mask, or NaN in the frame)"
+        got = f"{route} with {filter or 'linear'}"
         raise InputError.expected("--route and --filter", wanted, got, "leave both options out")
     if route != "fourier":
         found, spread = _views(light, weights, fit, cells, filter, axes=axes)

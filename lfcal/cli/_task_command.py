@@ -61,7 +61,9 @@ def do_task(task: Task, run: RunSettings, show: Show, json: bool) -> None:
 
     refused = next((row for row in rows(RunSettings) if value_at(run, row) and not task.takes(row.name)), None)
     if refused is not None:
-        raise InputError.expected(refused.flag, "work that is done in units", task.input_words, "leave it out")
+        raise InputError.expected(
+            refused.flag, "work that is done in units", task.input_words, f"leave {refused.flag} out"
+        )
     begun = task.unit_outputs()
     force = run.force or (bool(begun) and all(may_replace(out, run) for out in begun))
     check_outputs(task.files("out"), *task.files("in"), force=force)

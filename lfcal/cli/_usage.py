@@ -53,7 +53,8 @@ def refuse(context: typer.Context, wanted: str, got: str, *names: str) -> None:
     for one in context.command.params:
         source = context.get_parameter_source(str(one.name))
         if one.name in names and source is not None and source.name == "COMMANDLINE":
-            raise InputError.expected(max(one.opts, key=len), wanted, got, "leave it out")
+            option = max(one.opts, key=len)
+            raise InputError.expected(option, wanted, got, f"leave {option} out")
 
 
 def usage_line(error: Any, words: Sequence[str]) -> str:

@@ -130,8 +130,8 @@ def _subject(
         return
     if any(planes):
         raise InputError(
-            "--depths, --virtual-depths, --cutout: expected none of them, because H states planes and cutout; leave "
-            "these options out"
+            "--depths, --virtual-depths, --cutout: these options do not apply, because H states its planes and cutout; "
+            "leave them out"
         )
     with open_matrix(path, mat_order=mat_order) as matrix:
         note_assumed(matrix.camera, path.name, quiet=quiet)

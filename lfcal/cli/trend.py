@@ -55,7 +55,7 @@ def command(
     Example: `lfcal trend fits/ -o trend.png`, `lfcal trend --quality reports/`
     """
     if quality and sigmas != SIGMAS:
-        raise InputError.expected("--sigmas", "fits", "inspections (--quality)", "leave it out")
+        raise InputError.expected("--sigmas", "fits", "inspections (--quality)", "leave --sigmas out")
     from lfcal.judge import draw_trend, fits_in, inspections_in, labels_of, read_dated_fit, trend
 
     find = inspections_in if quality else fits_in

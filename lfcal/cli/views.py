@@ -111,7 +111,7 @@ def viewed_frame(path: Path, given: GivenLattice, camera: Camera | None, reading
         type_of = camera.lattice.type_of if len(camera.lattice.types) == 3 else None
         source = f"of camera {camera.name}; no white image: clear aperture"
     else:
-        raise InputError("lattice: expected --white, --lattice or --camera, got none; give one")
+        raise InputError("lattice: expected --white, --lattice or --camera, got none; add one of these options")
     radius = min(clear, lattice.pitch_px, lattice.row_pitch_px) / 2
     return ViewedFrame(planes, lattice, f"{source} of {2 * radius:.2f} px", type_of, missing, radius_px=radius)
 
@@ -205,7 +205,10 @@ def command(
         refuse(context, "planes given once", "--depths", "slopes")
     described = load_camera(camera, light=False) if camera else None
     if types != "none" and lattice is not None and white is None:
-        raise InputError("--types: needs --white in addition to --lattice; or give the camera.json of lfcal white")
+        raise InputError(
+            "--types: expected --white in addition to --lattice, got --lattice alone; add --white, or give the "
+            "camera.json of lfcal white (--camera)"
+        )
     if types != "none" and (described is None or len(described.lattice.types) != 3):
         raise InputError.expected("lens types", "a --camera with three", camera or "none", "leave --types out")
     check_number("samples per lenslet", samples, at_least=1, at_most=32, integer=True)
@@ -238,7 +241,10 @@ def _slopes(text: str, depths: str, camera: Camera | None) -> tuple[float, ...]:
     if not depths:
         return read_as("--slopes", read_virtual_depths, text)
     if camera is None:
-        raise InputError("depths: need --camera to know where they are focused; give it, or --slopes instead")
+        raise InputError(
+            "--depths: expected --camera, which relates depths to slopes, got none; add --camera, or give --slopes "
+            "instead"
+        )
     return tuple(sensor_slope(camera, z) for z in read_as("--depths", read_depths, depths))
 
 

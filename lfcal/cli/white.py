@@ -98,7 +98,7 @@ def _check_discs(kind: str, pitch: float) -> None:
     for name, given in (("--kind", bool(kind)), ("--pitch", bool(pitch))):
         if given:
             got = "a Fourier light-field microscope"
-            raise InputError.expected(name, "a camera with a periodic lenslet array", got, "leave it out")
+            raise InputError.expected(name, "a camera with a periodic lenslet array", got, f"leave {name} out")
 
 
 def _discs(light: NDArray[Any], described: Camera, image: Path, out: Path | None, *, json: bool) -> None:

@@ -35,7 +35,7 @@ D = TypeVar("D")
 POINT = [float, float, float]
 """Types of a position from most drivers, for a quick check twice per frame."""
 
-REMEDY = "the driver is wrong: correct or update it"
+REMEDY = "update or correct the driver"
 
 
 def _name(device: object, usual: str) -> str:
@@ -43,7 +43,7 @@ def _name(device: object, usual: str) -> str:
     with driver_errors(usual):
         name = getattr(device, "name", None)
     if not isinstance(name, str) or not name.strip():
-        raise DeviceError.expected(f"name of the {usual}", "a text", repr(name), REMEDY)
+        raise DeviceError.expected(f"name of the {usual}", "a text that is not empty", repr(name), REMEDY)
     return name
 
 

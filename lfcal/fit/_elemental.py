@@ -229,7 +229,7 @@ def elemental_of(measured: Measured) -> tuple[Elemental, dict[str, float]]:
 def _check_planes(measured: Measured) -> None:
     depths = {measured.plan.depths_um[z] for z in measured.index[:, 0].tolist()}
     if len(depths) < FEWEST:
-        wanted = f"a z stack of a point, {FEWEST} planes or more"
+        wanted = f"at least {FEWEST} planes in the z stack of a point"
         raise InputError.expected(
             "planes of a Fourier light-field microscope", wanted, len(depths), "record more planes"
         )
@@ -331,8 +331,8 @@ def _check_seen(measured: Measured, found: F8, seen: NDArray[np.bool_]) -> None:
             x, y = _lenslets(measured.plan.camera)[0].lens_centres_um[j]
             raise InputError.expected(
                 f"elemental images of the lenslet at ({x:g}, {y:g}) µm",
-                "light in two planes or more, where the camera is described",
-                f"{often} of {len(seen)} planes",
+                "light at the described position in at least two planes",
+                f"light in {often} of {len(seen)} planes",
                 _remedy(measured, found[:, j], ~seen[:, j]),
             )
 
@@ -384,9 +384,12 @@ def _changes(measured: Measured, lines: _Lines) -> dict[str, float]:
     depths = [measured.plan.depths_um[z] for z in measured.index[:, 0].tolist()]
     reach = max(depths) - min(depths)
     if float(np.hypot(*described.slopes.T).max()) * reach < MOVED_PX:
-        wanted = f"planes between which elemental images move by {MOVED_PX:g} px or more"
+        wanted = f"a range over which elemental images move by {MOVED_PX:g} px or more"
         raise InputError.expected(
-            "depths of the patterns", wanted, f"a range of {reach:g} µm", "record planes farther apart"
+            "depths of the patterns",
+            wanted,
+            f"a range of {reach:g} µm, over which they move less",
+            "record planes farther apart",
         )
     # slopes = share * described + tilt of the travel
     k = len(lines.slopes)
@@ -396,9 +399,9 @@ def _changes(measured: Measured, lines: _Lines) -> dict[str, float]:
     if share <= 0:
         raise InputError.expected(
             "sign of the depths",
-            "as in the plan",
-            "the opposite in the images",
-            "change the sign of the depths in the plan",
+            "the sign in the plan",
+            "the opposite sign in the images",
+            "reverse the sign of the depths in the plan",
         )
     lattice, _ = _lenslets(camera)
     moved = (lines.places - described.places)[:, ::-1] * camera.sensor.pixel_um

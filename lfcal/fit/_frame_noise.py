@@ -25,7 +25,9 @@ def noises_of(
         for name, value in zip(("constant", "slope"), given, strict=True):
             check_number(f"noise: {name}", value, at_least=0)
         if sum(given) <= 0:
-            raise InputError.expected("noise of the frames", "a variance above 0", "0", "give (constant, slope)")
+            raise InputError.expected(
+                "noise of the frames", "a variance above 0", "0", "state the constant and the slope of the variance"
+            )
         return [given] * len(frames), "as stated"
     if all(frame.noise is not None and _sound(frame.noise) for frame in frames):
         return [frame.noise for frame in frames if frame.noise is not None], "as the frames state"

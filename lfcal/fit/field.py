@@ -127,7 +127,7 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
     """
     parts = list(patterns.values())
     if len(parts) < 2:
-        raise InputError.expected("regions of the field", "at least two", len(parts), "give H of each region")
+        raise InputError.expected("regions of the field", "at least two", len(parts), "give the H of each region")
     first = parts[0].plan if camera is None else replace(parts[0].plan, camera=camera)
     regions: list[FieldRegion] = []
     for name, own in patterns.items():

@@ -124,9 +124,9 @@ def check_described(measured: Measured) -> None:
     side = cutout_for(plan.camera, plan.depths_um)
     if side > WIDE * max(plan.cutout):
         raise InputError.expected(
-            "depths of the patterns",
-            f"depths at which the camera {plan.camera.name!r} has patterns of about {max(plan.cutout)} px",
-            f"light over {side} px",
+            f"size of the patterns of the camera {plan.camera.name!r}",
+            f"about the {max(plan.cutout)} px of the cutout",
+            f"{side} px, computed from the description",
             "check the optics and the pitch of the camera, and the depths of the plan",
         )
 

@@ -96,8 +96,8 @@ def with_partners(source: FrameSource, plan: ScanPlan) -> HalfCellSource:
     """
     found = HalfCellSource(source, half_cell(plan), plan.shape[:3])
     if not len(found.filled):
-        got = "frames of all positions"
+        got = "recorded frames at all positions"
         raise InputError.expected(
-            "half-cell scan", "positions that were not recorded", got, "switch the half-cell option off"
+            "half-cell scan", "positions that were not recorded", got, "switch the option half cell off"
         )
     return found

@@ -140,7 +140,7 @@ class Manifest:
         object.__setattr__(self, "entries", tuple(self.entries))
         if not self.entries:
             raise InputError.expected(
-                "frames of the session", "at least one", "none", "list at least one frame in the manifest"
+                "frames of the session", "at least one", "none", "add a row for each frame to the manifest"
             )
         check_cfa(self.cfa)
         if self.bit_depth is not None:

@@ -141,10 +141,10 @@ def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
     image = as_sensor_frame("white image", white)
     level = np.asarray(dark, np.float32)
     if level.ndim:
-        level = as_sensor_frame("dark of the white image", level)
+        level = as_sensor_frame("dark frame for the white image", level)
         if level.shape != image.shape:
             raise InputError.expected(
-                "dark of the white image",
+                "dark frame for the white image",
                 f"shape {image.shape}",
                 level.shape,
                 ("record both with the same sensor settings"),

@@ -368,8 +368,8 @@ def _lenslets(lattice: FrameLattice, radius: float) -> tuple[NDArray[np.intp], A
     margin = math.floor(radius)
     inside = ((centres >= margin) & (centres <= np.array(lattice.shape) - 1 - margin)).all(1)
     if not inside.any():
-        wanted = f"a complete micro-image of radius {radius:.1f} px"
-        raise InputError.expected("light-field frame", wanted, f"{lattice.shape} px", "give a larger frame")
+        wanted = f"a frame with a complete micro-image of radius {radius:.1f} px"
+        raise InputError.expected("light-field frame", wanted, f"a frame of {lattice.shape} px", "use a larger frame")
     order = np.argsort(centres[inside][:, 0], kind="stable")
     index: NDArray[np.intp] = np.stack([q, r], axis=-1)[inside][order]
     return index, centres[inside][order]

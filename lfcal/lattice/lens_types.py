@@ -193,7 +193,7 @@ def _expected(fit: LatticeFit, blur: Sequence[float]) -> Array:
     if gaps.min() < MIN_BLUR_STEP * expected.max():
         got = ", ".join(f"{value:.3g}" for value in expected)
         raise InputError.expected(
-            "expected blur of the lens types", "three that differ by 5 % or more", got, "use a frame at another depth"
+            "blur of the three lens types", "values that differ by 5 % or more", got, "use a frame at another depth"
         )
     return expected
 

@@ -348,6 +348,9 @@ def type_lattice(lattice: FrameLattice, type_of: TypeOf, lens_type: int) -> Type
     found = [q for q in range(3) if lattice.kind == "hexagonal" and int(type_of(q, 0)) == lens_type]
     if len(found) != 1:
         raise InputError.expected(
-            "lattice", f"three lens types, one of them number {lens_type}", lattice.kind, "leave the types out"
+            "lattice",
+            f"a hexagonal lattice with a lens type {lens_type}",
+            f"a {lattice.kind} lattice without it",
+            "leave the lens types out",
         )
     return TypeLattice(lattice, found[0])

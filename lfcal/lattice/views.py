@@ -163,7 +163,7 @@ def extract_views(
     if not min(grid.shape):
         raise InputError.expected(
             "light-field frame",
-            f"a micro-image of {2 * half + 1} x {2 * half + 1} px completely inside",
+            f"room for a micro-image of {2 * half + 1} x {2 * half + 1} px",
             f"{tuple(lattice.shape)} px",
             "give a larger frame or a smaller radius",
         )
@@ -198,7 +198,7 @@ def subtract_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLatti
     level = np.asarray(dark, np.float32)
     if level.ndim and level.shape != image.shape:
         raise InputError.expected(
-            f"dark of the {what}",
+            f"dark frame for the {what}",
             f"shape {tuple(lattice.shape)}",
             level.shape,
             "record both with the same sensor settings",

@@ -85,7 +85,7 @@ def s_matrix(order: int) -> Array:
         return odd.astype(float)
     near = min(s_matrix_orders(), key=lambda n: abs(n - order))
     wanted = "a prime of the form 4k - 1, or a power of two minus 1"
-    raise InputError.expected("order of the S-matrix", wanted, order, f"the nearest possible order is {near}")
+    raise InputError.expected("order of the S-matrix", wanted, order, f"choose {near}, the nearest possible order")
 
 
 def _is_paley(n: int) -> bool:
@@ -490,7 +490,7 @@ def measured_coding_gain(
     overlap = _Overlap(patterns, code)
     frames, points = overlap.code.shape
     if frames % points:
-        remedy = "choose a code whose number of frames is a multiple"
+        remedy = "choose another code, or show its frames several times"
         raise InputError.expected("frames of the code", f"a multiple of {points}, the number of points", frames, remedy)
     alone = np.vstack([np.eye(points)] * (frames // points))
     signals = overlap.signals(noise, signal_e, limit)

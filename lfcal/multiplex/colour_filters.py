@@ -75,7 +75,7 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
             "colour filter pattern",
             f"{', '.join(CFA_PATTERNS)}, or equal rows of {''.join(filters)}",
             repr(pattern),
-            f'stripes are "{rows[0]}/{rows[0]}"'
+            f'write stripes as "{rows[0]}/{rows[0]}"'
             if row and len(text) <= MAX_SIDE
             else 'write the letters of each row, with / between rows: "RG/GB"',
         )

@@ -276,7 +276,10 @@ def best_printed_mask(
     if not 0 <= least_light < most_light <= 1:
         got = f"from {least_light} to {most_light}"
         raise InputError.expected(
-            "transmitted fraction of light", "limits with 0 ≤ least < most ≤ 1", got, "give limits in this order"
+            "transmitted fraction of light",
+            "limits with 0 ≤ least < most ≤ 1",
+            got,
+            "give fractions, with the smaller limit first",
         )
     random = rng or np.random.default_rng(0)
     limits = (least_light, most_light)

@@ -255,7 +255,10 @@ def _transmissions(given: ArrayLike | Modulator, shape: tuple[int, int] | None) 
     if isinstance(given, Modulator):
         if shape is None:
             raise InputError.expected(
-                "modulator for a frame", "the shape (rows, columns) of the frame", "none", "state the shape"
+                "shape of the frame",
+                "(rows, columns), because a modulator is given",
+                "none",
+                "pass the shape of the frame",
             )
         if not given.matrix.any():
             raise InputError.expected(

@@ -124,7 +124,7 @@ def _sinusoids(p: int) -> Array:
     with negative lobes between the pixels. If only the samples were scaled, the mask would be a pinhole.
     """
     if p % 2 == 0:
-        raise InputError.expected("size of sum_of_sinusoids (px)", "an odd number", p, "choose an odd number")
+        raise InputError.expected("size of sum_of_sinusoids (px)", "an odd number", p, f"choose {p - 1} or {p + 1}")
     highest, lowest = float(p * p), p * dirichlet_minimum(p)
     pattern = np.full((p, p), -lowest)
     pattern[0, 0] += highest

@@ -64,7 +64,7 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
     except (ValueError, TypeError, OverflowError, RecursionError, InputError) as error:
         wanted = "transmissions (rows, columns, N) or (K, N)"
         raise FileFormatError.expected(
-            str(file), wanted, str(error)[:160], "the format is described in docs/modulators.md"
+            str(file), wanted, str(error)[:160], "correct the file as described in the manual (Modulators)"
         ) from error
 
 
@@ -107,15 +107,15 @@ def _from_json(file: Path) -> dict[str, Any]:
 def _made(stem: str, found: dict[str, Any]) -> Modulator:
     array = np.asarray(found["matrix"])
     if array.dtype.kind not in "uif" or array.ndim not in (2, 3) or not array.size:
-        raise ValueError(f"{array.dtype} {array.shape}")
+        raise ValueError(f"an array of {array.dtype} with shape {array.shape}")
     if array.size > MAX_SAMPLES**2 or max(array.size // array.shape[-1], array.shape[-1]) > MAX_SAMPLES:
-        raise ValueError(f"{array.shape}: more than {MAX_SAMPLES} pixels or samples")
+        raise ValueError(f"an array of shape {array.shape}, with more than {MAX_SAMPLES} pixels or samples")
     side = tuple(found.get("side") or _side(array.shape))
     if len(side) != 2 or (array.ndim == 3 and side != array.shape[:2]):
-        raise ValueError(f"side {side} for an array of shape {array.shape}")
+        raise ValueError(f'the entry "side" {side} for an array of shape {array.shape}')
     lenslets = found.get("lenslets", False)
     if not isinstance(lenslets, bool):
-        raise ValueError(f"lenslets {lenslets!r}, neither true nor false")
+        raise ValueError(f'the entry "lenslets" {lenslets!r}, which is neither true nor false')
     made = modulator_from_matrix(
         str(found.get("name", stem)),
         (side[0], side[1]),

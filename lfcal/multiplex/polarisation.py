@@ -75,7 +75,7 @@ def _plates(retardance: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.
             "retardance of plates",
             f"degrees, in an array of shape {shape}",
             array_words(plates),
-            "give one retardance per polariser",
+            "write 0 for polarisers without a plate",
         )
     return np.asarray(np.radians(plates.ravel()), float)
 

@@ -232,7 +232,7 @@ def band_edges(bands: int | Sequence[float]) -> Array:
             "edges of the bands (nm)",
             "two or more increasing numbers",
             edges,
-            "give at least two different edges, in increasing order",
+            "list the edges in increasing order, without repetition",
         )
     return edges
 

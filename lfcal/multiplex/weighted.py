@@ -61,7 +61,7 @@ def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
             "weights of the pixels",
             f"finite values of 0 or more, not all 0, with shape {shape}",
             array_words(array),
-            "give one weight of 0 or more for each pixel",
+            "correct the weights; 0 leaves a pixel out",
         )
     return array
 

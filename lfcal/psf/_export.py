@@ -322,7 +322,7 @@ def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: Expor
     code = options.reader
     if suffix == ".npz" and code is None:
         raise InputError.expected(
-            "code of an .npz file", "pyolaf", "none", "choose the code (--for), or write a .npy file"
+            "code of an .npz file", "pyolaf", "none", "choose pyolaf (--for), or write a .npy file"
         )
     if code is not None:
         if suffix != code.suffix:

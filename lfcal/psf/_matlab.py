@@ -215,7 +215,7 @@ def create_mat_data(file: Any, name: str, matrix: PSFMatrix, options: MatOptions
     data = file.create_dataset(name, shape, matrix.dtype, track_times=False, **storage)
     kind = matrix.dtype.str[1:]
     if kind not in _CLASSES:
-        raise InputError.expected("values for MATLAB", "real numbers", matrix.dtype, "convert the values first")
+        raise InputError.expected("values for MATLAB", "real numbers", matrix.dtype, "export the squared magnitudes")
     # MATLAB reads the class from this attribute: without it the data set cannot be loaded
     data.attrs["MATLAB_class"] = np.bytes_(_CLASSES[kind])
     return data

@@ -366,12 +366,15 @@ def _check_complete(
             "positions of the scan",
             "a frame at each position",
             what,
-            "record the missing positions, or allow missing positions",
+            "record the missing positions, or switch off strict (stop at gaps)",
         )
     if strict and repeated:
         what = f"{len(repeated)} given more than once, first (z, y, x) = {tuple(repeated[0])}"
         raise InputError.expected(
-            "positions", "one frame at each position", what, "remove the others, or allow repeated positions"
+            "positions",
+            "one frame at each position",
+            what,
+            "remove the other frames, or switch off strict (stop at gaps)",
         )
 
 

@@ -219,7 +219,10 @@ class _Reader:
         if (whole != table).any() or (whole[0] < 1).any() or (whole[1] > n).any() or (whole[0] > whole[1]).any():
             wanted = f"first and last pixel (1 to {n}) of each of {nz} planes"
             raise FileFormatError.expected(
-                f"{self._file.path}: CAindex", wanted, f"shape {found.shape[::-1]}", "check this variable in the file"
+                f"{self._file.path}: CAindex",
+                wanted,
+                f"other numbers, or shape {found.shape[::-1]}",
+                "check this variable in the file",
             )
         return whole
 
@@ -259,7 +262,7 @@ class _Reader:
         values = self._file.values(name, finite=True).ravel()
         if values.size != 2:
             raise FileFormatError.expected(
-                f"{self._file.path}: {name}", "two numbers", values.size, "check this variable in the file"
+                f"{self._file.path}: {name}", "two numbers", f"{values.size}", "check this variable in the file"
             )
         pair = values.tolist() if self._swapped else values[::-1].tolist()
         return float(pair[0]), float(pair[1])

@@ -117,7 +117,7 @@ def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = Fa
 def _open(source: Path, region: str, check: bool, mat_order: str) -> PSFMatrix:
     suffix = source.suffix.lower()
     if mat_order and suffix != ".mat":
-        raise InputError.expected("order of a .mat file's axes", "a .mat file", source.name, "omit the order")
+        raise InputError.expected("file with an order of axes", "a .mat file", source.name, "omit the order")
     if region and suffix in FOREIGN:
         raise InputError.expected(f"{source}, region", "an H file of lfcal", f"a {suffix} file", "omit the region")
     if check and suffix in FOREIGN:

@@ -226,9 +226,9 @@ def iter_save_regions(
     if not matrices or any(not name or "/" in name or name == "." for name in matrices):
         raise InputError.expected(
             "regions of the field",
-            "names without /, at least one",
-            list(matrices),
-            "give at least one region, and names without /",
+            "at least one region, and names without /",
+            list(matrices) or "none",
+            "rename or add regions",
         )
     sources: dict[str, tuple[PlaneSource, Stored]] = {}
     for name, matrix in matrices.items():

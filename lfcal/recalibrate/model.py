@@ -59,7 +59,10 @@ def stated_contents(provenance: Mapping[str, Any]) -> Contents | None:
         return Contents(depths, bool(said["halves"]), int(said["dark_parts"]))
     except (KeyError, TypeError, ValueError):
         raise InputError.expected(
-            "contents of frames in H", "those of a recalibration", repr(dict(said))[:60], "run lfcal fit frames again"
+            "description of the frames in H",
+            "that of a recalibration",
+            repr(dict(said))[:60],
+            "run lfcal fit frames again",
         ) from None
 
 

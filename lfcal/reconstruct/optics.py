@@ -175,5 +175,7 @@ def _places(psf: Path, regions: Sequence[str]) -> list[tuple[Path, str]]:
                 "--region", f"a region of {psf.name} ({named}) or an H file", name, "choose one of these"
             )
     if not found:
-        raise InputError.expected("--region", f"regions other than the first of {psf.name}", "none", "leave it out")
+        raise InputError.expected(
+            "--region", f"regions other than the first of {psf.name}", "none", "leave --region out"
+        )
     return found

@@ -505,7 +505,7 @@ def check_needs(known: tuple[FieldRow, ...], values: Mapping[str, Any], called: 
         if value != wanted if wanted else not value:
             got = "none" if value is False else other.text(value) or other.opt.empty or "none"
             words = wanted or ("above 0" if other.kind in (int, float) else "")
-            raise InputError.expected(called(row), f"{called(other)} {words}".strip(), got, "leave it out")
+            raise InputError.expected(called(row), f"{called(other)} {words}".strip(), got, f"leave {called(row)} out")
 
 
 def _check_suffix(called: str, known: tuple[FieldRow, ...], values: Mapping[str, Any], suffix: str) -> None:
@@ -513,7 +513,7 @@ def _check_suffix(called: str, known: tuple[FieldRow, ...], values: Mapping[str,
     paths = [path for row in known if row.opt.file == "in" for path in row.paths_of(values.get(row.name))]
     if not any(path.suffix.lower() == suffix for path in paths):
         names = ", ".join(path.name for path in paths)
-        raise InputError.expected(called, f"a {suffix} file", names or "none", "leave it out")
+        raise InputError.expected(called, f"a {suffix} file", names or "none", f"leave {called} out")
 
 
 def _check_kind(row: FieldRow, by: FieldRow, values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
@@ -522,7 +522,7 @@ def _check_kind(row: FieldRow, by: FieldRow, values: Mapping[str, Any], called: 
     name = values.get(by.name, by.default)
     if row.name not in _defaults(row.variants.find(name)):
         names = row.only or tuple(row.variants.name_of(kind) for kind in row.variants.kinds)
-        raise InputError.expected(called(row), f"{called(by)} {any_of(names)}", name, "leave it out")
+        raise InputError.expected(called(row), f"{called(by)} {any_of(names)}", name, f"leave {called(row)} out")
 
 
 def to_dict(whole: Any) -> dict[str, Any]:

@@ -195,9 +195,9 @@ class PlaneResponse:
                     raise
                 # the sampling of a grid depends on the light's angles: refining it changes nothing
                 if self.level in ("reference", "grid") or attempt == RETRIES:
-                    balance = f"no more light on the sensor than enters, at level {self.level!r}"
+                    balance = f"at most the light that enters the camera, at level {self.level!r}"
                     remedy = "choose another level, or a smaller tolerance"
-                    raise EnergyError.expected("simulated light", balance, "more", remedy) from None
+                    raise EnergyError.expected("simulated light on the sensor", balance, "more light", remedy) from None
                 engine = self._finer(engine)
         raise AssertionError  # the last attempt returns or raises
 

@@ -127,7 +127,7 @@ class TargetCamera(Frames):
                 "brightness of holes",
                 wanted,
                 array_words(light),
-                "give one value for each hole",
+                "list the holes in the order of the target, with 0 for dark ones",
             )
         self.brightness: NDArray[np.float64] = light
         # only light; the sensor is applied once for all holes

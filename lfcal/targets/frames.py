@@ -34,7 +34,9 @@ class TargetFrames(SourceView):
         self._order = list(range(len(source))) if order is None else order
         if len(self._order) != len(plan.frames):
             wanted = f"{len(plan.frames)}, as in the plan"
-            raise InputError.expected("frames of a target", wanted, len(self._order), "give the plan of these frames")
+            raise InputError.expected(
+                "frames of a target", wanted, len(self._order), "use the plan by which these frames were recorded"
+            )
         if source.shape != plan.scan.camera.sensor.shape:
             wanted = f"{plan.scan.camera.sensor.shape} pixels, as on the sensor of the plan"
             raise InputError.expected(

@@ -210,7 +210,7 @@ class TargetPlan:
             wanted = f"one list for each of the {planes} planes, and at most {MOST_OFFSETS} offsets"
             got = f"{len(self.offsets_px)} lists, {sum(map(len, self.offsets_px))} offsets"
             raise InputError.expected(
-                "offsets of the target", wanted, got, "give one list per plane, with fewer offsets"
+                "offsets of the target", wanted, got, "give one list per plane, or reduce the offsets"
             )
         offsets = tuple(
             tuple(check_tuple("offset (rows, columns) (px)", offset, 2) for offset in plane)

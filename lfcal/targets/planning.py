@@ -123,7 +123,9 @@ def proposed_target(
     rows, columns = (proposed_axis(phases, axis, least_px, tolerance_px) for axis in (0, 1))
     if rows.holes * columns.holes < 2:
         room = f"a sensor with room for two cutouts {least_px:g} px apart"
-        raise InputError.expected("target", room, f"one of {plan.camera.sensor.shape} px", "record a single point")
+        raise InputError.expected(
+            "target", room, f"one of {plan.camera.sensor.shape} px", "record a single point instead"
+        )
     step = plan.camera.step_um(plan.depths_um[z])
     pitch = (rows.pitch_px * step, columns.pitch_px * step)
     return Target("square", (rows.holes, columns.holes), pitch, hole_um), (rows, columns)

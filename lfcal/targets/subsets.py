@@ -84,7 +84,9 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
     noise = sensor_noise(plan.scan.camera.sensor, exposure_s=plan.scan.exposures[at])
     if signal_e is not None and not 0 < signal_e <= noise.full_e:
         wanted = f"a number above 0, at most the full well of {noise.full_e:.4g}"
-        raise InputError.expected("--signal (electrons)", wanted, f"{signal_e:g}", "give that of the planned exposure")
+        raise InputError.expected(
+            "--signal (electrons)", wanted, f"{signal_e:g}", "give the signal at the planned exposure"
+        )
     light = subset_patterns(plan, at, order)
     return coding_pays(light, noise, signal_e=PEAK * noise.full_e if signal_e is None else signal_e)
 

@@ -91,7 +91,7 @@ def read_unknowns(text: str) -> str:
     known = GROUPS.names()
     wrong = [name for name in names if name not in known]
     if wrong or not names:
-        got, remedy = wrong[0] if wrong else repr(text), f"the groups are {', '.join(known)}"
+        got, remedy = wrong[0] if wrong else repr(text), f"choose from {', '.join(known)}"
         raise InputError.expected("unknowns", "auto or groups of unknowns", got, remedy)
     return ",".join(names)
 
@@ -271,8 +271,8 @@ class FitMatrix(_Fit):
         if self.hybrid or not self.write_h:
             if run.executor or run.scheduler or run.resume:
                 got = "--hybrid" if self.hybrid else "--no-h"
-                wanted = "an H of the model, computed plane by plane"
-                raise InputError.expected("--executor", wanted, got, "leave one of them out")
+                wanted = "an H of the model, which is computed in units"
+                raise InputError.expected("--executor, --scheduler, --resume", wanted, got, f"leave {got} out")
             return None
         return next((one for one in [run.choice(place) for place in self._places] if one is not None), None)
 

@@ -147,9 +147,7 @@ class _PlanTarget(PlanTask):
         verdict = coding_verdict(plan, signal_e=self.signal)
         if verdict is None and self.signal is not None:
             wanted = "at least two points, and enough frames to show some of them together"
-            raise InputError.expected(
-                "signal for coded frames", wanted, "a target with too few", "leave the signal out (--signal)"
-            )
+            raise InputError.expected("target for coded frames", wanted, "too few", "leave the signal out (--signal)")
         if self.display is not None:
             plan = planned_for_display(plan, self.display, verdict)
         return self.planned(plan, verdict)

@@ -424,7 +424,7 @@ class SimulateRegions(_Simulate):
 
         run, several, made = run or RunSettings(), ready_regions(self.camera), {}
         if several is None:
-            raise InputError.expected("camera", "a plan of several regions", self.camera, "simulate it without regions")
+            raise InputError.expected("plan", "a plan of several regions", self.camera, "simulate a single region")
         with temporary_parts(self.out, several.names) as parts:
             for k, name in enumerate(several.names):
                 note(f"region {name}")

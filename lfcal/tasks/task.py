@@ -239,4 +239,4 @@ class TaskSet:
         for name in given:
             if name not in known:
                 kinds = [one.input_words for one in self.kinds if name in {row.name for row in rows(one)}]
-                raise InputError.expected(called(name), any_of(kinds), kind.input_words, "leave it out")
+                raise InputError.expected(called(name), any_of(kinds), kind.input_words, f"leave {called(name)} out")

@@ -145,7 +145,11 @@ class Watch(Task):
             found = behind(matrix, some) if len(some) else None
             contents = stated_contents(matrix.provenance)
         if found is None or not found.explains:
-            got = "one without" if found is None else f"a camera that leaves {found.misfit:.0%} of H unexplained"
+            got = (
+                "an H without a camera"
+                if found is None
+                else f"a camera that leaves {found.misfit:.0%} of H unexplained"
+            )
             raise InputError.expected(
                 str(self._h()), "an H with a camera that explains it", got, "fit the camera first (lfcal fit)"
             )

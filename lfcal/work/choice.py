@@ -56,7 +56,9 @@ class RunChoice:
         check_choice("an earlier run", self.begun, BEGUN)
         if not EXECUTORS.get(self.executor).addressed and self.address:
             able = any_of(kind.name for kind in EXECUTORS if kind.addressed)
-            raise InputError.expected("scheduler", f"an executor that has one ({able})", self.executor, "leave it out")
+            raise InputError.expected(
+                "scheduler", f"an executor with a scheduler ({able})", self.executor, "leave the scheduler out"
+            )
 
     def make(self) -> Executor:
         """Return a new executor that has not been started."""

@@ -39,7 +39,9 @@ def test_a_read_only_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "H.h5"
     write(path, "old")
     path.chmod(0o400)
-    with pytest.raises(StorageError, match=r"H\.h5: is read-only; choose another name, or make it writable"):
+    with pytest.raises(
+        StorageError, match=r"H\.h5: this file is read-only; choose another name, or make the file writable"
+    ):
         write(path, "new")
     assert path.read_text() == "old" and len(list(tmp_path.iterdir())) == 1
 

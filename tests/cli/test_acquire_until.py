@@ -85,8 +85,11 @@ def test_goals_by_their_words() -> None:
         ("--until-error 0.01%", "the simulation of patterns itself has an error of 0.06 %"),
         ("--until-error 1% --most 3", "largest number of positions"),
         ("--until-error 1% --unknowns gap", "--unknowns: expected auto, geometry, "),
-        ("--until-error 1% --redo list.json", "got a scan until H is good enough (--until-error); leave it out"),
-        ("--until-error 1% --positions list.json", "got a scan until H is good enough (--until-error); leave it out"),
+        ("--until-error 1% --redo list.json", "got a scan until H is good enough (--until-error); leave --redo out"),
+        (
+            "--until-error 1% --positions list.json",
+            "got a scan until H is good enough (--until-error); leave --positions out",
+        ),
         ("--most 20", "--most: expected a scan until H is good enough (--until-error), got a scan of one region"),
         ("--unknowns iris", "--unknowns: expected a scan until H is good enough (--until-error)"),
         ("--until-error 1% --resume", "expected a session folder"),

@@ -160,7 +160,7 @@ def test_bad_input_leaves_nothing(lfcal: Lfcal, session: Path, monkeypatch: pyte
         (("--strict", "--cutout", "41,11"), "rows"),
         (("--dark", "nowhere"), "nowhere"),
         (("--executor", "magic"), "dask, processes or threads"),
-        (("--scheduler", "tcp://127.0.0.1:1", "--executor", "processes"), "an executor that has one (dask)"),
+        (("--scheduler", "tcp://127.0.0.1:1", "--executor", "processes"), "an executor with a scheduler (dask)"),
     ):
         chosen = () if "--executor" in words else ("--executor", "processes", "--workers", 1)
         run = lfcal("assemble", "frames", "-o", "H.h5", "--keep-pedestal", *words, *chosen)

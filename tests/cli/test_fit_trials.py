@@ -84,8 +84,7 @@ CASES: dict[str, tuple[Spoil, str]] = {
     ),
     "a microscope": (
         saved(lambda: h_of(camera=preset("lfm_20x05"), depths=[-4000.0], anchor=(500.0, 500.0))),
-        "depths of the patterns: expected depths at which the camera 'lfm_20x05' has patterns of about 15 px, "
-        "got light over",
+        "size of the patterns of the camera 'lfm_20x05': expected about the 15 px of the cutout, got ",
     ),
 }
 

@@ -52,7 +52,7 @@ def test_half_a_scan_makes_a_whole_h(lfcal: Lfcal, place: Path) -> None:
         unlike = np.linalg.norm(other[0, 0] - other[0, 6]) / np.linalg.norm(other[0, 0])
         assert 0.02 < np.median(off[copied[0]]) < 0.04 and unlike > 1
     again = lfcal("assemble", "whole", "--half-cell", "--black-level", "0", "-o", "more.h5")
-    assert again.code == 2 and "frames of all positions" in again.err
+    assert again.code == 2 and "frames at all positions" in again.err
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_half_a_scan_makes_a_whole_h(lfcal: Lfcal, place: Path) -> None:
         ("plan camera.json --virtual-depths 3 --cutout 31 --list a.json", "--list: expected --half-cell"),
         (
             "plan camera.json --virtual-depths 3 --half-cell --positions a.csv",
-            "got a recorded scan (--positions); leave it out",
+            "got a recorded scan (--positions); leave --half-cell out",
         ),
         (
             "plan camera.json --virtual-depths 3 --cutout 31 --half-cell --list a.json --speed -1",

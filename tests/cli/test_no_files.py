@@ -69,7 +69,7 @@ def test_pipes_are_refused_by_every_command(session: Path) -> None:
     assert len(found) == len(COMMANDS)
     for case, (code, said) in zip(COMMANDS, found, strict=True):
         assert code == 2 and len(said.strip().splitlines()) == 1, (case, said)
-        assert "is a pipe or a device; name a file on a disk" in said, (case, said)
+        assert "is a pipe or a device; give the path of a file" in said, (case, said)
     assert not (session / "out.h5").exists() and not (session / "out.npy").exists()
     os.mkfifo(session / "redo.json")
     with pytest.raises(StorageError, match="is a pipe or a device"):

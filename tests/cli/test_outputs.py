@@ -107,7 +107,9 @@ def test_what_cannot_be_written_is_said_before_the_work(lfcal: Lfcal, place: Pat
     before = listing(place)
     run = lfcal(*writer.words("--force"))
     assert run.code == 2 and run.err.count("\n") == 1, run.err
-    assert run.err.endswith(f"{writer.output}: is read-only; choose another name, or make it writable\n")
+    assert run.err.endswith(
+        f"{writer.output}: this file is read-only; choose another name, or make the file writable\n"
+    )
     assert listing(place) == before
 
 

@@ -98,7 +98,7 @@ def test_the_command_says_it_in_a_line(lfcal: Lfcal, place: Path) -> None:
         ((*SOURCE, "--most-frames", "7", "--signal", "0"), "--signal: expected a number > 0"),
         (
             ("point", "--most-frames", "2", "--signal", "5"),
-            "signal for coded frames: expected at least two points, and enough frames",
+            "target for coded frames: expected at least two points, and enough frames",
         ),
         ((*SOURCE, "--pose", "rotation=1"), "--pose: expected a target that a stage moves, got a display"),
     ],

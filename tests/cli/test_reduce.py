@@ -56,7 +56,7 @@ def test_the_same_file_in_units(lfcal: Lfcal, place: Path, executor: str) -> Non
     assert contents(place / "one.h5") == contents(place / "two.h5")
     assert not parts_folder(place / "two.h5").exists()
     other = lfcal("reduce", "H.h5", "-o", "o.h5", "--executor", "threads", "--scheduler", "tcp://a:1")
-    assert other.code == 2 and "an executor that has one (dask)" in other.err
+    assert other.code == 2 and "an executor with a scheduler (dask)" in other.err
 
 
 def test_what_an_earlier_run_left(lfcal: Lfcal, place: Path) -> None:

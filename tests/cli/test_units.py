@@ -342,11 +342,11 @@ def test_choices_that_do_not_go_together(lfcal: Lfcal, place: Path) -> None:
     ):
         run = lfcal(*words)
         assert run.code == 2 and run.err.count("\n") <= 2, run.err
-        assert said in run.err or "an executor that has one (dask)" in run.err
+        assert said in run.err or "an executor with a scheduler (dask)" in run.err
     for command in ("transpose", "reconstruct"):
         more = ("H.h5", "frames.tif") if command == "reconstruct" else ("H.h5",)
         run = lfcal(command, *more, "-o", "o.h5", "--executor", "processes", "--scheduler", "tcp://a:1")
-        assert run.code == 2 and "an executor that has one (dask)" in run.err
+        assert run.code == 2 and "an executor with a scheduler (dask)" in run.err
     assert not (place / "out.h5.parts").exists()
 
 

@@ -206,7 +206,7 @@ def test_a_lattice_is_measured_once(lfcal: Any, files: Path, tmp_path: Path, mon
     for wrong, said in (
         (("--kind", "square"), "--kind: expected"),
         (("--pitch", "16"), "--pitch: expected"),
-        ((*camera, "--types", "each"), "needs --white"),
+        ((*camera, "--types", "each"), "add --white"),
     ):
         run = lfcal(*given, *lattice, *wrong)
         assert run.code == 2 and said in run.err and len(run.err.strip().splitlines()) == 1

@@ -186,7 +186,7 @@ def test_gentl_follows_a_grabber_that_unpacks_and_refuses_one_that_changes_the_d
     np.testing.assert_array_equal(gentl({}, unpacked).grab(1.0).data, SAMPLES)
     for number, named in ((0x01100007, "Mono16"), (0x01080001, "Mono8"), (0x81100001, "0x81100001")):
         buffer = Buffer(plain, pixel_format=number)
-        with pytest.raises(CameraError, match=f"frame: expected Mono12p, got .*{named}; choose the format"):
+        with pytest.raises(CameraError, match=f"frame: expected Mono12p, got .*{named}; set the device option format"):
             gentl({}, buffer).grab(1.0)
         assert buffer.queued
     with pytest.raises(CameraError, match="expected 23 bytes of Mono12p for 3 x 5 pixels, got 22"):
@@ -286,7 +286,9 @@ def test_aravis_unpacks_buffers(layout: str, padding: int) -> None:
     with pytest.raises(CameraError, match=r"camera: expected .* bytes of Mono12.*, got 20"):
         camera._copy(None)
     camera._lib = Memory(data, SAMPLES.shape, 0x01100007, padding)
-    with pytest.raises(CameraError, match=f"frame: expected Mono{layout}, got 16 bits per pixel; choose the format"):
+    with pytest.raises(
+        CameraError, match=f"frame: expected Mono{layout}, got 16 bits per pixel; set the device option format"
+    ):
         camera._copy(None)
 
 

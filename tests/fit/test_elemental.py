@@ -150,7 +150,7 @@ def test_a_box_has_the_light_of_the_reference():
 
 def test_what_does_not_suffice_is_refused_with_one_message():
     camera, light = camera_of(), simulated()
-    with pytest.raises(InputError, match="a z stack of a point, 3 planes or more, got 2; record more planes"):
+    with pytest.raises(InputError, match="at least 3 planes in the z stack of a point, got 2; record more planes"):
         fit_camera(measured(camera, light[:2], depths=DEPTHS[:2]), unknowns=ASKED)
     with pytest.raises(InputError, match=r"move by 2 px or more, got a range of 0\.04 µm; record planes farther apart"):
         fit_camera(measured(camera, light, depths=(-0.02, -0.01, 0.0, 0.01, 0.02)), unknowns=ASKED)

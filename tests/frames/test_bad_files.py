@@ -288,7 +288,7 @@ def test_raw_with_an_impossible_bayer_tag(tmp_path: Path, pattern: tuple[int, in
 def test_missing_file_folder_and_unreadable_page(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match="No such file or directory; check the path"):
         open_image(tmp_path / "a.png")
-    with pytest.raises(StorageError, match="is a folder; name a file in it"):
+    with pytest.raises(StorageError, match="is a folder; give the path of a file"):
         open_image(tmp_path)
 
 

@@ -140,7 +140,7 @@ def test_masked_values_are_repaired_without_being_listed() -> None:
     [
         ([(30, 5)], {}, "on the sensor of 30 x 40 px, got"),
         ([(-1, 5)], {}, "on the sensor"),
-        ([(5, 5)], {"kinds": ("hot", "dead")}, "kinds of defects: expected 1, one for each defective pixel, got 2"),
+        ([(5, 5)], {"kinds": ("hot", "dead")}, "kinds of defects: expected as many as defective pixels (1), got 2"),
         ([(5, 5)], {"cfa": "GRB"}, "colour filter pattern"),
         ([(r, c) for r in range(10) for c in range(10)], {}, "at most 5 % of the sensor, got 8.33 %"),
         ([(r, c) for r in range(7) for c in range(7)], {}, "only defective ones within two periods"),

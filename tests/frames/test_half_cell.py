@@ -91,7 +91,7 @@ def test_positions_with_a_frame_of_their_own_keep_it() -> None:
     assert view.info(len(HALF)).label == f"frame {len(HALF)}" and " for (0, " in view.info(len(more)).label
     copied = copied_positions(assemble_plan(view, PLAN).matrix)
     assert copied.sum() == len(HALF) - 1 and not copied[0, NY - 1, 2]
-    with pytest.raises(InputError, match="frames of all positions"):
+    with pytest.raises(InputError, match="frames at all positions"):
         with_partners(Drawn(PLAN.order_indices(), cut=True), PLAN)
     with pytest.raises(InputError, match="half of which is not a whole number of pixels"):
         with_partners(Drawn(HALF, cut=True), plan_of(camera_of((7.0, 12.0), 1)))

@@ -165,7 +165,7 @@ def test_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(StorageError, match="file is a file; check the path"):
         write_manifest(tmp_path / "file" / "m.csv", Manifest(ENTRIES))
-    with pytest.raises(StorageError, match="is a folder; name a file in it"):
+    with pytest.raises(StorageError, match="is a folder; give the path of a file"):
         (tmp_path / "m.csv").mkdir()
         write_manifest(tmp_path / "m.csv", Manifest(ENTRIES))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "m.csv"]

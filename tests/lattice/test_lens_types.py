@@ -105,7 +105,7 @@ def test_undecidable_frames_are_refused() -> None:
         classify_lens_types(same.frame, fit, BLUR)
     with pytest.raises(InputError, match="lens types"):
         classify_lens_types(np.random.default_rng(0).normal(500, 20, fit.shape), fit, BLUR)
-    with pytest.raises(InputError, match="three that differ"):
+    with pytest.raises(InputError, match="values that differ"):
         classify_lens_types(same.frame, fit, (0.5, 0.3, 0.3))
     with pytest.raises(InputError, match="3 numbers"):
         classify_lens_types(same.frame, fit, (0.5, 0.3))

@@ -61,7 +61,7 @@ def test_rounding_decides_nothing() -> None:
 
 @pytest.mark.parametrize(("typed", "means"), [("RGB", "RGB/RGB"), ("rc", "RC/RC")])
 def test_one_row_is_told_how_to_be_stripes(typed: str, means: str) -> None:
-    with pytest.raises(InputError, match=f'stripes are "{means}"'):
+    with pytest.raises(InputError, match=f'write stripes as "{means}"'):
         cfa(typed)
     assert cfa(means).side == (2, len(typed))
     for other in ("", "R" * 40, "RGX"):

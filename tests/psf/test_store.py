@@ -382,7 +382,7 @@ def test_complex_h_is_refused_not_cut_to_its_real_part(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["H.h5", "H.npy", "H.mat"])
 def test_pipes_are_refused_instead_of_waited_for(tmp_path: Path, name: str) -> None:
     os.mkfifo(tmp_path / name)
-    with pytest.raises(StorageError, match="is a pipe or a device; name a file on a disk"):
+    with pytest.raises(StorageError, match="is a pipe or a device; give the path of a file"):
         open_psf(tmp_path / name)
 
 

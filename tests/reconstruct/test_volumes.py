@@ -200,7 +200,7 @@ def test_a_folder_of_other_files_is_never_replaced(tmp_path: Path) -> None:
     path = tmp_path / "mine.zarr"
     path.mkdir()
     (path / "notes.txt").write_text("mine")
-    with pytest.raises(StorageError, match="a folder with other files; choose another name"):
+    with pytest.raises(StorageError, match="this folder contains other files; choose another name"):
         save_volume(path, VOLUME)
     assert (path / "notes.txt").read_text() == "mine"
 

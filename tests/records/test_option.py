@@ -280,8 +280,8 @@ def test_every_kind_goes_to_plain_values_and_back(by: Plain) -> None:
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        ({"by": {"edge": 3}}, "edge: expected way sharp, got plain; leave it out"),
-        ({"by": {"edge": 2}}, "edge: expected way sharp, got plain; leave it out"),
+        ({"by": {"edge": 3}}, "edge: expected way sharp, got plain; leave edge out"),
+        ({"by": {"edge": 2}}, "edge: expected way sharp, got plain; leave edge out"),
         ({"by": {"way": "sharp", "edge": 0}}, "by.edge: expected a whole number ≥ 1"),
         ({"by": {"way": "blunt"}}, "way: expected a known one, got blunt"),
         ({"by": {"way": "sharp", "width": 1}}, "got by.width"),

@@ -180,7 +180,7 @@ def test_a_field_of_another_kind_is_refused() -> None:
         for other in {row.name for one in tasks.kinds for row in rows(one)} - {row.name for row in rows(kind)}:
             with pytest.raises(InputError) as error:
                 tasks.refuse(kind, [other])
-            assert str(error.value).endswith(f"got {kind.input_words}; leave it out")
+            assert str(error.value).endswith(f"got {kind.input_words}; leave {other} out")
 
 
 @pytest.mark.parametrize(

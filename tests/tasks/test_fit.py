@@ -114,7 +114,7 @@ def test_a_field_of_another_kind_of_input_is_refused(name: str) -> None:
     refused = 0
     for kind in tasks.kinds:
         for field in every - {row.name for row in rows(kind)}:
-            with pytest.raises(InputError, match=f"{field}: expected .*, got {kind.input_words}; leave it out"):
+            with pytest.raises(InputError, match=f"{field}: expected .*, got {kind.input_words}; leave {field} out"):
                 tasks.refuse(kind, [field])
             refused += 1
     assert refused

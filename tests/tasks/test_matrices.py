@@ -142,4 +142,4 @@ def test_an_export_in_units_is_the_same(lfcal: Lfcal, H: Path, tmp_path: Path, n
     assert done.code == 0, done.err
     assert contents(one) == contents(two)
     refused = lfcal("export", H, "-o", two, "--force", "--executor", "threads", "--scheduler", "tcp://a:1")
-    assert refused.code == 2 and "an executor that has one (dask)" in refused.err
+    assert refused.code == 2 and "an executor with a scheduler (dask)" in refused.err

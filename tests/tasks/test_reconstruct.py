@@ -116,8 +116,8 @@ def test_a_volume_says_of_which_task_it_is_and_is_made_again(lfcal: Lfcal, place
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--strength", 0.1), "--strength: expected --solver rl-tv or rl-tikhonov, got sieve; leave it out"),
-        (("--solver", "isra", "--read-noise", 0), "got isra; leave it out"),
+        (("--strength", 0.1), "--strength: expected --solver rl-tv or rl-tikhonov, got sieve; leave --strength out"),
+        (("--solver", "isra", "--read-noise", 0), "got isra; leave --read-noise out"),
         (("--solver", "rl", "--subsets", 2), "--subsets: expected --solver sieve, osem or phase-space, got rl"),
         (("--solver", "list"), "choose a name that lfcal solvers lists"),
         (("--solver", "magic"), "solver: expected rl, "),

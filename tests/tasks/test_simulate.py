@@ -218,7 +218,7 @@ def test_a_field_of_another_kind_is_refused(kind: type[Task], tmp_path: Path) ->
     others = {row.name for one in KINDS for row in rows(one)} - {row.name for row in rows(kind)}
     assert others
     for name in others:
-        with pytest.raises(InputError, match=f"{name}: expected .*, got {kind.input_words}; leave it out"):
+        with pytest.raises(InputError, match=f"{name}: expected .*, got {kind.input_words}; leave {name} out"):
             tasks.refuse(kind, [name])
         with pytest.raises(TypeError, match=name):
             kind(camera="bench", **{name: 1})
@@ -275,7 +275,7 @@ def test_a_flag_that_makes_the_kind_is_true_in_it() -> None:
 
 
 def test_regions_need_a_plan_of_them(plan: Path) -> None:
-    with pytest.raises(InputError, match="camera: expected a plan of several regions"):
+    with pytest.raises(InputError, match="plan: expected a plan of several regions"):
         SimulateRegions(camera=str(plan), out="H.h5").run()
 
 

@@ -21,7 +21,7 @@ def manual_folder() -> Path:
     for place in (package.parent / "docs", package / "_docs"):
         if (place / ATLAS).is_file():
             return place
-    raise StorageError("the manual: not part of this installation; see the folder docs in the source code of lfcal")
+    raise StorageError("manual: not part of this installation; read the folder docs in the source code of lfcal")
 
 
 def section_of(text: str, name: str) -> str:

@@ -213,7 +213,7 @@ def next_step(sitting: Sitting) -> Step:
         if not (step.optional and step.place in BEFORE_H):
             return replace(step, other=other)
         other = other or step
-    raise AssertionError("the last row of the table has no condition and should apply")
+    raise AssertionError("the last row of the table has no condition, so it must apply")
 
 
 # -- words -------------------------------------------------------------------------------------------------

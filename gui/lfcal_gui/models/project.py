@@ -137,7 +137,7 @@ def _path(name: str, given: object) -> str:
     path = str(given)
     if "\0" in path or len(path) > LONGEST_PATH or any(len(part) > 255 for part in Path(path).parts):
         wanted = f"a path of at most {LONGEST_PATH} characters, names of at most 255, without NUL"
-        raise FileFormatError.expected(f"project: {name}", wanted, path, "correct the file")
+        raise FileFormatError.expected(f"project: {name}", wanted, path, "correct this path in the project file")
     return path
 
 

@@ -99,7 +99,7 @@ def _check_type(name: str, default: Any, value: Any) -> None:
     allowed = {float: (float, int), int: (int,)}.get(kind, (kind,))
     wrong = not isinstance(value, allowed) or (isinstance(value, bool) and kind is not bool)
     if default is not None and wrong:
-        raise InputError.expected(name, kind.__name__, repr(value), "correct it")
+        raise InputError.expected(name, kind.__name__, repr(value), "correct this entry")
 
 
 @dataclass(frozen=True, kw_only=True)

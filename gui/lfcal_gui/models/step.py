@@ -75,7 +75,7 @@ def step_of(spec: PageSpec, project: ProjectState, out: str = "", part: str = ""
     """
     module = f"{spec.package}.step" + (f"_{part}" if part else "")
     if importlib.util.find_spec(module) is None:
-        raise InputError(f"{spec.title}: this page has no command; its author can add one (step.py in its folder)")
+        raise InputError(f"{spec.title}: this page has no command to copy; use its buttons instead")
     found: CommandStep = importlib.import_module(module).step(project, out)
     return found
 

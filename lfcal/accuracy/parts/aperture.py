@@ -83,7 +83,7 @@ def iris_diameter_px(camera: Camera, z_um: float) -> float:
     optics = camera.optics
     if not isinstance(optics, MainLens):
         raise InputError.expected(
-            "iris to measure", "the iris of a main lens", "a microscope", "leave aperture out (--part)"
+            "iris to measure", "the iris of a main lens", "a microscope", "leave the part aperture out (--part)"
         )
     shift = camera.image_shift_um(z_um)
     radius = optics.focal_length_um / optics.f_number / 2

@@ -180,7 +180,7 @@ def check_axes(fit: StageFit, plan: ScanPlan) -> None:
             "stage axes (right, down)",
             f"{old.right}, {old.down} as in the plan",
             f"{new.right}, {new.down} as measured in the image{why}",
-            "set the measured axes in the plan, or the scan would run in the wrong direction",
+            "set the measured axes in the plan; otherwise, the scan runs in the wrong direction",
         )
 
 

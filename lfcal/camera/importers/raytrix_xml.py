@@ -300,7 +300,10 @@ def placement(
         if abs(index - whole).max() > 0.05 or len(set(found.tolist())) != 3:
             got = offsets.round(3).tolist()
             raise FileFormatError.expected(
-                f"{source}: lens type offsets", "three neighbours, one of each type", got, "export the file again"
+                f"{source}: lens type offsets",
+                "those of three neighbouring lenslets, one of each type",
+                got,
+                "export the file again",
             )
         step = 1 if found[1] == 1 else 2
     return row, (float(centres[0, 0]), float(centres[0, 1])), step

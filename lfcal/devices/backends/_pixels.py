@@ -53,7 +53,7 @@ class PixelFormat:
         match = NAME.fullmatch(name)
         if match is None:
             raise InputError.expected(
-                f"pixel format of {camera}", SUPPORTED, name, "choose one of these with the option format"
+                f"pixel format of {camera}", SUPPORTED, name, "set the device option format to one of these"
             )
         plain, stream, legacy = (int(bits or 0) for bits in match.groups())
         if plain:

@@ -250,7 +250,10 @@ class _Camera(CameraFacts):
         if bits != self._format.stored_bits:
             got = f"{bits} bits per pixel"
             raise CameraError.expected(
-                f"{self.name}: frame", self._format.name, got, "choose the format of the frames with the option format"
+                f"{self.name}: frame",
+                self._format.name,
+                got,
+                "set the device option format to the format of the frames",
             )
         raw = memoryview((c.c_char * size.value).from_address(address)).cast("B")
         try:

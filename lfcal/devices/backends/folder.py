@@ -123,7 +123,9 @@ class _Camera(CameraFacts):
                     return Frame(data, self._number, self._exposure, started)
             time.sleep(min(0.02, max(self._quiet, 0.001)))
         if trouble:
-            raise IncompleteFrame(f"{self._folder}: a file remained unreadable: {trouble}")
+            raise IncompleteFrame(
+                f"{self._folder}: a file remained unreadable ({trouble}); check the program that writes the files"
+            )
         message = f"{self._folder}: no file {self._pattern} for request {self._number} in {self._wait:g} s"
         if "{number" in self._pattern:
             raise FrameTimeout(f"{message}; check the program that writes the files")

@@ -221,7 +221,7 @@ class _Camera(CameraFacts):
                 f"{self.name}: frame",
                 self._format.name,
                 name or f"format {number:#x}",
-                "choose the format of the frames with the option format",
+                "set the device option format to the format of the frames",
             )
         return found
 

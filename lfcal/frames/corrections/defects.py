@@ -73,9 +73,9 @@ class Defects:
         if self.kinds and len(self.kinds) != len(pixels):
             raise InputError.expected(
                 "kinds of defects",
-                f"{len(pixels)}, one for each defective pixel",
+                f"as many as defective pixels ({len(pixels)})",
                 len(self.kinds),
-                "give one kind for each defective pixel",
+                "complete the list of kinds",
             )
         if pixels.size and (pixels.min() < 0 or (pixels >= np.array(self.shape)).any()):
             raise InputError.expected(

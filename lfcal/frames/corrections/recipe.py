@@ -264,7 +264,7 @@ def _dark(source: FrameSource, recipe: CorrectionRecipe) -> Dark | DarkSet | Non
     if lost and recipe.black_level is None:
         raise InputError.expected(
             "recorded dark frames",
-            f"an intact frame of {', '.join(f'{seconds:g}' for seconds in lost)} s",
+            f"intact dark frames of {', '.join(f'{seconds:g}' for seconds in lost)} s exposure",
             "damaged ones",
             "record them again (lfcal acquire --resume), or give other dark frames or the black level "
             "(--dark, --black-level)",
@@ -284,7 +284,10 @@ def _white_dark(dark: Dark | DarkSet | None, shape: tuple[int, ...]) -> NDArray[
     one = dark.at(None) if isinstance(dark, DarkSet) and len(dark.darks) == 1 else dark
     if isinstance(one, DarkSet) or (one.frame is not None and one.frame.shape != shape):
         raise InputError.expected(
-            "dark of the white image", "the whole sensor", "only a part of it", "give a dark frame of the whole sensor"
+            "dark frame for the white image",
+            "the whole sensor",
+            "only a part of it",
+            "give a dark frame of the whole sensor",
         )
     return one.level if one.frame is None else one.frame
 

@@ -163,8 +163,8 @@ def _remedy(factor: float) -> str:
     """Return the remedy for a z that must be multiplied by ``factor``: state the unit if the factor is one."""
     for unit, power in (("mm", 1e3), ("um", 1e-3)):
         if LEAST < factor / power < MOST:
-            return f"is it in {unit}? state its unit (--columns z_{unit}=COLUMN)"
-    return "check unit and column of z (--columns z_um=COLUMN), and the camera's distances"
+            return f"is z in {unit}? state its unit (--columns z_{unit}=COLUMN)"
+    return "check unit and column of z (--columns z_um=COLUMN), and the distances of the camera"
 
 
 def _differences(
@@ -208,7 +208,7 @@ def _of_numbers(
     if apart.size and (apart <= 3 * np.hypot(errors[1:], errors[:-1])).any():
         raise InputError.expected(
             f"{planes.name}, steps of its planes",
-            "longer steps from each plane to the next, one pixel each",
+            "steps of one pixel each, which increase from plane to plane",
             ", ".join(f"{size:.5g}" for size in planes.sizes) + " µm",
             "state the depths (--depths), or give z as a length",
         )

@@ -160,7 +160,7 @@ def _plane(points: NDArray[np.float64], frames: NDArray[np.intp], height: float,
             f"{name}, stage positions of plane {height:g}",
             "a grid of rows and columns",
             f"positions up to {np.abs(rest).max():.2f} steps off a grid",
-            "check which column is which (--columns)",
+            "check the contents of the columns (--columns)",
         )
     return PlaneGrid(frames, height, steps, (index - index.min(axis=0)).astype(np.intp))
 

@@ -88,7 +88,7 @@ def from_micromanager(
     """
     role, _, channel = options.columns.partition("=")
     if options.columns and role.strip() != "channel":
-        raise InputError.expected(f"columns of {path}", "channel=NAME", repr(options.columns), "leave it out")
+        raise InputError.expected(f"columns of {path}", "channel=NAME", repr(options.columns), "leave the channel out")
     listing, facts = read_micromanager(path, channel.strip())
     dark = facts.pop("dark", None)
     if dark is not None:
@@ -144,9 +144,9 @@ def from_names(root: Path, names: Sequence[str], options: FrameOptions) -> tuple
     if np.isnan(places[:, 2]).any() and not np.isnan(places[:, 2]).all():
         raise FileFormatError.expected(
             f"z in the file names of {root}",
-            "in all or none",
-            "only in some",
-            "add z to the other names, or remove it from these",
+            "z in all names, or in none",
+            "z in only some names",
+            "rename the files, so that all or none of the names contain z",
         )
     notes = (f"positions: stage coordinates in the file names, such as {example}",)
     listing = Listing(f"the names in {root.name}", tuple(names), (0,) * len(names), places, "um", notes=notes)

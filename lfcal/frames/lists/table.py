@@ -272,7 +272,7 @@ def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = No
             f"{table.name}, column of {role}",
             "one",
             names,
-            f"state which in the contents of the columns (--columns '{role}={found[-1].name}')",
+            f"state which one in the contents of the columns (--columns '{role}={found[-1].name}')",
         )
     missing = [role for role in ("file", "y", "x") if role not in chosen]
     if missing:
@@ -280,7 +280,7 @@ def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = No
             f"{table.name}, column of {missing[0]}",
             "a name such as " + {"file": "file, image or name", "y": "y, PosY or stage_y"}.get(missing[0], "x or PosX"),
             f"columns {', '.join(table.columns)}",
-            f"state which it is: --columns {','.join(f'{role}=COLUMN' for role in missing)}",
+            f"state the column (--columns {','.join(f'{role}=COLUMN' for role in missing)})",
         )
     return tuple(chosen[role] for role in ROLES if role in chosen)
 

@@ -441,7 +441,7 @@ class FieldProjector(Projector):
 def _check_together(matrices: Sequence[Any]) -> None:
     """Raise `InputError` unless there are matrices with the same period and planes, each with a position."""
     if not matrices:
-        raise InputError.expected("regions of the field", "at least one H", "none", "give H of a region")
+        raise InputError.expected("regions of the field", "at least one H", "none", "give the H of one or more regions")
     first = matrices[0]
     for k, H in enumerate(matrices):
         if not isinstance(H, PSFMatrix):

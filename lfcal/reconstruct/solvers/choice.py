@@ -141,7 +141,7 @@ class SolverChoice:
         for option in CHOSEN:
             check_option(self.solver, option, getattr(self, option))
         if self.margin < 0:
-            raise InputError.expected("margin (pixels)", "0 or more", self.margin, "choose such a margin")
+            raise InputError.expected("margin (pixels)", "0 or more", self.margin, "set it to 0 for no margin")
         check_choice("stop", self.stop, STOPS)
         check_choice("goal", self.goal, GOALS)
         if self.goal != GOALS[0] and not (self.auto and self.stop == "left-out"):

@@ -142,7 +142,7 @@ def _check(P: Projector, data: Measurement, iterations: int, damping: float) -> 
             "image shape, iterations, damping",
             f"{P.image_shape}, at least 1, at least 0",
             f"{data.image.shape}, {iterations}, {damping}",
-            "give values within these limits",
+            "correct the value that is outside its limits",
         )
 
 

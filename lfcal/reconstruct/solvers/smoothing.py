@@ -109,7 +109,7 @@ class DepthSmoothing:
                 "smoothing widths (voxels), lobes",
                 "widths from 0 to below 10000, and at least one lobe",
                 f"{self.widths}, {self.lobes}",
-                "give values within these limits",
+                "correct the value that is outside its limits",
             )
 
     @classmethod

@@ -337,7 +337,7 @@ def draw_ladder(found: Ladder, path: str | os.PathLike[str], title: str = "") ->
     from lfcal.base import COLOURS, LINES, figure, save_figure
 
     if not found.rungs:
-        raise LfcalError("accuracy and time: no sampling conserved the energy; choose a finer sampling")
+        raise LfcalError("accuracy and time: no sampling conserved the energy; measure finer samplings (samplings=)")
     with figure(6.4, 4.2) as fig:
         axes = fig.add_subplot()
         for k, kind in enumerate(dict.fromkeys(_family(r) for r in found.rungs)):

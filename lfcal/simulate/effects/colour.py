@@ -109,7 +109,9 @@ class ChromaticFocus(_Chromatic):
         for end in (-shift / 2, shift / 2):
             if not 1.0 + (scene.image_um + end) / scene.pupil_um > 0:
                 wanted = "an image behind the main lens over the whole spectrum"
-                raise InputError.expected(self.title, wanted, f"a shift of {shift:.4g} µm", "give a smaller rate")
+                raise InputError.expected(
+                    self.title, wanted, f"an image in front of it, shifted by {shift:.4g} µm", "reduce the rate"
+                )
         return replace(scene, colour_rate=scene.colour_rate + self.rate)
 
 

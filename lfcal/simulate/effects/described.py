@@ -213,7 +213,7 @@ def _frozen(what: str, kind: str, value: Any) -> Any:
         try:
             return _whole(value)
         except (ValueError, OverflowError):
-            raise InputError.expected(what, "a whole number", repr(value)[:60], "give a whole number") from None
+            raise InputError.expected(what, "a whole number", repr(value)[:60], "round this value") from None
     if value is None and kind.endswith("None"):
         return value
     wanted = "a text" if kind.startswith("str") else triples or "a number"

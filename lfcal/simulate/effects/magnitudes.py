@@ -147,7 +147,7 @@ class Magnitude:
         if self.kind != "whole":
             return value
         if value != int(value):
-            raise InputError.expected(self.title, "a whole number", text, "give a whole number")
+            raise InputError.expected(self.title, "a whole number", text, "round this value")
         return int(value)
 
 

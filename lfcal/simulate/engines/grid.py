@@ -113,7 +113,10 @@ def _per_px(sampling: Sampling) -> int:
     per = 4 if wanted is None else round(wanted)
     if per < 1 or (wanted is not None and per != wanted):
         raise InputError.expected(
-            "samples per pixel of a grid", "a whole number of 1 or more", wanted, "give a whole number"
+            "samples per pixel of a grid",
+            "a whole number of 1 or more",
+            wanted,
+            "leave it out, or give a number such as 4",
         )
     return per
 

@@ -71,7 +71,7 @@ class ReferencePlane:
                 "samples per pixel of the reference",
                 "a whole number of 1 or more",
                 wanted,
-                "give a whole number",
+                "leave it out, or give a number such as 8",
             )
         self._dx = scene.reduced_pixel_um / self.per_px
         self._reach = self._lit_radius()

@@ -111,7 +111,7 @@ def test_without_a_whole_dark_frame_nothing_is_subtracted_in_its_place(
     folder = copy_of(sessions["packed"], tmp_path)
     for slot in (0, 1):
         rot_frame(folder / "darks.h5", slot)
-    with pytest.raises(InputError, match=r"recorded dark frames: expected an intact frame of 0\.02 s"):
+    with pytest.raises(InputError, match=r"recorded dark frames: expected intact dark frames of 0\.02 s exposure"):
         assemble(folder, skip=True)
     (folder / "darks.h5").unlink()
     for skip in (False, True):

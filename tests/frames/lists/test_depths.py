@@ -77,8 +77,8 @@ def test_what_lies_within_the_errors_is_not_told() -> None:
             "z of the planes: expected a range of about .* µm, inferred from the steps of its planes, got .* µm; "
             "check unit",
         ),
-        (1e-3, r"got 50 µm; is it in mm\? state its unit \(--columns z_mm=COLUMN\)"),
-        (1e3, r"is it in um\? state its unit \(--columns z_um=COLUMN\)"),
+        (1e-3, r"got 50 µm; is z in mm\? state its unit \(--columns z_mm=COLUMN\)"),
+        (1e3, r"is z in um\? state its unit \(--columns z_um=COLUMN\)"),
     ],
 )
 def test_a_z_of_another_unit_is_refused(scale: float, words: str) -> None:
@@ -99,7 +99,7 @@ def test_numbered_planes_have_the_depths_of_their_steps() -> None:
     rising = (small_camera().step_um(1e3) - small_camera().step_um(0.0)) / 1e3
     assert stated(found.notes[0], "each") == pytest.approx(0.001 / rising, rel=0.01)
     np.testing.assert_allclose(depths_of(planes_of(counted=True, depths=DEPTHS[::-1])).depths, DEPTHS[::-1], atol=0.01)
-    with pytest.raises(InputError, match="steps of its planes: expected longer steps from each plane to the next"):
+    with pytest.raises(InputError, match="steps of its planes: expected steps of one pixel each, which increase"):
         depths_of(planes_of(counted=True, depths=(-40e3, 10e3, -10e3)))
     with pytest.raises(InputError, match="expected 3 as in the list, got 1"):
         find_depths(small_camera(), StageAxes(), planes_of(counted=True), (0.0,))

@@ -103,7 +103,7 @@ def test_exposures(tmp_path: Path, name: str, value: str, seconds: float) -> Non
 BAD = {
     "two for x": ("file,PosX,x_stage,y\na,1.5,2,3\n", "", "column of x: expected one, got 'PosX' or 'x_stage'; state"),
     "no file": ("A,x,y\nb,1.5,2\n", "", "column of file: expected a name such as"),
-    "what there is": ("A,B,y\nb,1.5,2\n", "", "got columns A, B, y; state which it is: --columns file=COLUMN,x=COLUMN"),
+    "what there is": ("A,B,y\nb,1.5,2\n", "", "got columns A, B, y; state the column (--columns file=COLUMN,x=COLUMN)"),
     "not a column": ("A,x,y\nb,1.5,2\n", "file=B", "expected one of A, x, y, got 'B'"),
     "no role": ("A,x,y\nb,1.5,2\n", "name=A", "--columns: expected ROLE=COLUMN"),
     "role twice": ("A,x,y\nb,1.5,2\n", "x=x,x=y", "each of file, page, z, y, x, exposure, dy, dx at most once"),

@@ -148,5 +148,5 @@ def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_address_is_for_dask_alone() -> None:
-    with pytest.raises(InputError, match=r"an executor that has one \(dask\), got processes"):
+    with pytest.raises(InputError, match=r"an executor with a scheduler \(dask\), got processes"):
         RunChoice("processes", address="tcp://127.0.0.1:8786")

@@ -60,11 +60,14 @@ class AccuracySettings(PageSettings):
                 "time per measurement (s)",
                 "a number above 0 and at most 86400 (a day)",
                 self.seconds,
-                "enter a number in this range",
+                "enter a time such as 10",
             )
         if not 0 < self.error <= 10:
             raise InputError.expected(
-                "error", "a number above 0 and at most 1000 %", self.error, "enter a number in this range"
+                "target error (%)",
+                "a number above 0 and at most 1000",
+                f"{100 * self.error:g}",
+                "enter a value such as 1",
             )
 
 

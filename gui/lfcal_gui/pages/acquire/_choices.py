@@ -167,7 +167,7 @@ class TargetChoice:
         found = self._moved(scan)
         if found is None:
             raise InputError.expected(
-                "plan of the target", "a readable plan", f"{self._path}, which was not read", "choose the file again"
+                "plan of the target", "a readable plan", f"{self._path}, which could not be read", "choose another file"
             )
         if found.scan != scan:
             remedy = "open the target's plan again, or plan it for this scan"

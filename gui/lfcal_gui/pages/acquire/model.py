@@ -240,7 +240,7 @@ def moved(plan: ScanPlan, origin: tuple[float, ...] | None) -> ScanPlan:
 def target_of(plan: ScanPlan, z: int) -> tuple[float, float, float]:
     """Return the stage position of the centre of the cell in plane ``z`` (µm)."""
     if not 0 <= z < len(plan.depths_um):
-        raise InputError.expected("depth plane", f"0 to {len(plan.depths_um) - 1}", z, "choose one")
+        raise InputError.expected("depth plane", f"0 to {len(plan.depths_um) - 1}", z, "choose a plane of the scan")
     ny, nx = plan.period
     x, y, depth = plan.stage_um(np.array([z, ny // 2, nx // 2])).tolist()
     return x, y, depth

@@ -404,7 +404,7 @@ def check_goal(plan: ScanPlan, options: Options, folder: FolderState) -> None:
         raise InputError.expected("exposures", "one exposure per frame, whose noise is known", got, remedy)
     if stated_noise(plan.camera) is None:
         remedy = "measure read noise and full well in Set up, or state them"
-        raise InputError.expected("noise of the camera", "measured or stated", "assumed", remedy)
+        raise InputError.expected("noise of the camera", "a measured or stated noise", "an assumed noise", remedy)
 
 
 def error_curve(steps: Sequence[AdaptiveStep], goal: Goal) -> ErrorCurve:

@@ -281,7 +281,7 @@ class Page(BasePage):
 
     def _stop_opening(self) -> None:
         self.context.jobs.drop("frames open")
-        self._failed("The frames were not opened because you stopped it")
+        self._failed("The frames were not opened, because you stopped the import")
 
     def _failed(self, words: str) -> None:
         self._opening = False

@@ -67,7 +67,7 @@ class FitSettings(PageSettings):
         if self.camera not in dict(STARTS):
             raise InputError.expected("start", any_of(dict(STARTS)), self.camera, "choose one of these")
         if not all(isinstance(name, str) for name in self.groups):
-            raise InputError.expected("groups", "names", self.groups, "choose some of the list")
+            raise InputError.expected("groups", "a list of names", self.groups, "choose groups in the list")
         for row in ROWS:
             object.__setattr__(self, row.name, row.value(getattr(self, row.name), row.label))
 
@@ -239,7 +239,7 @@ def task_of(
     if not settings.auto and not groups:
         lost = next((f"{name}, which needs {without[name]}" for name in settings.unknowns), "none")
         wanted = "one group or more that the camera has" if settings.unknowns else "one group or more"
-        raise InputError.expected("unknowns", wanted, lost, "choose other groups, or the automatic choice")
+        raise InputError.expected("unknowns", wanted, lost, "tick groups, or choose automatically")
     return FitMatrix(
         sources=(Path(project.psf),),
         out=out,

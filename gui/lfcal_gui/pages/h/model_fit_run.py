@@ -222,7 +222,9 @@ def iter_taken(asked: FitRequest, fit: Fit, kept: FitRun) -> Work[None]:
         unit = _unit(matrix.provenance)
     if measured.plan.shape != fit.planned.shape:
         got, want = measured.plan.shape, fit.planned.shape
-        raise InputError.expected(f"{asked.name}, patterns", f"the patterns of the fit, {want}", got, "press Fit")
+        raise InputError.expected(
+            f"{asked.name}, shape of the patterns", f"{want}, as fitted", got, "press Fit to fit this H"
+        )
     kept.found = _found(asked, FittedPatterns(measured, {"source": asked.name}, fit), unit)
     yield Progress(1, 1, "patterns of the fit", time.perf_counter() - start)
 

@@ -334,7 +334,7 @@ class MultiplexSettings(PageSettings):
                 )
         parse_pattern(self.pattern)
         if not 1 <= self.size <= MAX_SIZE:
-            raise InputError.expected("size (px)", f"1 to {MAX_SIZE}", self.size, "enter a number in this range")
+            raise InputError.expected("size (px)", f"1 to {MAX_SIZE}", self.size, "enter a size such as 9")
         mask_pattern(self.mask, self.size)
         if not 0 < self.gain < 1e6:
             raise InputError.expected("amplifier gain", "above 0", self.gain, "enter a positive number")

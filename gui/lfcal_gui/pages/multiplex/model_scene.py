@@ -70,7 +70,9 @@ def dead_pixels(path: str, part: FramePart, shape: tuple[int, ...]) -> NDArray[n
     """Return the dead pixels of a part of the frame (bool), from the map at ``path``."""
     marked = read_image(path)
     if marked.shape != part.whole:
-        raise InputError.expected("dead pixels", f"{part.whole} px", marked.shape, "choose the image of this camera")
+        raise InputError.expected(
+            "dead pixels", f"{part.whole} px", marked.shape, "choose an image of the size of the frame"
+        )
     return np.asarray(part.cut(marked, shape) != 0)
 
 
@@ -86,7 +88,10 @@ def shares_of(
         part = FramePart(_middle(found.shape[1:], shape), (found.shape[1], found.shape[2]))
     if found.shape[1:] != part.whole:
         raise InputError.expected(
-            "transmissions", f"(N, {part.whole})", found.shape, "choose an array with one value per pixel of the frame"
+            "transmissions",
+            f"shape (N, {part.whole[0]}, {part.whole[1]})",
+            found.shape,
+            "choose an array with one value per pixel of the frame",
         )
     _check_count(len(found), shape)
     shares = np.asarray(part.cut(found, shape), float)
@@ -102,7 +107,7 @@ def _check_count(samples: int, shape: tuple[int, ...]) -> None:
             "samples of the general route",
             f"up to {most} for this frame",
             samples,
-            "open a smaller frame, or run the copied command",
+            "open a smaller frame, or copy the command and run it in a terminal",
         )
 
 
@@ -110,7 +115,7 @@ def _transmissions(path: str) -> Array:
     found = map_npy(path)
     if found.ndim != 3 or not found.size:
         raise InputError.expected(
-            "transmissions", "(N, rows, columns)", found.shape, "choose an array with one plane per sample"
+            "transmissions", "shape (N, rows, columns)", found.shape, "choose an array with one plane per sample"
         )
     return found
 

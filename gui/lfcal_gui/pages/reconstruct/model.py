@@ -256,9 +256,9 @@ class ReconstructSettings(PageSettings):
         for row in CHECKED:
             row.check(getattr(self, row.name), row.label)
         if not 1 <= self.iterations <= 100_000:
-            raise InputError.expected("iterations", "1 to 100000", self.iterations, "enter a number in this range")
+            raise InputError.expected("iterations", "1 to 100000", self.iterations, "enter a number such as 20")
         if self.margin is not None and self.margin < 0:
-            raise InputError.expected("margin", "0 px or more", self.margin, "enter a number that is not negative")
+            raise InputError.expected("margin", "0 px or more", self.margin, "enter 0 for no margin")
         if self.voxel not in ("", "auto"):
             _side(self.voxel)
         if len(self.region) not in (0, 4) or any(v < 0 or v != int(v) for v in self.region) or 0 in self.region[2:]:
@@ -266,18 +266,22 @@ class ReconstructSettings(PageSettings):
                 "region",
                 "first row, first column, rows and columns in whole pixels",
                 self.region,
-                "enter them, for example 0, 0, 400, 400",
+                "enter four numbers, for example 0, 0, 400, 400",
             )
         if self.device not in dict(DEVICE.choices):
             raise InputError.expected("device", "auto, cpu or cuda", repr(self.device), "choose one of these")
         if len(self.anchor) not in (0, 2):
-            raise InputError.expected("anchor", "row, column in pixels", self.anchor, "enter them, for example 12, 7")
+            raise InputError.expected(
+                "anchor", "row, column in pixels", self.anchor, "enter two numbers, for example 12, 7"
+            )
         if self.lattice and self.as_is:
             raise InputError.expected(
-                "lattice", "no lattice file if As is is ticked", self.lattice, "clear one of them"
+                "lattice", "no file, because As is is ticked", self.lattice, "clear Lattice, or untick As is"
             )
         if self.lattice and self.other_regions:
-            raise InputError.expected("lattice", "an H of one region", self.regions, "clear one of them")
+            raise InputError.expected(
+                "lattice", "no file for an H of several regions", self.lattice, "clear Lattice, or use one region"
+            )
 
     @classmethod
     def from_dict(cls, data: object) -> Self:

@@ -214,7 +214,9 @@ def test_h_is_measured_where_there_is_no_plan(page: Page, context: Context, qtbo
     look_at(page, "lattice")
     page.measure()
     idle(page.context.jobs, qtbot)
-    assert page.panel.answer.text().startswith("Not measured: camera of the measurement: expected the camera of a scan")
+    assert page.panel.answer.text().startswith(
+        "Not measured: scan of the measurement: expected a scan plan with its camera"
+    )
 
 
 def test_nothing_to_measure_says_what_to_do(page: Page, context: Context) -> None:

@@ -145,7 +145,7 @@ def test_a_list_of_another_scan_than_the_project_s_brings_its_own_plan(folder: P
         ),
         ("axes: as the steps tell; their senses are assumed, --stage states them", None),
         ("samples: left-aligned, moved down by 4", "samples: left-aligned, moved down by 4"),
-        ("list: expected 2, got 3; check which column is which (--columns)", None),
+        ("list: expected 2, got 3; check the contents of the columns (--columns)", None),
         (
             "list: expected 2, got 3; the list is of another scan: make its plan with lfcal plan CAMERA --positions L",
             None,

@@ -115,7 +115,7 @@ def test_a_list_of_the_stage_without_camera_and_plan_asks_for_them(tmp_path: Pat
 def test_the_unit_that_z_seems_to_have_is_named_in_the_window(tmp_path: Path) -> None:
     folder = recorded(tmp_path / "s", ("file", "X (mm)", "Y (mm)", "Z (um)"))
     found = survey(ImportChoice(folder), None, scan().camera)
-    assert found.problem.endswith("is it in mm? state its unit; choose the content above the column")
+    assert found.problem.endswith("is z in mm? state its unit; choose the content above the column")
 
 
 def test_what_is_known_of_found_depths_stays_in_the_window(tmp_path: Path) -> None:

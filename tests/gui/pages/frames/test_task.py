@@ -65,7 +65,7 @@ def test_the_form_shows_and_refuses_what_the_command_does() -> None:
 def test_values_that_need_another_one_are_refused() -> None:
     kept, refused = FrameSettings.read({**CHOSEN.to_dict(), "options": [["lost", 0.1]], "pattern": "z{z}.png"})
     assert kept.pattern == "z{z}.png" and kept.options == () and kept.interpolation == "linear"
-    assert refused == ("settings of frames: options: lost: expected cutout auto, got as planned; leave it out",)
+    assert refused == ("settings of frames: options: lost: expected cutout auto, got as planned; leave lost out",)
 
 
 @pytest.fixture

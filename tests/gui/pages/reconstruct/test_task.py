@@ -112,9 +112,9 @@ def test_a_mat_file_is_read_in_the_order_that_was_stated(
 
 def test_a_lattice_resamples_h_of_one_region() -> None:
     assert ReconstructSettings(regions="all", as_is=True).other_regions == ("all",)
-    with pytest.raises(InputError, match="lattice: expected an H of one region"):
+    with pytest.raises(InputError, match="lattice: expected no file for an H of several regions"):
         ReconstructSettings(regions="all", lattice="lattice.json")
-    with pytest.raises(InputError, match="lattice: expected no lattice file if As is is ticked"):
+    with pytest.raises(InputError, match="lattice: expected no file, because As is is ticked"):
         ReconstructSettings(lattice="lattice.json", as_is=True)
 
 

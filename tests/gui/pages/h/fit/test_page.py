@@ -308,10 +308,7 @@ def test_a_fit_of_another_scan_is_not_taken_over(page: Page, known: FitRun, qtbo
     fit = known.found.fit
     page.receive(replace(fit, planned=replace(fit.planned, cutout=(13, 13))))
     idle(page.context.jobs, qtbot)
-    assert (
-        page.fitting.found is None
-        and "H.h5, patterns: expected the patterns of the fit" in page.fitting.view.verdict.text()
-    )
+    assert page.fitting.found is None and "press Fit to fit this H" in page.fitting.view.verdict.text()
 
 
 # -- another H ---------------------------------------------------------------------------------------------
