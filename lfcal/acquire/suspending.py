@@ -89,7 +89,7 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
 
 
 class Suspender:
-    r"""Callable that returns the reason to suspend a session, or an empty text.
+    r"""Callable that returns the reason to suspend a session; empty if there is none.
 
     It reads the gauges at most once a second.
 

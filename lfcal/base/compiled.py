@@ -190,7 +190,7 @@ def kernel_spared(module: str, name: str, seconds: float) -> bool:
     Parameters
     ----------
     module, name
-        Where the kernel is defined.
+        Module and name of the kernel.
     seconds
         Estimate of the additional processor time (s) without the kernel.
     """

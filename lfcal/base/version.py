@@ -17,7 +17,7 @@ DIGITS = 10
 
 @cache
 def full_version() -> str:
-    """Return the version, with the commit if it is known: ``0.1.0+g1a053e7c4b``.
+    """Return the version, with the commit if it is known, such as ``0.1.0+g1a053e7c4b``.
 
     The commit is that of a git checkout, the one that a wheel or source archive was made from, or the one that pip
     installed from a repository.

@@ -41,9 +41,9 @@ class Draft:
     A value is identified by its path, such as ``"sensor.pixel_um"``. The first value set for a path is kept. Values
     that are not set are assumed and marked as such.
 
-    Two paths are added to those of `QUANTITIES`. The virtual depth at which each lens type is in focus is
-    ``lattice.focus``. A pair of virtual depths for each lens type is ``lattice.depth_ranges``. ``lattice.types``
-    contains the focal lengths of the lens types (µm).
+    Two paths are added to those of `QUANTITIES`. The value of ``lattice.focus`` is the virtual depth at which each lens
+    type is in focus, and that of ``lattice.depth_ranges`` is a pair of virtual depths (near, far) for each lens type.
+    The value of ``lattice.types`` is the focal length of each lens type (µm).
 
     Parameters
     ----------

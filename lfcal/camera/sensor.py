@@ -44,7 +44,7 @@ class Sensor:
     saturation
         Lowest sample value that counts as saturated (counts). None: the highest sample value.
     dsnu_e
-        Dark-signal non-uniformity (DSNU): rms of the pixel offsets in the dark (electrons). None: unknown.
+        Dark-signal non-uniformity (DSNU): rms variation of the pixel offsets in the dark (electrons). None: unknown.
     linearity
         Largest relative deviation of the signal from a linear response to exposure. None: unknown.
 

@@ -376,7 +376,7 @@ def iter_fit_points(
     Yields
     ------
     Progress
-        In derivatives; closing it stops the fit.
+        Counted in derivatives. Closing the generator stops the fit.
 
     Raises
     ------

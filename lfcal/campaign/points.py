@@ -139,7 +139,7 @@ def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] 
     Yields
     ------
     Progress
-        In frames.
+        Counted in frames.
 
     Raises
     ------

@@ -275,7 +275,7 @@ def iter_next_positions(
     Yields
     ------
     Progress
-        In patterns, then in positions.
+        Counted in patterns, then in positions.
 
     Raises
     ------

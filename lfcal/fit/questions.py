@@ -132,7 +132,7 @@ def check_described(measured: Measured) -> None:
 
 
 def check_explained(problem: Problem, point: Point) -> None:
-    """Raise `InputError` if the point does not explain the patterns, so that they belong to a different camera."""
+    """Raise `InputError` if the point does not explain the patterns, which then belong to a different camera."""
     if (point.levels.gains[np.unique(problem.planes)] <= 0).any():
         remedy = "check what was subtracted from the frames"
         raise InputError.expected(

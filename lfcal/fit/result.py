@@ -284,7 +284,7 @@ class Fit:
         Yields
         ------
         Progress
-            In rows of positions and tiles; closing the generator stops the computation.
+            Counted in rows of positions, then in tiles. Closing the generator stops the computation.
 
         Raises
         ------

@@ -80,9 +80,9 @@ def choose(
 ) -> tuple[str, ...]:
     """Return ``chosen`` followed by the ``candidates`` that lower the held-out residual, the most effective first.
 
-    Each candidate is tried by a linear fit about ``point``, with the derivatives ``columns`` with respect to all
-    unknowns. It must remove at least the fraction ``least`` of the residual, because far from the best point every
-    group helps a little.
+    Each candidate is tried by a linear fit about ``point``, which uses the derivatives ``columns`` for all unknowns. It
+    must remove at least the fraction ``least`` of the residual, because far from the best point every group helps a
+    little.
     """
     selection = GroupSelection(problem, point, columns)
     found, left = list(chosen), [name for name in candidates if name not in chosen]

@@ -116,12 +116,12 @@ class Validation:
 
     @property
     def middle(self) -> tuple[PointError, ...]:
-        """The third of the points that is nearest to the middle of the field."""
+        """One third of the points: those nearest to the middle of the field."""
         return self.points[: max(1, round(PART * len(self.points)))]
 
     @property
     def edges(self) -> tuple[PointError, ...]:
-        """The third of the points that is farthest from the middle of the field."""
+        """One third of the points: those farthest from the middle of the field."""
         return self.points[-max(1, round(PART * len(self.points))) :]
 
     @property
@@ -208,12 +208,12 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     Yields
     ------
     Progress
-        In points.
+        Counted in points.
 
     Raises
     ------
     InputError
-        If all of them were fitted, or they come from another sensor.
+        If all patterns were fitted, or they come from another sensor.
     """
     known_of = fit if isinstance(fit, StoredFit) else StoredFit.of(fit)
     same = known_of.is_of(withheld.plan)

@@ -33,9 +33,9 @@ def stated_noise(camera: Camera) -> Noise | None:
 
 
 class DescribedSource(SourceView):
-    """Frames completed with the exposures and sensor facts of the plan where they do not state their own.
+    """View of a source that adds the exposure times and sensor values of the plan where the frames state none.
 
-    Sensor facts are added only to raw samples: integers with enough bits for the sensor's bit depth. Floating-point
+    Sensor values are added only to raw samples: integers with enough bits for the sensor's bit depth. Floating-point
     frames are assumed to have been processed.
     """
 

@@ -482,7 +482,7 @@ class Frames(ABC):
 
 
 def observed(values: NDArray[Any], saturation: float | None, noise: Noise | None = None) -> Samples:
-    """Return raw ``values``, in which those at or above the sample value ``saturation`` are marked as invalid.
+    """Return raw ``values`` as samples with ``noise``; those at or above the value ``saturation`` are invalid.
 
     Without ``saturation``, only the highest value of an integer type is certainly saturated. If no sample has that
     value, the number of saturated samples is unknown, because the sensor may saturate at a lower one. Only 8-bit

@@ -41,7 +41,7 @@ class TurnedWhite:
     Attributes
     ----------
     turns
-        Orientations that make it upright, the best first; several if they are equally good.
+        Orientations that make the image upright, the best first; several if they are equally good.
     away_px, as_is_px
         Rms distance of the micro-images from those of the camera in the best orientation, and as delivered (px).
     sigmas

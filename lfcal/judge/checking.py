@@ -216,7 +216,7 @@ def iter_check(
     Yields
     ------
     Progress
-        In frames.
+        Counted in frames.
 
     Raises
     ------

@@ -65,7 +65,7 @@ def iter_region_loss(path: str | os.PathLike[str], *, workers: int | None = None
     Raises
     ------
     InputError
-        If the file has only one region, or their shapes differ.
+        If the file has only one region, or the shapes of its regions differ.
     """
     names = regions_of(path)
     if len(names) < 2:

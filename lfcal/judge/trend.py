@@ -233,7 +233,7 @@ def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS
     Raises
     ------
     InputError
-        If there are fewer than two, or fits belong to several cameras or have the same time.
+        If there are fewer than two sessions, or fits belong to several cameras or have the same time.
     """
     check_number("threshold of an alarm (standard deviations)", sigmas, above=0)
     fits = [one for one in sessions if isinstance(one, DatedFit)]

@@ -178,10 +178,10 @@ def depth_seconds(
     slopes: tuple[float, float] | None = None,
     radius_px: float | None = None,
 ) -> float:
-    """Predict the CPU time (s) of `depth_map` with these parameters.
+    """Predict the CPU time (s) of `depth_map`, whose parameters these are.
 
     The middle of the frame is processed, and the measured time is scaled by the number of pairs of adjacent
-    micro-images. The parameters are those of `depth_map`.
+    micro-images.
 
     Raises
     ------

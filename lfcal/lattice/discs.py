@@ -79,7 +79,7 @@ def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
     ------
     InputError
         If the camera has a periodic lattice, the number of discs is not that of the lenslets, a disc is truncated by
-        the edge of the frame, or the discs are far from the described positions.
+        the edge of the frame, or the discs are far from the positions in the description.
 
     Examples
     --------

@@ -293,7 +293,9 @@ def cropped(lattice: FrameLattice, shape: Sequence[int], origin: tuple[int, int]
 
 
 def first_pixel(sensor: Sequence[int], shape: Sequence[int], origin: tuple[int, int] | None = None) -> tuple[int, int]:
-    """Return the sensor position (row, column) of the first pixel of frames of ``shape``; None: of the whole sensor.
+    """Return ``origin``, the sensor position (row, column) of the first pixel of frames, after checking it.
+
+    If ``origin`` is None, frames of ``shape`` must show the whole ``sensor`` (rows, columns), and (0, 0) is returned.
 
     Raises
     ------

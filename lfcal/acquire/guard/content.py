@@ -107,8 +107,9 @@ class Repeats:
     def kept(self, position: Position, frame: NDArray[Any], noise: float, floor: float) -> Doubt:
         """Compare a frame with those stored by earlier runs of the session, and return the findings.
 
-        Earlier runs stored only checksums of cutouts, which move with the source. Frames without noise are therefore
-        not compared: those of different positions may be equal.
+        Earlier runs stored only checksums of cutouts, which move with the source. Frames without ``noise`` (standard
+        deviation of a pixel, counts) are therefore not compared: those of different positions may be equal. Samples
+        above ``floor`` are light (counts).
         """
         if not self._recorded or noise <= 0:
             return NO_DOUBT

@@ -61,9 +61,9 @@ class Note:
     ``period_y`` and ``period_x`` whole periods. ``target_um`` and ``stage_um`` are the target and the read-back stage
     coordinates (x, y, z) in µm. ``time_s`` is the time since 1970-01-01 UTC, and ``elapsed_s`` the recording time so
     far, without pauses. ``energy`` is the sum and ``peak`` the highest of all samples (counts). ``row`` and ``column``
-    are the first sensor pixel of the frame. ``saturated`` and ``sensor_saturated`` are the numbers of saturated pixels
-    in the frame, and in the whole region read from the sensor. ``sequence`` and ``frame_crc`` are filled in when the
-    frame is written.
+    are those of the first sensor pixel of the frame. ``saturated`` and ``sensor_saturated`` are the numbers of
+    saturated pixels in the frame, and in the whole region read from the sensor. ``sequence`` and ``frame_crc`` are
+    filled in when the frame is written.
 
     Examples
     --------

@@ -299,8 +299,8 @@ def places_about(
 
     The corners are whole periods away from the middle, so that the pattern of the lenslets is the same there. The
     distance is three periods, or a tenth of the sensor if that is more. They are closer if the period was rounded, or
-    if the cutout would leave the sensor or the stage would leave its travel. If the sensor has no `room`, they are one
-    period away.
+    if the cutout would leave the sensor or the stage would leave its travel. If the cutout cannot move by a whole
+    period on the sensor, the corners are one period away.
 
     Raises
     ------

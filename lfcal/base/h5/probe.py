@@ -49,9 +49,9 @@ def probe(path: Path, only: tuple[str, ...] | None = None) -> None:
 
     With ``only``, the check reads data only from these datasets, and of large datasets only the middle chunk.
 
-    A file that was checked before and has not changed since is not checked again. A file is accepted without a check
-    if no child can be started (no memory, no permission, libraries that do not load), or if the child ends by a Python
-    exception.
+    A file that was checked before and has not changed since is not checked again. A file is accepted without a check if
+    no child process can be started (no memory, no permission, libraries that do not load), or if the process ends with
+    a Python exception.
     """
     mark = _mark(path)
     with _CHILD.lock:

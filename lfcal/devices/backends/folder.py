@@ -51,7 +51,7 @@ class FolderBackend:
         return "TIFF, PNG, PGM, NPY, camera RAW"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return a camera that reads frames from a folder, and a stage whose moves another program makes."""
+        """Return a rig with a camera that reads frames from a folder, and a stage that another program moves."""
         path = Path(options.get("path", ""))
         if not options.get("path") or not path.is_dir():
             raise InputError.expected("option path", "a folder", repr(options.get("path", "")), "create it first")

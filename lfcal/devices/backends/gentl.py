@@ -50,7 +50,7 @@ class GenTLBackend:
     }
 
     def probe(self) -> str:
-        """Return the version of harvesters."""
+        """Return the version of the library harvesters."""
         try:
             import genicam.gentl  # noqa: F401
             import harvesters

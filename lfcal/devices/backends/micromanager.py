@@ -57,7 +57,7 @@ class MicroManagerBackend:
     }
 
     def probe(self) -> str:
-        """Return the version of the MMCore."""
+        """Return the version of MMCore, the core library of Micro-Manager."""
         try:
             import pymmcore
         except ImportError:

@@ -47,7 +47,7 @@ MAX_SIDE = 200_000
 
 
 class ImageFile(ABC):
-    """Open image file with pages of equal shape and dtype; reading is thread-safe.
+    """An open image file with pages of equal shape and dtype; reading is thread-safe.
 
     Attributes
     ----------

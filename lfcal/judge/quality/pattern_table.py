@@ -79,7 +79,7 @@ class PatternTable:
 
     @property
     def computed(self) -> bool:
-        """Whether the plane has so little noise that it was computed instead of recorded.
+        """Whether the plane has so little noise that it must have been computed instead of recorded.
 
         In a computed plane, equal peaks do not indicate saturation, and zeros do not indicate dead pixels.
         """
