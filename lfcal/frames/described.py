@@ -1,4 +1,4 @@
-"""Facts that a scan plan adds to frames that do not state them."""
+"""Exposure times and sensor values that a scan plan adds to frames that do not state them."""
 
 from __future__ import annotations
 

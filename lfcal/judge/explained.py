@@ -1,4 +1,4 @@
-"""Find changes that explain patterns better than the described camera: orientation, positions, array, gap or iris."""
+"""Find changes that explain patterns better than the camera description: orientation, positions, array, gap or iris."""
 
 from __future__ import annotations
 

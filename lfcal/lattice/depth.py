@@ -1,12 +1,12 @@
 """Depth maps from one light-field frame: disparity between micro-images, or between views.
 
 A point of slope w (`sensor_slope`) whose chief ray meets the sensor at S appears at c + (S - c)/w below the lenslet at
-c. Focused plenoptic cameras show it in several micro-images, whose disparity is their distance over w. Each micro-image
-is matched with its neighbours (Perwass and Wietzke 2012; Fleischmann and Koch 2014, Palmieri and Koch 2017 for several
-lens types). The depths of all micro-images are joined in the central view by their standard errors (Zeller, Quint and
-Stilla 2015). In cameras whose lenslets are focused at infinity, a micro-image shows the aperture. The slope is then
-that of the epipolar lines between views (Wanner and Goldluecke 2012). The variance of the views on a sweep of planes
-gives it (Tao et al. 2013), with shifts of fractions of a sample (Jeon et al. 2015).
+c. Focused plenoptic cameras show it in several micro-images, whose disparity is their distance divided by w. Each
+micro-image is matched with its neighbours (Perwass and Wietzke 2012; Fleischmann and Koch 2014, Palmieri and Koch 2017
+for several lens types). The depths of all micro-images are joined in the central view by their standard errors (Zeller,
+Quint and Stilla 2015). In cameras whose lenslets are focused at infinity, a micro-image shows the aperture. The slope
+is then that of the epipolar lines between views (Wanner and Goldluecke 2012). It is found from the variance of the
+views on a sweep of planes (Tao et al. 2013), with shifts of fractions of a sample (Jeon et al. 2015).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The iris: its size and rotation, the curvature of its blades, and the second stop of a cat's eye."""
+"""The iris: its size and rotation, the curvature of its blades, and the second stop of cat's-eye vignetting."""
 
 from __future__ import annotations
 

@@ -438,7 +438,10 @@ Plane = tuple[float, float, float]
 
 
 def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
-    """Return the regions (top, bottom, left, right) that cover a border of ``width`` pixels without overlap."""
+    """Return the regions (top, bottom, left, right) that cover a border of ``width`` pixels without overlap.
+
+    If opposite borders meet, the only region is the whole frame.
+    """
     rows, columns = shape
     # such a small frame is only border
     if 2 * width >= min(rows, columns):

@@ -1,4 +1,4 @@
-"""Findings of metrics about an H, and the number of metrics of each merit."""
+"""Findings of metrics about an H, and the number of metrics with each rating."""
 
 from __future__ import annotations
 

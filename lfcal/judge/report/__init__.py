@@ -1,7 +1,7 @@
-"""The quality report: one HTML page with its pictures, and lists that programs read.
+"""The quality report: one HTML page with its images, and lists that programs read.
 
 - ``write``: write all files into a folder
-- ``page``: the page as text; ``_pictures``: its pictures; ``_pdf``: the same as PDF
+- ``page``: the page as text; ``_pictures``: its images; ``_pdf``: the same as PDF
 - ``two``: comparison of two H
 """
 

@@ -1,4 +1,4 @@
-"""The report of a comparison of two H: one page with its pictures, and the numbers for programs."""
+"""The report of a comparison of two H: one page with its images, and the numbers for programs."""
 
 from __future__ import annotations
 

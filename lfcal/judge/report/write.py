@@ -1,4 +1,4 @@
-"""Write the report into a folder: the page, its pictures, and lists for programs."""
+"""Write the report into a folder: the page, its images, and lists for programs."""
 
 from __future__ import annotations
 
