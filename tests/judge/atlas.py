@@ -51,7 +51,7 @@ def found_of(name: str) -> tuple[FoundFault, Evidence]:
 def parts(fault: Fault) -> tuple[str, ...]:
     """Return the lines of a fault's chapter that follow from the fault alone."""
     titles = [METRICS.get(key).title for key in fault.settles]
-    metrics = f"**Checks that it explains:** {', '.join(titles)}." if titles else ""
+    metrics = f"**Checks that respond to this fault:** {', '.join(titles)}." if titles else ""
     injected = INJECTIONS[fault.name]
     return (
         f"## {fault.title[:1].upper()}{fault.title[1:]}",
@@ -68,7 +68,7 @@ def numbers(found: FoundFault) -> str:
     share = format_share(min(found.share, 1.0))
     sure = f"more than {MOST}" if found.sigmas > MOST else f"{found.sigmas:.0f}"
     said = f"*{found.fault.title}: {found.detail}.*"
-    return f"**Report:** {said} This affects {share} of the light, with a significance of {sure} sigma."
+    return f"**Report:** {said} The fault affects {share} of the light. Its significance is {sure} sigma."
 
 
 def chapter(fault: Fault, found: FoundFault) -> str:
@@ -84,8 +84,9 @@ These are the faults that `lfcal inspect` finds by comparison with the camera, i
 was added to a simulated recording with the preset `bench` (two planes, 3,000 counts at the peak, photon and read noise,
 lamp fluctuations of 0.5 % rms), and searched for in 60 patterns. Each figure shows a pattern without the fault, the
 same pattern with the fault (both as the square root of the light), and the measurement that reveals the fault. The
-report is the line that `lfcal inspect` prints. [Quality of H](quality.md) explains the numbers.
-`python -m tests.judge.atlas` makes this page.
+report is the line that `lfcal inspect` prints. Numbers in parentheses are positions (plane, row, column) or pixels
+(row, column), starting at 0. The affected fraction of the light is the relative L1 difference that the fault causes in
+the patterns. `python -m tests.judge.atlas` makes this page.
 """
 
 

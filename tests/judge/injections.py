@@ -147,12 +147,12 @@ def _type() -> Values:
 INJECTIONS: dict[str, Injection] = {
     "saturated": Injection(
         "the sensor saturates at half the peak signal",
-        "above one value, which is the same for all samples, samples are lower than the model of the camera predicts",
+        "no sample exceeds a common highest value, although the model of the camera predicts more light",
         lambda: np.minimum(clean(), np.float32(0.5 * PEAK)),
     ),
     "cut_off": Injection(
         "negative values, about half of the dark samples, are set to zero",
-        "the number of dark samples that are exactly zero, and the mean of all dark samples",
+        "many dark samples are exactly zero and none is negative, so their mean is above zero",
         lambda: np.maximum(clean(), np.float32(0)),
     ),
     "background": Injection(
@@ -162,7 +162,7 @@ INJECTIONS: dict[str, Injection] = {
     ),
     "order": Injection(
         "the columns of both planes are stored in reverse order",
-        "all patterns fit the camera at positions that differ from the stated ones by a common rule",
+        "all patterns fit the camera at other positions, in a reversed or shifted order",
         lambda: mirrored(1)(recording(), 2),
     ),
     "pupil": Injection(
@@ -172,7 +172,7 @@ INJECTIONS: dict[str, Injection] = {
     ),
     "type_focus": Injection(
         "the focal length of one lens type is 15 % too long",
-        "residuals behind the lenslets of one type have the form of a defocus",
+        "residuals behind the lenslets of one type have the form of defocus",
         lambda: blurred_type(recording(), 0.15),
     ),
     "compression": Injection(
@@ -217,7 +217,7 @@ INJECTIONS: dict[str, Injection] = {
     ),
     "frame_shift": Injection(
         "the frames of the second plane are displaced by one pixel along the rows",
-        "the displacement of the cutouts changes at one frame",
+        "the displacement of the cutouts changes abruptly at one frame",
         _region,
     ),
     "stage_axes": Injection(

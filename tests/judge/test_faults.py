@@ -118,7 +118,7 @@ def test_a_lamp_that_fades_and_one_that_flickers() -> None:
     assert set(found) == {"flicker"} and 4 < float(found["flicker"].detail.split()[0]) < 6.5
 
 
-@pytest.mark.parametrize(("ratio", "words"), [(3, "2.98 times the light"), (0, "no light")])
+@pytest.mark.parametrize(("ratio", "words"), [(3, "2.98 times the expected light"), (0, "no light")])
 def test_a_frame_with_another_exposure_is_to_be_recorded_again(ratio: int, words: str) -> None:
     values = light()
     place = evidence_of(clean()).index[17]
@@ -152,7 +152,7 @@ def test_a_ghost_is_told_with_its_share_and_place(mirrored: bool) -> None:
     found = faults_of(noisy(light() + np.float32(0.02) * np.roll(ghost, (7, -5), (3, 4))))
     assert set(found) == {"ghost"}
     assert ("mirrored top to bottom" if mirrored else "as it is") in found["ghost"].detail
-    assert "+7 px down and -5 px across" in found["ghost"].detail
+    assert "+7 px (down) and -5 px (right)" in found["ghost"].detail
     assert found["ghost"].share == pytest.approx(0.02, rel=0.3)
     picture = found["ghost"].picture
     assert picture is not None and all("(px)" in axis for axis in picture.axes)

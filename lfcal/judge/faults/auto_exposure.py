@@ -31,7 +31,7 @@ class AutoExposure(Fault):
     title = "exposure that depends on the pattern"
     subject = "light"
     rank = 39
-    advice = "Switch automatic exposure and gain off, and record again; or divide each frame by its exposure time."
+    advice = "Switch off automatic exposure and gain, and record again; or divide each frame by its exposure time."
     settles: ClassVar[tuple[str, ...]] = ("flicker", "lamp", "plane_energy")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:

@@ -57,7 +57,7 @@ BESIDE = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if y or x)
 
 
 class Compression(Fault):
-    """Block edges or missing fine structure, caused by a lossy compression."""
+    """Block edges or missing fine structure, caused by lossy compression."""
 
     name = "compression"
     needs_camera = False

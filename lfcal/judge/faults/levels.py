@@ -60,7 +60,7 @@ DIM = 4.0
 
 
 class Saturated(Fault):
-    """Samples that saturate below the expected light."""
+    """Samples that saturate below the values that the camera model predicts."""
 
     name = "saturated"
     title = "saturated values"
@@ -94,8 +94,8 @@ class Saturated(Fault):
         some = np.flatnonzero(at.any((1, 2)))
         yield FoundFault(
             self,
-            f"values end at {ceiling:.4g} in {len(some)} of {len(evidence)} compared patterns, where the "
-            f"expected light is up to {float(light[at].max()):.4g}",
+            f"values do not exceed {ceiling:.4g} in {len(some)} of {len(evidence)} compared patterns, where values "
+            f"up to {float(light[at].max()):.4g} are expected",
             float(np.sqrt(at.sum())) * 3,
             float(np.clip(lost.sum() / max(float(light.sum()), 1e-300), 0, 1)),
             positions=evidence.index[some],
@@ -120,7 +120,7 @@ def _spread(evidence: Evidence, at: NDArray[np.bool_]) -> bool:
 
 
 class CutOff(Fault):
-    """Dark samples without negative values: half of the noise is missing, and its mean looks like light."""
+    """Dark samples without negative values: half of the noise is missing, and the mean of the rest looks like light."""
 
     name = "cut_off"
     title = "noise cut off at zero"
@@ -198,7 +198,7 @@ class BackgroundFault(Fault):
             return
         yield FoundFault(
             self,
-            f"{level:+.3g} counts in every sample, {100 * level / peak:+.2f} % of the brightest light",
+            f"{level:+.3g} counts in every sample ({100 * level / peak:+.2f} % of the brightest light)",
             abs(level) / error,
             share,
             picture=FaultPicture(values, "counts", "background of each pattern", ("pattern",)),

@@ -71,7 +71,7 @@ class ExposureFault(Fault):
     title = "single frames with another exposure"
     subject = "light"
     rank = 40
-    advice = "Record these positions again; switch automatic exposure off."
+    advice = "Switch off automatic exposure, and record these positions again."
     settles: ClassVar[tuple[str, ...]] = ("flicker",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -88,7 +88,7 @@ class ExposureFault(Fault):
         place = tuple(int(v) for v in evidence.index[worst])
         many = "1 frame" if bad.size == 1 else f"{bad.size} frames"
         ratio = f"{1 + gains[worst]:.2f}"
-        light = "no light" if ratio in ("0.00", "-0.00") else f"{ratio} times the light"
+        light = "no light" if ratio in ("0.00", "-0.00") else f"{ratio} times the expected light"
         yield FoundFault(
             self,
             f"{many} of {len(evidence)} compared; the worst, at {place}, has {light}",
@@ -109,7 +109,7 @@ class Lamp(Fault):
     title = "lamp drift during the scan"
     subject = "light"
     rank = 41
-    advice = "Let the lamp warm up, or record reference frames for its correction."
+    advice = "Let the lamp warm up, or record reference frames to correct its drift."
     settles: ClassVar[tuple[str, ...]] = ("lamp", "plane_energy")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:

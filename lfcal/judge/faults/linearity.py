@@ -85,7 +85,7 @@ class _Power(_Law):
         return _Power(self.peak, (1 + self.bend) * (1 + more) - 1)
 
     def words(self, sigma: float) -> str:
-        return f"values are proportional to the light to the power of {1 + self.bend:.3f} ± {sigma:.3f}"
+        return f"values are proportional to the light to the power of {1 + self.bend:.4f} ± {sigma:.4f}"
 
 
 class _Sag(_Law):
@@ -123,7 +123,10 @@ class NotLinear(Fault):
     rank = 9
     title = "values not proportional to the light"
     subject = "sensor"
-    advice = "Switch off gamma and contrast of the camera, or linearise the frames and assemble H again."
+    advice = (
+        "Switch off the gamma and contrast adjustments of the camera and record again, or linearise the frames and "
+        "assemble H again."
+    )
     settles: ClassVar[tuple[str, ...]] = ("background", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:

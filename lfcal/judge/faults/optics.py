@@ -46,8 +46,8 @@ DIM = 0.03
 
 
 VIEWS: dict[str, Callable[[F4], F4]] = {
-    "as it is": lambda light: light,
-    "turned by 180°": lambda light: light[:, ::-1, ::-1],
+    "upright": lambda light: light,
+    "rotated by 180°": lambda light: light[:, ::-1, ::-1],
     "mirrored top to bottom": lambda light: light[:, ::-1],
     "mirrored left to right": lambda light: light[:, :, ::-1],
 }
@@ -55,7 +55,7 @@ VIEWS: dict[str, Callable[[F4], F4]] = {
 
 
 class DepthLabel(Fault):
-    """Planes that were recorded at another depth than stated."""
+    """Planes that were recorded at a depth other than the stated one."""
 
     name = "depth_label"
     title = "planes at other depths than stated"
@@ -105,14 +105,16 @@ def _deeper(shares: F8) -> PutIn:
 
 
 class GhostFault(Fault):
-    """A second, faint image of the pattern: displaced, mirrored or turned."""
+    """A second, faint image of the pattern: displaced, mirrored or rotated."""
 
     name = "ghost"
     title = "ghost image"
     subject = "optics"
     strong_rank = 8
     rank = 54
-    advice = "Look for a reflection between filter, cover glass and sensor; a lens hood or a tilted filter removes it."
+    advice = (
+        "Look for a reflection between filter, cover glass and sensor. A lens hood or a tilted filter may remove it."
+    )
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -120,7 +122,7 @@ class GhostFault(Fault):
         left, light = evidence.left, evidence.light
         best: tuple[float, float, str, tuple[int, int], F8] | None = None
         for name, view in VIEWS.items():
-            share, sigmas, place, table = _displaced(left, view(light), near=name == "as it is")
+            share, sigmas, place, table = _displaced(left, view(light), near=name == "upright")
             if best is None or sigmas > best[1]:
                 best = share, sigmas, name, place, table
         assert best is not None
@@ -136,7 +138,8 @@ class GhostFault(Fault):
             return
         yield FoundFault(
             self,
-            f"{100 * share:.1f} % of the light, {name}, {place[0]:+d} px down and {place[1]:+d} px across",
+            f"{100 * share:.1f} % of the light, {name}, displaced by {place[0]:+d} px (down) and {place[1]:+d} px "
+            "(right)",
             sigmas,
             share,
             picture=FaultPicture(
@@ -198,7 +201,10 @@ class TypeLight(Fault):
     title = "lens type with less light"
     subject = "optics"
     rank = 56
-    advice = "State the transmission of the lens types; check the white image, and the array for dirt or a coating."
+    advice = (
+        "Check the array for dirt or a coating, and look at the white image. If the lens types differ, state their "
+        "transmission."
+    )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield a fault if the light differs between lens types, with the light of each type."""

@@ -87,7 +87,7 @@ def _orders(period: tuple[int, int]) -> dict[str, Order]:
 
 
 class WrongOrder(Fault):
-    """Planes with a reversed axis of positions, or with frames that are late or early."""
+    """Planes with a reversed axis of positions, or with frames assigned to earlier or later positions."""
 
     name = "order"
     title = "patterns in the wrong order"

@@ -110,7 +110,7 @@ class Pupil(Fault):
         yield FoundFault(
             self,
             f"the light falls to {100 * float(image.min()):.0f} % at an angle of {side:.0f}° in the pattern "
-            f"(clockwise from the right); {100 * scatter:.0f} % (rms) over the pattern",
+            f"(clockwise from the right); it varies by {100 * scatter:.0f} % (rms)",
             reported,
             scatter / 2,
             picture=FaultPicture(
@@ -163,7 +163,7 @@ def _parts(evidence: Evidence, blocks: int) -> tuple[F8, F8]:
 
 
 class TypeFocus(Fault):
-    """Lenslets of one type with another focal length than stated."""
+    """Lenslets of one type whose focal length differs from the stated one."""
 
     name = "type_focus"
     title = "lens type out of focus"

@@ -129,7 +129,7 @@ def _words(seen: dict[tuple[str, str], float]) -> str:
     )
     if yx and xy and yx * xy < 0 and BETTER < abs(yx / xy) < 1 / BETTER:
         turn = f"stage rotated by {np.degrees((yx - xy) / 2):.2f}°"
-        return turn if not (yy or xx) else f"{turn}, and steps"
+        return turn if not (yy or xx) else f"{turn}, with wrong steps"
     if (xx or yy) and not (yx or xy):
         if xx and yy and BETTER < yy / xx < 1 / BETTER:
             return f"stage step {100 * (xx + yy) / 2:+.1f} %"
@@ -186,7 +186,7 @@ class Jitter(Fault):
     title = "jitter of the stage"
     subject = "stage"
     rank = 33
-    advice = "Let the stage settle longer, and check its repeatability; record the positions again."
+    advice = "Let the stage settle longer, and check its repeatability. Then record the positions again."
     settles: ClassVar[tuple[str, ...]] = ("jitter", "misplaced")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
@@ -230,7 +230,10 @@ class FrameShift(Fault):
     title = "frames displaced relative to the plan"
     subject = "stage"
     rank = 28
-    advice = "Check which region of the sensor was read, and assemble with its first pixel (--origin)."
+    advice = (
+        "Check which region of the sensor was read. Assemble H again, and state the first pixel of this region "
+        "(--origin)."
+    )
     settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
