@@ -10,7 +10,7 @@ from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QKeySequence, QShortcut, QShowEvent
-from PySide6.QtWidgets import QDialog, QHBoxLayout, QPushButton, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QHBoxLayout, QMenu, QPushButton, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal_gui.context import Context
 from lfcal_gui.models import PageSpec, PageState, ProjectState
@@ -18,8 +18,8 @@ from lfcal_gui.notice import Notice
 from lfcal_gui.theme import current_theme, style_sheet
 from lfcal_gui.widgets import INSPECTOR, ElidedLabel, WrappedLabel, button, column_of, toggle_in, whole_page
 
-Deed = tuple[str, Callable[[], object]]
-"""What a button of an empty state does: when one would press it (its tip), and the action."""
+Deed = tuple[str, Callable[[], object] | Mapping[str, Callable[[], object]]]
+"""What a button of an empty state does: when one would press it (its tip), and the action, or a menu of actions."""
 
 
 HEADER = 28
@@ -44,8 +44,12 @@ class EmptyState(QWidget):
         row = QHBoxLayout()
         row.addStretch()
         for title, (tip, action) in (buttons or {}).items():
-            one = button(title, tip)
-            one.clicked.connect(lambda _=False, action=action: action())
+            one = button(title, tip, action if callable(action) else None)
+            if not callable(action):
+                menu = QMenu(one)
+                for name, choice in action.items():
+                    menu.addAction(name).triggered.connect(lambda _=False, choice=choice: choice())
+                one.setMenu(menu)
             row.addWidget(one)
         row.addStretch()
         layout.addLayout(row)

@@ -66,6 +66,8 @@ class Context(QObject):
     frame_seen = Signal(object, object, arguments=["frame", "first"])
     """A frame of the camera is shown: ``(rows, columns)``, not to be changed, and which of the sensor's pixels (row,
     column) its first one is."""
+    sample_asked = Signal()
+    """A page offers the sample session, and the user wants it."""
     made = Signal(str, object, arguments=["page", "payload"])
     """Something was made that page ``page`` shows; the window goes there unless the person is at work elsewhere."""
     reported_changed = Signal()

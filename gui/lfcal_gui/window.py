@@ -126,6 +126,7 @@ class MainWindow(QMainWindow):
         self.context.go.connect(self.go)
         self.context.files_offered.connect(self.take_files)
         self.context.help_asked.connect(self.show_manual)
+        self.context.sample_asked.connect(self.tools.sample)
         self.context.message.connect(self.log)
         self.context.theme_asked.connect(self._use_theme)
         self.context.attention.connect(self._set_attention)

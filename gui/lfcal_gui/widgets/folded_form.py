@@ -132,7 +132,7 @@ SMALL = 18
 UNIT_PX = 26
 """Room for a short unit (px): fields of forms above each other end at one edge."""
 
-MARKS = {"stated": "✓", "measured": "✓", "assumed": "✓", "derived": "=", "example": ""}
+MARKS = {"stated": "✓", "measured": "✓", "assumed": "✓", "derived": "="}
 """What is shown of where a value comes from."""
 
 LABEL, EDITOR, UNIT, MARK, RESET = range(5)
@@ -579,7 +579,7 @@ class FoldedForm(QFrame):
         assumed, count = marks.count("assumed"), len(changed & {row.field.key for row in rare})
         said = [f"{count} changed" if count else "", f"{assumed} assumed" if assumed else ""]
         known = any(row.field.key in self._defaults for row in rare)
-        self.head.say(", ".join(filter(None, said)) or ("defaults" if known else _known(marks)))
+        self.head.say(", ".join(filter(None, said)) or ("defaults" if known else "all known" * bool(marks)))
         self.reset_all.setVisible(self._attended and bool(count))
         self._grid.addWidget(self.head, self._at_head, LABEL, 1, RESET if count else RESET + 1)
 
@@ -759,8 +759,3 @@ def _lines(text: str) -> str:
         return text
     middle = min((k for k, letter in enumerate(text) if letter == " "), key=lambda k: abs(2 * k - len(text)))
     return f"{text[:middle]}\n{text[middle + 1 :]}"
-
-
-def _known(marks: list[str]) -> str:
-    """Return whether values with these marks are known."""
-    return "examples" if "example" in marks else "all known" if marks else ""

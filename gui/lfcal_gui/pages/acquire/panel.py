@@ -40,6 +40,7 @@ class AcquirePanel(QWidget):
         column.insertStretch(len(parts), 1)  # what is folded is at the foot
         row.addWidget(inspector)
         self.setup.results_changed.connect(self._say)
+        self.setup.devices_asked.connect(self.devices.open)
         self.record.noted.connect(self._say)
 
     def resizeEvent(self, event: QResizeEvent) -> None:

@@ -64,9 +64,10 @@ OVERLAYS = (
 
 CONNECTS = (
     ("Connect", "Connect camera and stage as chosen under Devices; nothing moves yet"),
+    ("Choose devices …", "Choose the drivers of camera and stage, to record with real devices"),
     ("Use the simulated rig", "Practise with a simulated camera and stage: same frames, noise and faults"),
 )
-"""Title and meaning of the buttons that connect."""
+"""Title and meaning of the buttons that connect, or lead to the devices while only the simulated ones are chosen."""
 
 AGREE = 0.9
 """Correlation from which what is seen agrees with what is expected."""
@@ -85,6 +86,8 @@ class SetupPanel(QWidget):
     """Measure one of `FINDINGS`, or record one of `STILLS`."""
     connect_asked = Signal(bool, arguments=["simulated"])
     """Connect the chosen devices, or the simulated ones."""
+    devices_asked = Signal()
+    """Show the devices to choose from."""
     results_changed = Signal()
     """Something was found or forgotten, connected or released."""
 
@@ -127,10 +130,8 @@ class SetupPanel(QWidget):
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.exposure.setAccessibleName("exposure of the live view")
         self.exposure.setToolTip("Exposure of the live view; the exposures of the plan do not change")
-        self.connect_buttons = [
-            button(title, tip, lambda simulated=bool(k): self.connect_asked.emit(simulated))
-            for k, (title, tip) in enumerate(CONNECTS)
-        ]
+        actions = (lambda: self.connect_asked.emit(False), self.devices_asked.emit, lambda: self.connect_asked.emit(True))
+        self.connect_buttons = [button(*words, action) for words, action in zip(CONNECTS, actions, strict=True)]
         self.overlay = self._overlay_button()
         row = line(self.readout, *self.connect_buttons, self.exposure, self.overlay, stretch=0)
         row.setContentsMargins(0, 0, 0, 0)
@@ -210,8 +211,9 @@ class SetupPanel(QWidget):
         self.connected = connected
         for widget in (*self.find_buttons.values(), self.go):
             widget.setEnabled(connected and free)
-        for one, simulated in zip(self.connect_buttons, (False, True), strict=True):
-            one.setVisible(not (connected or (simulated and self.devices.backend.currentData() in (None, "sim"))))
+        simulated = self.devices.backend.currentData() in (None, "sim")
+        for one, offered in zip(self.connect_buttons, (not simulated, simulated, True), strict=True):
+            one.setVisible(offered and not connected)
         self.overlay.setVisible(connected)
         self.exposure.setVisible(connected and free)  # others use the exposures of the plan
         self.stage.set_free(connected and free)

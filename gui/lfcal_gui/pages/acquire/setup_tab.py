@@ -154,7 +154,7 @@ class SetupTab(QObject):
         self.show_state(self.context.state)
 
     def _connect_asked(self, simulated: bool) -> None:
-        if simulated:
+        if simulated and AcquireSettings.of(self.context.state).backend != "sim":
             self._devices_edited("sim", (), "")
         self.connect_devices()
 

@@ -188,10 +188,10 @@ class Inspector(QWidget):
         return holder
 
     # -- showing ---------------------------------------------------------------------------------------
-    def show_camera(self, camera: Camera, *, chosen: bool) -> None:
-        """Show the values of a camera, and where they come from; unless it was ``chosen``, it is an example."""
+    def show_camera(self, camera: Camera) -> None:
+        """Show the values of a camera, and where they come from."""
         values = model.values_of(camera)
-        marks = {key: model.mark_of(camera, key) if chosen else "example" for key in values}
+        marks = {key: model.mark_of(camera, key) for key in values}
         self.values.set_state(values, {key: (mark, model.TIPS[mark]) for key, mark in marks.items()})
         self._assumed = camera.marks.paths("assumed")
         self.values.head.name(f"All {len(values)} values")

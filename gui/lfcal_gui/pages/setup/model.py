@@ -205,7 +205,6 @@ OF_ROWS = ("lattice.row_pitch_um", "lattice.shear_rad", "lattice.distortion")
 TIPS = {
     "assumed": "This value was not stated, so lfcal uses a typical one. Type the true value, or click "
     "the mark if it is right.",
-    "example": "This is an example, until you choose a camera or type values.",
     "derived": "This value is derived from stated or measured values.",
     "measured": "This value was measured in frames of the camera.",
     "stated": "This value is stated.",
@@ -226,6 +225,11 @@ def mark_of(camera: Camera, key: str) -> str:
 def confirmed(camera: Camera, paths: Iterable[str]) -> Camera:
     """Return ``camera`` with the values at ``paths`` marked as stated, because the user confirmed them."""
     return replace(camera, marks=camera.marks.marked(paths, "stated"))
+
+
+def all_assumed(camera: Camera) -> Camera:
+    """Return ``camera`` with every value marked as assumed, as a start for a description."""
+    return replace(camera, marks=Marks.of({q.path: "assumed" for q in quantities_of(camera)}))
 
 
 def stated(before: Camera, after: Camera, key: str) -> Camera:

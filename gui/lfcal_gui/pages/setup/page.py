@@ -5,20 +5,29 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PySide6.QtWidgets import QFileDialog
 
 from lfcal.base import LfcalError, Work
-from lfcal.camera import CAMERA_FORMATS, Camera, Imported, ScanPlan, doubts, import_camera, preset
-from lfcal_gui.base_page import BasePage
+from lfcal.camera import CAMERA_FORMATS, PRESETS, Camera, Imported, ScanPlan, doubts, import_camera, preset
+from lfcal_gui.base_page import BasePage, Deed
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
 from lfcal_gui.models import PageSpec, ProjectState, described, with_checked, with_described
 from lfcal_gui.pages.setup import takes
-from lfcal_gui.pages.setup.model import apply_change, confirmed, name_at, state_with, weighed, weighed_key
+from lfcal_gui.pages.setup._inspector import BUTTONS, PRESET
+from lfcal_gui.pages.setup.model import (
+    all_assumed,
+    apply_change,
+    confirmed,
+    name_at,
+    state_with,
+    weighed,
+    weighed_key,
+)
 from lfcal_gui.pages.setup.model_picture import expected_light, light_key
 from lfcal_gui.pages.setup.model_scan import apply_change as change_plan
 from lfcal_gui.pages.setup.model_scan import default_plan, half_of, list_beside, list_text, moved
@@ -37,6 +46,9 @@ if TYPE_CHECKING:
 
 LOST = "This camera cannot scan the planes of the plan, so the plan was removed. Undo restores it"
 LEAVES = "the cutout leaves the sensor"
+ASKS = "Which camera is it?\nA file or a preset gives most values of a camera. You can also drop a camera file here."
+BY_HAND = "Begin with typical values, each marked as assumed, and type the values of your camera"
+SAMPLE = "A small recorded session with its camera: frames, dark and white frames, assembled into H"
 MATTERS = 0.01
 """Change of time, cutout or H from which an assumed value is asked for."""
 
@@ -83,7 +95,7 @@ class Page(BasePage):
         self.tools.addWidget(self.panel.overlay)
         self.panel.views.currentChanged.connect(lambda k: self.hint.setText(VIEWS[k][1] if k else spec.hint))
         inspector = self.panel.inspector
-        inspector.preset_chosen.connect(lambda name: self._set(preset(name), f"preset {name}"))
+        inspector.preset_chosen.connect(self._take_preset)
         inspector.edited.connect(self._edited)
         inspector.scan_edited.connect(self._scan_edited)
         inspector.confirmed.connect(self._confirmed)
@@ -183,7 +195,26 @@ class Page(BasePage):
         if self._target is not None:
             self._target.forget()
 
+    def _ask_camera(self) -> None:
+        """Ask which camera it is, in place of values that are no camera's."""
+        presets = {name: partial(self._take_preset, name) for name in PRESETS}
+        choices: dict[str, Deed] = {
+            "Import a camera file …": (BUTTONS["import"][1], self.import_file),
+            "Choose a preset": (PRESET, presets),
+            "Describe the camera": (BY_HAND, self._describe),
+            "Open a plan …": (BUTTONS["open"][1], self.open_plan),
+            "Open the sample": (SAMPLE, self.context.sample_asked.emit),
+        }
+        self.show_empty(ASKS, choices)
+
     def _show(self, state: ProjectState) -> None:
+        asks = not described(state)
+        if asks and self.empty is None:
+            self._ask_camera()
+        elif not asks:
+            self.show_body()
+        for part in (*self.panel.segments, self.panel.overlay):
+            part.setHidden(asks)
         self._off = ""
         self.hint.setText("" if state.plan is None else self.spec.hint)
         self.panel.show_state(state, self._checked, self._light_of(state.plan))
@@ -290,6 +321,12 @@ class Page(BasePage):
             tip = "Restore the previous camera and its plan"
             self.notice.offer(words, "Undo", lambda: self._take_back(label), stay="Leave it", tip=tip)
         return True
+
+    def _take_preset(self, name: str) -> None:
+        self._set(preset(name), f"preset {name}")
+
+    def _describe(self) -> None:
+        self._set(all_assumed(self.context.state.camera), "description of the camera")
 
     def _take_back(self, label: str) -> None:
         """Restore the previous camera, unless something else was changed since."""

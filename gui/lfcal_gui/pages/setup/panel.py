@@ -19,7 +19,7 @@ from PySide6.QtWidgets import (
 
 from lfcal.base import LfcalError, format_length, format_share
 from lfcal.camera import ScanPlan
-from lfcal_gui.models import ProjectState, Shot, described, plane_words
+from lfcal_gui.models import ProjectState, Shot, plane_words
 from lfcal_gui.pages.setup._inspector import Inspector
 from lfcal_gui.pages.setup._optics_view import OpticsView
 from lfcal_gui.pages.setup.model import facts
@@ -191,7 +191,6 @@ class PlanningPanel(QWidget):
     def __init__(self, check: Callable[[str, Any], str], check_scan: Callable[[str, Any], str]) -> None:
         super().__init__()
         self._scene: ScanScene | None = None
-        self._chosen = False
         self.costs: ScanCosts | None = None
         self._area: Area | None = None
         """The area to show, at any size of the picture."""
@@ -286,12 +285,10 @@ class PlanningPanel(QWidget):
                 refused = str(error)
         scene = ScanScene(state.camera, plan, half, checked)
         before, self._scene = self._scene, scene
-        chosen = described(state)
-        other, self._chosen = chosen != self._chosen, chosen
         self._showing = True
         self.inspector.show_plan(plan, settings, refused)
-        if before is None or other or (before.camera, before.camera.marks) != (state.camera, state.camera.marks):
-            self.inspector.show_camera(state.camera, chosen=chosen)
+        if before is None or (before.camera, before.camera.marks) != (state.camera, state.camera.marks):
+            self.inspector.show_camera(state.camera)
             self.optics.set_camera(state.camera)
             self.facts.setText(facts(state.camera))
         self._show_costs(None if plan is None else ScanCosts.of(plan, settings, half, light), checked)

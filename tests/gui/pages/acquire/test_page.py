@@ -49,7 +49,7 @@ def page(open_page: OpenPage, qtbot: QtBot) -> Page:
 
 
 def connect(page: Page, qtbot: QtBot) -> None:
-    page.panel.setup.connect_buttons[0].click()
+    page.panel.setup.connect_buttons[-1].click()
     qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
 
 

@@ -41,7 +41,7 @@ def page(open_page: OpenPage, qtbot: QtBot, context: Context) -> Page:
 
 
 def connect(page: Page, qtbot: QtBot) -> None:
-    page.panel.setup.connect_buttons[0].click()
+    page.panel.setup.connect_buttons[-1].click()
     qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
 
 
@@ -112,11 +112,19 @@ def test_planes_fill_while_they_are_recorded_and_another_can_be_looked_at(
 
 
 def test_the_simulated_rig_is_one_click_away(page: Page, qtbot: QtBot, context: Context) -> None:
-    own, simulated = page.panel.setup.connect_buttons
-    assert own.isVisible() and simulated.isHidden() and page.panel.setup.overlay.isHidden()
+    """Without devices it was named, and the only button was called Connect; its options must stay."""
+    own, choose, simulated = page.panel.setup.connect_buttons
+    assert own.isHidden() and choose.isVisible() and simulated.isVisible() and page.panel.setup.overlay.isHidden()
+    choose.click()
+    assert page.panel.devices.head.isChecked() and page.panel.setup.devices.isVisible()
+    simulated.click()
+    qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
+    assert AcquireSettings.of(context.state).device_options == (("optics", "pattern"),)
+    assert choose.isHidden() and simulated.isHidden()
+    page.setup.disconnect_devices()
     page.setup._devices_edited("folder", (), "")
     page.setup.show_controls()
-    assert simulated.isVisible()
+    assert own.isVisible() and choose.isHidden() and simulated.isVisible()
     simulated.click()
     qtbot.waitUntil(lambda: page.setup.station is not None, timeout=GUARD_MS)
     assert AcquireSettings.of(context.state).backend == "sim" and page.setup.station.name == "sim"  # type: ignore[union-attr]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import tifffile
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QFileDialog, QPushButton
 from pytestqt.qtbot import QtBot
 
 from lfcal.camera import (
@@ -43,20 +44,46 @@ def confirm(page: Any, key: str) -> None:
     page.panel.inspector.values.mark(key).click()
 
 
-def test_values_are_marked_as_known_once_a_camera_is_chosen(window: MainWindow) -> None:
-    """An empty project asked for the camera, over ticks at all its values; a hint named a cutout that is not there."""
+def choice(page: Any, text: str) -> QPushButton:
+    """Return a button of the question that an empty project begins with."""
+    found: QPushButton = next(one for one in page.empty.findChildren(QPushButton) if one.text() == text)
+    return found
+
+
+def test_an_empty_project_asks_which_camera_it_is(window: MainWindow, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It showed lattice and values of a camera that was never described."""
     page: Any = window.page("setup")
+    window.go("setup")
     form = page.panel.inspector.values
     keys = [key for key in form.fields if not form.editor(key).isHidden()]
-    assert {mark(page, key) for key in keys} == {"example"} and not any(form.mark(key).text() for key in keys)
-    assert form.head.words == "examples" and page.hint.text() == ""
-    page._set(preset("bench"), "the same as the example")
-    assert form.head.words == "all known" and {mark(page, key) for key in keys} <= {"stated", "derived"}
-    assert page.hint.text() == "", "no plan yet"
-    page.make_default()
-    assert page.hint.text() == page.spec.hint
+
+    def asks() -> bool:
+        parts = (page.panel, *page.panel.segments, page.panel.overlay)
+        assert page.hint.text() == "", "no plan yet"
+        return page.empty is not None and page.empty.isVisible() and not any(one.isVisible() for one in parts)
+
+    assert asks() and page.empty.label.text().startswith("Which camera is it?")
+    choices = {one.text(): one.text() for one in choice(page, "Choose a preset").menu().actions()}
+    assert list(choices) == list(PRESETS)
+    choice(page, "Choose a preset").menu().actions()[list(PRESETS).index("bench")].trigger()
+    assert not asks() and page.panel.isVisible() and form.head.words == "all known"
+    assert {mark(page, key) for key in keys} <= {"stated", "derived"}
+    window.project.undo()
+    assert asks()
+    choice(page, "Describe the camera").click()
+    assert not asks() and {mark(page, key) for key in keys} == {"assumed"}
+    page._edited("optics.f_number", 5.6)
+    assert mark(page, "optics.f_number") == "stated"
     window.project.start(ProjectState())
-    assert form.head.words == "examples" and page.hint.text() == ""
+    assert asks()
+    page.make_default()
+    assert page.panel.isVisible() and page.hint.text() == page.spec.hint
+    window.project.start(ProjectState())
+    named: list[str] = []
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (named.append("asked") or "", ""))
+    choice(page, "Import a camera file …").click()
+    choice(page, "Open the sample").click()
+    assert named and [job.kind for job in window.jobs.jobs()] == ["sample"]
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -17,6 +17,7 @@ def test_plan_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Non
     window.go("setup")
     page: Any = window.page("setup")
     inspector = page.panel.inspector
+    page._set(preset("bench"), "preset bench")
     assert inspector.buttons["make"].isVisible() and inspector.scan.isHidden() and page.panel.strip.isHidden()
     page.save_plan()
     assert "no plan to save" in page.notice.label.text()
