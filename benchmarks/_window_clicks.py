@@ -151,16 +151,16 @@ def sample(hand: Hand) -> None:
     hand.stage.settle()
     panel = hand.window.shown.panel
     assert all(view.values is not None and view.isVisible() for view in (panel.main_view, panel.linked_view))
-    hand.leads_to("Export H")
+    hand.leads_to("Export as .mat")
     assert hand.window.leading.sitting.verdict is not None
 
 
 def sample_export(hand: Hand) -> None:
-    """Export H and HT of the sample for oLaF."""
+    """Export H and HT of the sample, whose hexagonal array no code can use, to a plain file."""
     _opened(hand)
-    hand.leads_to("Export H")
-    with hand.named(out := hand.folder / "sample_oLaF.mat", save=True):
-        hand.next("Export H")
+    hand.leads_to("Export as .mat")
+    with hand.named(out := hand.folder / "sample.mat", save=True):
+        hand.next("Export as .mat")
     hand.leads_to("Show folder")
     assert out.stat().st_size > 1e6
 
@@ -264,7 +264,7 @@ def left_out(hand: Hand) -> None:
     first = _deceived(hand)
     hand.next("Leave them out")
     _compared(hand, first)
-    hand.leads_to("Export H")
+    hand.leads_to("Export as .mat")
 
 
 SITTINGS: Mapping[str, Callable[[Hand], None]] = {

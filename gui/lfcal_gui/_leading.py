@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from PySide6.QtCore import QEvent, QObject, QTimer, Signal
 from PySide6.QtWidgets import QApplication, QWidget
@@ -34,6 +34,9 @@ from lfcal_gui.models import (
 )
 from lfcal_gui.theme import current_theme
 
+if TYPE_CHECKING:
+    from lfcal.psf import PSFMatrix
+
 GATHER_MS, JUDGE_MS = 40, 1500
 """Delay before a change is shown, because changes come in groups; and idle time before H is judged (ms)."""
 
@@ -50,6 +53,12 @@ def _iter_judged(project: ProjectState, fitted: FittedCamera | None) -> Work[Any
     """Judge H as the page that judges does; what it needs is imported in the job's thread."""
     judging = import_module(f"{PAGES.get('h').package}.model_checks")
     return (yield from judging.iter_judged(project, fitted))
+
+
+def _export_facts(project: ProjectState, H: PSFMatrix | None) -> dict[str, Any]:
+    """Return which export of H is offered, as the page that exports does."""
+    exporting = import_module(f"{PAGES.get('reconstruct').package}.export_model") if H is not None else None
+    return {} if exporting is None else exporting.next_facts(project, H)
 
 
 class Leading(QObject):
@@ -140,9 +149,8 @@ class Leading(QObject):
         context = self.context
         state, (page, place) = context.state, self._shown()
         matrix, paces = context.matrix(state.psf), context.paces
-        found = sitting_of(
-            state, context.reported, context.jobs.jobs(), page=page, place=place, matrix=matrix, paces=paces
-        )
+        reported = {**context.reported, "export": _export_facts(state, matrix)}
+        found = sitting_of(state, reported, context.jobs.jobs(), page=page, place=place, matrix=matrix, paces=paces)
         if self._judge_wanted(found):
             self._judge.start()
         if found != self.sitting or self.line.step is None:

@@ -159,12 +159,12 @@ def test_the_sample_by_the_next_button_alone(
     assert window.next_line.button.text() == "Import …" and only_primary(window)
     window.tools.sample()
     leads_to(window, qtbot, "Stop")
-    leads_to(window, qtbot, "Export H")
+    leads_to(window, qtbot, "Export as .mat")
     assert window.shown.spec.key == "h" and only_primary(window)
     assert window.leading.sitting.verdict is not None, "H was judged without being asked for"
     assert window.rail.word("h") == "✓ good" and "H is good" in window.next_line.words.text()
     answers(str(tmp_path / "sample.mat"))
-    follow(window, "Export H", qtbot)
+    follow(window, "Export as .mat", qtbot)
     leads_to(window, qtbot, "Show folder")
     assert (tmp_path / "sample.mat").stat().st_size > 1e6
     assert window.next_line.lead.text() == "Done:" and window.rail.word("use") == "✓ exported"
@@ -179,7 +179,7 @@ def test_a_folder_of_frames_by_the_next_button_alone(window: MainWindow, qtbot: 
     follow(window, "Assemble H", qtbot)
     qtbot.waitUntil(lambda: window.shown.spec.key == "h", timeout=GUARD_MS)
     assert (tmp_path / "theirs" / "H.h5").exists(), "named without a question"
-    leads_to(window, qtbot, "Export H")
+    leads_to(window, qtbot, "Export as .mat")
     idle(window.jobs, qtbot)
 
 

@@ -101,12 +101,10 @@ def sitting_of(
         folder=_exists(project.frames),
         h=stamp is not None,
         h_camera=matrix is None or matrix.camera is not None,
-        h_bytes=0.0 if matrix is None else 2.0 * matrix.nbytes,
         verdict=kept_verdict(project),
         filled=filled_of(kept_verdict(project), matrix),
         exported=path,
         exported_bytes=0.0 if file is None else float(file[2]),
-        export_for=_export_for(matrix),
         light_field=bool(project.light_field),
         volume=bool(project.volume),
         **_costs(project.plan, ScanRates.of(project)),
@@ -124,16 +122,6 @@ def filled_of(verdict: Verdict | None, matrix: PSFMatrix | None) -> int:
 
     origin = (matrix.T if matrix.is_transposed else matrix).facts.origin
     return 0 if origin is None else sum(int(origin[place]) >= Origin.MODEL for place in verdict.redo)
-
-
-def _export_for(matrix: PSFMatrix | None) -> str:
-    """Return the name of the first reconstruction code that can use H; empty if there is none."""
-    if matrix is None:
-        return ""
-    from lfcal.psf import codes_for
-
-    usable = codes_for(matrix)
-    return usable[0].title if usable else ""
 
 
 def _source(project: ProjectState, page: str) -> Literal["rig", "folder", "compute"]:

@@ -80,11 +80,13 @@ class Sitting:
         Positions that are safe, and all; the plane under way from 0; what is left (s).
     job, job_words, job_left_s
         Kind of the job under way, one of `JOBS`, with its stage and what is left.
-    h, h_camera, h_bytes, verdict, filled
-        Whether there is an H; whether its file names a camera; its size; its verdict, None where it was not judged;
-        number of bad positions that a model has filled.
-    exported, exported_bytes, export_for
-        File that H was exported to, and its size; name of a code that can use H, empty where none can.
+    h, h_camera, verdict, filled
+        Whether there is an H; whether its file names a camera; its verdict, None where it was not judged; number of
+        bad positions that a model has filled.
+    export_title, export_ht, export_bytes
+        Name of the export that is offered, whether its file holds HT, and the size of its values without compression.
+    exported, exported_bytes
+        File that H was exported to, and its size.
     light_field, volume, voxels, reconstruct_s, depth_s
         Whether a light field and its volume are there; voxels (z, y, x); forecasts of reconstruction and depth map.
     """
@@ -127,12 +129,13 @@ class Sitting:
     job_left_s: float | None = None
     h: bool = False
     h_camera: bool = False
-    h_bytes: float = 0.0
     verdict: Verdict | None = None
     filled: int = 0
+    export_title: str = "Export H"
+    export_ht: bool = False
+    export_bytes: float = 0.0
     exported: str = ""
     exported_bytes: float = 0.0
-    export_for: str = ""
     light_field: bool = False
     volume: bool = False
     voxels: tuple[int, int, int] = (0, 0, 0)
@@ -439,15 +442,15 @@ def _reconstruct(s: Sitting) -> Step | None:
 def _export(s: Sitting) -> Step | None:
     if s.exported:
         return None
-    size = f", {format_bytes(s.h_bytes)}" if s.h_bytes else ""
-    button = f"Export for {s.export_for}" if s.export_for else "Export H"
-    return Step("Next", f"export H and HT{size}: H is {_worth(s)}.", button, "reconstruct.export", "use")
+    what = "H and HT" if s.export_ht else "H"
+    size = f", {format_bytes(s.export_bytes)} uncompressed" if s.export_bytes else ""
+    return Step("Next", f"export {what}{size}: H is {_worth(s)}.", s.export_title, "reconstruct.export", "use")
 
 
 def _exported(s: Sitting) -> Step:
     size = f", {format_bytes(s.exported_bytes)}" if s.exported_bytes else ""
     name = s.exported.replace("\\", "/").rpartition("/")[2]
-    return Step("Done", f"H and HT are in {_short(name, 40)}{size}.", "Show folder", "reconstruct.folder", "use")
+    return Step("Done", f"H is exported to {_short(name, 40)}{size}.", "Show folder", "reconstruct.folder", "use")
 
 
 ROWS: tuple[Callable[[Sitting], Step | None], ...] = (

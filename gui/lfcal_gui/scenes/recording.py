@@ -72,7 +72,7 @@ def _set_up(stage: Stage, page: Any) -> Iterator[Capture]:
 
 
 def _record(stage: Stage, page: Any) -> Iterator[Capture]:
-    """Record, let the camera fail once, resume, and assemble."""
+    """Record, let the camera fail once, resume, and show H, which is assembled and judged at the end."""
     tab, panel = page.record, page.panel.record
     settle_live(stage, page)
     stage.tidy()
@@ -97,14 +97,16 @@ def _record(stage: Stage, page: Any) -> Iterator[Capture]:
     stage.until(lambda: tab.recording, "the recording to resume")
     stage.until(lambda: not tab.recording, "the end of the recording")
     settle_live(stage, page)
+    stage.page("acquire")  # H was made meanwhile, and is in front
     stage.tidy()
     yield Capture("acquire_record_complete")
     panel.extent.setCurrentIndex(panel.extent.findData("error"))
-    panel.extent.setCurrentIndex(panel.extent.findData("error"))
+    page.panel.recording.open()
     settle_live(stage, page)
     yield Capture("acquire_record_error")
-    tab.after.assemble(str(stage.folder / "session" / "H.h5"))
-    settle_live(stage, page)
+    page.panel.recording.head.setChecked(False)
+    stage.page("h")
+    stage.until(lambda: stage.window.leading.sitting.verdict is not None, "a verdict on H")
     stage.tidy()
     yield Capture("h_recorded")
 

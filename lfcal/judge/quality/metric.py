@@ -53,6 +53,9 @@ class Reading:
     cost: float = math.nan
 
 
+FAIR, BAD = 0.03, 0.1
+"""Thresholds of the cost of a fault (NRMSE): above the first, examine H; above the second, do not use it."""
+
 LARGEST = 1.0
 """Error of a volume that has nothing in common with the true one, which is the largest possible error."""
 
@@ -237,6 +240,11 @@ class MetricSpec:
         """Same as ``key``; the registry requires this attribute."""
         return self.key
 
+    @property
+    def by_cost(self) -> bool:
+        """Whether values that are not good are rated by their cost: single frames can be recorded again."""
+        return self.redo and self.cost.per_frame
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Metric:
@@ -321,6 +329,8 @@ class Metric:
         good, bad = (f"{one:g} {self.spec.unit}".strip() for one in (limits.good, limits.bad))
         if limits.good or limits.higher_is_better:
             good = f"{better} {good}"
+        if self.spec.by_cost:
+            return f"{good} is good, more are rated by their cost: from {FAIR:g} fair, from {BAD:g} bad"
         return f"{good} is good, {worse if limits.good == limits.bad else f'{worse} than {bad}'} is bad"
 
     def to_dict(self) -> dict[str, object]:

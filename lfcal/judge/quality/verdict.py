@@ -6,12 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 
 from lfcal.base import RANK, Finding, Merit
-from lfcal.judge.quality.metric import Metric
+from lfcal.judge.quality.metric import BAD, FAIR, Metric
 
 __all__ = ["BAD", "FAIR", "counted", "counted_words", "findings_of", "merit_of", "merit_word", "where"]
-
-FAIR, BAD = 0.03, 0.1
-"""Thresholds of the cost of a fault (NRMSE): above the first, examine H; above the second, do not use it."""
 
 PLACES = 3
 """Number of positions that a finding lists."""
@@ -22,15 +19,14 @@ def merit_of(metric: Metric) -> Merit:
 
     A metric of single frames is rated by its cost, because these frames can be recorded again.
     """
-    spec = metric.spec
-    if metric.merit in ("bad", "fair") and spec.redo and spec.cost.per_frame and len(metric.positions):
+    if metric.merit in ("bad", "fair") and metric.spec.by_cost and len(metric.positions):
         return "bad" if metric.cost >= BAD else "fair" if metric.cost >= FAIR else "good"
     return metric.merit
 
 
 def merit_word(metric: Metric) -> str:
     """Return the rating of a metric for a table, or "repeat" if H is good except for positions to record again."""
-    return "repeat" if merit_of(metric) == "good" != metric.merit else metric.merit
+    return "repeat" if merit_of(metric) == "good" != metric.merit else merit_of(metric)
 
 
 def findings_of(metrics: Iterable[Metric], shape: Sequence[int]) -> tuple[Finding, ...]:

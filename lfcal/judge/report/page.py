@@ -185,7 +185,7 @@ def limits(metric: Metric) -> tuple[str, str]:
     """Return the limits of good and of bad values in the unit of the metric, as text."""
     limits = metric.spec.limits
     better, worse = ("≥", "<") if limits.higher_is_better else ("≤", ">")
-    return f"{better} {limits.good:g}", f"{worse} {limits.bad:g}"
+    return f"{better} {limits.good:g}", "by cost" if metric.spec.by_cost else f"{worse} {limits.bad:g}"
 
 
 def _apertures(H: PSFMatrix, quality: QualityReport) -> str:

@@ -14,7 +14,7 @@ from lfcal_gui.models.verdict import Verdict
 
 CAMERA = Sitting(camera=True, white=True, plan=True, positions=5643, planes=9)
 RIG = replace(CAMERA, rig=True, rig_measured=True, record_s=677, free_bytes=412e9, frame_bytes=1.2e9)
-H = replace(CAMERA, h=True, h_camera=True, h_bytes=179e6, verdict=Verdict("good"))
+H = replace(CAMERA, h=True, h_camera=True, export_ht=True, export_bytes=179e6, verdict=Verdict("good"))
 FEW = Verdict("bad", "Five frames are misplaced.", bad=5, share=0.008, failed=1, checks=39)
 FOLDER = replace(CAMERA, source="folder", folder=True, frames=1254)
 
@@ -198,7 +198,7 @@ TABLE = (
     ),
     (
         replace(H, verdict=replace(FEW, merit="good"), folder=True, filled=5),
-        "Next: export H and HT, 179.0 MB: H is good.",
+        "Next: export H and HT, 179.0 MB uncompressed: H is good.",
         "reconstruct.export",
         {"h": "good"},
     ),
@@ -234,10 +234,15 @@ TABLE = (
         "reconstruct.start",
         {"use": "ready"},
     ),
-    (H, "Next: export H and HT, 179.0 MB: H is good.", "reconstruct.export", {"h": "good", "use": "ready"}),
+    (
+        H,
+        "Next: export H and HT, 179.0 MB uncompressed: H is good.",
+        "reconstruct.export",
+        {"h": "good", "use": "ready"},
+    ),
     (
         replace(H, exported="/data/bench_oLaF.mat", exported_bytes=179e6),
-        "Done: H and HT are in bench_oLaF.mat, 179.0 MB.",
+        "Done: H is exported to bench_oLaF.mat, 179.0 MB.",
         "reconstruct.folder",
         {"use": "exported"},
     ),
@@ -299,7 +304,7 @@ def test_no_optional_step_holds_up_what_has_to_be_done(sitting: Sitting, button:
 
 def test_what_was_declared_unnecessary_changes_no_word_on_what_h_is_worth() -> None:
     bad = replace(H, verdict=Verdict("bad", rest="bad"), declined=frozenset({"h.why"}))
-    assert next_step(bad).words == "export H and HT, 179.0 MB: H is bad."
+    assert next_step(bad).words == "export H and HT, 179.0 MB uncompressed: H is bad."
     assert rail_words(bad)["h"].words == "bad"
 
 
@@ -333,6 +338,7 @@ SPECIAL = {
     "free_bytes": st.none() | st.floats(0, 1e15),
     "voxels": st.tuples(COUNTS, COUNTS, COUNTS),
     "error": st.none() | st.floats(0, 10),
+    "export_title": st.sampled_from(("Export H", "Export for Prevedel", "Export as .mat")),
 }
 BY_TYPE = {"bool": st.booleans(), "str": TEXT, "int": COUNTS, "float": st.floats(0, 1e15), "float | None": NUMBERS}
 SITTINGS = st.builds(

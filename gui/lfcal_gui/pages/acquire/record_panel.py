@@ -156,6 +156,9 @@ class RecordPanel(QWidget):
         self.quantity = choice_box(QUANTITIES, "Quantity that the map shows for each position", "quantity of the map")
         self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
         self.map_words = ElidedLabel(role="hint")
+        self.map_words.setToolTip(
+            "What the map shows. Frames of a target cover a part of the phases; a fit of the optics gives the others"
+        )
         widget = QWidget()
         column_of(line(self.quantity, self.map_words, stretch=1), of=widget, spacing=4)
         widget.hide()
@@ -276,10 +279,14 @@ class RecordPanel(QWidget):
         self._show_planes(picture)
 
     def _show_planes(self, picture: RecordPicture) -> None:
-        """Say of each plane how much of it is recorded, and show the sum of the one that is looked at."""
+        """Say of each plane how much of it is recorded, and show the sum of the one that is looked at.
+
+        A target covers a part of the phases even when it is complete, so no bar shows that part.
+        """
         for z, share in enumerate(picture.planes):
             word = "recorded" if share == 1 else f"{100 * share:.0f} %" if share else "to come"
-            partly = share if 0 < share < 1 else None
+            word = f"covers {100 * share:.0f} %" if picture.covered else word
+            partly = share if 0 < share < 1 and not picture.covered else None
             self.strip.set_tile(z, word=word if any(picture.planes) else "", progress=partly)
         seen = picture.depth_sum
         self.strip.set_tile(self.z, image=seen if seen.any() else None)
@@ -293,7 +300,8 @@ class RecordPanel(QWidget):
         if self._light is not None:
             self.map.set_values(self._light)
         elif picture is not None and picture.covered:
-            self.map_words.setText("Phases covered")
+            share = picture.planes[self.z] if self.z < len(picture.planes) else 0.0
+            self.map_words.setText(f"{100 * share:.0f} % of the phases are covered")
             self.map.set_values(picture.values, picture.recorded)
         elif picture is not None:
             self.map_words.setText(picture.spread(self.quantity.currentData()))

@@ -130,7 +130,11 @@ class SetupPanel(QWidget):
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
         self.exposure.setAccessibleName("exposure of the live view")
         self.exposure.setToolTip("Exposure of the live view; the exposures of the plan do not change")
-        actions = (lambda: self.connect_asked.emit(False), self.devices_asked.emit, lambda: self.connect_asked.emit(True))
+        actions = (
+            lambda: self.connect_asked.emit(False),
+            self.devices_asked.emit,
+            lambda: self.connect_asked.emit(True),
+        )
         self.connect_buttons = [button(*words, action) for words, action in zip(CONNECTS, actions, strict=True)]
         self.overlay = self._overlay_button()
         row = line(self.readout, *self.connect_buttons, self.exposure, self.overlay, stretch=0)

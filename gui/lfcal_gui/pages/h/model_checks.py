@@ -63,6 +63,9 @@ MARKED = 2000
 RANK = {"bad": 0, "fair": 1, "unknown": 2, "good": 3}
 """Order of the checks: failed ones first."""
 
+REPEAT = "repeat"
+"""Rating of a check that is good except for positions to record again."""
+
 ERRORS = ("position", "step")
 """Metrics that give the error of a position, in order of preference: from its position, from its neighbours."""
 
@@ -210,9 +213,9 @@ def place_words(one: FoundFault) -> str:
 # -- metrics -----------------------------------------------------------------------------------------------
 def count_words(inspection: Inspection) -> str:
     """Return the number of checks of each merit, and of metrics that do not apply, as text."""
-    found = Counter(check.merit for check in checks_of(inspection))
+    found = Counter(REPEAT if check.rating == REPEAT else check.merit for check in checks_of(inspection))
     found["not applicable"] = sum(not metric.applies for metric in inspection.quality.metrics)
-    shown = {**dict.fromkeys(RANK, ""), "unknown": "not rated", "not applicable": ""}
+    shown = {"bad": "", "fair": "", REPEAT: "to repeat", "unknown": "not rated", "good": "", "not applicable": ""}
     return ", ".join(f"{found[key]} {words or key}" for key, words in shown.items() if found[key])
 
 
@@ -234,7 +237,7 @@ def _reading_of(inspection: Inspection, metric: Metric) -> tuple[str, str]:
         if inspection.withdrawn(metric):
             return "unknown", "not confirmed"
     merit, word = merit_of(metric), merit_word(metric)
-    return merit if word == merit else "fair", word  # positions to record again are not marked as good
+    return "fair" if word == REPEAT else merit, word  # positions to record again are not marked as good
 
 
 def _metric_words(inspection: Inspection, metric: Metric, reading: str) -> str:

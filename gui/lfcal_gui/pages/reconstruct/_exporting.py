@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtWidgets import QButtonGroup, QGridLayout, QHBoxLayout, QLabel, QPushButton, QWidget
@@ -44,12 +43,13 @@ class ExportCard(QWidget):
     """The user chose a code, or another kind of file."""
     asked = Signal(str, arguments=["code"])
     """Export for a code; empty: as the options say."""
+    usual_asked = Signal()
+    """Export as offered first."""
     folder_asked = Signal()
     """The folder of the exported file is wanted."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._code = ""
         frame, column = card("Export")
         self.codes: dict[str, QPushButton] = {}
         group, row = QButtonGroup(self), QHBoxLayout()
@@ -65,9 +65,7 @@ class ExportCard(QWidget):
         column.addLayout(self._facts())
         self.note = _note()
         column.addWidget(self.note)
-        self.go = button(
-            "Export …", "Choose a file to write. The export runs as a job", lambda: self.asked.emit(self._code)
-        )
+        self.go = button("Export …", "Choose a file to write. The export runs as a job", self.usual_asked.emit)
         column.addLayout(line(self.go))
         self.result = QLabel(wordWrap=True, textFormat=Qt.TextFormat.RichText)
         self.result.setAccessibleName("exported file")
@@ -121,17 +119,16 @@ class ExportCard(QWidget):
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: ExportSettings, H: PSFMatrix, quality: str) -> None:
         """Show what is exported of H, whose quality is a word, or empty where it is not judged."""
-        self._code = code = settings.code_for(H)
+        code = settings.code_for(H)
         self.codes[code].setChecked(True)
         for name, fact in zip(FACTS, facts_of(H, code, quality), strict=True):
             for label, words in zip(self.facts[name], fact, strict=True):
                 label.setText(words)
                 label.setToolTip(" ".join(fact))
         set_role(self.facts["Quality"][1], "good" if quality == "good" else "hint")
-        refusal = settings.refusal(H, code)
-        self.go.setText(f"Export for {CODES[code].title} …")
-        self.go.setEnabled(not refusal)
-        _show_notes(self.note, settings.notes(H, code), bad=bool(refusal))
+        offered, usable = settings.offered(H)
+        self.go.setText(f"{offered.title(usable)} …")
+        _show_notes(self.note, settings.notes(H, code), bad=code != usable)
         self._show_other(settings, H)
 
     def _show_other(self, settings: ExportSettings, H: PSFMatrix) -> None:
@@ -175,6 +172,7 @@ class Exporting:
         card.edited.connect(lambda key, value: page.context.edit(self.settings, key, value, "export:"))
         page.context.let_edit(card.form, lambda: self.settings, "export:")
         card.asked.connect(self.ask)
+        card.usual_asked.connect(self.ask_usual)
         card.folder_asked.connect(self.show_folder)
 
     @property
@@ -186,14 +184,6 @@ class Exporting:
     def _matrix(self) -> PSFMatrix | None:
         return self._context.matrix(self._context.state.psf)
 
-    def facts(self) -> dict[str, Any]:
-        """Return what the next step should know: the code that is exported for, where it can use H."""
-        matrix = self._matrix
-        if matrix is None:
-            return {}
-        code = self.settings.code_for(matrix)
-        return {"export_for": "" if self.settings.refusal(matrix, code) else CODES[code].title}
-
     def show(self) -> None:
         """Show what would be written, and what was."""
         matrix, state = self._matrix, self._context.state
@@ -203,7 +193,7 @@ class Exporting:
         path = exported_to(state)
         file = stamp_of(path)
         size = "" if file is None else f", {format_bytes(file[2])}"
-        self._card.show_result(f"H and HT are in {Path(path).name}{size}." if path else "")
+        self._card.show_result(f"H is exported to {Path(path).name}{size}." if path else "")
 
     def ask(self, code: str = "") -> None:
         """Ask for the file of an export for a code, or of another kind, and begin."""
@@ -213,7 +203,10 @@ class Exporting:
             return
         if settings.refusal(matrix, code):
             self._page.refuse(settings.refusal(matrix, code))
-            return
+        else:
+            self._ask(matrix, settings, code)
+
+    def _ask(self, matrix: PSFMatrix, settings: ExportSettings, code: str) -> None:
         suffix = settings.suffix_for(code)
         name = f"H_{CODES[code].title}{suffix}" if code else f"H{suffix}"
         kinds = f"{suffix[1:]} files (*{suffix})"
@@ -222,17 +215,11 @@ class Exporting:
             self.start(path, settings, code)
 
     def ask_usual(self) -> None:
-        """Export for the code that is chosen; where it cannot use H, as the options say, missing positions as zeros."""
-        matrix, settings = self._matrix, self.settings
-        if matrix is None:
+        """Export for the code that is chosen; where it cannot use H, to a plain file."""
+        if self._matrix is None:
             self._page.refuse(NONE)
-            return
-        code = settings.code_for(matrix)
-        if not settings.refusal(matrix, code):
-            self.ask(code)
-            return
-        self._card.other.open()
-        self.ask()
+        else:
+            self._ask(self._matrix, *self.settings.offered(self._matrix))
 
     def start(self, path: str, settings: ExportSettings | None = None, code: str = "") -> None:
         """Export H to a file as a job; by default as the name of the file says."""

@@ -22,7 +22,7 @@ from lfcal.psf import (
 )
 from lfcal.records import CODE_NAMES, rows
 from lfcal.tasks import ExportH5, ExportMat, ExportNpy, ExportTiff
-from lfcal_gui.models import Field, PageSettings, fields_of, said_in_window, shown_of, value_in
+from lfcal_gui.models import Field, PageSettings, ProjectState, fields_of, said_in_window, shown_of, value_in
 
 if TYPE_CHECKING:
     from lfcal.tasks import Task
@@ -179,19 +179,49 @@ class ExportSettings(PageSettings):
         task: Any = self.task("", str(path), code=code)
         return export_files(task.exported(H), path, task.options().position)
 
+    def offered(self, H: PSFMatrix) -> tuple[Self, str]:
+        """Return the export of H that is offered first, as settings and code: as chosen, else a plain file."""
+        code = self.code_for(H)
+        if not self.refusal(H, code):
+            return self, code
+        plain = (self, *(replace(self, suffix=suffix) for suffix in KINDS))
+        return next(one for one in plain if not one.refusal(H)), ""
+
+    def title(self, code: str) -> str:
+        """Return what an export is called on its button."""
+        return f"Export for {CODES[code].title}" if code else f"Export as {self.suffix}"
+
+    def holds_ht(self, code: str) -> bool:
+        """Return whether the file holds HT as well."""
+        return CODES[code].one_lens if code else self.suffix == ".mat" and not self.no_ht
+
+    def nbytes(self, H: PSFMatrix, code: str) -> int:
+        """Return the size of the exported values without compression, in bytes."""
+        return H.nbytes * (2 if self.holds_ht(code) else 1)
+
     def code_for(self, H: PSFMatrix) -> str:
         """Return the chosen code, else the first one that can use H, else the first one."""
         usable = codes_for(H)
         return self.code or (usable[0].name if usable else CODE_NAMES[0])
 
 
+def next_facts(project: ProjectState, H: PSFMatrix) -> dict[str, Any]:
+    """Return what the next step should know of the export of H: fields of `lfcal_gui.models.Sitting`."""
+    settings, code = ExportSettings.of(project).offered(H)
+    return {
+        "export_title": settings.title(code),
+        "export_ht": settings.holds_ht(code),
+        "export_bytes": float(settings.nbytes(H, code)),
+    }
+
+
 def facts_of(H: PSFMatrix, code: str, quality: str) -> ExportFacts:
     """Return size, axis order and quality of the file for a code."""
     reader = CODES[code]
     stored = reader.stored.removeprefix("cells of ").removesuffix(" 7.3")
-    size, _, unit = format_bytes(H.nbytes * (2 if reader.one_lens else 1)).partition(" ")
+    size, _, unit = format_bytes(ExportSettings().nbytes(H, code)).partition(" ")
     return ExportFacts(
-        (size, f"{unit}, {stored}"),
+        (size, f"{unit} uncompressed, {stored}"),
         (reader.order, f"as {reader.title} reads"),
         (quality or "not judged", "stored in the file" if quality else ""),
     )

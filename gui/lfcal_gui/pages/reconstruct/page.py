@@ -178,7 +178,6 @@ class Page(BasePage):
         facts: dict[str, Any] = {
             "volume": done or bool(state.volume),
             "voxels": self._voxels(),
-            **self.exporting.facts(),
         }
         self.context.report(self.spec.key, **facts, reconstruct_s=self._seconds if ready else None)
         same = self.solving is not None and self.solving.fits(state.psf, self.settings, stated_order(state, state.psf))

@@ -15,6 +15,7 @@ from lfcal.base import Judgement
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.jobs import JobState
 from lfcal_gui.models.gathering import exported_to
+from lfcal_gui.models.next_step import next_step
 from lfcal_gui.models.stamp import stamp_of
 from lfcal_gui.models.verdict import verdict_of, with_verdict
 from lfcal_gui.pages.reconstruct import _exporting
@@ -65,17 +66,18 @@ def test_a_code_has_its_facts_and_its_refusal(card: ExportCard) -> None:
     assert "H{y,x,z}(t,s)" in words and "good" in words and "stored in the file" in words
     asked: list[str] = []
     card.asked.connect(asked.append)
+    card.usual_asked.connect(lambda: asked.append("usual"))
     card.go.click()
     card.other_go.click()
-    assert asked == ["olaf", ""]
+    assert asked == ["usual", ""]
     card.show_settings(ExportSettings("flfm"), matrix(), "")
-    assert not card.go.isEnabled() and "one pattern for each plane" in card.note.text()
-    assert card.other_go.isEnabled(), "other formats hold any H"
+    assert "one pattern for each plane" in card.note.text()
+    assert card.go.isEnabled() and card.go.text() == "Export as .mat …", "other formats hold any H"
 
 
 def test_missing_positions_must_be_allowed(card: ExportCard) -> None:
     card.show_settings(ExportSettings(), incomplete(), "")
-    assert not card.go.isEnabled() and not card.other_go.isEnabled()
+    assert card.go.text() == "Export as .h5 …" and not card.other_go.isEnabled(), "that format marks them"
     assert "1 of 18 positions is missing" in card.other_note.text() and card.form.editor("allow_missing").isEnabled()
     card.show_settings(ExportSettings(allow_missing=True), incomplete(), "")
     assert card.go.isEnabled() and card.other_go.isEnabled()
@@ -118,6 +120,11 @@ def test_the_next_step_exports_for_a_code_with_the_quality_of_h(
     window.project.note(settings=with_verdict(window.project.state, stamp, verdict))
     assert page.panel.export.facts["Quality"][0].text() == "good"
     page.panel.export.codes["prevedel"].click()
+    window.leading.gather()
+    step, (value, unit) = next_step(window.leading.sitting), page.panel.export.facts["H and HT"]
+    assert step.button == page.panel.export.go.text().removesuffix(" …") == "Export for Prevedel"
+    size = f"{value.text()} {unit.text().partition(',')[0]}"
+    assert f"export H and HT, {size}: H is good" in step.words, "one number for one export"
     assert page.exporting.settings.code == "prevedel"
     out = tmp_path / "H_Prevedel.mat"
     monkeypatch.setattr(_exporting, "ask_target", lambda *_: str(out))
@@ -128,7 +135,7 @@ def test_the_next_step_exports_for_a_code_with_the_quality_of_h(
         assert bytes(file["quality"][:, 0].tolist()) == b"good" and file["H"].shape == (2, 15, 15, 3, 3)
         np.testing.assert_allclose(file["lensCentre"][()], [[8.5], [8.5]])
     assert exported_to(window.project.state) == str(out)
-    assert "H and HT are in H_Prevedel.mat" in page.panel.export.result.text()
+    assert "H is exported to H_Prevedel.mat" in page.panel.export.result.text()
     folders: list[Path] = []
     monkeypatch.setattr(_exporting, "open_folder", folders.append)
     page.panel.export.result.linkActivated.emit("folder")
@@ -141,12 +148,11 @@ def test_other_formats_write_what_the_project_says(
     page = opened(window, qtbot, tmp_path / "H.h5")
     said = ExportSettings("flfm", ".h5", dtype="rounded", uncompressed=True)
     window.project.update("export", settings=said.into(window.project.state))
-    assert not page.panel.export.go.isEnabled() and page.panel.export.kind.currentData() == ".h5"
+    assert page.panel.export.go.text() == "Export as .h5 …" and page.panel.export.kind.currentData() == ".h5"
     out = tmp_path / "small.h5"
     monkeypatch.setattr(_exporting, "ask_target", lambda *_: str(out))
     with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
         assert page.do("export"), "a code that cannot use H leads to the other formats"
-    assert page.panel.export.other.head.isChecked()
     assert end.args[0].state is JobState.DONE, end.args[0].error
     with h5py.File(out) as file:
         assert file["step"][...].all() and file["H"].compression is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.psf import CODES, PSFMatrix, save_regions
 from lfcal.records import rows, value_at
 from lfcal.tasks import ExportFor, command_of
+from lfcal_gui.models.next_step import Sitting, next_step
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.reconstruct.export_model import ELSEWHERE, KINDS, OPTIONS, ExportSettings, facts_of
+from lfcal_gui.models.verdict import Verdict
+from lfcal_gui.pages.reconstruct.export_model import ELSEWHERE, KINDS, OPTIONS, ExportSettings, facts_of, next_facts
 
 
 def matrix() -> PSFMatrix:
@@ -130,6 +133,28 @@ def test_the_first_code_that_can_use_h_is_proposed() -> None:
     plan = ScanPlan.for_camera(preset("bench"), depths_um=[1e3])
     hexagonal = PSFMatrix(np.ones((1, *plan.shape[1:3], 3, 3), np.float32), camera=preset("bench"), depths=[1e3])
     assert settings.code_for(hexagonal) == "olaf" and "lenses on a square grid" in settings.refusal(hexagonal, "olaf")
+
+
+@pytest.mark.parametrize(
+    ("H", "settings", "title", "both"),
+    [
+        (matrix(), ExportSettings(), "Export for oLaF", True),
+        (matrix(), ExportSettings("flfm"), "Export as .mat", True),
+        (matrix(), ExportSettings("flfm", no_ht=True), "Export as .mat", False),
+        (matrix(), ExportSettings("flfm", ".npy"), "Export as .npy", False),
+        (incomplete(), ExportSettings(), "Export as .h5", False),
+        (incomplete(), ExportSettings("olaf", allow_missing=True), "Export for oLaF", True),
+        (PSFMatrix(np.ones((1, 1, 1, 3, 3), np.float32)), ExportSettings("flfm"), "Export for FLFM", False),
+    ],
+)
+def test_what_is_offered_is_possible(H: PSFMatrix, settings: ExportSettings, title: str, both: bool) -> None:
+    """The next step offered a code that refused this H, and a size of H and HT for files without HT."""
+    offered, code = settings.offered(H)
+    assert not offered.refusal(H, code)
+    project = ProjectState(settings={"export": settings.to_dict()})
+    facts = {"export_title": title, "export_ht": both, "export_bytes": (1 + both) * H.nbytes}
+    assert next_facts(project, H) == facts
+    assert next_step(replace(Sitting(h=True, verdict=Verdict("good")), **facts)).button == title
 
 
 def test_nothing_that_a_form_does_not_show_is_an_option() -> None:

@@ -14,7 +14,7 @@ from lfcal.base.errors import InputError
 from lfcal.base.progress import Progress, Work
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.jobs import JobState
-from lfcal_gui.pages.h.model_checks import checks_of, map_of, worst_positions
+from lfcal_gui.pages.h.model_checks import checks_of, count_words, map_of, worst_positions
 from lfcal_gui.window import MainWindow
 from tests.gui.waiting import GUARD_MS, idle
 
@@ -70,11 +70,16 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
     state, many = row.state.text(), sum(not metric.applies for metric in found.quality.metrics)
     assert row.name.text() == "Checks" and f"{many} not applicable" in state
     assert sum(int(part.split()[0]) for part in state.split(", ")) == len(listed) + many, "all rows are counted"
-    assert listed[missing].value == "1 frame" and ", bad (0 frames is good, more is bad)" in listed[missing].words
-    cheap = tuple(replace(one, cost=0.01) if one.key == "missing" else one for one in found.quality.metrics)
-    few = checks_of(replace(found, quality=replace(found.quality, metrics=cheap)))
-    told = next(one for one in few if one.title == "Missing frames")
-    assert (told.merit, told.rating) == ("fair", "repeat"), "no tick at a position to record again"
+    assert listed[missing].value == "1 frame" and ", bad (0 frames is good, more are rated by" in listed[missing].words
+    for cost, merit, rating in ((0.2, "bad", "bad"), (0.05, "fair", "fair"), (0.01, "fair", "repeat")):
+        rated = tuple(replace(one, cost=cost) if one.key == "missing" else one for one in found.quality.metrics)
+        others = replace(found, quality=replace(found.quality, metrics=rated))
+        told = next(one for one in checks_of(others) if one.title == "Missing frames")
+        assert (told.merit, told.rating) == (merit, rating), "the word follows the cost; no tick where frames are bad"
+        assert (
+            f", {rating} (0 frames is good, more are rated by their cost: from 0.03 fair, from 0.1 bad)" in told.words
+        )
+        assert ("1 to repeat" in count_words(others)) is (rating == "repeat")
     page.panel.level_asked.emit("")
     assert page.panel.map_title.text() == "Position error"
     assert [[2, 3]] in [marks.points.tolist() for marks in page.panel.map.overlays], "crossed out or ringed"
