@@ -192,7 +192,7 @@ def cost_axis(curve: Curve) -> tuple[str, float]:
 
 
 def format_cost(cost: float, unit: str) -> str:
-    """Return a cost as text, with a suitable unit."""
+    """Return a cost in ``unit`` (one of `UNITS`) as text, with a suitable unit."""
     if unit == "seconds":
         return format_seconds(cost)
     return format_bytes(cost) if unit == "bytes" else f"{cost:.0f} frames"

@@ -24,7 +24,7 @@ MAX_MESSAGE = 480
 
 
 def one_line(text: str, longest: int = MAX_MESSAGE) -> str:
-    """Return ``text`` as one printable line; control characters are escaped, and a long text is shortened."""
+    """Return ``text`` as one printable line of at most ``longest`` characters; control characters are escaped."""
     # avoid processing far more than is shown
     if len(text) > 4 * longest:
         text = f"{text[: 2 * longest]}…{text[-longest:]}"

@@ -197,7 +197,7 @@ def in_place_of(function: Callable[..., Any], made: Callable[..., Any], signatur
     """Return the nested function ``made`` as if it were defined in place of ``function``, with its docstring.
 
     Doctest, pickle and `inspect` then treat it as part of that module. ``made`` must use only its closure, no global
-    names.
+    names. Its signature is ``signature``, or that of ``function`` if None.
     """
     # doctest finds functions by the globals of their module
     own = FunctionType(made.__code__, function.__globals__, closure=made.__closure__)
@@ -229,7 +229,7 @@ def _result_of(work: Callable[..., Any]) -> Any:
 
 
 def docstring_of(generator: str, doc: str = "") -> str:
-    """Return the docstring of a function derived from a generator: the generator's, with changes from ``doc``."""
+    """Return the docstring of a function derived from a generator: that of ``generator`` with changes from ``doc``."""
     kept = {heading: text for heading, text in _parts_of(generator).items() if heading not in STEPS}
     merged = kept | {heading: text for heading, text in _parts_of(doc).items() if text}
     return "\n\n".join(text for text in merged.values() if text)

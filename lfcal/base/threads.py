@@ -207,7 +207,7 @@ class Meter:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Count the time of the block; a generator must not yield inside it."""
+        """Context in which the time of this thread and its helpers is counted; no generator may yield inside it."""
         token = _METER.set(self)
         try:
             with self.timed():
@@ -217,7 +217,7 @@ class Meter:
 
     @contextmanager
     def timed(self) -> Iterator[None]:
-        """Count the time of this thread in the block."""
+        """Context in which only the time of this thread is counted."""
         start = time.thread_time() - preparing_seconds()
         try:
             yield

@@ -238,7 +238,7 @@ class Light(Protocol):
 
 @runtime_checkable
 class Gauge(Protocol):
-    """A sensor of the conditions in the lab, such as a thermometer or a photodiode at the lamp."""
+    """Protocol for a sensor of the conditions in the lab, such as a thermometer or a photodiode at the lamp."""
 
     @property
     def name(self) -> str:
@@ -257,7 +257,7 @@ class Gauge(Protocol):
 
 @runtime_checkable
 class Rendered(Protocol):
-    """A simulated camera, or its optics, that states how its frames are computed."""
+    """Protocol for a simulated camera, or its optics, that states how the frames are computed."""
 
     @property
     def optics(self) -> str:
@@ -267,7 +267,7 @@ class Rendered(Protocol):
 
 @runtime_checkable
 class MovedElsewhere(Protocol):
-    """A stage that another program may move."""
+    """Protocol for a stage that another program may move."""
 
     @property
     def moved_elsewhere(self) -> bool:
@@ -277,7 +277,7 @@ class MovedElsewhere(Protocol):
 
 @runtime_checkable
 class Waiting(Protocol):
-    """A device that states whether its driver waits in real time; all other devices are assumed to wait."""
+    """Protocol for a device that states whether its driver waits in real time; other devices are assumed to wait."""
 
     @property
     def waits(self) -> bool:
@@ -286,7 +286,7 @@ class Waiting(Protocol):
 
 
 class TimeSource(Protocol):
-    """Protocol for the clock of a rig; that of the simulator does not wait, but advances by each requested pause."""
+    """Protocol for the clock of a rig; the simulator's clock does not wait, but advances by each requested pause."""
 
     def monotonic(self) -> float:
         """Return the time since an arbitrary start (s); it never decreases."""

@@ -45,7 +45,7 @@ VERSION = 1
 
 
 class CameraResult(Protocol):
-    """A fitted camera with its effects, and the scan with the camera before the fit."""
+    """Protocol for a result with a fitted camera, its effects, and the scan with the camera before the fit."""
 
     @property
     def camera(self) -> Camera:
@@ -164,8 +164,8 @@ def iter_write_hybrid(
     """Write the hybrid H of a fit and recorded patterns to a file, plane by plane, and return its summary.
 
     Yields progress. Closing the generator leaves no incomplete file. ``noise`` is the constant and the slope of the
-    variance of a sample, required if ``source`` does not state them. ``provenance`` is stored in addition to that of
-    the fit.
+    variance of a sample, as in `lfcal.fit.NewFrame`, required if ``source`` does not state them. ``provenance`` is
+    stored in addition to that of the fit.
 
     Raises
     ------

@@ -388,7 +388,7 @@ class HybridPlanes(PlaneSource):
     source
         Recorded patterns of the same scan, including those that were not fitted.
     noise
-        Constant and slope of the variance of a sample. None: as stated by the source.
+        Constant and slope of the variance of a sample, as in `lfcal.fit.NewFrame`. None: as stated by the source.
 
     Raises
     ------

@@ -277,7 +277,7 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
     frame
         Recorded frame with the dark level subtracted.
     noise
-        Constant and slope of the variance of a sample.
+        Constant and slope of the variance of a sample, as in `NewFrame`.
     cutout
         Size of the cutout of H; a border of half this size is not compared.
 

@@ -84,7 +84,7 @@ def object_error(
     volume
         The object, ``(nz, rows, columns)``, in any unit.
     given
-        Constant and slope of the variance of a sample. None: as stated by the frame.
+        Constant and slope of the variance of a sample, as in `NewFrame`. None: as stated by the frame.
     workers
         Number of threads. None: all processors.
     """

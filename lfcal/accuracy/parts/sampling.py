@@ -24,7 +24,7 @@ FIRST = 2
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error and time of the samplings of `lfcal.simulate.ladder`, measured a few at a time."""
+    """Yield the error and time of the samplings of `lfcal.simulate.ladder`, for one position of the middle plane."""
     plan, z = subject.planned, subject.middle
     effects = plan_effects(plan, TOLERANCE).effects
     scene = lattice_scene_for(plan, z, effects)

@@ -249,7 +249,7 @@ MIN_UNITS_PER_STEP = 8.0
 
 
 def step_size(steps: NDArray[np.float64]) -> float:
-    """Return the side of a square with the same area as the cell that the two lateral steps span."""
+    """Return the side of a square with the same area as the cell spanned by the two lateral ``steps`` ``(2, 2)``."""
     return float(np.sqrt(np.abs(np.linalg.det(steps))))
 
 
