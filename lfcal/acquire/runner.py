@@ -124,7 +124,7 @@ class Taker:
         self._sensor = sensor
 
     def take(self, step: ScheduledFrame, attempt: int = 1) -> TakenFrame:
-        """Return the frame of ``step``; raises `DeviceError` if a device fails."""
+        """Return the frame of ``step``; raises `DeviceError` if a device fails. ``attempt`` is stored in its record."""
         self._exposer.read_region(self._schedule.roi_of(step.kind))
         dark = step.kind is Kind.DARK
         self.lighting.switch(not dark)

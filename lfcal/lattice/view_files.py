@@ -50,7 +50,11 @@ def save_views(out: Path, label: str, colours: list[Views], times: int) -> None:
 
 
 def save_focal_stack(out: Path, label: str, colours: list[Array], slopes: tuple[float, ...]) -> None:
-    """Write the planes ``(n, rows, columns)`` of a focal stack to one file, and each plane as an image for display."""
+    """Write the planes ``(n, rows, columns)`` of a focal stack to one file, and each plane as an image for display.
+
+    ``label`` is part of the names of the files in the folder ``out``. ``colours`` contains the stack of each colour
+    channel, and ``slopes`` the slope of each plane.
+    """
     stack, names = _joined(colours, 1), stack_names(label, slopes)
     _save_stack(out / names[0], stack, "ZCYX" if stack.ndim == 4 else "ZYX", [f"slope {w:+.3f}" for w in slopes])
     for name, image in zip(names[1:], stack, strict=True):
@@ -58,7 +62,10 @@ def save_focal_stack(out: Path, label: str, colours: list[Array], slopes: tuple[
 
 
 def save_total_focus(out: Path, colours: list[tuple[Array, Array]]) -> None:
-    """Write the all-in-focus image, a copy of it for display, and the slopes at which it is in focus."""
+    """Write the all-in-focus image, a copy of it for display, and the slopes at which it is in focus.
+
+    ``colours`` contains the image and the slopes of each colour channel, both ``(rows, columns)``.
+    """
     image, slopes = (_joined(list(of), 0) for of in zip(*colours, strict=True))
     for name, one in ((TOTAL[0], image), (TOTAL[2], slopes)):
         _save_stack(out / name, one, "CYX" if one.ndim == 3 else "YX")
