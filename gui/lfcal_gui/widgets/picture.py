@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSizeF, Qt, QTimer, Signal
 from PySide6.QtGui import (
     QColor,
+    QImage,
     QKeyEvent,
     QKeySequence,
     QMouseEvent,
@@ -174,7 +175,7 @@ class Picture(QWidget):
             self.plot = Plot(self.box, left=PixelAxis("left"), bottom=PixelAxis("bottom"), top=ABOVE)
             self.plot.name_axes(*axes)
             self.graphics.setCentralItem(self.plot)
-        self.item = pg.ImageItem(axisOrder="row-major")
+        self.item = _Image(axisOrder="row-major")
         self.box.addItem(self.item)
         self.blank = Blank(self.graphics, self.box, self.plot, dark=True)
         self.blank.show_blank(True)
@@ -642,6 +643,30 @@ class _Legend(QWidget):
                 shortened(picture.quantity, metrics, room),
             )
         painter.end()
+
+
+class _Image(pg.ImageItem):
+    """Averages pixels that share a pixel of the screen: with every second one left out, fine patterns would beat."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self._shrunk: tuple[object, QImage | None] = None, None
+
+    def paint(self, painter: QPainter, *arguments: Any) -> None:
+        """Draw the image, enlarged pixels with sharp edges."""
+        area = self.boundingRect()
+        seen = painter.deviceTransform().mapRect(area).size()
+        if self.image is None or (seen.width() >= area.width() and seen.height() >= area.height()):
+            super().paint(painter, *arguments)
+            return
+        if self._renderRequired:
+            self.render()
+        size = (max(1, round(min(seen.width(), area.width()))), max(1, round(min(seen.height(), area.height()))))
+        key = self.qimage.cacheKey(), size
+        if key != self._shrunk[0]:
+            aspect, smooth = Qt.AspectRatioMode.IgnoreAspectRatio, Qt.TransformationMode.SmoothTransformation
+            self._shrunk = key, self.qimage.scaled(*size, aspect, smooth)
+        painter.drawImage(area, self._shrunk[1])
 
 
 class _Canvas(pg.GraphicsView):

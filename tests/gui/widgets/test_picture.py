@@ -453,3 +453,19 @@ def test_the_menu_follows_what_is_shown_and_what_was_chosen(view: Picture) -> No
     assert view.contrast is None and titles() == [first, "Copy values", last]
     view.set_shot(Shot(np.zeros((SIDE, SIDE), np.uint8)))
     assert titles() == [first, last], "a whole frame is too much for a spreadsheet"
+
+
+@pytest.mark.parametrize("pixels", [300, 450, 611, 1400])
+def test_fine_patterns_of_a_shrunk_picture_do_not_beat(qtbot: QtBot, pixels: int) -> None:
+    """A pattern of alternate columns has one brightness where each pixel of the screen covers several of them."""
+    view = shown(qtbot, Picture(legend=False, colour_map="gray"), (300, 300))
+    stripes = np.tile(np.arange(pixels) % 2, (pixels, 1)).astype(np.float32)
+    view.set_shot(Shot(stripes, levels=(0.0, 1.0)))
+    view.show_part(-0.5, -0.5, pixels, pixels, padding=0)
+    image = view.graphics.grab().toImage()
+    grey = np.array([image.pixelColor(x, 150).red() for x in range(20, 280)], float)
+    if pixels > 300:
+        # blocks of ten columns: what the eye sees of the beat
+        assert np.ptp(grey.reshape(-1, 10).mean(1)) < 40
+    else:
+        assert set(grey) == {0.0, 255.0}, "pixels that are not shrunk stay sharp"

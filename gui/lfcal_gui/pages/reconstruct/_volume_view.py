@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QRectF, Qt, Signal
 from PySide6.QtGui import QAction, QResizeEvent
-from PySide6.QtWidgets import QBoxLayout, QGridLayout, QMenu, QStackedWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QBoxLayout, QMenu, QStackedWidget, QVBoxLayout, QWidget
 
 from lfcal.base import format_plane
 from lfcal_gui.base_page import EmptyState
 from lfcal_gui.jobs import Jobs
 from lfcal_gui.models import BEGIN, CUTOUT, Levels, Outline, Shot, plane_words, turned
 from lfcal_gui.pages.reconstruct._solid_picture import Newest, SolidPicture, View
-from lfcal_gui.pages.reconstruct.model_volume import MODES, Prepared, Side, VolumeIntent, prepare, sides
+from lfcal_gui.pages.reconstruct.model_volume import (
+    MODES,
+    Cell,
+    Prepared,
+    VolumeIntent,
+    arrange,
+    prepare,
+    side,
+)
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
     Contrast,
@@ -55,11 +64,14 @@ TICKS = (
 )
 """Field of the intent, words and meaning of each entry of the menu."""
 
-AXES = {"xy": "xy", "xz": "xz", "yz": "zy"}
-"""What is across and down in each picture."""
+KEYS = ("xy", "xz", "yz")
+"""Names of the pictures from three sides."""
 
-SIDES = {"xy": (0, 0), "xz": (1, 0), "yz": (0, 1)}
-"""Row and column of each picture."""
+GAP = 3
+"""Space between pictures (px)."""
+
+FRONT_VIEW = Cell("x", "y", (0, 0, 0, 0))
+"""What is across and down in a slice."""
 
 LEAST = (90, 70)
 """Least width and height of a picture (px)."""
@@ -75,39 +87,30 @@ class VolumePanes(QWidget):
         super().__init__()
         self.name, self.short = name, "" if first else f"{name}, "
         self.prepared: Prepared | None = None
-        self.shown: dict[str, Side] = {}
+        self.cells: dict[str, Cell] = {}
+        self._drawn: tuple[VolumeIntent, Levels] | None = None
         self.solid = SolidPicture(VALUE, name, jobs)
         self.pictures: dict[str, Picture] = {}
-        self._grid_widget = QWidget()
-        self._grid = QGridLayout(self._grid_widget)
-        self._grid.setContentsMargins(0, 0, 0, 0)
-        self._grid.setSpacing(3)
+        self.sides = _Sides(self._show_sides)
         self._stack = QStackedWidget()
         self._stack.addWidget(self.solid)
-        self._stack.addWidget(self._grid_widget)
+        self._stack.addWidget(self.sides)
         column_of(self._stack, of=self)
 
     def make_sides(self) -> None:
         """Make the pictures from three sides."""
-        for key, place in SIDES.items():
-            picture = self.pictures[key] = Picture(VALUE, steered=True, legend=False)
-            picture.setAccessibleName(f"{self.name}: {AXES[key][1]} over {AXES[key][0]}")
-            picture.graphics.setMinimumSize(*LEAST)
-            self._grid.addWidget(picture, *place)
+        for key in KEYS:
+            picture = self.pictures[key] = Picture(VALUE, steered=True, legend=False, parent=self.sides)
+            picture.setAccessibleName(f"{self.name}: {key}")
+            picture.graphics.setMinimumSize(1, 1)
 
     def set_volume(self, prepared: Prepared | None) -> None:
         """Show a volume from the next `show_as` on."""
-        before, self.prepared = self.prepared, prepared
+        self.prepared = prepared
         if prepared is None:
             for picture in self.pictures.values():
                 picture.set_shot(None)
             self.solid.show_volume(None, View(BEGIN))
-        elif before is None or before.volume.shape != prepared.volume.shape:
-            x, y, z = 2 * prepared.solid.half
-            for index, share in ((0, 1.0), (1, min(1.5, max(0.3, float(z) / float(x))))):
-                self._grid.setColumnStretch(index, round(100 * share))
-            self._grid.setRowStretch(0, 100)
-            self._grid.setRowStretch(1, round(100 * min(1.5, max(0.3, float(z) / float(y)))))
 
     def show_as(self, intent: VolumeIntent, turn: NDArray[np.float64], levels: Levels, title: str) -> None:
         """Show the volume as it is asked for."""
@@ -121,28 +124,77 @@ class VolumePanes(QWidget):
             self.solid.set_display(intent.display)
             self.solid.show_volume(prepared, View(turn, intent.by_depth, intent.box, cross, levels, title))
             return
-        self.shown = sides(intent, prepared)
-        for key, side in self.shown.items():
+        self._drawn = intent, levels
+        self._show_sides()
+
+    def _show_sides(self) -> None:
+        """Show the volume from three sides at one scale, in a layout that fits the room."""
+        prepared = self.prepared
+        if prepared is None or self._drawn is None or not self.pictures:
+            return
+        intent, levels = self._drawn
+        room = max(2 * LEAST[0], self.sides.width()), max(2 * LEAST[1], self.sides.height())
+        self.cells, pixel = arrange(prepared.lengths, room, GAP)
+        for key, cell in self.cells.items():
+            picture = self.pictures[key]
+            picture.setGeometry(*cell.rect)
             own = intent.own_scale and key == "xy" and intent.mode == MODES[1]
-            shot = side_shot(intent, prepared, key, side, None if own else levels)
-            self.pictures[key].set_display(intent.display)
-            self.pictures[key].set_shot(replace(shot, caption=f"{self.short}{key}"))
+            shot = side_shot(intent, prepared, key, cell, None if own else levels)
+            depth = "" if key == "xy" or prepared.squeeze == 1 else f", depth × {prepared.squeeze:g}"
+            row, column, height, width = shot.extent
+            tall, wide = cell.rect[3] * pixel, cell.rect[2] * pixel
+            whole = row + (height - tall) / 2, column + (width - wide) / 2, tall, wide
+            picture.set_display(intent.display)
+            # the scale of the three is one, so one bar is enough
+            um = shot.pixel_um if key == "xy" else None
+            picture.set_shot(replace(shot, caption=f"{self.short}{key}{depth}", whole=whole, pixel_um=um))
+
+    def follow(self, moved: Picture, cell: Cell) -> None:
+        """Show the part and the scale that the user chose in one of the pictures also in the others."""
+        seen = moved.box.targetRect()
+        middle = {cell.across: seen.center().x(), cell.down: seen.center().y()}
+        pixel, whole = seen.width() / max(1.0, moved.box.width()), moved.shot.whole
+        for key, its in self.cells.items():
+            picture = self.pictures[key]
+            if picture is moved or picture.shot.whole is None:
+                continue
+            if whole is not None and seen == QRectF(whole[1], whole[0], whole[3], whole[2]):
+                picture.show_part(*picture.shot.whole, padding=0)
+                continue
+            at, (width, height) = picture.box.targetRect().center(), (pixel * n for n in its.rect[2:])
+            x, y = middle.get(its.across, at.x()), middle.get(its.down, at.y())
+            picture.show_part(y - height / 2, x - width / 2, height, width, padding=0)
 
 
-def side_shot(intent: VolumeIntent, prepared: Prepared, key: str, side: Side, levels: Levels | None) -> Shot:
+class _Sides(QWidget):
+    """Where the pictures from three sides are."""
+
+    def __init__(self, arrange: Callable[[], None]) -> None:
+        super().__init__()
+        self._arrange = arrange
+        self.setMinimumSize(2 * LEAST[0] + GAP, 2 * LEAST[1] + GAP)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Choose the layout."""
+        super().resizeEvent(event)
+        self._arrange()
+
+
+def side_shot(intent: VolumeIntent, prepared: Prepared, key: str, cell: Cell, levels: Levels | None) -> Shot:
     """Return the picture of a volume from one side, with the cross."""
-    across, down = AXES[key]
-    at = {axis: float(places[getattr(intent, axis)]) for axis, places in zip("xyz", prepared.solid.axes, strict=True)}
-    rows, columns = (n * side.pixel for n in side.values.shape)
-    frame = side.origin[0] - side.pixel / 2, side.origin[1] - side.pixel / 2, rows, columns
+    shown = side(intent, prepared, key, cell)
+    at = {axis: float(places[getattr(intent, axis)]) for axis, places in prepared.axes.items()}
+    rows, columns = (n * shown.pixel for n in shown.values.shape)
+    frame = shown.origin[0] - shown.pixel / 2, shown.origin[1] - shown.pixel / 2, rows, columns
+    lines = _line(True, at[cell.across], frame), _line(False, at[cell.down], frame)
     return Shot(
-        side.values,
+        shown.values,
         name=f"volume_{key}",
         levels=levels,
-        origin=side.origin,
-        step=side.pixel,
-        overlays=(_line(True, at[across], frame), _line(False, at[down], frame)) if intent.cross else (),
-        pixel_um=side.pixel if prepared.solid.measured else None,
+        origin=shown.origin,
+        step=shown.pixel,
+        overlays=lines if intent.cross else (),
+        pixel_um=shown.pixel if prepared.solid.measured else None,
     )
 
 
@@ -198,7 +250,7 @@ class VolumeView(QWidget):
         self.solid, self.pictures = self.looks[0].solid, self.looks[0].pictures
         self.slice = Picture(VALUE, steered=True, legend=False)
         self.slice.setAccessibleName("slice at the cross")
-        self.slice.steered_to.connect(lambda row, column: self._steer(self.looks[0], "xy", row, column))
+        self.slice.steered_to.connect(partial(self._steer_in, self.looks[0], self.slice, FRONT_VIEW))
         self.light_field = Picture(legend=False)
         self.light_field.setToolTip("Light field to reconstruct. The rectangle shows the region that is used")
         share_contrast(*self._volumes())
@@ -246,11 +298,9 @@ class VolumeView(QWidget):
         for look in new:
             look.make_sides()
             for key, picture in look.pictures.items():
-                picture.steered_to.connect(lambda row, column, look=look, key=key: self._steer(look, key, row, column))
+                picture.steered_to.connect(partial(self._steer, look, key))
+                picture.moved.connect(partial(self._follow, look, key))
         self._share()
-        if len(self.looks) > 1:
-            for key in AXES:
-                link(*(look.pictures[key] for look in self.looks))
         if len(self.contrasts) == 1:
             self.contrasts.append(self._contrast(self.pictures["xy"]))
             self._column.insertWidget(self._column.indexOf(self.strip), self.contrasts[1])
@@ -419,14 +469,19 @@ class VolumeView(QWidget):
         self.turn = turned(self.turn, across, down)
         self._show()
 
+    def _follow(self, moved: VolumePanes, key: str) -> None:
+        for look in self.looks:
+            look.follow(moved.pictures[key], moved.cells[key])
+
     def _steer(self, look: VolumePanes, key: str, row: int, column: int) -> None:
-        prepared = look.prepared
+        self._steer_in(look, look.pictures[key], look.cells[key], row, column)
+
+    def _steer_in(self, look: VolumePanes, picture: Picture, cell: Cell, row: int, column: int) -> None:
+        prepared, shot = look.prepared, picture.shot
         if prepared is None:
             return
-        side, axes = sides(self.intent, prepared)[key], dict(zip("xyz", prepared.solid.axes, strict=True))
-        across, down = AXES[key]
-        at = {down: side.origin[0] + row * side.pixel, across: side.origin[1] + column * side.pixel}
-        self.set_cross(**{axis: int(np.argmin(np.abs(axes[axis] - place))) for axis, place in at.items()})
+        at = {cell.down: shot.origin[0] + row * shot.step, cell.across: shot.origin[1] + column * shot.step}
+        self.set_cross(**{axis: int(np.argmin(np.abs(prepared.axes[axis] - place))) for axis, place in at.items()})
 
     def _read(self, look: VolumePanes, row: int, column: int) -> None:
         """Say which voxel is behind the pointer, else where the cross is."""
@@ -480,7 +535,7 @@ class VolumeView(QWidget):
             look.show_as(intent, self.turn, levels, f"{title}\n{columns} × {rows} × {planes} voxels")
         if intent.mode == MODES[0]:
             flat = replace(intent, mode=MODES[1])
-            shot = side_shot(intent, prepared, "xy", sides(flat, prepared)["xy"], None if intent.own_scale else levels)
+            shot = side_shot(flat, prepared, "xy", FRONT_VIEW, None if intent.own_scale else levels)
             self.slice.set_display(intent.display)
             self.slice.set_shot(replace(shot, caption=f"Slice at {format_plane(prepared.depths[intent.z], intent.z)}"))
         self.strip.set_current(intent.z)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +24,12 @@ NEAR, FAR = "#9eabba", "#59636f"
 """Colours of the front and back edges of the volume."""
 
 FRONT = 1e-6
+
+LONGEST = 2.0
+"""Largest length of the depth axis in the side views, relative to the longer lateral side."""
+
+THINNEST = 0.25
+"""Least share of the longest axis that the room for another axis has."""
 
 TILE = 96
 """Largest side of a thumbnail (pixels)."""
@@ -75,7 +85,7 @@ class Prepared:
     solid
         Volume with its position in space.
     most
-        Maximum along z, y and x.
+        Maximum along z, y and x: ``(Y, X)``, ``(Z, X)`` and ``(Z, Y)``.
     brightest
         Plane, row and column of its brightest voxel.
     levels
@@ -97,6 +107,26 @@ class Prepared:
     tiles: tuple[NDArray[Any], ...]
     shares: NDArray[np.float64]
 
+    @cached_property
+    def lengths(self) -> dict[str, float]:
+        """Length of each axis in the side views (µm)."""
+        lengths = [float(np.ptp(_edges(axis, min(self.solid.sides)))) for axis in self.solid.axes]
+        return {**dict(zip("xyz", lengths, strict=True)), "z": lengths[2] * self.squeeze}
+
+    @cached_property
+    def squeeze(self) -> float:
+        """Factor of the depth axis in the side views: 1, or less for volumes much deeper than wide."""
+        x, y, z = (float(np.ptp(_edges(axis, min(self.solid.sides)))) for axis in self.solid.axes)
+        wanted = LONGEST * max(x, y) / z
+        decade = 10.0 ** math.floor(math.log10(wanted))
+        return 1.0 if wanted >= 1 else max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted)
+
+    @cached_property
+    def axes(self) -> dict[str, NDArray[np.float64]]:
+        """Positions of the voxels along each axis in the side views (µm)."""
+        x, y, z = self.solid.axes
+        return {"x": x, "y": y, "z": z * self.squeeze}
+
     def words_at(self, z: int, y: int, x: int) -> str:
         """Return position and value of a voxel as text."""
         depth = f" ({format_length(float(self.solid.given[z]))})" if self.solid.measured else ""
@@ -112,7 +142,7 @@ def prepare(
     whole = volume if known.all() else np.where(known, volume, -np.inf)
     z, y, x = (int(k) for k in np.unravel_index(int(np.argmax(whole)), volume.shape))
     low, high = levels_of(volume)
-    most = whole.max(0), whole.max(1), whole.max(2).T
+    most = whole.max(0), whole.max(1), whole.max(2)
     _ = solid.by_columns, solid.coarse.by_columns  # made here, in the background
     depths = solid.given if solid.measured else np.full(len(volume), np.nan)
     light = np.array([np.clip(np.nan_to_num(plane), 0, None).sum(dtype=float) for plane in volume])
@@ -131,6 +161,60 @@ def _small(plane: NDArray[Any]) -> NDArray[Any]:
     return small
 
 
+class Cell(NamedTuple):
+    """Place of one of the three views: what is across and down, and its left, top, width and height (pixels)."""
+
+    across: str
+    down: str
+    rect: tuple[int, int, int, int]
+
+
+LAYOUTS = (
+    ("x z", "y z", {"xy": "xy 0 0", "xz": "xz 0 1", "yz": "zy 1 0"}),
+    ("x z", "y x", {"xy": "xy 0 *", "xz": "zx 1 1", "yz": "zy 1 0"}),
+    ("x y", "y z", {"xy": "xy * 0", "xz": "xz 0 1", "yz": "yz 1 1"}),
+    ("x x y", "yz", {"xy": "xy 0 *", "xz": "xz 1 *", "yz": "yz 2 *"}),
+    ("xz", "y x y", {"xy": "xy * 0", "xz": "zx * 1", "yz": "zy * 2"}),
+)
+"""Columns and rows of each layout by the axes that must fit, and the axes, column and row of each view."""
+
+
+def arrange(lengths: Mapping[str, float], room: tuple[int, int], gap: int) -> tuple[dict[str, Cell], float]:
+    """Return the places of the three views of a volume in ``room`` (width, height), and the size of a pixel (µm).
+
+    All views have one scale. Of the `LAYOUTS`, the one with the largest views is chosen.
+    """
+    least = THINNEST * max(lengths.values())
+    axes = {axis: max(length, least) for axis, length in lengths.items()}
+    best: tuple[dict[str, Cell], float] = {}, math.inf
+    for across, down, views in LAYOUTS:
+        parts = [[max(axes[axis] for axis in part) for part in line.split()] for line in (across, down)]
+        lines = [_spread(part, size, gap) for part, size in zip(parts, room, strict=True)]
+        cells = {key: _cell(words, lines) for key, words in views.items()}
+        # the scale at which every view fits its place
+        needed = [(lengths[one.across] / one.rect[2], lengths[one.down] / one.rect[3]) for one in cells.values()]
+        pixel = max(max(both) for both in needed)
+        if pixel < best[1]:
+            best = cells, pixel
+    return best
+
+
+def _spread(parts: list[float], room: int, gap: int) -> list[tuple[int, int]]:
+    """Return first and last pixel, exclusive, of parts that fill ``room`` pixels with gaps between them."""
+    room = max(len(parts), room - gap * (len(parts) - 1))
+    ends = np.rint(np.concatenate([[0.0], np.cumsum(parts)]) * (room / sum(parts))).astype(int).tolist()
+    return [(start + k * gap, end + k * gap) for k, (start, end) in enumerate(pairwise(ends))]
+
+
+def _cell(words: str, lines: list[list[tuple[int, int]]]) -> Cell:
+    axes, *places = words.split()
+    (left, right), (top, bottom) = (
+        (line[0][0], line[-1][1]) if place == "*" else line[int(place)]
+        for place, line in zip(places, lines, strict=True)
+    )
+    return Cell(axes[0], axes[1], (left, top, right - left, bottom - top))
+
+
 class Side(NamedTuple):
     """An image at true scale: values, position of its first pixel (down, across), and side of a pixel."""
 
@@ -139,15 +223,18 @@ class Side(NamedTuple):
     pixel: float
 
 
-def sides(intent: VolumeIntent, shown: Prepared) -> dict[str, Side]:
-    """Return slices through the cross, or maxima along each axis: from the front (xy) and from two sides."""
-    volume, (x, y, z) = shown.volume, shown.solid.axes
+def side(intent: VolumeIntent, shown: Prepared, key: str, cell: Cell) -> Side:
+    """Return the slice ``key`` through the cross, or the maxima along the third axis."""
+    volume, places, (across, down, _) = shown.volume, shown.axes, cell
+    left_out = "zyx".index(({*"xyz"} - {*key}).pop())
     if intent.mode == MODES[2]:
-        xy, xz, yz = shown.most
+        image = shown.most[left_out]
     else:
-        xy, xz, yz = volume[intent.z], volume[:, intent.y], volume[:, :, intent.x].T
-    pixel = max(min(shown.solid.sides), float(np.ptp(z)) / MOST_ROWS)
-    return {"xy": _even(xy, y, x, pixel), "xz": _even(xz, z, x, pixel), "yz": _even(yz, y, z, pixel)}
+        image = np.take(volume, (intent.z, intent.y, intent.x)[left_out], left_out)
+    # the rows are the earlier of both axes in the volume
+    image = image.T if "zyx".index(across) < "zyx".index(down) else image
+    pixel = max(min(shown.solid.sides), float(np.ptp(places["z"])) / MOST_ROWS)
+    return _even(image, places[down], places[across], pixel)
 
 
 def _even(image: NDArray[Any], down: NDArray[np.float64], across: NDArray[np.float64], pixel: float) -> Side:
@@ -157,13 +244,18 @@ def _even(image: NDArray[Any], down: NDArray[np.float64], across: NDArray[np.flo
     return Side(image[np.ix_(rows, columns)], (top, left), pixel)
 
 
+def _edges(places: NDArray[np.float64], pixel: float) -> tuple[float, float]:
+    """Return where voxels begin and end: half a step beyond the outer ones; a single one is as long as a pixel."""
+    ordered = np.sort(places)
+    gaps = np.diff(ordered) if len(ordered) > 1 else np.array([pixel])
+    return float(ordered[0] - gaps[0] / 2), float(ordered[-1] + gaps[-1] / 2)
+
+
 def _nearest(places: NDArray[np.float64], pixel: float) -> tuple[NDArray[np.intp], float]:
     """Return the index of the nearest of ``places`` for each pixel, and the position of the first pixel."""
     order = np.argsort(places, kind="stable")
     ordered = places[order]
-    gaps = np.diff(ordered)
-    before, after = (gaps[0], gaps[-1]) if len(gaps) else (pixel, pixel)
-    start, end = ordered[0] - before / 2, ordered[-1] + after / 2
+    start, end = _edges(ordered, pixel)
     count = max(1, round((end - start) / pixel))
     first = start + (end - start - (count - 1) * pixel) / 2
     at = first + pixel * np.arange(count)

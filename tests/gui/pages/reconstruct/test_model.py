@@ -32,7 +32,16 @@ from lfcal_gui.pages.reconstruct.model_solving import (
     projector_for,
     synthetic_shape,
 )
-from lfcal_gui.pages.reconstruct.model_volume import MOST_ROWS, VolumeIntent, prepare, sides
+from lfcal_gui.pages.reconstruct.model_volume import (
+    MOST_ROWS,
+    Cell,
+    Prepared,
+    Side,
+    VolumeIntent,
+    arrange,
+    prepare,
+    side,
+)
 from lfcal_gui.pages.reconstruct.step import step
 
 PERIOD, CUTOUT = (3, 4), (7, 9)
@@ -261,6 +270,50 @@ def test_how_a_run_ends_is_a_setting_that_is_checked() -> None:
 
 
 VOLUME = np.random.default_rng(1).random((3, 5, 7)).astype(np.float32)
+
+
+def sides(intent: VolumeIntent, shown: Prepared) -> dict[str, Side]:
+    """Return the three views with their usual axes."""
+    axes = {"xy": "xy", "xz": "xz", "yz": "zy"}
+    return {key: side(intent, shown, key, Cell(*both, (0, 0, 1, 1))) for key, both in axes.items()}
+
+
+@pytest.mark.parametrize("room", [(620, 520), (306, 526), (520, 1030), (300, 200), (900, 300)])
+@pytest.mark.parametrize("shape", [(1, 1, 1), (1, 1, 0.3), (1, 1, 0.02), (1, 1, 3.6), (1.6, 1, 2), (1, 3, 0.5)])
+def test_three_views_use_the_room_at_one_scale(room: tuple[int, int], shape: tuple[float, ...]) -> None:
+    """Each was fitted to a quarter of the room, and three quarters of it stayed empty."""
+    lengths = dict(zip("xyz", (1000 * n for n in shape), strict=True))
+    cells, pixel = arrange(lengths, room, 3)
+    used, taken = 0.0, np.zeros(room, int)
+    for key, cell in cells.items():
+        assert {cell.across, cell.down} == set(key)
+        left, top, width, height = cell.rect
+        across, down = lengths[cell.across] / pixel, lengths[cell.down] / pixel
+        assert max(across - width, down - height) < 1e-6, "all of it is in view"
+        taken[left : left + width, top : top + height] += 1
+        used += across * down
+    assert taken.max() == 1, "none covers another"
+    assert len(cells) == 3 and taken.mean() > 0.6
+    if max(room) < 1.3 * min(room) and min(shape) > 0.5:
+        assert used > 0.5 * np.prod(room)
+
+
+def test_a_view_and_its_transposed_one_have_the_same_voxels() -> None:
+    shown = prepare(VOLUME, None, None)
+    for mode in ("Slices", "Projections"):
+        intent = VolumeIntent(1, 2, 3, mode=mode)
+        for key, found in sides(intent, shown).items():
+            across, down = {"xy": "xy", "xz": "xz", "yz": "zy"}[key]
+            other = side(intent, shown, key, Cell(down, across, (0, 0, 1, 1)))
+            np.testing.assert_array_equal(other.values, found.values.T)
+            assert other.origin == found.origin[::-1]
+
+
+def test_a_volume_much_deeper_than_wide_is_drawn_shorter_by_a_round_factor() -> None:
+    assert prepare(VOLUME, None, None).squeeze == 1
+    deep = prepare(VOLUME, np.array([0.0, 50.0, 100.0]), (1.0, 1.0))  # 150 deep, 7 wide
+    assert deep.squeeze == 0.05 and deep.lengths["z"] == pytest.approx(7.5)
+    assert np.ptp(deep.axes["z"]) == pytest.approx(5)
 
 
 def test_slices_and_projections() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtCore import QPoint, QPointF, QRectF, Qt
 from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
@@ -214,7 +214,7 @@ def test_the_cross_links_slices_and_projections(qtbot: QtBot) -> None:
         )
         wanted = values[:, :, 22] if mode == 1 else values.max(2)
         np.testing.assert_array_equal(view.pictures["yz"].values[:, ::2], wanted.T)
-        assert view.pictures["xz"].shot.pixel_um == 500 and view.pictures["xz"].shot.step == 500
+        assert view.pictures["xy"].shot.pixel_um == 500 and view.pictures["xz"].shot.step == 500
     view.strip.setCurrentRow(0)
     assert places[-1] == (0, 10, 22)
     view.ticks["cross"].trigger()
@@ -227,6 +227,34 @@ def test_the_cross_links_slices_and_projections(qtbot: QtBot) -> None:
     view.set_volume(None)
     view.set_cross(z=1)
     assert view.volume is None and view.readout == ""
+
+
+def test_views_from_three_sides_have_one_scale_with_one_bar(view: VolumeView) -> None:
+    """A bar in each of them covered the narrow ones, and a zoom in one left the others as they were."""
+    view.segments[1].click()
+
+    def scales() -> set[float]:
+        return {round(one.box.viewRect().width() / one.box.width(), 3) for one in view.pictures.values()}
+
+    for size in ((640, 560), (500, 900), (1000, 500)):
+        view.resize(*size)
+        QApplication.processEvents()
+        (scale,) = scales()
+        room, cells = view.looks[0].sides, [one.geometry() for one in view.pictures.values()]
+        assert sum(one.width() * one.height() for one in cells) > 0.6 * room.width() * room.height()
+        for one in view.pictures.values():
+            row, column, height, width = one.shot.extent
+            assert one.box.viewRect().adjusted(-30, -30, 30, 30).contains(QRectF(column, row, width, height))
+    assert [one.shot.pixel_um for one in view.pictures.values()] == [60, None, None]
+    moved = view.pictures["xz"]
+    moved.box.scaleBy((0.5, 0.5))
+    moved.box.translateBy(x=200.0, y=0.0)
+    moved.moved.emit()
+    (half,) = scales()
+    assert half == pytest.approx(scale / 2, rel=0.01)
+    assert view.pictures["xy"].box.viewRect().center().x() == pytest.approx(moved.box.viewRect().center().x())
+    moved.show_all()
+    assert scales() == {scale}
 
 
 def test_slice_and_strip_follow_the_cross(view: VolumeView) -> None:
