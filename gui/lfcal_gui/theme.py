@@ -75,11 +75,13 @@ QPushButton[role="fold"]:hover {{ color: {accent}; }}
 QPushButton[role="fold"]:checked {{ background: transparent; }}
 QPushButton[role="fold"]:focus {{ border: 2px solid {accent}; border-radius: 4px; }}
 QPushButton[role="big"] {{ font-size: 16pt; font-weight: 600; min-height: 54px; padding: 4px 10px; }}
+QPushButton[role="big"]:disabled {{ font-weight: 400; }}
 QLabel[role="big"] {{ font-size: 17pt; font-weight: 600; color: {text}; }}
 QPushButton[role="primary"]:disabled {{ background: {raised}; color: {muted}; border-color: {line}; }}
 QLineEdit, QPlainTextEdit, QTextEdit {{
     background: {panel}; border: 1px solid {edge}; border-radius: 4px; padding: 3px 6px;
     selection-background-color: {accent}; selection-color: {accent_text}; }}
+QLineEdit:disabled, QPlainTextEdit:disabled, QTextEdit:disabled {{ background: {window}; border-color: {line}; }}
 QLineEdit:focus, QPlainTextEdit:focus, QTextEdit:focus {{ border-color: {accent}; }}
 QCheckBox::indicator, QAbstractItemView::indicator {{ width: 13px; height: 13px; border: 1px solid {muted};
     border-radius: 3px; background: {panel}; }}
@@ -282,10 +284,14 @@ def apply_theme(app: QApplication, theme: Theme) -> None:
         (roles.Dark, theme.line),
     ):
         palette.setColor(role, QColor(colour))
+    off = QPalette.ColorGroup.Disabled
     for role in (roles.Text, roles.WindowText, roles.ButtonText):
-        palette.setColor(QPalette.ColorGroup.Disabled, role, QColor(theme.muted))
+        palette.setColor(off, role, QColor(theme.muted))
     app.setPalette(palette)
     # Fusion draws their edges 1.4 times darker than the colour of the window
     palette.setColor(roles.Window, QColor(theme.edge).lighter(140))
+    palette.setColor(off, roles.Window, QColor(theme.line).lighter(140))
+    for role in (roles.Base, roles.Button):
+        palette.setColor(off, role, QColor(theme.window))
     for kind in ("QAbstractSpinBox", "QComboBox"):
         QApplication.setPalette(palette, kind)

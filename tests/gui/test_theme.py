@@ -82,6 +82,20 @@ def test_the_edge_of_a_field_differs_from_its_panel(
         assert max(contrast(pixel, QColor(theme.panel)) for pixel in side) >= 3
 
 
+@pytest.mark.parametrize("kind", [QLineEdit, QPlainTextEdit, QTextEdit, QSpinBox, QDoubleSpinBox, QComboBox])
+@pytest.mark.parametrize("theme", [LIGHT, DARK, NIGHT], ids=lambda theme: theme.name)
+def test_a_field_that_cannot_be_edited_has_a_fainter_edge(
+    qapp: QApplication, qtbot: QtBot, theme: Theme, kind: type[QWidget]
+) -> None:
+    """In a dark lab, the positions of a stage in use looked as if they could be typed."""
+    field = kind()
+    field.setEnabled(False)
+    _, pixels = drawn(field, theme, qtbot)
+    middle = [row[len(row) // 2] for row in pixels]
+    for side in (middle[:3], middle[-3:], pixels[len(pixels) // 2][:3]):
+        assert max(contrast(pixel, QColor(theme.panel)) for pixel in side) < 2.5
+
+
 @pytest.mark.parametrize("enabled", [True, False])
 @pytest.mark.parametrize("theme", [LIGHT, DARK, NIGHT], ids=lambda theme: theme.name)
 def test_a_checked_box_has_a_tick(qapp: QApplication, qtbot: QtBot, theme: Theme, enabled: bool) -> None:

@@ -27,8 +27,10 @@ class Standing:
 
     Attributes
     ----------
-    connected, busy
-        Whether there are devices, and whether something uses or opens them.
+    connected
+        Whether there are devices.
+    running
+        What uses or opens them now, in words; empty: nothing.
     found
         What was measured by moving: ``"stage"``, ``"exposure"``.
     begun, complete
@@ -40,7 +42,7 @@ class Standing:
     """
 
     connected: bool = False
-    busy: bool = False
+    running: str = ""
     found: Mapping[str, Any] = field(default_factory=dict)
     begun: bool = False
     complete: bool = False
@@ -51,8 +53,8 @@ class Standing:
 
 def next_step(now: Standing) -> tuple[str, str]:
     """Return key and text of the next step; the key is empty if no step can be started now."""
-    if now.busy:
-        return "", "busy"
+    if now.running:
+        return "", now.running
     if not now.connected:
         return "connect", "Connect"
     if now.complete:
@@ -141,6 +143,14 @@ class Lab(QWidget):
         self.show_controls()
 
     @property
+    def _running(self) -> str:
+        """What uses or opens the devices now, in words."""
+        setup, recorder = self.setup, self.record.recorder
+        if self.record.recording:
+            return "Paused" if recorder is not None and recorder.control.pausing else "Recording …"
+        return "Connecting …" if setup.connecting else "" if setup.free else "Measuring …"
+
+    @property
     def standing(self) -> Standing:
         """State of the session, from which the next step follows."""
         setup, record, state = self.setup, self.record, self.context.state
@@ -151,7 +161,7 @@ class Lab(QWidget):
         )
         return Standing(
             setup.station is not None,
-            record.recording or setup.connecting or not setup.free,
+            self._running,
             setup.measuring.found,
             record.folder.there is not None,
             record.folder.complete,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QCheckBox,
     QHBoxLayout,
@@ -48,8 +49,8 @@ MARK, VALUE = 24, 112
 ROW, LEAST_ROWS, PICTURE, PLOT = 24, 3, 132, 80
 """Height of a row, rows that are seen at least, height of the picture, and least height of a plot (px)."""
 
-LEAST_DETAILS = 72
-"""Least height of what belongs to the chosen check (px)."""
+LEAST_DETAILS, WORDS = 72, 150
+"""Least height of what belongs to the chosen check, and of it where its words are long (px)."""
 
 
 class ChecksView(QWidget):
@@ -113,10 +114,20 @@ class ChecksView(QWidget):
         column = column_of(self.words, self.pictures, self._buttons(), self._settings(), self.summary, of=inner)
         column.setContentsMargins(0, 0, 4, 0)
         column.addStretch()
-        area = scrolling(inner)
-        area.setMinimumHeight(LEAST_DETAILS)
-        clear(area)
-        return area
+        self.details = scrolling(inner)
+        clear(self.details)
+        self._give_room()
+        return self.details
+
+    def _give_room(self) -> None:
+        """Show the explanation as a whole, at the cost of rows."""
+        high = self.words.heightForWidth(self.details.viewport().width() - 4) + 4
+        self.details.setMinimumHeight(max(LEAST_DETAILS, min(high, WORDS)))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Give the explanation its room."""
+        super().resizeEvent(event)
+        self._give_room()
 
     def _pictures(self) -> None:
         self.curve, self.unit, self.none = LinePlot("depth z (mm)", "value"), ElidedLabel(), QLabel()
@@ -184,6 +195,7 @@ class ChecksView(QWidget):
     def show_check(self, words: str, picture: CheckPicture) -> None:
         """Show meaning and remedy of a check as rich text, and its picture."""
         self.words.setText(words)
+        self._give_room()
         if picture.values is None:
             self.none.setText(picture.title)
             self.pictures.setCurrentWidget(self.none)

@@ -35,7 +35,7 @@ def test_each_step_follows_the_one_before() -> None:
     whole = Standing(connected=True, begun=True, complete=True)
     steps = (
         (Standing(), "connect"),
-        (Standing(busy=True), ""),
+        (Standing(running="Connecting …"), ""),
         (Standing(connected=True), "stage"),
         (Standing(connected=True, found={"stage": None}), "exposure"),
         (Standing(connected=True, found={"stage": None, "exposure": PLAN.exposures}), "start"),
@@ -113,7 +113,7 @@ def test_a_sitting_by_the_large_buttons_and_their_keys(
     qtbot.keyClick(page, Qt.Key.Key_F6)
     qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
     assert panel.buttons["stop"].isEnabled()
-    assert not panel.buttons["next"].isEnabled()
+    assert not panel.buttons["next"].isEnabled() and shown(page, "next") == "Recording …\nF9", "it said busy"
     qtbot.waitUntil(lambda: page.record.folder.complete and not page.record.recording, timeout=GUARD_MS)
     assert "Complete: 24 of 24 positions" in panel.status.text()
     for kind in ("Dark frames", "White image"):

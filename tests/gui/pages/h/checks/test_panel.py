@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.pages.h.checks_view import ChecksView
@@ -57,3 +58,16 @@ def test_a_map_of_displacements_is_numbered_from_its_origin(view: ChecksView) ->
     assert view.image.shot.origin == (-2, -2)
     view.show_check("", CheckPicture("Sensor", ("row (px)", "column (px)"), "counts", np.eye(5)))
     assert view.image.shot.origin == (0, 0), "the next one starts at 0 again"
+
+
+def test_an_explanation_of_eight_lines_is_whole_in_a_low_window(view: ChecksView) -> None:
+    """In a window of 1000 x 600, the list of checks left it three lines, which were cut."""
+    view.resize(290, 300)
+    view.show()
+    view.show_checks("31 good", rows(*"abcdefghijkl"))
+    for words in ("brief", "<b>Stage step: 0.266 px</b> " + "what it means and what to do " * 7):
+        view.show_check(words, CheckPicture("none", ("", ""), "", None))
+        QApplication.processEvents()
+        seen = view.details.viewport().height()
+        assert view.words.heightForWidth(view.words.width()) <= seen, words
+    assert view.table.height() >= 90, "three rows are left"
