@@ -63,7 +63,7 @@ class ChiSquare:
 
 @dataclass(frozen=True, slots=True)
 class ModelError:
-    """Error of the patterns of a model, as rms over rms of the light (relative L2).
+    """Error of the patterns of a model: rms of the error divided by the rms of the light (relative L2).
 
     Attributes
     ----------

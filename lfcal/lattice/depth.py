@@ -178,7 +178,7 @@ def depth_seconds(
     slopes: tuple[float, float] | None = None,
     radius_px: float | None = None,
 ) -> float:
-    """Predict the CPU time (s) of `depth_map`, whose parameters these are.
+    """Predict the CPU time (s) of `depth_map` with the same parameters.
 
     The middle of the frame is processed, and the measured time is scaled by the number of pairs of adjacent
     micro-images.

@@ -162,7 +162,7 @@ def elemental_seconds(
     origin: tuple[float, float] = (0.0, 0.0),
     slopes: tuple[float, float] | None = None,
 ) -> float:
-    """Predict the CPU time (s) of `elemental_depth`, whose parameters these are, from the time of a few planes."""
+    """Predict the CPU time (s) of `elemental_depth` with the same parameters, from the time of a few planes."""
     _, _, shift = _views(frame, camera, origin, None, None)
     low, high = _slopes(camera, slopes)
     step = (high - low) / (len(planes_between(low, high, shift)) - 1)
