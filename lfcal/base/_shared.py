@@ -64,6 +64,7 @@ from lfcal.base.files import (
 from lfcal.base.finding import RANK, SUBJECTS, Finding, Judgement, Merit, listed
 from lfcal.base.notes import announce, note, notes_to, warn
 from lfcal.base.npy import map_npy, npy_header
+from lfcal.base.ome_zarr import ZARR_MARKS, check_stored, check_zarr, ome_images, understood
 from lfcal.base.page import (
     add_html_section,
     html_figure,
@@ -131,6 +132,7 @@ __all__ = [
     "RANK",
     "SUBJECTS",
     "WORKERS",
+    "ZARR_MARKS",
     "Cancelled",
     "Finding",
     "Judgement",
@@ -161,10 +163,12 @@ __all__ = [
     "check_psf_shape",
     "check_region",
     "check_regular",
+    "check_stored",
     "check_tuple",
     "check_type",
     "check_wavelength",
     "check_writable",
+    "check_zarr",
     "choose",
     "chunks",
     "clipped",
@@ -208,6 +212,7 @@ __all__ = [
     "note",
     "notes_to",
     "npy_header",
+    "ome_images",
     "on_network",
     "one_blas_thread",
     "one_line",
@@ -239,6 +244,7 @@ __all__ = [
     "sync_data",
     "sync_folder",
     "total_memory",
+    "understood",
     "warn",
     "whole",
     "why_no_window",

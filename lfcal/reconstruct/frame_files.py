@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire import NAME, RecordingSource
-from lfcal.base import InputError
+from lfcal.base import InputError, check_zarr
 from lfcal.frames import CorrectionChain, Dark, White, files_of, natural_key, open_image, read_image
 from lfcal.frames.corrections import frame_map, read_average
 from lfcal.frames.formats import image_suffixes
@@ -22,7 +22,7 @@ from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.metric_grid import MetricGrid
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.resample import Resampling
-from lfcal.reconstruct.volumes import SUFFIXES, VolumeFacts, check_suffix, check_zarr, write_volumes
+from lfcal.reconstruct.volumes import SUFFIXES, VolumeFacts, check_suffix, write_volumes
 from lfcal.records import LightFieldSettings
 from lfcal.work import stamp_of
 

@@ -18,33 +18,30 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import (
-    MAX_EXPANSION,
     FileFormatError,
     InputError,
-    LfcalError,
-    StorageError,
     any_of,
+    check_stored,
     check_writable,
+    check_zarr,
     map_npy,
     npy_header,
+    ome_images,
     read_tiff,
     replace_store,
     replace_whole,
     require_space,
     storage_errors,
-    storage_words,
+    understood,
 )
 from lfcal.base.h5 import H5File, new_h5
-
-if TYPE_CHECKING:
-    from types import ModuleType
 
 __all__ = [
     "DATASET",
@@ -52,7 +49,6 @@ __all__ = [
     "VOLUME_FORMAT",
     "VolumeFacts",
     "check_suffix",
-    "check_zarr",
     "load_volume",
     "open_ome_zarr",
     "save_volume",
@@ -106,22 +102,6 @@ PIECE = 1024
 """Largest number of rows and columns of a chunk; a chunk has one plane, the unit of display."""
 
 AXES = (("t", "time"), ("z", "space"), ("y", "space"), ("x", "space"))
-
-
-def check_zarr() -> ModuleType:
-    """Return the module zarr.
-
-    Raises
-    ------
-    InputError
-        If zarr is not installed.
-    """
-    try:
-        import zarr
-    except ImportError:
-        raise InputError("OME-Zarr files need the library zarr; install it with pip install 'lfcal[zarr]'") from None
-    found: ModuleType = zarr
-    return found
 
 
 @contextmanager
@@ -227,20 +207,6 @@ def _original(stored: Any, planes: int) -> NDArray[np.intp]:
     return np.argsort(order)
 
 
-@contextmanager
-def _understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
-    """Convert errors of the disk to `StorageError`, and all others to `FileFormatError`."""
-    try:
-        yield
-    except LfcalError:
-        raise
-    except Exception as error:  # zarr and its codecs raise various errors for other folders
-        if isinstance(error, OSError) and error.errno is not None:
-            raise StorageError(storage_words(error, source)) from error
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise FileFormatError.expected(str(source), wanted, reason, remedy) from error
-
-
 def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
     """Return the full-resolution array of an OME-Zarr without reading it, the image's metadata, and those of lfcal.
 
@@ -249,19 +215,10 @@ def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
     FileFormatError, StorageError, InputError
         If the folder is not an OME-Zarr or cannot be read, or the library is not installed.
     """
-    zarr = check_zarr()
-    with storage_errors(source):
-        if not source.exists():
-            raise StorageError(f"{source}: no such file or folder; check the path")
-    with _understood(source, "an OME-Zarr image", "choose another one"):
-        group = zarr.open_group(source, mode="r")
-        said = dict(group.attrs)
-        image = dict(said.get("ome", said)["multiscales"][0])
-        array = group[str(image["datasets"][0]["path"])]
-        shape, _ = tuple(array.shape), np.dtype(array.dtype)
-    names = [str(axis.get("name")) if isinstance(axis, Mapping) else str(axis) for axis in image.get("axes", ())]
-    if names and len(names) != len(shape):
-        raise FileFormatError.expected(str(source), f"{len(shape)} axes", len(names), "copy the file again")
+    images, said = ome_images(source)
+    array, image = images[0]
+    if not image:
+        raise FileFormatError.expected(str(source), "an OME-Zarr image", "a plain array", "choose another one")
     own = said.get(LFCAL_KEY)
     return array, image, dict(own) if isinstance(own, Mapping) else {}
 
@@ -275,13 +232,7 @@ def open_ome_zarr(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
         If the declared size is larger than the files can contain.
     """
     array, image, own = zarr_contents(source)
-    nbytes = math.prod(array.shape) * np.dtype(array.dtype).itemsize
-    with storage_errors(source):
-        held = sum(path.stat().st_size for path in source.rglob("*") if path.is_file())
-    if nbytes > MAX_EXPANSION * held:
-        raise FileFormatError.expected(
-            str(source), f"chunks of {nbytes} bytes on disk", f"{held} bytes", "copy the file again"
-        )
+    check_stored(source, [array])
     return array, image, own
 
 
@@ -296,7 +247,7 @@ def read_ome_zarr(source: Path) -> NDArray[np.float32]:
     array = open_ome_zarr(source)[0]
     if math.prod(array.shape[:-3]) != 1:
         raise InputError.expected(str(source), "a volume (z, y, x)", f"shape {array.shape}", "choose another file")
-    with _understood(source, "intact chunks", "copy it again"):
+    with understood(source, "intact chunks", "copy it again"):
         data = np.asarray(array[...], np.float32)
     return data.reshape(data.shape[-3:])
 
@@ -619,7 +570,7 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
         volume = volume[None]
     if volume.ndim != 3:
         raise InputError.expected(str(source), "a volume (z, y, x)", f"shape {volume.shape}", "choose another file")
-    with _understood(source, "metadata of a volume", "copy the file again"):
+    with understood(source, "metadata of a volume", "copy the file again"):
         stored = _said(source)[1].get(STORED)
         return volume if stored is None else volume[_original(stored, len(volume))]
 
@@ -633,7 +584,7 @@ def volume_facts(path: str | os.PathLike[str]) -> VolumeFacts:
         If the file does not contain such a volume, or its metadata are damaged.
     """
     source = check_suffix(path)
-    with _understood(source, "metadata of a volume", "copy the file again"):
+    with understood(source, "metadata of a volume", "copy the file again"):
         return _facts(*_said(source))
 
 

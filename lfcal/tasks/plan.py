@@ -256,7 +256,9 @@ class PlanRecorded(_Plan):
         yield from ()
         camera, settings = load_camera(self.camera, light=False), self.settings()
         place, turn = parse_origin(self.origin), named_orientation(self.orientation)
-        listing, root = any_listing(self.positions, self.columns), self.frames or self.positions.parent
+        listing = any_listing(self.positions, self.columns)
+        # the list of an NDTiff folder is in the folder
+        root = self.frames or (self.positions if self.positions.is_dir() else self.positions.parent)
         read = None
         try:
             listing = located(listing, root)

@@ -374,19 +374,15 @@ def test_missing_file_is_found_when_opening(tmp_path: Path) -> None:
         open_frames(tmp_path / "elsewhere")
 
 
-def test_stores_of_other_programs_are_named(tmp_path: Path) -> None:
-    """Zarr (aicsimageio#467) and NDTiff (micro-manager#1784) are folders without a list of positions."""
-    zarr, ndtiff = tmp_path / "a.ome.zarr", tmp_path / "b"
-    zarr.mkdir()
-    (zarr / ".zgroup").write_text("{}")
-    with pytest.raises(InputError, match="got a Zarr store; write its array as OME-TIFF"):
-        open_frames(zarr)
+def test_an_ndtiff_without_an_index_is_read_in_order(tmp_path: Path) -> None:
+    """Micro-manager#1784: the files are there, and the index is empty."""
+    ndtiff = tmp_path / "b"
     ndtiff.mkdir()
     tifffile.imwrite(
         ndtiff / "b_NDTiffStack.tif", np.array([FRAMES[0, 0, k] for k in range(3)]), photometric="minisblack"
     )
     (ndtiff / "NDTiff.index").write_bytes(b"")
-    with pytest.raises(InputError, match="got an NDTiff index; export it from Micro-Manager"):
+    with pytest.raises(InputError, match="an NDTiff index, got an empty one; state the order"):
         open_frames(ndtiff)
     with open_frames(ndtiff, order="raster", plan_shape=(1, 1, 3)) as frames:
         np.testing.assert_array_equal(frames.read(2), FRAMES[0, 0, 2])

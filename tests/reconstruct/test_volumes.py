@@ -14,9 +14,8 @@ import pytest
 import tifffile
 
 from lfcal.base.errors import FileFormatError, InputError, StorageError
-from lfcal.base.files import replace_store
+from lfcal.base.files import MAX_EXPANSION, replace_store
 from lfcal.reconstruct.volumes import (
-    MAX_EXPANSION,
     VolumeFacts,
     load_volume,
     open_ome_zarr,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lfcal.base import (
     MAX_EXPANSION,
     MAX_SAMPLE,
+    ZARR_MARKS,
     FileFormatError,
     InputError,
     LfcalError,
@@ -36,6 +37,7 @@ __all__ = [
     "check_declared",
     "check_grey",
     "check_samples",
+    "container_in",
     "decoding",
     "image_suffixes",
     "open_image",
@@ -214,8 +216,9 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
     """Open an image file in which each page is one frame.
 
     Supported formats are greyscale TIFF (with one or several pages, 16-bit and others), PNG, PGM, ``.npy`` arrays,
-    FITS, HDF5 stacks, and camera RAW (the unprocessed mosaic). Plug-ins add others. The format is detected from the
-    first bytes of the file, except for camera RAW, which is recognized by the suffix.
+    FITS, HDF5 stacks, OME-Zarr, NDTiff, and camera RAW (the unprocessed mosaic). Plug-ins add others. The format is
+    detected from the first bytes of the file, except for camera RAW, which is recognized by the suffix, and for the
+    folders of OME-Zarr and NDTiff, which are opened by the file that describes them (``zarr.json``, ``NDTiff.index``).
 
     Parameters
     ----------
@@ -254,6 +257,16 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
             return form.open(path, colour, dataset or inside)
     names = ", ".join(form.name for form in FORMATS)
     raise FileFormatError.expected(str(path), names, _guess(head), _remedy(head))
+
+
+CONTAINERS = ("NDTiff.index", *ZARR_MARKS)
+"""Names of the files that describe a folder with all frames, in the order in which they are searched."""
+
+
+def container_in(folder: Path) -> Path | None:
+    """Return the file that describes the frames of a whole folder; None for a folder of separate files."""
+    found = (folder / name for name in CONTAINERS)
+    return next((path for path in found if path.is_file() and path.stat().st_size), None)
 
 
 def split_dataset(path: str | os.PathLike[str]) -> tuple[Path, str | None]:

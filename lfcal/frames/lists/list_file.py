@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import FileFormatError, InputError, StorageError, parse_json, read_text
-from lfcal.frames.formats import image_suffixes, open_image
+from lfcal.frames.formats import container_in, image_suffixes, open_image
 from lfcal.frames.lists.entries import located, manifest_of
 from lfcal.frames.lists.listing import MAX_EXPOSURE_S, Listing, read_listing
 from lfcal.frames.lists.motion import AUTO, CHECK, Part
@@ -112,7 +112,8 @@ def any_listing(path: Path, columns: str = "") -> Listing:
     """Return the frames listed in a table, in Micro-Manager's metadata, or in an image file with stage coordinates."""
     if path.name.endswith("metadata.txt"):
         return read_micromanager(path)[0]
-    if path.suffix.lower() not in image_suffixes():
+    path = (container_in(path) if path.is_dir() else None) or path
+    if path.suffix.lower() not in image_suffixes() and container_in(path.parent) != path:
         return read_listing(path, columns)
     image = open_image(path)
     image.close()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lfcal.base import FileFormatError, InputError, StorageError
-from lfcal.frames.formats import ImageFile, image_suffixes, open_image
+from lfcal.frames.formats import ImageFile, container_in, image_suffixes, open_image
 from lfcal.frames.lists import (
     TABLE_SUFFIXES,
     files_below,
@@ -102,6 +102,8 @@ def _listed(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tu
         return *manifest_from(table, root, options), {}
     if options.columns:
         raise InputError.expected(f"columns of {path}", "a list of frames", "none", "choose the list (--manifest)")
+    if path.is_dir() and (described := container_in(path)) is not None:
+        return _from_file(described, options, options.plan_shape)
     if path.is_dir():
         return *_from_folder(path, options), {}
     return _from_file(path, options, options.plan_shape)
@@ -162,16 +164,13 @@ def _from_folder(path: Path, options: FrameOptions) -> tuple[Manifest, tuple[str
         template = pattern.template if isinstance(pattern, NamePattern) else pattern
         return _by_pattern(files_below(path, deep="/" in template), pattern, options)
     names = [name for name in files_below(path, deep=False) if Path(name).suffix.lower() in image_suffixes()]
-    if any((path / name).exists() for name in (".zgroup", ".zarray", "zarr.json")):
-        remedy = "write its array as OME-TIFF or .npy, for example with Python's zarr and tifffile"
-        raise InputError.expected(f"frames in {path}", "images (TIFF, PNG, NPY, RAW …)", "a Zarr store", remedy)
     if not names and not (names := _below(path)):
         raise InputError.expected(
             f"frames in {path}", "images (TIFF, PNG, NPY, RAW …)", "none", "name the folder that contains them"
         )
     if (path / "NDTiff.index").is_file() and not options.order:
-        remedy = "export it from Micro-Manager as separate files, or state their order (--order)"
-        raise InputError.expected(f"positions of the frames in {path}", "a list of them", "an NDTiff index", remedy)
+        remedy = "state the order of the frames (--order), or copy the folder again"
+        raise InputError.expected(f"positions of the frames in {path}", "an NDTiff index", "an empty one", remedy)
     if not options.order:
         return _by_guess(path, names, options)
     if shape is None:
