@@ -70,7 +70,11 @@ class RegionPlan:
             raise InputError.expected("regions of the field", wanted, got, "rename the regions")
         if len(anchors) != len(names) or anchors[0] != self.scan.anchor:
             wanted = f"one for each of the {len(names)} regions, of which the first is that of the scan"
-            got = len(anchors) if len(anchors) != len(names) else f"{anchors[0]} as the first, not {self.scan.anchor}"
+            got = (
+                str(len(anchors))
+                if len(anchors) != len(names)
+                else f"{anchors[0]} as the first, not {self.scan.anchor}"
+            )
             raise InputError.expected("anchors of the regions", wanted, got, "start with the anchor of the scan")
         for k in range(len(names)):
             self.plan(k)

@@ -92,6 +92,8 @@ class ExportOptions:
         cannot mark.
     code
         Code that reads the file, one of `lfcal.psf.codes.CODES`; it determines axis order, centring and variable names.
+    sparse
+        oLaF: whether each pattern is a sparse matrix of double values.
     quality
         ``.mat``, ``.npz``, TIFF: quality of H, such as ``"good"``, which is written to the file.
     """
@@ -105,6 +107,7 @@ class ExportOptions:
     position: tuple[int, int] | None = None
     allow_missing: bool | None = None
     code: str | None = None
+    sparse: bool | None = None
     quality: str | None = None
 
     def given(self) -> dict[str, Any]:
@@ -245,6 +248,7 @@ def iter_export(
     position: tuple[int, int] | None = None,
     allow_missing: bool | None = None,
     code: str | None = None,
+    sparse: bool | None = None,
     quality: str | None = None,
     run: RunChoice | None = None,
 ) -> Work[Path]:
@@ -284,6 +288,7 @@ def iter_export(
         position,
         allow_missing,
         code,
+        sparse,
         quality,
     )
     suffix = check_export(matrix, path, options)
@@ -320,6 +325,8 @@ def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: Expor
             used = ", ".join(sorted(WRITERS[suffix].uses)) or "none"
             raise InputError.expected(f"options of {suffix} files", used, name, "leave this option out")
     code = options.reader
+    if options.sparse and options.code != "olaf":
+        raise InputError.expected("code of sparse patterns", "olaf", options.code or "none", "leave sparse out")
     if suffix == ".npz" and code is None:
         raise InputError.expected(
             "code of an .npz file", "pyolaf", "none", "choose pyolaf (--for), or write a .npy file"

@@ -99,6 +99,8 @@ class MatOptions:
         uncorrected.
     cells
         Whether to store ``H{y,x,z}(t, s)``, a cell array of patterns, as oLaF does.
+    sparse
+        With ``cells``: whether each pattern is a sparse matrix of double values.
     quality
         Quality of H as text, written as the variable ``quality``; empty: not written.
     """
@@ -109,6 +111,7 @@ class MatOptions:
     lens_centred: bool = False
     interpolation: str = "nearest"
     cells: bool = False
+    sparse: bool = False
     quality: str = ""
 
 
@@ -167,7 +170,8 @@ def iter_write_mat(
         done, crops = 0, []
         for name in ("H", "Ht")[:copies]:
             if options.cells:
-                for planes in write_cells(file, name, written if name == "H" else written.T, compress=options.compress):
+                view = written if name == "H" else written.T
+                for planes in write_cells(file, name, view, compress=options.compress, sparse=options.sparse):
                     yield clock.at(done + planes)
                 done += len(written)
                 continue

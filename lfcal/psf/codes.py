@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfcal.base import Clock, InputError, Work, any_of, npy_header, replace_whole, require_space, storage_errors
 from lfcal.psf.lens_centre import lens_centre_of, lens_centred
@@ -63,7 +64,7 @@ CODES = {
             "oLaF",
             ".mat",
             "H{y,x,z}(t,s)",
-            "cells of single, MATLAB 7.3",
+            "cells of single or sparse, MATLAB 7.3",
             "call the projections of oLaF with range 'full', because a measured H has no exact symmetry",
             "https://gitlab.lrz.de/IP/olaf",
         ),
@@ -153,10 +154,12 @@ def _written(matrix: PSFMatrix) -> PSFMatrix:
     return matrix if lens is None else lens_centred(matrix, lens)
 
 
-def write_cells(file: Any, name: str, matrix: PSFMatrix, *, compress: bool = True) -> Iterator[int]:
+def write_cells(
+    file: Any, name: str, matrix: PSFMatrix, *, compress: bool = True, sparse: bool = False
+) -> Iterator[int]:
     """Write ``matrix`` into an open MATLAB file as the cell array ``name{y,x,z}`` of patterns ``(t, s)``.
 
-    Yields the number of planes written so far.
+    With ``sparse``, each pattern is a sparse matrix. Yields the number of planes written so far.
     """
     import h5py
 
@@ -168,12 +171,33 @@ def write_cells(file: Any, name: str, matrix: PSFMatrix, *, compress: bool = Tru
     for z in range(nz):
         plane = matrix.plane(z)
         for y, x in np.ndindex(ny, nx):
-            cell = group.create_dataset(f"{name}_{z}_{y}_{x}", data=plane[y, x].T, track_times=False, **store)
-            cell.attrs["MATLAB_class"] = np.bytes_(b"single")
+            at = f"{name}_{z}_{y}_{x}"
+            if sparse:
+                cell = _write_sparse(group.create_group(at), plane[y, x])
+            else:
+                cell = group.create_dataset(at, data=plane[y, x].T, track_times=False, **store)
+                cell.attrs["MATLAB_class"] = np.bytes_(b"single")
             references[z, x, y] = cell.ref
         yield z + 1
     cells = file.create_dataset(name, data=references, dtype=h5py.ref_dtype, track_times=False)
     cells.attrs["MATLAB_class"] = np.bytes_(b"cell")
+
+
+def _write_sparse(group: Any, pattern: NDArray[Any]) -> Any:
+    """Write a pattern as a sparse matrix of MATLAB: columns of double values, with their rows from 0."""
+    from scipy.sparse import csc_matrix
+
+    stored = csc_matrix(pattern, dtype=np.float64)
+    group.attrs["MATLAB_class"] = np.bytes_(b"double")
+    group.attrs["MATLAB_sparse"] = np.uint64(pattern.shape[0])
+    parts: dict[str, NDArray[Any]] = {"jc": stored.indptr}
+    if stored.nnz:  # MATLAB leaves out empty parts
+        parts |= {"ir": stored.indices, "data": stored.data}
+    for key, values in parts.items():
+        kind = np.float64 if key == "data" else np.uint64
+        part = group.create_dataset(key, data=values.astype(kind), track_times=False)
+        part.attrs["MATLAB_class"] = np.bytes_(b"double" if key == "data" else b"uint64")
+    return group
 
 
 def iter_write_npz(

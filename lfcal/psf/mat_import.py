@@ -3,7 +3,7 @@
 The images of those codes have rows first, as in MATLAB, and so has their ``H(t, s, y, x, z)``. They use only the
 window ``CAindex`` of each plane. Files of fast-light-field contain a quarter of the positions (``ReducedMatrix``). If
 a file does not state the order of its axes, columns first is assumed, ``H(s, t, x, y, z)``. The order used is always
-noted.
+noted. oLaF's cell array ``H{y, x, z}`` contains a pattern ``(t, s)`` in each cell, which may be sparse.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, any_of, storage_errors
+from lfcal.base import FileFormatError, InputError, UnsafeFileError, any_of, format_bytes, storage_errors
 from lfcal.base.h5 import H5File
 from lfcal.psf._matlab import COLUMNS_FIRST, ROWS_FIRST
 from lfcal.psf._planes import DatasetPlanes, FilePlanes, Planes
@@ -28,6 +28,12 @@ THEIRS = ("ReducedMatrix", "settingPSF", "MLARRAY", "OSR", "x1objspace", "fml", 
 
 MAT_ORDERS = {"rows-first": ROWS_FIRST, "columns-first": COLUMNS_FIRST}
 """Orders of the axes of H that the caller may state, as written in the variable ``axisOrder``."""
+
+MAX_BYTES = 1 << 36
+"""Largest size of the patterns of a cell array, which are read into memory."""
+
+MAX_SIDE = 1 << 15
+"""Largest number of rows or columns of a sparse pattern."""
 
 _WORDS = {
     ROWS_FIRST: ("rows-first", "H(t, s, y, x, z), rows first"),
@@ -99,12 +105,17 @@ class _Reader:
             wanted = f"{_WORDS[self._order][0]}, as its axisOrder states"
             raise InputError.expected(f"{file.path}, order of its axes", wanted, _WORDS[stated][0], "omit the order")
         known = [name for name in THEIRS if name in file]
-        self._theirs = not self._order and bool(known)
         self._name = "PSF" if "H" not in file and len(file.dataset_shape("PSF")) == 3 else "H"
-        self._stack = len(file.dataset_shape(self._name)) == 3
+        self._cells = self._class(self._name) == "cell"
+        self._theirs = not self._order and (bool(known) or self._cells)
+        self._stack = not self._cells and len(file.dataset_shape(self._name)) == 3
         taken = self._order or stated or (ROWS_FIRST if self._theirs or self._stack else COLUMNS_FIRST)
-        self._swapped = taken == ROWS_FIRST
-        self._notes = [ONE_PER_PLANE if self._stack else self._order_note(taken, stated, known)]
+        # a cell contains a pattern (t, s), whatever the order of a full array would be
+        self._swapped = self._cells or taken == ROWS_FIRST
+        if self._cells:
+            self._notes = ["read as oLaF's cell array H{y, x, z} of patterns (t, s)"]
+        else:
+            self._notes = [ONE_PER_PLANE if self._stack else self._order_note(taken, stated, known)]
 
     def _order_note(self, taken: str, stated: str, known: list[str]) -> str:
         """Return the order in which the axes were read and the reason; if inferred, also how to state the other."""
@@ -155,12 +166,11 @@ class _Reader:
                 ", ".join(found[:8]) or "no array of 3 to 5 axes",
                 f"{remedy} save('H.mat', 'H', '-v7.3')",
             )
-        if (kind := self._class(self._name)) in ("cell", "struct"):
+        if self._cells:
+            return FilePlanes(self._patterns(), self._file.path)
+        if self._class(self._name) == "struct":
             raise FileFormatError.expected(
-                where,
-                "an array of numbers",
-                f"a {kind} array",
-                "convert it in MATLAB, for example H = full(H{aa,bb,cc}) for each cell",
+                where, "an array of numbers", "a struct array", "save the field with H as a variable"
             )
         if self._name in self._file and self._file.attributes(self._name).integer("MATLAB_sparse") is not None:
             raise FileFormatError.expected(
@@ -179,6 +189,61 @@ class _Reader:
                 where, "5 axes (s, t, x, y, z)", f"{data.ndim} axes", "check the variable in the file"
             )
         return DatasetPlanes(data)
+
+    def _patterns(self) -> NDArray[np.float32]:
+        """Return the patterns of a cell array, ``(z, x, y, s, t)`` as HDF5 has them."""
+        where = f"{self._file.path}: {self._name}"
+        names = self._file.references(self._name)
+        names = names[None] if names.ndim == 2 else names  # MATLAB drops a last axis of length one
+        if names.ndim != 3:
+            raise FileFormatError.expected(where, "cells H{y, x, z}", f"{names.ndim} axes", "check the variable")
+        values: NDArray[np.float32] | None = None
+        for at in np.ndindex(names.shape):
+            pattern = self._pattern(str(names[at]))
+            if values is None:
+                if names.size * pattern.size * 4 > MAX_BYTES:
+                    raise UnsafeFileError.expected(
+                        where,
+                        f"patterns of up to {format_bytes(MAX_BYTES)}",
+                        format_bytes(names.size * pattern.size * 4),
+                        "crop them",
+                    )
+                values = np.empty((*names.shape, *pattern.shape), np.float32)
+            if pattern.shape != values.shape[3:]:
+                sizes = f"{values.shape[:2:-1]} and {pattern.shape[::-1]}"
+                raise FileFormatError.expected(where, "patterns of one size", sizes, "pad the smaller ones with zeros")
+            values[at] = pattern
+        assert values is not None  # an array of references has entries
+        return values
+
+    def _pattern(self, name: str) -> NDArray[Any]:
+        """Return a full or sparse pattern ``(s, t)``."""
+        rows = self._file.attributes(name).integer("MATLAB_sparse")
+        if rows is None:
+            pattern = self._file.values(name, finite=True)
+            if pattern.ndim == 2:
+                return pattern
+            raise FileFormatError.expected(
+                f"{self._file.path}:{name}", "a matrix in every cell", f"{pattern.ndim} axes", "check the variable"
+            )
+        there = self._file.names(name)
+        starts = self._file.values(f"{name}/jc", kinds="iu").ravel().astype(np.int64)
+        held = [self._file.values(f"{name}/{key}").ravel() if key in there else np.zeros(0) for key in ("ir", "data")]
+        at, values = held[0].astype(np.int64), held[1]
+        counts = np.diff(starts)
+        sound = starts.size and starts[0] == 0 and (counts >= 0).all() and starts[-1] == at.size == values.size
+        if (
+            not sound
+            or not 0 < rows <= MAX_SIDE
+            or starts.size - 1 > MAX_SIDE
+            or (at.size and not 0 <= at.min() <= at.max() < rows)
+        ):
+            raise FileFormatError.expected(
+                f"{self._file.path}:{name}", "a sparse matrix", "rows and columns that do not fit", "save it again"
+            )
+        pattern = np.zeros((starts.size - 1, rows), np.float32)
+        pattern[np.repeat(np.arange(starts.size - 1), counts), at] = values
+        return pattern
 
     def _placed(self, base: Planes, windows: list[Window] | None) -> Planes:
         """Return the planes in lfcal's order, each in the middle of an odd cutout."""

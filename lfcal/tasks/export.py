@@ -286,6 +286,12 @@ class ExportFor(_Export):
         read=read_position,
         show=show_pair,
     )
+    sparse: bool = opt(
+        False,
+        "For oLaF: store each pattern as a sparse matrix, which is smaller if most of its pixels are zero.",
+        label="Sparse patterns",
+        needs=("code", "olaf"),
+    )
     uncompressed: bool = _uncompressed()
     allow_missing: bool = _missing()
 

@@ -135,6 +135,7 @@ def test_one_position_as_a_stack_and_an_uncompressed_file(lfcal: Lfcal, H: PSFMa
         ("x", ("--no-ht",), "got no suffix"),
         ("x.tif", ("--for", "olaf"), "expected a .mat file for oLaF, got x.tif"),
         ("x.mat", ("--for", "other"), "expected olaf, prevedel, pyolaf"),
+        ("x.npz", ("--for", "pyolaf", "--sparse"), "--sparse: expected --for olaf"),
         ("x.npz", ("--for", "pyolaf", "--rows-first"), "expected a .mat file, got a file for one code"),
         ("x.tif", ("--for", "flfm"), "H for FLFM: expected one pattern for each plane, got 3 x 3 positions"),
     ],

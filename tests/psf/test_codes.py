@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from PIL import Image, ImageSequence
 
 from lfcal.base import InputError
 from lfcal.camera import preset
-from lfcal.psf import CODES, PSFMatrix, export, export_notes, iter_export, lens_centre_of
+from lfcal.psf import CODES, PSFMatrix, export, export_notes, iter_export, lens_centre_of, open_psf
 from lfcal.psf._export import ExportOptions
 from lfcal.psf.codes import codes_for
 from lfcal.psf.lens_centre import lens_centred
@@ -81,6 +82,16 @@ def project(H: Array, light: Array) -> Array:
     return total
 
 
+def sparse_cell(group: Any) -> Array:
+    """Return a sparse matrix as MATLAB stores it: column by column, with the rows of its values from 0."""
+    rows, ends = int(group.attrs["MATLAB_sparse"]), group["jc"][...].tolist()
+    found = np.zeros((rows, len(ends) - 1))
+    for column, (first, end) in enumerate(itertools.pairwise(ends)):
+        for k in range(first, end):
+            found[int(group["ir"][k]), column] = group["data"][k]
+    return found
+
+
 def cells(path: Path, name: str) -> Array:
     """Return a cell array as MATLAB sees it."""
     with h5py.File(path) as file:
@@ -89,6 +100,9 @@ def cells(path: Path, name: str) -> Array:
         found = np.empty(stored.shape, object)
         for at in np.ndindex(stored.shape):
             cell = file[stored[at]]
+            if "MATLAB_sparse" in cell.attrs:
+                found[at] = sparse_cell(cell)
+                continue
             assert cell.attrs["MATLAB_class"] == b"single" and cell.dtype == np.float32
             found[at] = cell[...].T
         return found
@@ -114,6 +128,72 @@ def test_olaf_projects_with_the_cells_of_its_file(tmp_path: Path) -> None:
     assert text(path, "quality") == "good"
     with h5py.File(path) as file:
         assert "CAindex" not in file and file["Nnum"][()] == N
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+def test_cells_of_olaf_are_read_back(tmp_path: Path, sparse: bool) -> None:
+    """Also without the variables of lfcal, as oLaF itself saves them, and with patterns that are dark."""
+    values = np.asarray(matrix()).copy()
+    values[0, 1, 2] = 0
+    values[:, :, :, 0] = 0
+    H = PSFMatrix(values, camera=square_camera(N, 31), anchor=(4, 6), depths=[1.0, 2.0])
+    path = export(H, tmp_path / "H.mat", code="olaf", sparse=sparse)
+    H_of, Ht_of = cells(path, "H"), cells(path, "Ht")
+    lens = lens_centre_of(H)
+    assert lens is not None
+    written = np.asarray(lens_centred(H, lens))
+    for y, x, z in np.ndindex(N, N, 2):
+        np.testing.assert_array_equal(H_of[y, x, z], written[z, y, x])
+    np.testing.assert_allclose(
+        np.array([[[Ht_of[y, x, z] for x in range(N)] for y in range(N)] for z in range(2)]),
+        np.asarray(lens_centred(H, lens).T),
+    )
+    np.testing.assert_array_equal(np.asarray(open_psf(path)), written)
+    with h5py.File(path, "r+") as file:
+        assert sparse == isinstance(file["#refs#/H_0_0_0"], h5py.Group)
+        for name in list(file):
+            if name not in ("H", "#refs#"):
+                del file[name]
+    bare = open_psf(path)
+    np.testing.assert_array_equal(np.asarray(bare), written)
+    assert lens_centre_of(bare).agrees  # type: ignore[union-attr]
+    assert any("oLaF's cell array" in note for note in bare.provenance["notes"])
+
+
+def richardson_lucy(H: Array, Ht: Array, image: Array, steps: int) -> Array:
+    """Return the volume of deconvRL.m of oLaF, range 'full', with its projections."""
+    ones = np.ones_like(image)
+
+    def back(light: Array) -> Array:
+        return np.stack([project(Ht[..., z : z + 1], light[..., None]) for z in range(Ht.shape[2])], -1)
+
+    normal = back(ones)
+    found = np.ones((*image.shape, Ht.shape[2]))
+    for _ in range(steps):
+        seen = project(H, found)
+        found *= back(np.divide(image, seen, out=np.zeros_like(image), where=seen > 0)) / normal
+    return found
+
+
+@pytest.mark.parametrize("code", ["olaf", "prevedel"])
+def test_a_deconvolution_in_the_layout_of_the_code_finds_a_point(tmp_path: Path, code: str) -> None:
+    path = export(matrix(), tmp_path / "H.mat", code=code)
+    if code == "olaf":
+        H, Ht = cells(path, "H"), cells(path, "Ht")
+    else:
+        H, Ht = (as_cells(matlab(path)[name]) for name in ("H", "Ht"))
+    light = np.zeros((9, 9, 2))
+    light[4, 5, 1] = 100.0
+    found = richardson_lucy(H, Ht, expected(light), 60)
+    assert np.unravel_index(found.argmax(), found.shape) == (4, 5, 1) and found[4, 5, 1] > 50
+
+
+def as_cells(H: Array) -> Array:
+    """Return ``H(t, s, y, x, z)`` as patterns ``{y, x, z}``."""
+    found = np.empty(H.shape[2:], object)
+    for at in np.ndindex(found.shape):
+        found[at] = H[(slice(None), slice(None), *at)]
+    return found
 
 
 def test_prevedels_code_projects_with_its_file(tmp_path: Path) -> None:

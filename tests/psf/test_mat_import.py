@@ -200,13 +200,28 @@ def test_depths_that_repeat_are_refused(tmp_path: Path) -> None:
         open_psf(path)
 
 
-def test_a_cell_array_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    """OLaF keeps H as a cell array of sparse matrices."""
+def test_cells_without_patterns_are_refused(tmp_path: Path) -> None:
+    """A cell array of another program, and one whose cells differ in size."""
     with h5py.File(tmp_path / "H.mat", "w", userblock_size=512) as file:
-        file.create_dataset("H", (1, 3, 3), dtype=h5py.ref_dtype)
+        file["H"] = np.zeros((2, 3, 3, 4), np.uint64)
         file["H"].attrs["MATLAB_class"] = np.bytes_(b"cell")
-    with pytest.raises(FileFormatError, match=r"expected an array of numbers, got a cell array; convert it"):
+    with pytest.raises(FileFormatError, match="expected up to 1048576 references"):
         open_psf(tmp_path / "H.mat")
+    with h5py.File(tmp_path / "G.mat", "w", userblock_size=512) as file:
+        cells = np.empty((1, 1, 2), h5py.ref_dtype)
+        for k in range(2):
+            cells[0, 0, k] = file.create_dataset(f"#refs#/{k}", data=np.ones((5, 5 + k))).ref
+        file.create_dataset("H", data=cells, dtype=h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_(b"cell")
+    with pytest.raises(FileFormatError, match=r"patterns of one size, got \(5, 5\) and \(6, 5\)"):
+        open_psf(tmp_path / "G.mat")
+    with h5py.File(tmp_path / "F.mat", "w", userblock_size=512) as file:
+        group = file.create_group("#refs#/a")
+        group.attrs["MATLAB_sparse"] = np.uint64(5)
+        group["jc"], group["ir"], group["data"] = np.array([0, 1], "u8"), np.array([7], "u8"), np.ones(1)
+        cells = np.full((1, 1, 1), group.ref, h5py.ref_dtype)
+        file.create_dataset("H", data=cells, dtype=h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_(b"cell")
+    with pytest.raises(FileFormatError, match="rows and columns that do not fit"):
+        open_psf(tmp_path / "F.mat")
 
 
 def test_crafted_variables_are_one_line(tmp_path: Path) -> None:

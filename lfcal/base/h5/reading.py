@@ -23,6 +23,9 @@ __all__ = ["MAX_BYTES", "Attributes", "H5Data", "H5File", "damage"]
 MAX_BYTES = 1 << 44
 """Largest declared size of a dataset (17.6 TB)."""
 
+MAX_REFERENCES = 1 << 20
+"""Largest number of references in a dataset; each is an entry that is read by itself."""
+
 MAX_LINKS = 16
 """Largest number of soft links followed to one entry; more are treated as a circle."""
 
@@ -223,6 +226,33 @@ class H5File:
             if not most <= at_most:
                 raise self._wrong(name, f"numbers up to {at_most:g}", f"{most:g}")
         return values
+
+    def references(self, name: str) -> NDArray[np.object_]:
+        """Return the names of the entries to which a dataset of object references refers, as an array of its shape.
+
+        Each name is that of a dataset or group in this file, whose contents are not checked.
+
+        Raises
+        ------
+        FileFormatError
+            If the dataset contains other values, or a reference leads nowhere.
+        """
+        import h5py
+
+        data = self._object(name)
+        stored = isinstance(data, h5py.Dataset) and h5py.check_ref_dtype(data.dtype) is h5py.Reference
+        if not stored or data.size > MAX_REFERENCES:
+            got = f"{data.size} values" if stored else "other values"
+            raise self._wrong(name, f"up to {MAX_REFERENCES} references to entries of the file", got)
+        found = np.empty(data.shape, object)
+        with damage(self.path, name):
+            values = data[()]
+            for at in np.ndindex(data.shape):
+                # of an unnamed or removed entry, there is no name
+                found[at] = self._file[values[at]].name if values[at] else None
+                if not found[at]:
+                    raise self._wrong(name, "references to entries of the file", "one without a target")
+        return found
 
     def _wrong(self, name: str, wanted: str, got: str) -> FileFormatError:
         return FileFormatError.expected(f"{self.path}:/{name}", wanted, got, "get the file from its source again")
