@@ -157,7 +157,7 @@ def test_a_lens_type_far_out_of_focus_is_no_bent_values() -> None:
 @pytest.mark.usefixtures("all_patterns")
 def test_a_strong_ghost_is_told_whole_and_once() -> None:
     found, _ = drain(iter_search(evidence_of(put_in("ghost turned", 0.1))))
-    assert [one.name for one in found] == ["ghost"] and "turned by 180°" in found[0].detail
+    assert [one.name for one in found] == ["ghost"] and "rotated by 180°" in found[0].detail
     assert found[0].share == pytest.approx(0.1, abs=0.003)
 
 
