@@ -147,7 +147,7 @@ class HeaderBar(QFrame):
         self.button = QToolButton()
         self.button.setText("☰")
         self.button.setProperty("role", "bare")
-        self.button.setAccessibleName("menus")
+        self.button.setAccessibleName("Menus")
         self.button.setToolTip("Open the menu (F10)")
         self.button.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         self.button.setMenu(self.menu)

@@ -90,7 +90,7 @@ class DoctorDialog(QDialog):
         self.resize(*SIZE)
         self._found: dict[str, Any] = {}
         self.view = QTextBrowser()
-        self.view.setAccessibleName("report on this machine")
+        self.view.setAccessibleName("Report on this machine")
         self.view.setPlainText("looking …")
         self.copy, close = QPushButton("Copy text"), QPushButton("Close")
         self.copy.setToolTip("Copy the report, for example for a bug report")
@@ -130,7 +130,7 @@ class Manual(QDialog):
         self._page = ATLAS
         self.browser = QTextBrowser()
         self.browser.setOpenLinks(False)
-        self.browser.setAccessibleName("manual")
+        self.browser.setAccessibleName("Manual")
         self.browser.setToolTip("Links open other pages of the manual, or web pages")
         self.browser.anchorClicked.connect(self._follow)
         self.whole = button(

@@ -51,7 +51,7 @@ class LogView(QPlainTextEdit):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setReadOnly(True)
-        self.setAccessibleName("log")
+        self.setAccessibleName("Log")
         self.setToolTip("Messages since lfcal was started. Help > Open log folder shows the log file")
         self.setMaximumBlockCount(LINES)
 

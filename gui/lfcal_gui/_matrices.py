@@ -91,7 +91,7 @@ class Matrices(QObject):
         """Wait no longer for a file."""
         if self.opening(path):
             self._jobs.drop(_group(path))
-            self._problems[path] = f"{Path(path).name} was not opened because you stopped it"
+            self._problems[path] = f"{Path(path).name} was not opened, because you stopped the job"
             self.changed.emit(path)
 
     def put(self, path: str, matrix: PSFMatrix) -> None:

@@ -224,7 +224,7 @@ class ProjectFiles(QObject):
     def _save(self, path: Path) -> bool:
         lock = self._claim(path)
         if lock is None:
-            self._refuse("Save project", f"{path}: is open in another window; choose another name")
+            self._refuse("Save project", f"{path}: this project is open in another window; choose another name")
             return False
         try:
             self.project.save(path)

@@ -36,8 +36,8 @@ class VerifyDialog(QDialog):
         self.setWindowTitle("Verify")
         self.resize(*SIZE)
         self.path = QLineEdit(placeholderText="folder of a session, or an H file")
-        self.path.setAccessibleName("session or H file to verify")
-        self.path.setToolTip("Session folder or H file to check, for example after a crash or after copying it")
+        self.path.setAccessibleName("Session or H file to verify")
+        self.path.setToolTip("Session folder or H file to check, for example after a crash or a copy")
         self.path.textChanged.connect(lambda _: self._forget())
         self.path.returnPressed.connect(self.check)
         self.choosers = folder, file = QPushButton("Session …"), QPushButton("H file …")
@@ -53,12 +53,12 @@ class VerifyDialog(QDialog):
         self.stop.clicked.connect(lambda: context.jobs.cancel(self._number))
         self.again = button(
             "Record damaged positions again",
-            "Add the damaged positions to the positions to record again, on Record > Rig",
+            "Add the damaged positions to those that Record > Rig records again",
             self._send,
         )
         self.found = QPlainTextEdit(readOnly=True, placeholderText="Press Check to show the result here.")
-        self.found.setAccessibleName("result of the check")
-        self.found.setToolTip("Frames or planes that differ from the data that were written, and how to repair them")
+        self.found.setAccessibleName("Result of the check")
+        self.found.setToolTip("Frames or planes with wrong checksums, and how to repair them")
         column = QVBoxLayout(self)
         column.addWidget(heading("Every frame or plane is read and compared with its checksum"))
         column.addLayout(line(self.path, folder, file, stretch=0))

@@ -21,7 +21,7 @@ WORDS = (
 )
 STARTS = (
     ("sample", "Open the sample session", "A small recorded session: frames, dark and white frames, assembled into H"),
-    ("new", "Describe a camera", "Begin with the camera: a preset, a Raytrix file, or a white image"),
+    ("new", "Describe a camera", "Begin with a preset, a Raytrix file or a white image of the camera"),
     ("open", "Open a project …", "A saved project (.lfcal)"),
 )
 SIZE = (560, 420)
@@ -60,7 +60,7 @@ class Welcome(QDialog):
         self.buttons["sample"].setProperty("role", "primary")
         column.addWidget(heading("Recent projects"))
         self.list = QListWidget()
-        self.list.setAccessibleName("recent projects")
+        self.list.setAccessibleName("Recent projects")
         self.list.setToolTip("Press Enter or double-click to open a project")
         self.list.addItems([str(path) for path in recent])
         self.list.itemActivated.connect(lambda item: self._open(item.text()))

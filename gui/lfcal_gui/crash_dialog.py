@@ -57,7 +57,7 @@ class CrashDialog(QDialog):
         for widget in (heading, self.words, self.safe, self.where):
             column.addWidget(widget)
         self.details = QPlainTextEdit(readOnly=True)
-        self.details.setAccessibleName("details")
+        self.details.setAccessibleName("Details")
         self.details.setToolTip("Traceback; include it in a bug report")
         self.details.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
         self.details.setMinimumHeight(180)
@@ -72,11 +72,15 @@ class CrashDialog(QDialog):
         self.more.setCheckable(True)
         self.more.toggled.connect(self._show_details)
         self.copy = button("Copy text", "Copy the message and the traceback, for a bug report", self.copy_text)
-        self.folder = button("Open log folder", "The log of this session shows what happened before the error")
+        self.folder = button(
+            "Open log folder", "Open the folder of the log, which shows what happened before the error"
+        )
         self.folder.setEnabled(self._log is not None)
         self.folder.clicked.connect(lambda _=False: self._log is not None and open_folder(self._log.parent))
         close = button(
-            "Close", "Close this message and continue to work. The text above says what is safe", role="primary"
+            "Close",
+            "Close this message and continue working. The text above states which data are safe",
+            role="primary",
         )
         close.setDefault(True)
         close.clicked.connect(self.close)

@@ -122,7 +122,7 @@ class JobLogView(QDialog):
         self.resize(*LOG_SIZE)
         self.view = QPlainTextEdit(readOnly=True)
         self.view.setLineWrapMode(QPlainTextEdit.LineWrapMode.NoWrap)
-        self.view.setAccessibleName(f"log of {log.title}")
+        self.view.setAccessibleName(f"Log of {log.title}")
         self.view.setToolTip("Steps and warnings of the job with their times, updated while it runs")
         self.view.setFont(QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont))
         self.copy, self.keep, close = QPushButton("Copy text"), QPushButton("Save …"), QPushButton("Close")
@@ -194,7 +194,7 @@ class JobRow(HeadedCard):
         self._view: JobLogView | None = None
         self.bar = QProgressBar(textVisible=False)
         self.bar.setFixedWidth(BAR)
-        self.bar.setAccessibleName(f"progress of {job.title}")
+        self.bar.setAccessibleName(f"Progress of {job.title}")
         self.head.insertWidget(1, self.bar)
         number = job.number
         self.up = self._button("Up", "Run this job before the one above it", lambda: jobs.move(number, -1))
@@ -264,7 +264,7 @@ class JobRow(HeadedCard):
         job = self._job
         text, tip = "Dismiss", "Remove this job from the list"
         if job.active:
-            text, tip = "Stop", "Stop this job. It may take a moment to clean up"
+            text, tip = "Stop", "Stop this job. Removing its temporary files may take a moment"
         elif job.kept:
             text, tip = "Discard", f"Delete the parts of this job that are kept: {job.kept}"
         self.button.setText(text)
@@ -330,7 +330,7 @@ class JobPanel(QWidget):
         outer.addWidget(self.area, 1)
         watch = button(
             "Watch a run …",
-            "Watch a run of lfcal on this machine or on a cluster: choose the folder of its parts",
+            "Watch a run of lfcal on this machine or on a cluster. Choose the folder that contains its parts",
             self._ask,
         )
         side = QVBoxLayout()
@@ -459,7 +459,7 @@ class JobsLine(QWidget):
         self.sheet = JobsSheet(JobPanel(jobs), window)
         self.bar = QProgressBar(textVisible=False)
         self.bar.setFixedWidth(SHORT_BAR)
-        self.bar.setAccessibleName("progress of the running job")
+        self.bar.setAccessibleName("Progress of the running job")
         self.button = QToolButton()
         self.button.setAutoRaise(True)
         self.button.setFixedHeight(LINE_PX)
@@ -490,7 +490,7 @@ class JobsLine(QWidget):
         active.sort(key=lambda job: job.state is JobState.WAITING)
         words = jobs_words(active, self._failed)
         self.button.setText(words)
-        self.button.setAccessibleName(f"jobs: {words}")
+        self.button.setAccessibleName(f"Jobs: {words}")
         set_role(self.button, "error" if self._failed else "")
         record = active[0].progress if active else None
         known = record is not None and record.total > 0

@@ -96,7 +96,7 @@ class JobRequest:
                 name = Path(stamp[0]).name
                 raise InputError.expected(
                     name,
-                    "the file as it was when this was requested",
+                    "the file as it was when the job was started",
                     "a changed or missing file",
                     "start the job again",
                 )

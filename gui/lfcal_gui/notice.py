@@ -41,7 +41,7 @@ class Notice(QFrame):
         self.more.hide()
         self.label.elided.connect(self.more.setVisible)
         self.button = QPushButton()
-        self.button.setAccessibleName("reply to the notice")
+        self.button.setAccessibleName("Reply to the notice")
         self.button.setToolTip(DISMISS)
         self.button.clicked.connect(self._pressed)
         self.leave = button("Leave as it is", "Hide this message without any change", self._leave)

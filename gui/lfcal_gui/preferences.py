@@ -46,7 +46,7 @@ class Preferences(QDialog):
         self.threads = QSpinBox()
         self.threads.setRange(0, processors())
         self.threads.setSpecialValueText("all processors")
-        self.threads.setAccessibleName("threads")
+        self.threads.setAccessibleName("Threads")
         self.threads.setToolTip(
             "Largest number of threads for simulation, assembly and reconstruction. Takes effect at the next start"
         )

@@ -24,7 +24,7 @@ def words_of(error: BaseException) -> str:
     """Return a one-line text of an error, at most 500 characters. Unexpected errors include their type."""
     text = " ".join(str(error).split())
     if isinstance(error, MemoryError):
-        text = "memory: not enough; close other programs, or choose something smaller"
+        text = "memory: not enough is free; close other programs, or choose a smaller cutout, region or period"
     elif isinstance(error, LfcalError):
         text = said_in_window(text)
     elif isinstance(error, OSError) and error.filename is not None:

@@ -142,7 +142,7 @@ def test_a_job_whose_file_changed_while_it_waited_says_so(
     before.open.set()
     qtbot.waitUntil(lambda: len(ends) == 2, timeout=GUARD_MS)
     assert ends[1].error == (
-        "H.h5: expected the file as it was when this was requested, got a changed or missing file; start the job again"
+        "H.h5: expected the file as it was when the job was started, got a changed or missing file; start the job again"
     )
     jobs.cancel_all()
     idle(jobs, qtbot)

@@ -427,7 +427,7 @@ def _why(s: Sitting) -> Step | None:
         words = "see why H is not fully judged."
     else:
         words = f"see why H is bad: {v.failed} of {_count(v.checks, 'check')} {'fails' if v.failed == 1 else 'fail'}."
-    return Step("Next", words, "Why", "h.why", "h", optional=True)
+    return Step("Next", words, "Reasons", "h.why", "h", optional=True)
 
 
 def _reconstruct(s: Sitting) -> Step | None:

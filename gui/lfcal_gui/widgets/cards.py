@@ -265,7 +265,7 @@ class VerdictCard(QFrame):
     def __init__(self, why: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setProperty("role", "verdict")
-        self.head, self.sentence, self.why = ElidedLabel(), WrappedLabel(), QPushButton("Why")
+        self.head, self.sentence, self.why = ElidedLabel(), WrappedLabel(), QPushButton("Reasons")
         self.why.setProperty("role", "tight")
         self.why.setToolTip(why)
         self.why.clicked.connect(lambda: self.why_asked.emit())

@@ -85,7 +85,7 @@ class ComparedNumbers(QWidget):
         )
         self.worst.activated.connect(lambda k: self.place_chosen.emit(self.worst.itemData(k)))
         self.table = RowsTable(COMPARED_COLUMNS, 0, NUMBERS, spare=SPARE, whole=whole)
-        self.table.setAccessibleName("numbers of the comparison")
+        self.table.setAccessibleName("Numbers of the comparison")
         for k, tip in enumerate(COMPARED_TIPS):
             title = self.table.horizontalHeaderItem(k)
             if title is not None:

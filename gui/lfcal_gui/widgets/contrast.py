@@ -60,7 +60,7 @@ class Contrast(QWidget):
         self._active = 1
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self.setAccessibleName("contrast")
+        self.setAccessibleName("Contrast")
         self.setToolTip("Drag the handles. A: clip 0.1 % at both ends. Double-click a handle to type its value")
         self._timer = QTimer(self, singleShot=True, interval=WAIT_MS)
         self._timer.timeout.connect(self._count)

@@ -117,7 +117,7 @@ class CostCurve(LinePlot):
         self.graphics.setCursor(Qt.CursorShape.ArrowCursor)
         self.graphics.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        self.setAccessibleName("error over cost")
+        self.setAccessibleName("Error over cost")
         self.setToolTip("Click a point to use its setting. Drag the dashed line to change the target error")
         self._add_foot()
 

@@ -323,7 +323,7 @@ class FoldedForm(QFrame):
             self._grid.addWidget(self.reset_all, self._next, RESET)
         if len(more) >= SEARCHED:
             self.search = QLineEdit(placeholderText="Search values")
-            self.search.setAccessibleName("search values")
+            self.search.setAccessibleName("Search values")
             self.search.setToolTip("Show only the values whose name or description contains these words")
             self.search.textChanged.connect(lambda _: self._show_rows())
             self._grid.addWidget(self.search, self._above + LINES, LABEL, 1, RESET + 1)

@@ -164,7 +164,7 @@ class Strip(QListWidget):
         self.setMovement(QListWidget.Movement.Static)
         self.setIconSize(QSize(side, side))
         self.setGridSize(QSize(max(side + 18, LEAST), side + 26 + words))
-        self.setAccessibleName("apertures of all planes")
+        self.setAccessibleName("Apertures of all planes")
         if not wrapping:
             self.setFixedHeight(self._height)
             self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)

@@ -18,7 +18,7 @@ def state(project: ProjectState) -> PageState:
 PAGE = PageSpec(
     "accuracy",
     "Accuracy",
-    "What accuracy costs in each part of the work",
+    "Error and cost of each part of the processing",
     order=95,
     package=__name__,
     state=state,

@@ -21,10 +21,10 @@ FIELDS = (
         "Measure",
         kind="choice",
         choices=SUBJECTS,
-        tip="Simulate the camera of the plan, or use the values of H",
+        tip="Measure the accuracy for a simulation of the plan, or for the values of H",
     ),
-    Field("seconds", "Time per measurement", "s", "Approximate time to measure one part of the processing"),
-    Field("error", "Cost at error", "%", "Error at which the cost is estimated", scale=0.01),
+    Field("seconds", "Time per measurement", "s", "Approximate time in which one part of the processing is measured"),
+    Field("error", "Target error", "%", "Error at which the cost is estimated", scale=0.01),
 )
 
 

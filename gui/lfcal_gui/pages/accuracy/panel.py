@@ -36,7 +36,7 @@ class AccuracyPanel(QWidget):
     def _parts_card(self) -> QFrame:
         frame, column = card("Where accuracy costs time")
         self.parts = QListWidget()
-        self.parts.setAccessibleName("parts of the processing")
+        self.parts.setAccessibleName("Parts of the processing")
         self.parts.setToolTip(
             "Choose a part of the processing to see its error and cost, with a point for each measured setting"
         )

@@ -96,8 +96,8 @@ class DevicePanel(QWidget):
         self.backend, self.stage = QComboBox(), QComboBox()
         for box in (self.backend, self.stage):
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-        self.backend.setAccessibleName("camera")
-        self.backend.setToolTip("Driver of the camera. Point at an absent driver in the list to see why it is absent")
+        self.backend.setAccessibleName("Camera")
+        self.backend.setToolTip("Driver of the camera. To see why a driver is absent, point at its name in the list")
         self.backend.setMinimumContentsLength(10)
         self.backend.activated.connect(self._backend_chosen)
         self.stage.setToolTip("Driver of the stage, if the camera driver does not include a stage")
@@ -165,7 +165,7 @@ class DevicePanel(QWidget):
         if reason:
             self._say(reason, bad=True)
         elif alone and not self.stage.currentData() and name != "folder":
-            self._say("This camera has no stage: choose one.", bad=False)
+            self._say("This camera driver includes no stage. Choose a stage.", bad=False)
         elif not self._connected:
             self._say("The simulator needs no hardware." if name == "sim" else "Ready to connect.", bad=False)
 
@@ -240,14 +240,14 @@ class FaultPanel(QWidget):
         self.at, self.times = QSpinBox(), QSpinBox()
         self.at.setRange(0, MOST)
         self.times.setRange(1, MOST)
-        self.at.setAccessibleName("call at which the fault begins")
-        self.times.setAccessibleName("number of calls that are affected")
+        self.at.setAccessibleName("Call at which the fault begins")
+        self.times.setAccessibleName("Number of calls that are affected")
         self.times.setToolTip("Number of consecutive calls that are affected")
         self.counted = QLabel()
         self.add = button("Add", ADD, self._add)
         self.remove = button("Remove", "Remove the selected fault from the list", self._remove)
         self.list = QListWidget()
-        self.list.setAccessibleName("faults of the simulator")
+        self.list.setAccessibleName("Faults of the simulator")
         self.list.setToolTip("Faults that will occur, each with its time. To remove one, select it and press Remove")
         self.list.setMaximumHeight(84)
         self.list.currentRowChanged.connect(lambda _: self._enable())

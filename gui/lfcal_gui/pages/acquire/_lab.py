@@ -99,7 +99,7 @@ class Lab(QWidget):
         self.bar, column = card()
         self.status = QLabel("", wordWrap=True)
         self.status.setProperty("role", "big")
-        self.status.setAccessibleName("status of the recording")
+        self.status.setAccessibleName("Status of the recording")
         # long words never make the window wider
         self.status.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         column.addWidget(self.status)

@@ -36,7 +36,7 @@ class _AxisField(QDoubleSpinBox):
         self.setValue(self._um)
         self.setSuffix(" µm")
         self.setMinimumWidth(90)
-        self.setAccessibleName(f"position {name} of the stage (µm)")
+        self.setAccessibleName(f"Position {name} of the stage (µm)")
         self.lineEdit().textEdited.connect(self._edited)
 
     def _edited(self) -> None:
@@ -92,7 +92,7 @@ class StagePanel(QWidget):
         super().__init__(parent)
         self.motion = QLabel("")
         self.motion.setProperty("role", "hint")
-        self.motion.setToolTip("Whether the stage moves; its position is read several times a second")
+        self.motion.setToolTip("State of the stage. Its position is read several times a second")
         self.stop = button("Stop", "Halt the stage now, where it is (Esc)", self.stop_asked.emit)
         self.stop.hide()
         head = line(heading("Stage"), self.stop, self.motion, stretch=0)
@@ -123,8 +123,8 @@ class StagePanel(QWidget):
         self.step.setMinimumWidth(60)
         self.step.setSuffix(" µm")
         self.step.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
-        self.step.setAccessibleName("step of the stage")
-        self.step.setToolTip("How far an arrow moves the stage: large to find the image, small to centre it")
+        self.step.setAccessibleName("Step of the stage")
+        self.step.setToolTip("Distance of one step with an arrow: large to find the image, small to centre it")
         grid.addWidget(QLabel("Step"), 3, 0)
         grid.addWidget(self.step, 3, 1)
         return grid

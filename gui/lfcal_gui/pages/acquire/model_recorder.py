@@ -515,4 +515,8 @@ def advice_words(folder: FolderState, *, recording: bool, backend: str, measured
     if backend:
         name = "the simulator" if backend == "sim" else backend
         return f"Start connects {name}, and asks for a folder if none is chosen."
-    return "" if measured else "The stage axes are not measured yet. Adjust the rig measures them in a few seconds."
+    return (
+        ""
+        if measured
+        else "The stage axes are not measured yet. Measure them under Adjust the rig, which takes a few seconds."
+    )

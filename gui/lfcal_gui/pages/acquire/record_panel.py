@@ -229,7 +229,7 @@ class RecordPanel(QWidget):
         self.choose_target.setToolTip(
             "Record the scan of a single point again"
             if name
-            else "Record frames of many points: choose a target's plan (.json), as Set up saves it"
+            else "Record frames of many points. Choose the plan of a target (.json), which you saved in Set up"
         )
 
     def set_values(self, values: Mapping[str, Any], extent: str) -> None:

@@ -128,7 +128,7 @@ class SetupPanel(QWidget):
         self.exposure.setSuffix(" ms")
         self.exposure.setKeyboardTracking(False)
         self.exposure.setStepType(QDoubleSpinBox.StepType.AdaptiveDecimalStepType)
-        self.exposure.setAccessibleName("exposure of the live view")
+        self.exposure.setAccessibleName("Exposure of the live view")
         self.exposure.setToolTip("Exposure of the live view; the exposures of the plan do not change")
         actions = (
             lambda: self.connect_asked.emit(False),

@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 HELD = frozenset({"frame", "out", "cloud", "camera", "psf"})
 """Fields of the task with their own widgets: buttons for frame and files, ticks for camera and H of the project."""
 
-NO_CAMERA = "No camera is described. Describe it in Set up, or choose a white image: depths are then slopes"
+NO_CAMERA = (
+    "No camera is described. Describe one in Set up, or choose a white image to measure slopes instead of depths"
+)
 NO_H = "The project has no H"
 
 FIELDS: tuple[Field, ...] = (
@@ -44,8 +46,8 @@ FIELDS: tuple[Field, ...] = (
         "use_camera",
         "Camera of the project",
         kind="bool",
-        tip="Take lattice, lens types and lengths from the camera in Set up: depths are then in µm. "
-        "Off: the lattice comes from a white image or a lattice file, and depths are slopes",
+        tip="Use the lattice, lens types and distances of the camera in Set up; depths are then in µm. "
+        "Off: the lattice comes from a white image or a lattice file, and slopes are measured instead of depths",
         default=True,
     ),
     Field(
@@ -235,7 +237,7 @@ def fact_rows(made: MeasuredDepth) -> tuple[tuple[str, str], ...]:
     facts: Mapping[str, Any] = made.to_dict()
     rows, columns = facts["shape"]
     shade = next(iter(shades_of(made.found).values()))
-    depths = "none: no place has enough texture"
+    depths = "none: no region has enough texture"
     if facts["depths"]:
         low, middle, high = map(shade.words, facts["depths"])
         depths = f"{low} to {high}, median {middle}"

@@ -129,7 +129,7 @@ class DepthPanel(QWidget):
         self.quantity.currentIndexChanged.connect(lambda _: self.chosen.emit())
         self.least, self.percent = QSlider(Qt.Orientation.Horizontal), QLabel()
         self.least.setRange(0, 100)
-        self.least.setAccessibleName("smallest confidence shown")
+        self.least.setAccessibleName("Smallest confidence shown")
         self.least.setToolTip(LEAST)
         self.least.valueChanged.connect(self._confidence_moved)
         self.least.setValue(USUAL)

@@ -47,7 +47,7 @@ from lfcal_gui.widgets import (
     wrapped,
 )
 
-WORDS = {"": "unit found", "index": "position number"}
+WORDS = {"": "unit inferred", "index": "position number"}
 NO_UNIT = (("", "no unit"),)
 SIZE = QSize(1120, 740)
 """Of the dialog, in a window that is as large (px)."""
@@ -67,7 +67,7 @@ class ColumnsTable(QTableWidget):
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
         self.verticalHeader().hide()
-        self.setAccessibleName("columns of the list")
+        self.setAccessibleName("Columns of the list")
         self.setToolTip("If the content of a column is missing or wrong, choose it above the column")
         self.boxes: list[tuple[QComboBox, QComboBox]] = []
         self.names: tuple[str, ...] = ()
@@ -274,7 +274,7 @@ class ImportDialog(QDialog):
     def _options(self) -> QHBoxLayout:
         self.first = choice_box(FIRST, "Whether positions in names and lists are counted from 0 or 1")
         self.shift = choice_box(SHIFTS, "Shift left-aligned samples down by a number of bits")
-        self.channel = choice_box((("", "all light"),), "One colour of a mosaic or a colour image")
+        self.channel = choice_box((("", "as recorded"),), "One colour of a mosaic or a colour image")
         self.channel.setMinimumContentsLength(10)
         self.orientation = choice_box(LIES, "Rotation or mirroring that gives the frames the orientation of the sensor")
         # its words are long
@@ -309,7 +309,7 @@ class ImportDialog(QDialog):
         self.open_button.setProperty("role", "primary")
         self.open_button.setEnabled(False)
         self.open_button.setDefault(True)
-        cancel = button("Cancel", "Close this dialog and keep the present frames of the project", self.reject)
+        cancel = button("Cancel", "Close this dialog and keep the current frames of the project", self.reject)
         cancel.setAutoDefault(False)
         return line("", cancel, self.open_button, stretch=0)
 

@@ -120,7 +120,7 @@ class FramesPanel(QWidget):
         self.lattice_box.setToolTip(LATTICE)
         self.before_box = QCheckBox("As recorded")
         self.before_box.setToolTip("Show the frame as it was recorded, to see what the corrections do")
-        whole, self.follow = button("Full", WHOLE, self._show_whole), QPushButton("Follow")
+        whole, self.follow = button("Full frame", WHOLE, self._show_whole), QPushButton("Follow")
         self.follow.setCheckable(True)
         self.follow.setToolTip(FOLLOW)
         self.follow.toggled.connect(lambda _: self._zoom_cutout())
@@ -146,7 +146,7 @@ class FramesPanel(QWidget):
 
     def _plane_line(self) -> QHBoxLayout:
         self.plane_slider = QSlider(Qt.Orientation.Horizontal)
-        self.plane_slider.setAccessibleName("depth plane")
+        self.plane_slider.setAccessibleName("Depth plane")
         self.plane_slider.setToolTip("Depth plane whose positions the map shows (page up, page down)")
         self.play_button = QPushButton("Play")
         self.play_button.setCheckable(True)

@@ -78,13 +78,13 @@ class ChecksView(QWidget):
         column.setContentsMargins(0, 0, 0, 0)
         self.counts, self.redo = WrappedLabel(), QPushButton()
         self.counts.setProperty("role", "hint")
-        self.redo.setAccessibleName("record bad positions again")
+        self.redo.setAccessibleName("Record bad positions again")
         self.redo.setToolTip(
-            "Record the bad positions again, then assemble and check a new H. The previous H is kept for comparison"
+            "Record the bad positions again, then assemble and check H. The previous H is kept for comparison"
         )
         self.redo.hide()
         self.table = RowsTable(COLUMNS, 1, brief=(1, 2), spare=(3, 4, 5, 6))
-        self.table.setAccessibleName("checks")
+        self.table.setAccessibleName("Checks")
         self.table.setShowGrid(False)
         top = self.table.horizontalHeader()
         top.setMinimumSectionSize(20)
@@ -108,7 +108,7 @@ class ChecksView(QWidget):
         self.words = WrappedLabel(rich=True)
         self.words.setTextInteractionFlags(Qt.TextInteractionFlag.TextBrowserInteraction)
         self.words.linkActivated.connect(lambda link: self.fault_asked.emit(link.removeprefix("fault:")))
-        self.words.setAccessibleName("meaning and remedy of the check")
+        self.words.setAccessibleName("Meaning and remedy of the check")
         self._pictures()
         inner = QWidget()
         column = column_of(self.words, self.pictures, self._buttons(), self._settings(), self.summary, of=inner)

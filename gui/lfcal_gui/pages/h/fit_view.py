@@ -112,7 +112,7 @@ class ChoicesPanel(QWidget):
         )
         self.way.currentIndexChanged.connect(lambda _: self.edited.emit("auto", self.way.currentData() == "auto"))
         self.groups = _Groups()
-        self.groups.setAccessibleName("groups of unknowns")
+        self.groups.setAccessibleName("Groups of unknowns")
         self.groups.setToolTip("Tick the groups that may differ from the description; the others are fixed")
         for name, title, _ in group_rows():
             item = QListWidgetItem(title)
@@ -430,7 +430,7 @@ class FitView(QWidget):
     def _make_buttons(self) -> None:
         self.fit_button, self.use_button = QPushButton("Fit"), QPushButton("Use camera")
         self.fit_button.setToolTip("Fit the recorded positions of H (F5)")
-        self.worst_button = button("Worst", "Show the pattern with the largest χ² (W)")
+        self.worst_button = button("Worst pattern", "Show the pattern with the largest χ² (W)")
         self.model_button, self.save_button = QPushButton("Compute H …"), QPushButton("Save fit …")
         self.model_button.setToolTip("Compute H of the fitted camera at all positions and depths, without noise")
         self.save_button.setToolTip(
@@ -445,14 +445,14 @@ class FitView(QWidget):
         column = QVBoxLayout(self.results)
         column.setContentsMargins(0, 0, 0, 0)
         self.findings = RowsTable(("Findings",), 0, brief=(0,), whole=True)
-        self.findings.setAccessibleName("findings")
+        self.findings.setAccessibleName("Findings")
         self.findings.setWordWrap(True)
         self.findings.itemSelectionChanged.connect(self._finding_chosen)
         self.findings.cellClicked.connect(lambda *_: self._finding_chosen())  # also where it is selected already
         self.parameters = RowsTable(
             model_fit_run.COLUMNS, 0, model_fit_run.NUMBERS, spare=model_fit_run.SPARE, whole=True
         )
-        self.parameters.setAccessibleName("parameters")
+        self.parameters.setAccessibleName("Parameters")
         legend = QLabel(LEGEND, wordWrap=True)
         legend.setProperty("role", "hint")
         column.addLayout(line(self.model_button, self.save_button, self.report_button))

@@ -216,7 +216,7 @@ class HPanel(QWidget):
         for title in ("Difference", "Fit"):  # until there is another H, or a fit
             self.view_buttons[title].hide()
         self.readout = ElidedLabel(sentence=True, role="hint")
-        self.own_scale = QCheckBox("Own scale")
+        self.own_scale = QCheckBox("Separate scales")
         self.own_scale.setToolTip(
             "Each image uses the full colour scale. Off: all positions of a plane share one scale"
         )
@@ -320,7 +320,7 @@ class HPanel(QWidget):
 
     def _aperture_card(self) -> QWidget:
         panel, column = card()
-        self.legend, larger = QLabel(), QPushButton("Larger …")
+        self.legend, larger = QLabel(), QPushButton("Enlarge …")
         self.legend.setToolTip(
             "Show the outline fitted to the depth-plane sum and the outline expected from the camera"
         )

@@ -35,13 +35,13 @@ class MultiplexPictures(QWidget):
         outer.setSpacing(6)
         self.sample = QComboBox()
         self.sample.setMinimumWidth(120)
-        self.sample.setAccessibleName("colour or view")
+        self.sample.setAccessibleName("Colour or view")
         self.sample.setToolTip("Colour or view shown in all images")
         self.sample.currentIndexChanged.connect(lambda _: self.sample_chosen.emit(self.sample_index))
         self.right = QComboBox()
         for key, text in RIGHT:
             self.right.addItem(text, key)
-        self.right.setAccessibleName("third image")
+        self.right.setAccessibleName("Third image")
         self.right.setToolTip(
             "Image below on the left: the difference between the results of the spatial and the Fourier route, or the "
             "true scene. The true scene is unknown for recorded frames"

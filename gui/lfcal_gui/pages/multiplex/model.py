@@ -80,7 +80,7 @@ FIELDS = (
     ),
     Field(
         "reference_cfa",
-        "Ref. filters",
+        "Reference filters",
         kind="choice",
         choices=_named(tuple(CFA_PATTERNS)),
         tip="Filters of the reference. Gains are relative to it",
@@ -88,7 +88,7 @@ FIELDS = (
     ),
     Field(
         "reference_mask",
-        "Ref. mask",
+        "Reference mask",
         kind="choice",
         choices=_named(MASKS),
         tip="Mask of the reference; it has the size of the mask above. Gains are relative to the reference",
@@ -119,7 +119,7 @@ FIELDS = (
     ),
     Field(
         "weighted",
-        "Ignore clipped",
+        "Ignore saturated",
         kind="bool",
         tip="Spatial route of opened and live frames: ignore saturated pixels, and weight the others "
         "by the noise of the camera",
@@ -239,8 +239,8 @@ _USES: dict[str, Callable[[MultiplexSettings], bool]] = {
 
 
 LINEAR = (
-    "Clipped or dead pixels are left out, so the spatial route interpolates linearly. To "
-    "choose a filter, use all pixels: untick Ignore clipped, and clear Dead pixels"
+    "Saturated or dead pixels are left out, so the spatial route interpolates linearly. To "
+    "choose a filter, use all pixels: untick Ignore saturated, and clear Dead pixels"
 )
 """Reason why no filter can be chosen."""
 

@@ -118,7 +118,7 @@ class MultiplexPanel(QWidget):
     def _compare_card(self) -> QWidget:
         self.compare_card, column = card("Compare with")
         self.others = QListWidget()
-        self.others.setAccessibleName("compare with")
+        self.others.setAccessibleName("Compare with")
         self.others.setToolTip(
             "Also draw the gains of the ticked modulators. Those that do not exist in this size are omitted"
         )
@@ -175,7 +175,7 @@ class MultiplexPanel(QWidget):
         frame, column = card("Numbers")
         self.table = QTableWidget(0, 2)
         self.table.setTabKeyNavigation(False)  # Tab leaves the table
-        self.table.setAccessibleName("properties of the modulator")
+        self.table.setAccessibleName("Properties of the modulator")
         self.table.setToolTip("Transmission, gain, and how well the multiplexed samples can be separated")
         self.table.horizontalHeader().hide()
         self.table.verticalHeader().hide()

@@ -68,7 +68,7 @@ class ExportCard(QWidget):
         self.go = button("Export …", "Choose a file to write. The export runs as a job", self.usual_asked.emit)
         column.addLayout(line(self.go))
         self.result = QLabel(wordWrap=True, textFormat=Qt.TextFormat.RichText)
-        self.result.setAccessibleName("exported file")
+        self.result.setAccessibleName("Exported file")
         self.result.linkActivated.connect(lambda _: self.folder_asked.emit())
         self.result.hide()
         column.addWidget(self.result)

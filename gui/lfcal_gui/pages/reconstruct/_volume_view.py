@@ -249,7 +249,7 @@ class VolumeView(QWidget):
         self.looks: tuple[VolumePanes, ...] = (VolumePanes("Volume", jobs, first=True),)
         self.solid, self.pictures = self.looks[0].solid, self.looks[0].pictures
         self.slice = Picture(VALUE, steered=True, legend=False)
-        self.slice.setAccessibleName("slice at the cross")
+        self.slice.setAccessibleName("Slice at the cross")
         self.slice.steered_to.connect(partial(self._steer_in, self.looks[0], self.slice, FRONT_VIEW))
         self.light_field = Picture(legend=False)
         self.light_field.setToolTip("Light field to reconstruct. The rectangle shows the region that is used")
@@ -257,7 +257,7 @@ class VolumeView(QWidget):
         self._watch(self.looks[0])
         self.contrasts = [self._contrast(self.solid)]
         self.strip = Strip(self._tip, TILE)
-        self.strip.setAccessibleName("depth planes of the volume")
+        self.strip.setAccessibleName("Depth planes of the volume")
         self.strip.setToolTip("Depth planes of the volume. Click one to move the cross to it (Page up, Page down)")
         self.strip.chosen.connect(lambda z: self.set_cross(z=z))
         for picture in (*self._volumes(), self.light_field):

@@ -150,7 +150,7 @@ class ResultTiles(QListView):
         self.setSelectionMode(QListView.SelectionMode.ExtendedSelection)
         self.setVerticalScrollMode(QListView.ScrollMode.ScrollPerPixel)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setAccessibleName("results")
+        self.setAccessibleName("Results")
         self.setToolTip("Ctrl+click to select a second result to compare; double-click to open")
         self._timer = QTimer(self, singleShot=True, interval=30)
         self._timer.timeout.connect(self._tell_seen)

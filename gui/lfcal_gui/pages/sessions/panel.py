@@ -53,7 +53,7 @@ class SessionsPanel(QTabWidget):
         self.setDocumentMode(True)
         self.trend = TrendPanel()
         self.pair_table = RowsTable(PAIR, 0)
-        self.pair_table.setAccessibleName("facts of both sessions")
+        self.pair_table.setAccessibleName("Facts of both sessions")
         self.pair_stack = self._pair()
         for (tab, title), tip in zip(
             ((self._gallery(), "Gallery"), (self.trend, "Over time"), (self.pair_stack, "Compare")), TIPS, strict=True
@@ -76,7 +76,7 @@ class SessionsPanel(QTabWidget):
 
     def _where(self) -> QHBoxLayout:
         self.folder = QComboBox()
-        self.folder.setAccessibleName("folder")
+        self.folder.setAccessibleName("Folder")
         self.folder.setToolTip("Folder to search, with its subfolders")
         self.folder.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.choose_button, self.again_button = QPushButton("Choose …"), QPushButton("Search again")
@@ -88,7 +88,7 @@ class SessionsPanel(QTabWidget):
     def _which(self) -> QHBoxLayout:
         self.words = QLineEdit(placeholderText="Filter by name, verdict, camera …")
         self.words.setToolTip("Show only results with all of these words in their name, folder, verdict or details")
-        self.words.setAccessibleName("filter")
+        self.words.setAccessibleName("Filter")
         self.kind = choice_box(list(KIND_WORDS.items()), "Show results of one kind", "kind")
         self.order = choice_box(ORDERS, "Order of the tiles", "order")
         self.counted = QLabel(" ")
@@ -97,7 +97,7 @@ class SessionsPanel(QTabWidget):
 
     def _facts(self) -> QWidget:
         self.facts = RowsTable(FACTS, 1)
-        self.facts.setAccessibleName("details of the selected result")
+        self.facts.setAccessibleName("Details of the selected result")
         self.facts.setSortingEnabled(False)
         self.facts_title = ElidedLabel(role="heading")
         inner = QWidget()

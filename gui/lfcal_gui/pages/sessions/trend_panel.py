@@ -49,7 +49,7 @@ class TrendPanel(QWidget):
         words.addWidget(self.notes)
         self.picture_button = button(
             "Save image …",
-            "Save the curves of all checks that were not good in every session (.png, .svg)",
+            "Save the curves of the checks that were not good in at least one session (.png, .svg)",
             self.picture_asked.emit,
         )
         self.picture_button.setEnabled(False)
@@ -61,7 +61,7 @@ class TrendPanel(QWidget):
     def _content(self) -> QSplitter:
         left, column = card("Faults and checks")
         self.table = RowsTable(model_trend.TREND_COLUMNS, 0)
-        self.table.setAccessibleName("faults and checks over time")
+        self.table.setAccessibleName("Faults and checks over time")
         self.table.setSelectionMode(RowsTable.SelectionMode.SingleSelection)
         self.table.verticalHeader().setDefaultSectionSize(24)
         self.table.itemSelectionChanged.connect(self._chosen)

@@ -47,7 +47,7 @@ class CheckDialog(QDialog):
         for view in (self.image, self.map):
             self.stack.addWidget(view)
         self.table = RowsTable(COLUMNS, 0, sizes=(OFF_BY,), spare=(OFF_BY,), roomy=ROOMY)
-        self.table.setAccessibleName("camera and white image")
+        self.table.setAccessibleName("Camera and white image")
         self.table.setToolTip("Values of the description and of the white image, and their difference in pixels")
         self.words, self.about = WrappedLabel(), WrappedLabel()
         self.words.setProperty("role", "value")

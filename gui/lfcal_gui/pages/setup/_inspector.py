@@ -270,7 +270,7 @@ class AssumedList(QWidget):
             tick.setFixedSize(SMALL, SMALL)
             tick.setProperty("role", "mark")
             tick.setProperty("mark", "assumed")
-            tick.setAccessibleName(f"confirm {label}")
+            tick.setAccessibleName(f"Confirm {label}")
             tick.setToolTip(model.TIPS["assumed"])
             tick.clicked.connect(lambda _=False, path=path: self.confirmed.emit(path))
             self.ticks[path] = tick

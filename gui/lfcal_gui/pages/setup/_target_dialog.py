@@ -125,7 +125,7 @@ class TargetDialog(QDialog):
         self._build_images()
         self._build_map()
         self.table = RowsTable(model_target.TABLE, 0, range(1, len(model_target.TABLE)), spare=(2,))
-        self.table.setAccessibleName("planes of the target's plan")
+        self.table.setAccessibleName("Planes of the target's plan")
         self.table.setToolTip(PLANES)
         self.message, self.stack = told_or_shown(POINT_WORDS, self._results())
         row = QHBoxLayout(self)
@@ -158,7 +158,7 @@ class TargetDialog(QDialog):
         self.graphics = pg.GraphicsView()
         self.graphics.setMinimumSize(120, 96)
         self.graphics.setToolTip("Images of the holes in all frames; squares are the cutouts of the first frame")
-        self.graphics.setAccessibleName("images of the target on the sensor")
+        self.graphics.setAccessibleName("Images of the target on the sensor")
         self.plot = Plot(margin=10)
         self.graphics.setCentralItem(self.plot)
         self.plot.vb.setAspectLocked(True)
@@ -179,14 +179,14 @@ class TargetDialog(QDialog):
             "Number of frames that show each position. Crossed out: none within the tolerance. Click "
             "a position to read its number"
         )
-        self.map.setAccessibleName("number of frames at each position")
+        self.map.setAccessibleName("Number of frames at each position")
         self.map.chosen.connect(self._read)
         self.read = WrappedLabel("", role="hint")
 
     def _results(self) -> QWidget:
         self.plane = QComboBox()
         self.plane.setToolTip("Depth plane whose images and phases are shown. Each plane has separate frames")
-        self.plane.setAccessibleName("plane")
+        self.plane.setAccessibleName("Plane")
         self.plane.currentIndexChanged.connect(lambda _: self._draw())
         images, left = card("Images on the sensor")
         self.legend = WrappedLabel("", role="hint")

@@ -80,8 +80,10 @@ class CostRow(QWidget):
         self.labels = [(QLabel(), ElidedLabel()) for _ in range(4)]
         self.title, self.slider = ElidedLabel(), QSlider(Qt.Orientation.Horizontal)
         self.title.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.slider.setToolTip("Record faster or more exactly, by changing exposure and averages of the plan")
-        self.slider.setAccessibleName("time versus accuracy")
+        self.slider.setToolTip(
+            "Change the exposure and the number of averages in the plan, to record faster or with less noise"
+        )
+        self.slider.setAccessibleName("Time versus accuracy")
         self.slider.setPageStep(1)
         self.slider.valueChanged.connect(self._chosen)
         self.slider.sliderReleased.connect(self._show_slider)
@@ -200,7 +202,7 @@ class PlanningPanel(QWidget):
         """What the picture was drawn of, and the picture."""
         self.inspector = Inspector(check, check_scan)
         self.picture = Picture("white image (counts)", legend=False, colour_map="gray")
-        self.picture.graphics.setAccessibleName("sensor with lenslets, scan and cutout")
+        self.picture.graphics.setAccessibleName("Sensor with lenslets, scan and cutout")
         self.picture.dragged.connect(self.dragged.emit)
         self.picture.moved.connect(self._moved)
         self.picture.box.sigResized.connect(lambda *_: None if self._showing else self._draw(self._area))

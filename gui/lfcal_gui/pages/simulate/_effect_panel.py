@@ -167,7 +167,7 @@ class MagnitudeEditor(QWidget):
             self.value = self.edit
         self.value.setAccessibleName(f"{magnitude.title} ({magnitude.unit})")
         self.source = QComboBox()
-        self.source.setAccessibleName(f"source of {magnitude.title}")
+        self.source.setAccessibleName(f"Source of {magnitude.title}")
         self.source.activated.connect(lambda _: self._source_chosen())
         self.error = wrapped("error")
         self.error.hide()
@@ -329,7 +329,7 @@ class InfluenceView(QWidget):
         link(*self.pictures)
         share_contrast(*self.pictures[:2])
         for k, (picture, title) in enumerate(zip(self.pictures, TITLES, strict=True)):
-            picture.setAccessibleName(f"pattern of a position: {title}")
+            picture.setAccessibleName(f"Pattern of a position: {title}")
             grid.addWidget(picture, k // 2, k % 2)
         self.words = wrapped()
         self.influence: InfluencePictures | None = None

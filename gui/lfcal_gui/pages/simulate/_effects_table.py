@@ -113,8 +113,10 @@ class EffectsTable(QTreeWidget):
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         for changed in (self.expanded, self.collapsed):
             changed.connect(lambda _: self._fit_height())
-        self.setAccessibleName("effects")
-        self.setToolTip("Click the setting, or press Space: auto, on, off. Enter: edit the magnitudes")
+        self.setAccessibleName("Effects")
+        self.setToolTip(
+            "Click the setting or press Space to choose auto, on or off. Press Enter to edit the magnitudes"
+        )
         header = self.header()
         header.setStretchLastSection(False)
         header.setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
@@ -197,7 +199,7 @@ class EffectsTable(QTreeWidget):
         tips = (
             f"{cost}\n{row.name}, {row.size}",
             f"{self._bar.tip()}\n{row.formula}",
-            "Click or press Space: auto, on, off",
+            "Click or press Space to choose auto, on or off",
         )
         texts = (f"{row.title}{' •' if row.given else ''}", row.share_text(), row.setting)
         for column, (text, tip) in enumerate(zip(texts, tips, strict=True)):

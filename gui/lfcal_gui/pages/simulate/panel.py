@@ -60,14 +60,14 @@ class PlaceLine(QWidget):
     def __init__(self) -> None:
         super().__init__()
         self.plane_box = QComboBox()
-        self.plane_box.setAccessibleName("plane")
+        self.plane_box.setAccessibleName("Plane")
         self.plane_box.setMinimumContentsLength(9)
         self.plane_box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
         self.plane_box.setToolTip("Depth plane of the images. Many effects increase away from focus")
         self.plane_box.currentIndexChanged.connect(lambda _: self.changed.emit())
         self.row_box, self.column_box = QSpinBox(), QSpinBox()
         for box, axis in ((self.row_box, "y"), (self.column_box, "x")):
-            box.setAccessibleName(f"position {axis}")
+            box.setAccessibleName(f"Position {axis}")
             box.setToolTip(f"Source position {axis} in the period (px)")
             box.setKeyboardTracking(False)
             box.setMinimumWidth(52)

@@ -392,7 +392,7 @@ def test_no_filter_is_offered_where_weights_make_it_linear(page: Page, qtbot: Qt
     assert box.isEnabled() and weighted.isEnabled() and "theorem 1" in tip
     weighted.click()
     settle(page, qtbot)
-    assert not box.isEnabled() and "untick Ignore clipped" in box.toolTip()
+    assert not box.isEnabled() and "untick Ignore saturated" in box.toolTip()
     page.open_image(str(tmp_path / "colours.png"))  # a scene, whose frame has no clipped pixels
     settle(page, qtbot)
     assert box.isEnabled() and box.toolTip() == tip and not weighted.isEnabled()
