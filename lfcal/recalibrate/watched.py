@@ -63,7 +63,7 @@ class WatchedMean:
     t_squared
         Statistic of the test.
     chance
-        Probability of a larger statistic while H holds.
+        Probability of a larger statistic while H is valid.
     alarm
         Whether the statistic is above the threshold.
     """
@@ -117,7 +117,7 @@ class DriftWatch:
     trends
         Trends of the three drifts; empty for fewer than three frames.
     rate
-        Probability of an alarm for each mean while H holds; also that of the verdict.
+        Probability of an alarm for each mean while H is valid; also that of the verdict.
     threshold
         Threshold of T².
     noise_stated
@@ -131,7 +131,7 @@ class DriftWatch:
     >>> means = (WatchedMean(("a.tif",), shift, sigmas, 160.0, 1e-9, True),)
     >>> found = DriftWatch(frames, (), means, (0,), True, shift, sigmas, (), 0.01, 11.3)
     >>> print(found.verdict)
-    H no longer holds: shift x +0.050 ± 0.004 px in 1 of 1 frames, first in a.tif; recalibrate with lfcal fit frames
+    H is no longer valid: shift x +0.050 ± 0.004 px in 1 of 1 frames, first in a.tif; recalibrate with lfcal fit frames
     """
 
     frames: tuple[WatchedFrame, ...]
@@ -171,13 +171,12 @@ class DriftWatch:
         if self.holds:
             alarms = sum(one.alarm for one in self.means)
             words = _drift_words(self.values, self.sigmas, every=True)
-            return f"H holds: {words}; {alarms} of {len(self.means)} above the threshold"
+            return f"H is still valid: {words}; {alarms} of {len(self.means)} above the threshold"
         moved = [self.means[k] for k in self.significant]
         count, every = (sum(len(one.frames) for one in means) for means in (moved, self.means))
         where = f"{_of(count, every)}, first in {moved[0].frames[0]}" if moved else f"the mean of {every} frames"
-        return (
-            f"H no longer holds: {_drift_words(self.values, self.sigmas)} in {where}; recalibrate with lfcal fit frames"
-        )
+        drift = _drift_words(self.values, self.sigmas)
+        return f"H is no longer valid: {drift} in {where}; recalibrate with lfcal fit frames"
 
     @property
     def basis(self) -> str:

@@ -84,7 +84,7 @@ class AssemblySettings:
     store_tolerance: float | None = opt(
         None,
         "Largest fraction of a pattern's light (L1) that compression of the file may remove, as in lfcal reduce.",
-        label="Loss in the file",
+        label="Compression loss",
         above=0,
         below=1,
         empty="set by the stored type",

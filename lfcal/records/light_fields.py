@@ -129,7 +129,7 @@ class ProjectionSettings:
     )
     threshold: float = opt(
         0.0,
-        "Fraction of a plane's peak below which entries of H count as 0.",
+        "Fraction of a plane's peak below which entries of H are set to 0.",
         label="Ignore H below",
         at_least=0,
         below=1,

@@ -40,7 +40,7 @@ SOLVER_ENDS = {"auto": "left-out", "auto:discrepancy": "discrepancy"}
 
 
 def _named(name: str) -> str:
-    return opt(name, "Solver; lfcal solvers lists all.", label="Solver", flag="--solver")
+    return opt(name, "Solver. The command lfcal solvers lists all solvers.", label="Solver", flag="--solver")
 
 
 @record
@@ -58,8 +58,8 @@ class SolverFields:
     )
     goal: str = opt(
         "view",
-        "Purpose, which decides when iterations auto stops. view: a volume to look at. measure: sums over regions, "
-        "which need more iterations.",
+        "Purpose of the volume, which determines when automatic iterations stop. view: images to look at. "
+        "measure: sums over regions, which need more iterations.",
         choices=("view", "measure"),
         needs=("iterations", "auto"),
         more=True,
@@ -93,7 +93,7 @@ class _Background:
 class _Saturation:
     saturation: float | None = opt(
         None,
-        "Sample value at which pixels saturate; pixels at or above it are left out.",
+        "Sample value at which pixels saturate; pixels at or above this value are left out.",
         unit="counts",
         above=0,
         empty="no pixel is left out",

@@ -31,7 +31,7 @@ def turn_field() -> str:
     """Declare the field ``orientation`` of a task that reads frames of unknown objects."""
     return opt(
         "as-is",
-        "How to turn the frames upright. Frames of unknown objects do not show their orientation.",
+        "How to turn the frames upright. The orientation cannot be inferred from frames of unknown objects.",
         choices=_turns,
         read=read_orientation,
     )

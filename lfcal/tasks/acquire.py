@@ -151,8 +151,8 @@ class _Acquire(Task):
     )
     bracket: str | tuple[float, ...] | None = opt(
         None,
-        "Exposures at each position, as multiples of the planned exposure (e.g. 1,0.25). They are merged to a "
-        "high dynamic range.",
+        "Exposures at each position, as multiples of the planned exposure (e.g. 1,0.25). They are merged into one "
+        "frame of high dynamic range.",
         label="Exposure bracket",
         empty="1",
         **NUMBERS,
@@ -260,7 +260,7 @@ class _Acquire(Task):
     )
     check_origin: bool = opt(
         True,
-        "Check the origin when a session continues. The check records the last position again.",
+        "Check the origin of the stage when a session is continued. For this, the last position is recorded again.",
         label="Check the origin",
         more=True,
     )
@@ -615,7 +615,7 @@ class AcquireUntil(_AcquireScan):
     input_words: ClassVar[str] = "a scan until H is good enough (--until-error)"
 
     until_error: float = required(
-        "Record, fit and choose the next positions until the error of H is this small, e.g. 0.5%.",
+        "Record, fit and choose the next positions until the error of H is at most this value, e.g. 0.5%.",
         label="Error of H",
         read=read_share,
     )

@@ -127,7 +127,7 @@ class Depth(Task):
     )
     psf: Path | None = opt(
         None,
-        "H of the same camera, to correct the depth scale: the depths of its planes are known.",
+        "H of the same camera. The known depths of its planes correct the depth scale.",
         label="H",
         file="in",
         empty="none",
@@ -151,7 +151,7 @@ class Depth(Task):
     mask: Path | None = opt(
         None,
         "Pixels to leave out: an image that is not 0 at these pixels, or a list with one ROW,COLUMN per line. "
-        "NaN is always left out.",
+        "Pixels that are NaN are always left out.",
         label="Pixel mask",
         file="in",
         empty="none",

@@ -133,7 +133,7 @@ class _Fit(Task):
         more=True,
     )
     positions: int | None = positions_field("Number of positions to fit, spread evenly. 0 uses all positions.")
-    write_h: bool = opt(True, "Simulate and write H of the fitted camera.", label="Compute H", flag="--no-h")
+    write_h: bool = opt(True, "Compute and write H of the fitted camera.", label="Compute H", flag="--no-h")
 
     @property
     def groups(self) -> str | tuple[str, ...]:

@@ -51,7 +51,7 @@ class PredictObject(Task):
 
     fit: Path = required("Folder of a fit that contains its H.", argument=True, file="in")
     frame: Path = required("Frame of the known object.", argument=True, file="in")
-    scene: Path = required("The known object: a volume (.tif, .h5, .npy) with the depth planes of H.", file="in")
+    scene: Path = required("Volume of the known object (.tif, .h5, .npy), with the depth planes of H.", file="in")
     noise: tuple[float, float] | None = noise_field("as stated by the frame")
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 

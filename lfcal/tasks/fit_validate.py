@@ -54,7 +54,7 @@ class ValidateFit(Task):
     fit: Path = required("Folder of a fit.", argument=True, file="in")
     sources: tuple[Path, ...] = required(
         "Source of the fit (H, a recorded session, or frames), or another recording. For a fit of several regions: the "
-        "source of each. Positions of the source that were fitted are left out.",
+        "source of each region. Positions of the source that were fitted are left out.",
         argument=True,
         file="in",
     )

@@ -53,8 +53,8 @@ class _PlanTarget(PlanTask):
     plan: Path = required("Scan plan (.json), made by lfcal plan.", argument=True, file="in")
     source: str = required(
         "File of a target (.json), or its description. array:12x12@1.2mm,hole=20um: 12 x 12 pinholes of 20 µm, "
-        "pitch 1.2 mm (hex for a hexagonal array; ROWxCOLUMN for two pitches). array: the pitch that needs the fewest "
-        "frames. display:2160x3840@8um: a display of 2160 x 3840 pixels of 8 µm.",
+        "pitch 1.2 mm (hex for a hexagonal array; ROWxCOLUMN for two pitches). array: lfcal chooses the pitch with the "
+        "fewest frames. display:2160x3840@8um: a display of 2160 x 3840 pixels of 8 µm.",
         argument=True,
         label="Target",
         file="in",

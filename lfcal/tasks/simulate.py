@@ -363,7 +363,7 @@ class SimulateH(_OfOnePlan):
     out: Path = required("H file to write (.h5).", **OUT)
     store_tolerance: float | None = opt(
         None,
-        "Largest fraction of its light (L1) that a pattern may lose when the file is compressed, as in lfcal reduce.",
+        "Largest fraction of a pattern's light (L1) that compression of the file may remove, as in lfcal reduce.",
         label="Compression loss",
         above=0,
         below=1,
@@ -388,7 +388,7 @@ class SimulatePasses(_OfOnePlan):
     progressive: bool = opt(
         True,
         "Simulate H in passes. H is complete after the first pass, and becomes more accurate with each. "
-        "Ctrl-C keeps the last complete H.",
+        "If you stop the simulation, the last complete H is kept.",
         label="Simulate in passes",
         chooses=True,
     )

@@ -33,7 +33,7 @@ class Watched(TaskResult):
 
     @property
     def failed(self) -> bool:
-        """Whether H no longer holds, or does not explain the frames."""
+        """Whether H is no longer valid, or does not explain the frames."""
         return self.found.holds is not True
 
     def to_dict(self) -> dict[str, Any]:
@@ -46,7 +46,7 @@ class Watch(Task):
     """Check for each frame of a series whether H still holds.
 
     The frames may show any structured objects within the depth planes of H. For each frame, lfcal measures the shift of
-    the array and the change of the gap, with their uncertainty. H is not changed. Exit code 1: H no longer holds, or
+    the array and the change of the gap, with their uncertainty. H is not changed. Exit code 1: H is no longer valid, or
     does not explain the frames.
 
     Examples
@@ -59,7 +59,9 @@ class Watch(Task):
 
     name: ClassVar[str] = "watch"
 
-    psf: Path = required("H file, or the folder of lfcal fit frames with H.h5.", label="H", argument=True, file="in")
+    psf: Path = required(
+        "H file, or the folder with H.h5 that lfcal fit frames wrote.", label="H", argument=True, file="in"
+    )
     frames: tuple[Path, ...] = required(
         "Frames of unknown structured objects in the order of recording: files, or folders of frames.",
         argument=True,

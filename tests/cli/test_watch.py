@@ -51,14 +51,14 @@ def place(kept: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_frames_of_a_calibrated_camera_are_quiet(lfcal: Lfcal, place: Path) -> None:
     run = lfcal("watch", "monday", "steady/", *GIVEN)
-    assert run.code == 0 and "H holds: shift x" in run.out, run.err
+    assert run.code == 0 and "H is still valid: shift x" in run.out, run.err
     assert "chi² distribution with 3 degrees of freedom" in run.err
 
 
 def test_a_shift_is_reported_and_written(lfcal: Lfcal, place: Path) -> None:
     more = ("--quiet", "quiet", "--mean", 2, "--rate", "2%", "--windows", 1, "--orientation", "as-is", "--force")
     run = lfcal("watch", "monday/H.h5", "steady/30.tif", "moved", *GIVEN, *more, "-o", "out")
-    assert run.code == 1 and "H no longer holds: shift x +0.0" in run.out, run.err
+    assert run.code == 1 and "H is no longer valid: shift x +0.0" in run.out, run.err
     assert "recalibrate with lfcal fit frames" in run.out and "out: watch.csv, watch.json, watch.png" in run.out
     assert "false alarms: 2 % for each tested value, from 7 quiet frames" in run.err
     numbers = json.loads((place / "out/watch.json").read_text())

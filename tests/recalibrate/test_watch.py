@@ -53,7 +53,7 @@ def quiet() -> tuple[NewFrame, ...]:
 
 def test_h_holds_for_frames_of_other_objects() -> None:
     found = watched([frame(drifted(), 100 + k, (3000, 300)[k % 2]) for k in range(8)], quiet=quiet())
-    assert found.holds and found.verdict.startswith("H holds: shift x")
+    assert found.holds and found.verdict.startswith("H is still valid: shift x")
     assert not any(one.alarm for one in found.means) and not found.noise_stated
     assert "16 quiet frames and an F distribution with 3 and 13 degrees of freedom" in found.basis
     pulls = np.array([one.values for one in found.frames]) / np.array([one.sigmas for one in found.frames])
@@ -67,7 +67,7 @@ def test_a_shift_is_found_and_dated() -> None:
     for options in ({}, {"quiet": quiet()}):
         found = watched(frames, **options)
         assert found.holds is False and [one.alarm for one in found.means] == [False] * 3 + [True] * 3
-        assert found.verdict.startswith("H no longer holds: shift x +0.05") and "first in 203.tif" in found.verdict
+        assert found.verdict.startswith("H is no longer valid: shift x +0.05") and "first in 203.tif" in found.verdict
         assert abs(found.values[0] - 0.05) < 3 * found.sigmas[0] < 0.025
 
 
@@ -153,7 +153,7 @@ def test_the_mean_of_all_frames_is_a_test_too() -> None:
     one = WatchedMean(("a",), (0.0, 0.0, 0.1), (0.01, 0.01, 0.04), 9.0, 0.02, False)
     frames = (WatchedFrame("a", None), WatchedFrame("b", None))
     found = DriftWatch(frames, (), (one, one), (), True, (0.0, 0.0, 0.1), (0.01, 0.01, 0.03), (), 0.01, 11.3)
-    assert found.verdict.startswith("H no longer holds: gap +0.100 ± 0.030 % in the mean of 2 frames; recalibrate")
+    assert found.verdict.startswith("H is no longer valid: gap +0.100 ± 0.030 % in the mean of 2 frames; recalibrate")
 
 
 def test_depths_that_h_states_are_used() -> None:

@@ -392,9 +392,9 @@ class H5Data:
             raise self._unsafe(f"at most {format_bytes(max_bytes)}", format_bytes(self.nbytes), "check the file")
         if self.nbytes > MAX_EXPANSION * stored + (1 << 20):
             raise self._unsafe(
-                "a size the file can hold",
-                f"{format_bytes(self.nbytes)} declared in a file of {format_bytes(stored)}",
-                "the header is wrong; get the file from its source again",
+                f"a size that fits into a file of {format_bytes(stored)}",
+                f"{format_bytes(self.nbytes)} according to its header",
+                "get the file from its source again",
             )
 
     def _check_stored(self) -> None:
