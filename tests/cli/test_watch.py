@@ -87,7 +87,7 @@ def test_answers_are_json(lfcal: Lfcal, place: Path) -> None:
     [
         (("monday", "dim.tif"), "structure that is larger than the noise"),
         (("monday", "small.tif"), "pixels: expected (56, 56), as in the camera"),
-        (("plain.h5", "steady"), "expected an H with a camera that explains it, got one without"),
+        (("plain.h5", "steady"), "expected an H with a camera that explains it, got an H without a camera"),
         (("other.h5", "steady"), "expected an H with a camera that explains it, got a camera that leaves"),
         (("steady", "steady"), "steady/H.h5"),
         (("monday", "none"), "none: no such file or folder"),

@@ -352,7 +352,7 @@ class H5Data:
                 "the data type of the records of a recording", f"{self.dtype}", "get the file from its source again"
             )
         if dtype is None and self.dtype.kind not in "iufcb":
-            raise self._unsafe("numbers", f"the data type {self.dtype}", "store the data as numbers")
+            raise self._unsafe("plain numbers", f"dtype {self.dtype}", "store the data as numbers")
         if dtype is None:
             self.dtype = np.dtype(self.dtype.str)  # without the names of an enumeration, which NPY files cannot store
         if data.shape is None:

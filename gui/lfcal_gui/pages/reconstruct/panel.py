@@ -97,7 +97,7 @@ class ReconstructPanel(QWidget):
             self.phantoms.addAction(name).triggered.connect(lambda _=False, name=name: self.make_asked.emit(name))
         empty = {
             "Open light field …": (OPEN, lambda: self.pressed.emit("open")),
-            "Make light field …": (MAKE, self._show_phantoms),
+            "Simulate …": (MAKE, self._show_phantoms),
         }
         self.view.set_empty(EmptyState(NO_LIGHT_FIELD, empty))
         self.export = ExportCard()
@@ -136,7 +136,7 @@ class ReconstructPanel(QWidget):
         self.took.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         column.addLayout(line(heading("Reconstruct"), self.took, stretch=1))
         self.open = self._button("open", "Open light field …", OPEN)
-        self.make = button("Make light field …", MAKE)
+        self.make = button("Simulate …", MAKE)
         self.make.setMenu(self.phantoms)
         column.addLayout(line(self.open, self.make, stretch=0))
         self.file = WrappedLabel("none yet", role="hint")
