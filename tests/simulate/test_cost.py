@@ -15,13 +15,14 @@ from benchmarks.forecast import RISE
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.simulate import plan_effects, simulate_psf
 from lfcal.simulate._pupil_scene import AnyScene
-from lfcal.simulate.accuracy import _work, calibration, cost
+from lfcal.simulate.accuracy import _work, calibration, cost, probe
 from lfcal.simulate.accuracy._work import LightSizes, Traits, engine_work
 from lfcal.simulate.accuracy.cost import efficient_steps, engine_seconds, step_for
 from lfcal.simulate.accuracy.probe import settle
-from lfcal.simulate.accuracy.sampling import steps_for
+from lfcal.simulate.accuracy.sampling import comparison, steps_for
 from lfcal.simulate.effects import (
     ArrayRotation,
+    Effect,
     LensletDiffraction,
     Outlook,
     SceneEffect,
@@ -33,6 +34,7 @@ from lfcal.simulate.engines._wave import WavePlane
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.grid import GridPlane
 from lfcal.simulate.engines.microscope import DebyePlane
+from lfcal.simulate.scene import Scene
 from lfcal.simulate.staging import lattice_scene_for, outlook_of, resolve_level, scene_for, wave_level
 from tests.simulate.common import BASE, small_plan
 
@@ -223,6 +225,51 @@ def test_the_time_of_a_grid_follows_its_transforms(camera: Camera, v: float) -> 
         transforms = m**2 * math.log(m) / (n**2 * math.log(n))
         forecast = engine_work(scene, other).each / engine_work(scene, one).each
         assert transforms**0.6 < forecast < 1.7 * transforms, "positions of small grids have fixed costs too"
+
+
+def microscope_plan(z_um: float) -> ScanPlan:
+    """Return a plane of a small cutout that exact angles bring onto a grid."""
+    return ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[z_um], cutout=31)
+
+
+@pytest.mark.parametrize("plan", [microscope_plan(5.0), ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0])])
+def test_the_table_of_a_cell_has_the_size_of_the_forecast(plan: ScanPlan) -> None:
+    """In a cutout of 31 pixels, it takes most of the time of a grid's tables: forecasts were up to 5 times too short."""
+    camera = replace(plan.camera, lattice=replace(plan.camera.lattice, clear_um=None))
+    plan = replace(plan, camera=camera if camera.lattice.kind == "square" else plan.camera)
+    scene = lattice_scene_for(plan, 0, effects_named("lenslet_diffraction", "exact_angles"))
+    if scene.round_lenslets:
+        scene = replace(scene, aperture="cell")
+    for step in steps_for(scene, "grid")[:2]:
+        engine = engine_for(scene, "grid", step.sampling)
+        assert isinstance(engine, GridPlane)
+        (real, _), *_ = engine._apertures
+        assert LightSizes.of(scene).cell_table_side(engine.per_px) == pytest.approx(len(real.cell), rel=0.02)
+
+
+@pytest.mark.parametrize("z_um", [0.0, 60.0])
+def test_a_grid_of_a_dim_cutout_is_as_forecast(z_um: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With 6 % of the light in the cutout, a first grid failed, whose time was not forecast."""
+    scene, level = resolve_level(
+        lattice_scene_for(microscope_plan(z_um), 0, effects_named("lenslet_diffraction", "exact_angles"))
+    )
+    tried: list[Sampling] = []
+    balanced = probe.balanced
+
+    def noted(scene: Scene, level: str, sampling: Sampling) -> Any:
+        tried.append(sampling)
+        return balanced(scene, level, sampling)
+
+    monkeypatch.setattr(probe, "balanced", noted)
+    forecast = step_for(scene, level, 0.004)
+    found = settle(scene, level, 0.004)
+    assert found.sampling == forecast.sampling and found.error <= 0.004
+    finer = comparison(steps_for(scene, level), forecast)
+    assert tried == [forecast.sampling] + ([finer[0].sampling] if finer else [])
+
+
+def effects_named(*names: str) -> list[Effect]:
+    return [effect for effect in catalogue() if effect.name in names]
 
 
 def test_exact_angles_of_a_microscope_are_forecast_on_the_grid() -> None:

@@ -37,6 +37,9 @@ PER_MASK, PER_ROUND_SAMPLE, PER_CELL_SAMPLE, PER_TRANSFER = 1.2e-5, 4.5e-9, 5.3e
 """CPU-seconds of a grid's tables: for each lenslet, and for each sample of round lenslets, of cells and of the transfer
 function."""
 
+PER_CELL_TABLE = 7e-8
+"""CPU-seconds for each sample of the table of a lens type from which the masks of cells are interpolated."""
+
 PER_RADIAL, PER_EDGED, PER_EDGE, PER_SHADOW, PER_ABERRATED = 2.5e-8, 1.75e-8, 8e-10, 1.5e-8, 1e-8
 """CPU-seconds for each sample of a main lens's field: radial, of a polygon, of each edge, of a round shadow, and for
 aberrations."""
@@ -277,11 +280,21 @@ class LightSizes:
         samples = math.prod(side + per * n for n in self.period)
         masks = samples * (PER_CELL_SAMPLE if self.gapless else PER_ROUND_SAMPLE)
         masks += PER_MASK * samples / (per**2 * self.cell_px2)
+        if self.gapless:
+            masks += PER_CELL_TABLE * len(self.lattice.types) * self.cell_table_side(per) ** 2
         field = traits.fields * self._field_seconds(side / per / 2, per, traits)
         beyond = max(1.0, min(BEYOND_CACHE, (side / CACHED_SIDE) ** 0.6))
         each = PER_POSITION + PER_SAMPLE * beyond * side**2 * math.log2(side)
         each += PER_BINNED * math.prod(self.cutout) * per**2
         return EngineWork(SET_UP + masks + field + PER_TRANSFER * side**2, traits.fields * each)
+
+    def cell_table_side(self, per_px: int) -> int:
+        """Return the side of the table of a lenslet that fills its cell, on a grid with ``per_px`` samples per pixel."""
+        from lfcal.simulate.engines import RING, bent_fineness  # compiled code: loaded only when it is needed
+
+        corner = self.lattice.pitch_um / math.sqrt(2 if self.lattice.kind == "square" else 3)
+        half = math.ceil(per_px * corner / self.pixel_um) + RING + 1
+        return 2 * half * bent_fineness(half) + 3
 
     def _field_seconds(self, half_px: float, per_px: float, traits: Traits) -> float:
         """Return the CPU-seconds of a table of the main lens's field out to ``half_px``."""
@@ -342,6 +355,8 @@ class LightSizes:
 
     def debye_work(self, sampling: Sampling, traits: Traits) -> EngineWork:
         """Return the work of rows and columns; that of their matrices is shared by all positions of a period."""
+        from lfcal.simulate.engines import highest_order  # compiled code: loaded only when it is needed
+
         nodes, pitch, cone = sampling.nodes_per_px, self.lattice.pitch_um, 1 / (2 * self.f_number)
         focal = self.lattice.types[0].focal_length_um
         band = cone / self.wavelength_um * self.pixel_um
@@ -350,8 +365,7 @@ class LightSizes:
         count = per * (max(self.cutout) / 2 + spill / self.pixel_um) + 1
         rank = min(count, band / per * count + SPARE_RANK)
         rows, columns = (self._debye_nodes(n, nodes) for n in self.cutout)
-        orders = math.ceil(pitch**2 / (self.wavelength_um * focal) / 2)
-        orders = 2 * (orders + max(20, 3 * orders)) + 1
+        orders = 2 * highest_order(pitch**2 / (self.wavelength_um * focal), nodes) + 1
         alike = abs(pitch / self.pixel_um - round(pitch / self.pixel_um)) < SAME_PLACE
         entries = max(rows, columns) * count
         matrix = PER_MATRIX + entries * (PER_ROW + (0 if alike else PER_ORDER * orders))

@@ -296,7 +296,8 @@ def _debye_bytes(scene: Scene, sampling: Sampling) -> int:
     carried = 24 * nodes * samples * phases * fields
     quarters = (12 * fields + 64) * samples**2
     orders = 2 * highest_order(
-        scene.lattice.pitch_um**2 / (scene.wavelength_um * scene.lattice.types[0].focal_length_um)
+        scene.lattice.pitch_um**2 / (scene.wavelength_um * scene.lattice.types[0].focal_length_um),
+        sampling.nodes_per_px,
     )
     # spectra of the rows of a matrix, and the rows that are kept
     rows = (400 * orders + 460 * nodes + 32 * min(MOST_ROWS, nodes * phases)) * samples

@@ -78,11 +78,16 @@ GRID: tuple[tuple[float, int, float, float], ...] = (
 """Steps on one grid. Each has the ratio of samples to the fewest for the light's angles, the ratio to the fewest for
 the lenslets' edges, the fraction of light outside its margins, and the expected total error."""
 
+WITH_TAILS, DIM, DIMMEST = 2, 1.5, 5.0
+"""Number of samplings on a grid whose error is larger if the shadow is wider than the cutout, the ratio of their widths
+from which it is, and the largest factor. With 12, 6 and 2 % of the light in the cutout, the error of the second sampling
+was 2.3, 4.7 and 6.3 times the expected one; that of the third was not larger."""
+
 FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.8))
 """Index of the sampling with which samplings on a grid are compared, and the fraction of their error that shows."""
 
-GRID_REFERENCE = 0.003
-"""Largest error of the grid with which windows are compared."""
+GRID_REFERENCE = 1
+"""Index of the coarsest sampling on a grid with which windows are compared."""
 
 KINK = 1.4
 """Oversampling on one grid if light meets the kink between lenslets, relative to other light. With 1.2 times the
@@ -225,7 +230,7 @@ def comparison(steps: Sequence[LevelSampling], step: LevelSampling) -> tuple[Lev
     """
     grids = [one for one in steps if one.level == "grid"]
     if step.level == "wave":
-        return next(((one, 1.0) for one in grids if one.expected <= GRID_REFERENCE), None)
+        return next(((one, 1.0) for one in grids[GRID_REFERENCE:]), None)
     if step not in grids[: len(FINER_GRID)]:
         return None
     index, visible = FINER_GRID[grids.index(step)]
@@ -262,22 +267,35 @@ def _grid_steps(described: Scene | Outlook, fringes: Fringes) -> tuple[LevelSamp
 def _every_grid_step(described: Scene | Outlook, fringes: Fringes) -> tuple[LevelSampling, ...]:
     """Return the steps of level ``"grid"``, whatever their size."""
     steps = []
-    finest = _kink_factor(described) * fringes.angle
-    for share, fewest, left_out, error in GRID:
+    finest, dimness = _kink_factor(described) * fringes.angle, _dimness(described)
+    for k, (share, fewest, left_out, error) in enumerate(GRID):
         per, margin = max(fewest, math.ceil(share * finest)), grid_margin(described, left_out)
-        steps.append(LevelSampling("grid", Sampling(samples_per_px=per, margin_px=margin), error))
+        expected = error * dimness if k < WITH_TAILS else error
+        steps.append(LevelSampling("grid", Sampling(samples_per_px=per, margin_px=margin), expected))
     return tuple(steps)
+
+
+def _dimness(described: Scene | Outlook) -> float:
+    """Return by how much more light outside the margins matters if little of the light falls into the cutout."""
+    radius_px = _shadow_um(described) / _pixel_um(described)
+    outside = math.sqrt(math.pi * radius_px**2 / math.prod(described.cutout))
+    return min(max(1.0, outside / DIM), DIMMEST)
+
+
+def _shadow_um(described: Scene | Outlook) -> float:
+    """Return the radius of the light on the array (µm)."""
+    if isinstance(described, Outlook):
+        return described.shadow_px * described.pixel_um
+    return described.shadow_radius_um
 
 
 def _kink_factor(described: Scene | Outlook) -> float:
     """Return by how much samples are more where all light may meet at the edge between lenslets that touch."""
     if isinstance(described, Outlook):
         lattice, touching = described.camera.lattice, described.camera.lattice.gapless
-        shadow = described.shadow_px * described.pixel_um
     else:
         lattice, touching = described.lattice, not described.round_lenslets
-        shadow = described.shadow_radius_um
-    return KINK if touching and shadow < lattice.pitch_um / 2 else 1.0
+    return KINK if touching and _shadow_um(described) < lattice.pitch_um / 2 else 1.0
 
 
 def grid_margin(described: Scene | Outlook, left_out: float) -> int:

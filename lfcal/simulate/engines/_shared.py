@@ -8,7 +8,7 @@ from lfcal.simulate.engines.choose import engine_for
 from lfcal.simulate.engines.extent import MAX_ORDERS, MAX_SAMPLES, MAX_SIDE, SWITCH, SWITCH_EXACT, Extent
 from lfcal.simulate.engines.field import choose_mode, field_modes
 from lfcal.simulate.engines.grid import extent_of, largest_angle
-from lfcal.simulate.engines.masks import MAX_CACHED, MAX_TABLE, bent_fineness, fineness
+from lfcal.simulate.engines.masks import MAX_CACHED, MAX_TABLE, RING, bent_fineness, fineness
 from lfcal.simulate.engines.microscope import DEBYE_CACHE_BYTES, MARGIN_PER_NODE, MOST_ROWS, highest_order, reach_um
 from lfcal.simulate.engines.pupil import PUPIL_LEVELS, PupilPlane, pupil_bytes, pupil_cost, pupil_error, pupil_passed
 from lfcal.simulate.engines.reference import REFERENCE_CACHE_BYTES
@@ -28,6 +28,7 @@ __all__ = [
     "MOST_ROWS",
     "PUPIL_LEVELS",
     "REFERENCE_CACHE_BYTES",
+    "RING",
     "SWITCH",
     "SWITCH_EXACT",
     "Certificate",

@@ -60,9 +60,12 @@ class Bend(NamedTuple):
 
     def turned(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return exp(i phase) on the grid of ``y`` by ``x``, which are relative to the lenslet's centre."""
-        r2 = y[:, None] ** 2 + x[None, :] ** 2
-        turn: NDArray[np.complex128] = np.exp(1j * r2 * (self.square + self.quartic * r2))
-        return turn
+        # equal distances on either side of the centre are computed once
+        (x2, column), (y2, row) = (np.unique(axis**2, return_inverse=True) for axis in (x, y))
+        turn: NDArray[np.complex128] = np.exp(1j * self.square * y2)[:, None] * np.exp(1j * self.square * x2)
+        if self.quartic:
+            turn *= np.exp(1j * self.quartic * (y2[:, None] + x2) ** 2)
+        return turn[np.ix_(row, column)]
 
 
 def taper(f: NDArray[np.float64], flat: float, stop: float) -> NDArray[np.float64]:
@@ -175,8 +178,8 @@ def bent_polygon(
     step = dx / fine
     size = int(sf.next_fast_len(n * every + math.ceil(4 * RING * fine)))
     away = [(n // 2 * every - size // 2) * step + c for c in centre]
-    axis = np.arange(size, dtype=np.float64) - size // 2
-    piece = bend.turned(axis * step - away[0], axis * step - away[1])
+    axis = (np.arange(size, dtype=np.float64) - n // 2 * every) * step
+    piece = bend.turned(axis - centre[0], axis - centre[1])
     piece *= polygon_mask(outline, 2 * step, (away[0], away[1]), size, fine=2)
     f = sf.fftfreq(size, step)
     band = _below(f, (1 - BENT_FLAT) / dx)
