@@ -33,7 +33,9 @@ def show(made: tuple[SimulationForecast | SimulatedRegions, ...]) -> None:
 def _show_forecast(forecast: SimulationForecast) -> None:
     found = forecast.effects
     rows = [["on" if row.on else "off", row.effect.title, *_times(row), row.reason] for row in found.rows]
-    title = f"effects for a tolerance of {100 * found.tolerance:g} %, level {found.level}"
+    engines = tuple(dict.fromkeys(forecast.engines))
+    names = f"engine{'s' if len(engines) > 1 else ''} {' and '.join(engines)}"
+    title = f"effects for a tolerance of {100 * found.tolerance:g} %, {names}"
     print_table(["", "effect", "time with it", "without it", "why"], rows, title=title)
     typer.echo(
         f"whole H: about {format_seconds(found.seconds)} of processor time (ideal camera: "

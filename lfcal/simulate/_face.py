@@ -11,6 +11,7 @@ from lfcal.simulate.accuracy import (
     iter_ladder,
     ladder,
     plan_effects,
+    planned_engines,
     predict_bytes,
     predict_seconds,
 )
@@ -52,6 +53,7 @@ __all__ = [
     "ladder",
     "light_field",
     "plan_effects",
+    "planned_engines",
     "plume",
     "points",
     "predict_bytes",

@@ -57,12 +57,14 @@ MOST_DRIFT = 0.5
 class SimulationForecast(TaskResult):
     """Effects selected for the simulation of a plan, with the reason and the cost of each.
 
-    ``camera`` is the name of the preset or the path of the camera file, as given on the command line.
+    ``camera`` is the name of the preset or the path of the camera file, as given on the command line. ``engines`` are
+    the engines expected for the planes; empty once H or frames are simulated.
     """
 
     plan: ScanPlan
     effects: EffectSelection
     camera: str
+    engines: tuple[str, ...] = ()
 
     @property
     def undescribed(self) -> UndescribedEffects:
@@ -84,7 +86,8 @@ class SimulationForecast(TaskResult):
     def to_dict(self) -> dict[str, Any]:
         """Return all values as plain JSON types."""
         assumed = self.plan.camera.marks.paths("assumed")
-        return {**self.effects.to_dict(), "undescribed": self.undescribed.to_dict(self.camera), "assumed": assumed}
+        missing = self.undescribed.to_dict(self.camera)
+        return {**self.effects.to_dict(), "engines": self.engines, "undescribed": missing, "assumed": assumed}
 
     def written(self, path: Path, what: str, **more: Any) -> dict[str, Any]:
         """Return a description of the file or folder ``path`` that was written, as plain JSON types."""
@@ -496,6 +499,8 @@ class SimulateForecast(_OfOnePlan):
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulationForecast]:
         """Choose the effects, and predict the cost of the simulation of ``plan``."""
+        from lfcal.simulate import planned_engines
+
         yield from ()
         found = self.selection(plan, frames=self.frames is not None, peak=self.peak)
         _note_plan(plan)
@@ -503,7 +508,8 @@ class SimulateForecast(_OfOnePlan):
             note(f"{target} is not written, because of --plan-only")
         # the costs of effects are estimated without a run
         found = found if self.level == "auto" else self.timed(plan, found)
-        return SimulationForecast(plan=plan, effects=found, camera=self.camera_name)
+        engines = planned_engines(plan, found, self.level, tolerance=self.tolerance)
+        return SimulationForecast(plan=plan, effects=found, camera=self.camera_name, engines=engines)
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

@@ -40,6 +40,25 @@ def test_plan_only_shows_every_effect(lfcal: Lfcal) -> None:
     assert 0 < diffraction["seconds_without"] < diffraction["seconds_with"]
 
 
+@pytest.mark.parametrize(
+    ("words", "title"),
+    [
+        (("bench", "--virtual-depths", "4"), "engine grid"),  # the title was "level wave"
+        (("bench", "--virtual-depths", "4", "--level", "geometric"), "engine geometric"),
+        (("lfm_20x05", "--depths", "0"), "engine microscope"),
+    ],
+)
+def test_plan_only_names_the_engine_that_runs(lfcal: Lfcal, tmp_path: Path, words: tuple[str, ...], title: str) -> None:
+    words = (*words, "--cutout", "31")
+    assert f"%, {title}\n" in "".join(
+        f"{line.rstrip()}\n" for line in lfcal("simulate", *words, "--plan-only").out.splitlines()
+    )
+    engines = lfcal("simulate", *words, "--plan-only", "--json").json["engines"]  # type: ignore[index, call-overload]
+    assert lfcal("simulate", *words, "-o", tmp_path / "H.h5").code == 0
+    with open_psf(tmp_path / "H.h5") as H:
+        assert [plane["engine"] for plane in H.provenance["simulated"]["planes"]] == engines
+
+
 def test_h_from_a_plan(lfcal: Lfcal, plan_file: Path, tmp_path: Path) -> None:
     run = lfcal("simulate", plan_file, "-o", tmp_path / "H.h5", "--level", "geometric", "--json")
     assert run.code == 0, run.err

@@ -14,7 +14,7 @@ from lfcal.simulate.accuracy._ladder import (
 )
 from lfcal.simulate.accuracy.calibration import machine_speed
 from lfcal.simulate.accuracy.cost import Traits, correct_rate, few_seconds, step_for
-from lfcal.simulate.accuracy.forecast import cost_scaling, engine_clock, predict_seconds, timed_plane
+from lfcal.simulate.accuracy.forecast import cost_scaling, engine_clock, planned_engines, predict_seconds, timed_plane
 from lfcal.simulate.accuracy.memory import predict_bytes, task_bytes
 from lfcal.simulate.accuracy.planner import EFFECTS_SHARE, EffectSelection, PlannedEffect, plan_effects
 from lfcal.simulate.accuracy.probe import RETRIES, balanced, settle
@@ -41,6 +41,7 @@ __all__ = [
     "ladder",
     "machine_speed",
     "plan_effects",
+    "planned_engines",
     "predict_bytes",
     "predict_seconds",
     "quick_steps",

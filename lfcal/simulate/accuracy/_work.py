@@ -289,7 +289,7 @@ class LightSizes:
         return EngineWork(SET_UP + masks + field + PER_TRANSFER * side**2, traits.fields * each)
 
     def cell_table_side(self, per_px: int) -> int:
-        """Return the side of the table of a lenslet that fills its cell, on a grid with ``per_px`` samples per pixel."""
+        """Return the side of the table of a cell, for a grid with ``per_px`` samples per pixel."""
         from lfcal.simulate.engines import RING, bent_fineness  # compiled code: loaded only when it is needed
 
         corner = self.lattice.pitch_um / math.sqrt(2 if self.lattice.kind == "square" else 3)

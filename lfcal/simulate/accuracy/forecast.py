@@ -12,15 +12,16 @@ import numpy as np
 from lfcal.base import preparing_seconds
 from lfcal.camera import ScanPlan
 from lfcal.simulate._pupil_scene import PupilScene
-from lfcal.simulate._symmetry import mirrored_rows
-from lfcal.simulate.accuracy.cost import Traits, engine_seconds
+from lfcal.simulate._symmetry import is_separable, mirrored_rows
+from lfcal.simulate.accuracy.cost import Traits, engine_seconds, step_for
 from lfcal.simulate.accuracy.probe import RETRIES
 from lfcal.simulate.accuracy.sampling import finer
 from lfcal.simulate.effects import Effect
 from lfcal.simulate.engines import EnergyError, PlaneEngine, Sampling, engine_for
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted
 from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.staging import light_samples, outlook_of, scene_for, wave_level
+from lfcal.simulate.scene import Scene
+from lfcal.simulate.staging import light_samples, outlook_of, resolve_level, scene_for, wave_level
 
 __all__ = [
     "CostScaling",
@@ -28,6 +29,7 @@ __all__ = [
     "cost_scaling",
     "engine_clock",
     "plane_seconds",
+    "planned_engines",
     "predict_seconds",
     "timed_plane",
 ]
@@ -85,6 +87,32 @@ def predict_seconds(
     nz, ny, nx, nt, ns = plan.shape
     # each plane is probed once, for any number of light samples
     return shares.seconds(setup, plane) + nz * (probe + PER_PLANE + PER_BYTE * 4 * ny * nx * nt * ns)
+
+
+def planned_engines(
+    plan: ScanPlan, effects: EffectsLike = "auto", level: str = "auto", *, tolerance: float | None = None
+) -> tuple[str, ...]:
+    """Return the name of the engine that `simulate_psf` is expected to use for each plane, as in its provenance.
+
+    The parameters are those of `simulate_psf`. A measured error may lead to another engine.
+
+    Examples
+    --------
+    >>> from lfcal.camera import ScanPlan, preset
+    >>> from lfcal.simulate import planned_engines
+    >>> plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0])
+    >>> planned_engines(plan), planned_engines(plan, (), "geometric")
+    (('grid',), ('geometric',))
+    """
+    budget, found = budgeted(effects, plan, tolerance), []
+    for z, z_um in enumerate(plan.depths_um):
+        chosen, share = budget.at(z_um)
+        scene, resolved = resolve_level(scene_for(plan, z, chosen), level)
+        engine = step_for(scene, resolved, share).level
+        if engine == "debye":  # other arrays than those along the rows sum windows of the same field
+            engine = "microscope" if isinstance(scene, Scene) and is_separable(scene) else "wave"
+        found.append(engine)
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True)

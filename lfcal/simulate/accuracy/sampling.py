@@ -80,8 +80,8 @@ the lenslets' edges, the fraction of light outside its margins, and the expected
 
 WITH_TAILS, DIM, DIMMEST = 2, 1.5, 5.0
 """Number of samplings on a grid whose error is larger if the shadow is wider than the cutout, the ratio of their widths
-from which it is, and the largest factor. With 12, 6 and 2 % of the light in the cutout, the error of the second sampling
-was 2.3, 4.7 and 6.3 times the expected one; that of the third was not larger."""
+from which it is, and the largest factor. With 12, 6 and 2 % of the light in the cutout, the error of the second
+sampling was 2.3, 4.7 and 6.3 times the expected one; that of the third was not larger."""
 
 FINER_GRID = ((2, 0.75), (2, 0.45), (3, 0.8))
 """Index of the sampling with which samplings on a grid are compared, and the fraction of their error that shows."""

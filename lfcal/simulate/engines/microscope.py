@@ -51,8 +51,8 @@ BEYOND = 0.5
 cutout. This shows where little else falls into it (0.35 % with half a lenslet, 0.04 % with one and a half).
 """
 SPARE_ORDERS, SPARE_SHARE = 20, 3
-"""Diffraction orders of the array beyond those of its geometric cone, at least and as a multiple of these, for each node
-per pixel above one.
+"""Diffraction orders of the array beyond those of its geometric cone for each node per pixel above one, at least and as
+a multiple of those in the cone.
 
 Where lenslets meet their phase has a kink, near which the sum of n orders errs by 0.6 N/n, N of them in the cone. With
 N = 18 (f/7) and 20 more, 1.5 % of the light of an image on a corner came out of nothing; with 54 more 1e-4 did. The
