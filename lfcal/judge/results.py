@@ -391,7 +391,7 @@ def _fit(folder: Path, bare: StoredResult) -> StoredResult:
 def _report(folder: Path, bare: StoredResult) -> StoredResult:
     found = read_inspection(folder, folder.name)
     counts = {merit: sum(one.merit == merit for one in found.values.values()) for merit in ("good", "fair", "bad")}
-    facts = [("Metrics", ", ".join(f"{n} {merit}" for merit, n in counts.items() if n))]
+    facts = [("Checks", ", ".join(f"{n} {merit}" for merit, n in counts.items() if n))]
     facts += [("Period", f"{found.period[0]} × {found.period[1]}")] if found.period else []
     if found.faults is not None:
         shares = [f"{title} ({100 * share:.2g} % of the light)" for title, share in found.faults.items()]

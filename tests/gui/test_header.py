@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import pytest
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
@@ -17,6 +18,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.base import Clock
 from lfcal.base.sample import sample_session
+from lfcal.psf import open_psf
 from lfcal_gui._header import HELD_S, NEAR_S, NextLine
 from lfcal_gui.models import Step
 from lfcal_gui.window import MainWindow
@@ -171,15 +173,25 @@ def test_the_sample_by_the_next_button_alone(
     idle(window.jobs, qtbot)
 
 
-def test_a_folder_of_frames_by_the_next_button_alone(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+def test_a_folder_of_frames_by_the_next_button_alone(
+    window: MainWindow, qtbot: QtBot, tmp_path: Path, answers: Callable[[str], None]
+) -> None:
+    """From an empty window, whose view is the folder, to an exported H."""
     shutil.copytree(sample_session(), tmp_path / "theirs")
-    window.take_files([str(tmp_path / "theirs")])
+    window.go("frames")
+    answers(str(tmp_path / "theirs"))
+    follow(window, "Import folder …", qtbot)
     qtbot.waitUntil(lambda: "frames, " in window.next_line.words.text(), timeout=GUARD_MS)
     assert window.next_line.words.text().startswith("assemble H from 1,254 frames, ")
     follow(window, "Assemble H", qtbot)
     qtbot.waitUntil(lambda: window.shown.spec.key == "h", timeout=GUARD_MS)
     assert (tmp_path / "theirs" / "H.h5").exists(), "named without a question"
-    leads_to(window, qtbot, "Export as .mat")
+    answers(str(tmp_path / "H.mat"))
+    follow(window, "Export as .mat", qtbot)
+    leads_to(window, qtbot, "Show folder")
+    with h5py.File(tmp_path / "H.mat") as file, open_psf(tmp_path / "theirs" / "H.h5") as H:
+        assert {"H", "Ht"} <= set(file) and file["H"].size == file["Ht"].size == H.size
+    assert window.next_line.words.text().startswith("H is exported to H.mat") and only_primary(window)
     idle(window.jobs, qtbot)
 
 

@@ -103,6 +103,7 @@ def _record(stage: Stage, page: Any) -> Iterator[Capture]:
     panel.extent.setCurrentIndex(panel.extent.findData("error"))
     page.panel.recording.open()
     settle_live(stage, page)
+    page.panel.inspector.ensureWidgetVisible(panel.until)
     yield Capture("acquire_record_error")
     page.panel.recording.head.setChecked(False)
     stage.page("h")

@@ -281,13 +281,13 @@ class RecordPanel(QWidget):
     def _show_planes(self, picture: RecordPicture) -> None:
         """Say of each plane how much of it is recorded, and show the sum of the one that is looked at.
 
-        A target covers a part of the phases even when it is complete, so no bar shows that part.
+        A target covers a part of the phases even when it is complete, so that part is no progress: the map states it.
         """
+        known = any(picture.planes) and not picture.covered
         for z, share in enumerate(picture.planes):
             word = "recorded" if share == 1 else f"{100 * share:.0f} %" if share else "to come"
-            word = f"covers {100 * share:.0f} %" if picture.covered else word
-            partly = share if 0 < share < 1 and not picture.covered else None
-            self.strip.set_tile(z, word=word if any(picture.planes) else "", progress=partly)
+            partly = share if 0 < share < 1 and known else None
+            self.strip.set_tile(z, word=word if known else "", progress=partly)
         seen = picture.depth_sum
         self.strip.set_tile(self.z, image=seen if seen.any() else None)
 

@@ -12,7 +12,7 @@ from PySide6.QtCore import QAbstractListModel, QModelIndex, QPersistentModelInde
 from PySide6.QtGui import QColor, QFont, QFontMetrics, QImage, QPainter, QPen, QResizeEvent
 from PySide6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOptionViewItem, QWidget
 
-from lfcal_gui.pages.sessions.model import Verdict, kind_word, verdict_words
+from lfcal_gui.pages.sessions.model import Verdict, kind_word, picture_words, verdict_words
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import theme_table
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 TILE = QSize(180, 208)
 PICTURE = 128
+CENTRED = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
 MARKS = {"good": "✓", "fair": "▲", "bad": "✕", "unknown": "○"}
 """A sign and a word show the state, never colour alone."""
 
@@ -101,7 +102,7 @@ class TileDelegate(QStyledItemDelegate):
             painter.drawImage(place, picture)
         else:
             painter.setPen(QColor(theme.canvas_text))
-            painter.drawText(area, Qt.AlignmentFlag.AlignCenter, kind_word(result))
+            painter.drawText(area.adjusted(6, 6, -6, -6), CENTRED, picture_words(result))
 
     def _words(self, painter: QPainter, row: int, area: QRect, font: QFont) -> None:
         theme, result = current_theme(), self._model.results[row]

@@ -38,6 +38,8 @@ WORST = ("bad", "fair", "unknown", "good")
 """Merits, worst first."""
 
 RECENT = 8
+FACTS_SHOWN = 2
+"""Details in the place of a picture."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,11 @@ def verdict_on(result: StoredResult, project: ProjectState) -> Verdict | None:
 def kind_word(result: StoredResult) -> str:
     """Return the kind of a result in a word."""
     return capital(result.kind)
+
+
+def picture_words(result: StoredResult) -> str:
+    """Return the words in the place of a picture: the kind of a result, and its first details."""
+    return "\n".join((kind_word(result), *(f"{name}: {value}" for name, value in result.facts[:FACTS_SHOWN])))
 
 
 def can_judge(result: StoredResult) -> bool:

@@ -19,18 +19,20 @@ if TYPE_CHECKING:
 TREND_COLUMNS = ("Check", "Before", "Newest", "Per month", "Change")
 
 F8 = NDArray[np.float64]
-DAY_S = 86400.0
+UNITS = (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0), ("seconds", 1.0))
+"""Units of time with their lengths in seconds, longest first."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrendCurve:
-    """A metric over time: days since the first session, values, and the limits of good and bad."""
+    """A metric over time: times since the first session in a unit, values, and the limits of good and bad."""
 
     label: str
-    days: F8
+    times: F8
     values: F8
     good: float
     bad: float
+    unit: str = "days"
 
 
 def trend_of(folders: Sequence[Path]) -> Trend:
@@ -103,7 +105,8 @@ def curve_of(found: Trend, row: int) -> TrendCurve:
     """Return the course of a row over the sessions in which it is known."""
     one = courses_of(found)[row]
     start = found.sessions[0].when
-    days = [(session.when - start).total_seconds() / DAY_S for session in found.sessions]
-    known = [(day, value.value) for day, value in zip(days, one.points, strict=True) if value is not None]
+    times = [(session.when - start).total_seconds() for session in found.sessions]
+    unit, length = next((one for one in UNITS if max(times) >= one[1]), UNITS[-1])
+    known = [(time / length, value.value) for time, value in zip(times, one.points, strict=True) if value is not None]
     x, y = np.array(known, np.float64).T
-    return TrendCurve(_title(one), x, y, float(one.good), float(one.bad))
+    return TrendCurve(_title(one), x, y, float(one.good), float(one.bad), unit)

@@ -68,7 +68,7 @@ class TrendPanel(QWidget):
         column.addWidget(self.table)
         self.title = WrappedLabel("Over time")
         right, column = card(self.title)
-        self.curve = LinePlot("days since the first session", "value")
+        self.curve = LinePlot("days since the first session", "value", legend=True)
         column.addWidget(self.curve)
         return split(left, right, sizes=(690, 370))
 
@@ -98,15 +98,18 @@ class TrendPanel(QWidget):
 
     def show_curve(self, curve: TrendCurve) -> None:
         """Show a course with the limits of good and bad."""
-        self.title.setText(f"{curve.label}\nDashed: the limits of good and bad")
+        self.title.setText(curve.label)
         self.curve.clear()
-        self.curve.set_labels("days since the first session", curve.label)
-        ends = np.array([curve.days.min(), max(curve.days.max(), curve.days.min() + 1)])
+        self.curve.set_labels(f"{curve.unit} since the first session", curve.label)
+        ends = np.array([curve.times.min(), max(curve.times.max(), curve.times.min() + 1)])
         theme = current_theme()
-        for name, limit, colour in (("good", curve.good, theme.good), ("bad", curve.bad, theme.bad)):
+        drawn = [("limit of good values", curve.good, theme.good), ("limit of bad values", curve.bad, theme.bad)]
+        if curve.good == curve.bad:  # one line would hide the other
+            drawn = [("limit of good and bad values", curve.bad, theme.bad)]
+        for name, limit, colour in drawn:
             if np.isfinite(limit):
                 self.curve.set_curve(name, ends, np.full(2, limit), colour=colour, dashed=True)
-        self.curve.set_curve("value", curve.days, curve.values, symbol="o", colour=LINES[0])
+        self.curve.set_curve("value", curve.times, curve.values, symbol="o", colour=LINES[0])
         self.curve.plot.vb.autoRange()
         limits = [limit for limit in (curve.good, curve.bad) if np.isfinite(limit)]
         every = np.concatenate([curve.values, limits])

@@ -56,7 +56,9 @@ def test_what_got_worse_comes_first_with_its_course(open_page: OpenPage, qtbot: 
     np.testing.assert_allclose(y, [1, 2, 3.5])
     assert not any(panel.table.isColumnHidden(k) for k in range(5))
     assert panel.curve.plot.vb.viewRange()[1][0] == pytest.approx(0, abs=0.2)
-    assert "Lamp" in panel.title.text() and {"good", "bad"} <= panel.curve._curves.keys()
+    limits = {"limit of good values", "limit of bad values"}
+    assert "Lamp" in panel.title.text() and panel.curve._curves.keys() == {*limits, "value"}
+    assert panel.curve.plot.legend is not None and panel.curve._labels[0] == "days since the first session"
     trending.save_picture(str(reports / "trend.png"))
     idle(page.context.jobs, qtbot)
     assert (reports / "trend.png").stat().st_size > 1000
@@ -87,6 +89,9 @@ def test_values_of_one_day_have_no_change_per_month(
     texts = [[panel.table.item(row, k).text() for k in range(4)] for row in range(panel.table.rowCount())]  # type: ignore[union-attr]
     assert next(row for row in texts if "Lamp" in row[0])[1:] == ["fair", "3.5 fair", "within 4.0 s"]
     assert {row[3] for row in texts if "Lamp" not in row[0]} == {""}, "what did not change"
+    panel.table.selectRow(next(k for k, row in enumerate(texts) if "Lamp" not in row[0]))
+    np.testing.assert_allclose(panel.curve._curves["value"].getData()[0], [0, 2, 4])
+    assert panel.curve._labels[0] == "seconds since the first session", "all were at day 0"
     assert (
         "3 sessions, 2026-05-01." in panel.notes.text() and "A change per month is not estimated" in panel.notes.text()
     )
@@ -102,5 +107,6 @@ def test_columns_without_values_are_hidden_and_a_count_of_none_begins_at_zero(
     panel = page.panel.trend
     assert [panel.table.isColumnHidden(k) for k in range(5)] == [False, False, False, True, True]
     panel.show_curve(TrendCurve("Missing frames (frames)", np.array([0.0, 31.0]), np.zeros(2), 0.0, 0.0))
+    assert panel.curve._curves.keys() == {"limit of good and bad values", "value"}
     low, high = panel.curve.plot.vb.viewRange()[1]
     assert low == pytest.approx(0, abs=0.05) and high == pytest.approx(1, abs=0.05)
