@@ -58,7 +58,7 @@ def _rank(point: ChartPoint) -> tuple[bool, bool, bool]:
 def _areas(at: QPointF, wide: float, high: float, reach: float) -> Iterator[QRectF]:
     """Yield areas of a name next to its point, best first; ``reach``: radius of the point or its ring (px)."""
     for across, down in SIDES:
-        x = at.x() + across * (SIZE / 2 if down else reach) + (across - 1) / 2 * wide
+        x = at.x() + across * (max(SIZE / 2, reach - MARGIN / 2) if down else reach) + (across - 1) / 2 * wide
         y = at.y() + down * (2 if across else reach - MARGIN) + (down - 1) / 2 * high
         yield QRectF(x, y, wide, high)
 

@@ -49,6 +49,8 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         (
             f"{len(chosen)} patterns; {plan.exposures[z]:g} s bring the brightest pixel to {100 * FULL:g} % of "
             f"{sensor.full_well_e:g} e-, read noise {sensor.read_noise_e:g} e-",
+            "the L1 error is the sum of the absolute errors relative to the sum of the light; do not compare it with "
+            'the rms error of "Recording: whole scan, or a fit", in which bright pixels weigh more',
             "with photon noise, read noise, full well and quantisation; the mean of dark frames is "
             "subtracted; without drift and fixed pattern",
             *_cut_off(plan.camera),

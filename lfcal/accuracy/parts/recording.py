@@ -37,6 +37,8 @@ def measure(subject: Subject, seconds: float) -> Measuring:
         (
             f"{plan.n_positions} positions; brightest pixel at {100 * EXPECTED.full:g} % of "
             f"{plan.camera.sensor.full_well_e:g} e-, source position error {EXPECTED.stage_px:g} px rms in the fit",
+            "the rms error is relative to the root-mean-square of the light; do not compare it with the L1 error of "
+            '"Recording: averaging and exposure", in which faint pixels weigh more',
             "the fit is correct only if its unknowns describe the camera; check it with the patterns held out",
         ),
     )

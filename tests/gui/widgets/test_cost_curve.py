@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPointF, Qt
+from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.models.cost import ChartPoint
-from lfcal_gui.widgets.cost_curve import CostCurve
+from lfcal_gui.widgets.cost_curve import MARGIN, RING, CostCurve
 
 POINTS = tuple(
     ChartPoint(
@@ -65,7 +65,11 @@ def test_the_point_in_use_has_a_square_and_is_named(curve: CostCurve) -> None:
     curve.show_points((*POINTS[:2], used, POINTS[3]), float(np.log10(3.0)))
     rings = {(round(spot["x"], 6), spot["symbol"]) for spot in curve.ring.data}
     assert rings == {(round(POINTS[1].x, 6), "o"), (round(used.x, 6), "s")}
-    assert "10 % (in use)" in [name.toPlainText() for name in curve.names]
+    (name,) = (one for one in curve.names if one.toPlainText() == "10 % (in use)")
+    words = name.mapRectToScene(name.boundingRect()).adjusted(MARGIN, MARGIN, -MARGIN, -MARGIN)
+    at = curve.plot.vb.mapViewToScene(QPointF(used.x, used.y))
+    square = QRectF(at.x() - RING / 2, at.y() - RING / 2, RING, RING)
+    assert not words.intersects(square), "its first letter touched the square"
     assert [line.split(",")[2:5] for line in list(curve.table_lines(","))[2:4]] == [["1", "0", "1"], ["0", "1", "0"]]
 
 

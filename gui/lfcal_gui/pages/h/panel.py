@@ -131,7 +131,7 @@ LEVELS = {
 }
 """Levels below the verdict: titles, and when one would open them."""
 
-SIZES = {0: (90, 90), 600: (90, 98), 760: (120, 130)}
+SIZES = {0: (90, 90), 600: (90, 98), 760: (120, 130), 980: (260, 200)}
 """Heights of depth-plane sum and map (px) by the least height of the panel."""
 
 PROFILE = 150

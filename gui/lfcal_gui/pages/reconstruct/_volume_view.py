@@ -20,8 +20,8 @@ from lfcal_gui.models import BEGIN, CUTOUT, Levels, Outline, Shot, plane_words, 
 from lfcal_gui.pages.reconstruct._solid_picture import Newest, SolidPicture, View
 from lfcal_gui.pages.reconstruct.model_volume import (
     MODES,
-    Cell,
     Prepared,
+    ViewCell,
     VolumeIntent,
     arrange,
     prepare,
@@ -70,7 +70,7 @@ KEYS = ("xy", "xz", "yz")
 GAP = 3
 """Space between pictures (px)."""
 
-FRONT_VIEW = Cell("x", "y", (0, 0, 0, 0))
+FRONT_VIEW = ViewCell("x", "y", (0, 0, 0, 0))
 """What is across and down in a slice."""
 
 LEAST = (90, 70)
@@ -87,7 +87,7 @@ class VolumePanes(QWidget):
         super().__init__()
         self.name, self.short = name, "" if first else f"{name}, "
         self.prepared: Prepared | None = None
-        self.cells: dict[str, Cell] = {}
+        self.cells: dict[str, ViewCell] = {}
         self._drawn: tuple[VolumeIntent, Levels] | None = None
         self.solid = SolidPicture(VALUE, name, jobs)
         self.pictures: dict[str, Picture] = {}
@@ -149,7 +149,7 @@ class VolumePanes(QWidget):
             um = shot.pixel_um if key == "xy" else None
             picture.set_shot(replace(shot, caption=f"{self.short}{key}{depth}", whole=whole, pixel_um=um))
 
-    def follow(self, moved: Picture, cell: Cell) -> None:
+    def follow(self, moved: Picture, cell: ViewCell) -> None:
         """Show the part and the scale that the user chose in one of the pictures also in the others."""
         seen = moved.box.targetRect()
         middle = {cell.across: seen.center().x(), cell.down: seen.center().y()}
@@ -180,7 +180,7 @@ class _Sides(QWidget):
         self._arrange()
 
 
-def side_shot(intent: VolumeIntent, prepared: Prepared, key: str, cell: Cell, levels: Levels | None) -> Shot:
+def side_shot(intent: VolumeIntent, prepared: Prepared, key: str, cell: ViewCell, levels: Levels | None) -> Shot:
     """Return the picture of a volume from one side, with the cross."""
     shown = side(intent, prepared, key, cell)
     at = {axis: float(places[getattr(intent, axis)]) for axis, places in prepared.axes.items()}
@@ -476,7 +476,7 @@ class VolumeView(QWidget):
     def _steer(self, look: VolumePanes, key: str, row: int, column: int) -> None:
         self._steer_in(look, look.pictures[key], look.cells[key], row, column)
 
-    def _steer_in(self, look: VolumePanes, picture: Picture, cell: Cell, row: int, column: int) -> None:
+    def _steer_in(self, look: VolumePanes, picture: Picture, cell: ViewCell, row: int, column: int) -> None:
         prepared, shot = look.prepared, picture.shot
         if prepared is None:
             return

@@ -161,7 +161,7 @@ def _small(plane: NDArray[Any]) -> NDArray[Any]:
     return small
 
 
-class Cell(NamedTuple):
+class ViewCell(NamedTuple):
     """Place of one of the three views: what is across and down, and its left, top, width and height (pixels)."""
 
     across: str
@@ -179,14 +179,14 @@ LAYOUTS = (
 """Columns and rows of each layout by the axes that must fit, and the axes, column and row of each view."""
 
 
-def arrange(lengths: Mapping[str, float], room: tuple[int, int], gap: int) -> tuple[dict[str, Cell], float]:
+def arrange(lengths: Mapping[str, float], room: tuple[int, int], gap: int) -> tuple[dict[str, ViewCell], float]:
     """Return the places of the three views of a volume in ``room`` (width, height), and the size of a pixel (µm).
 
     All views have one scale. Of the `LAYOUTS`, the one with the largest views is chosen.
     """
     least = THINNEST * max(lengths.values())
     axes = {axis: max(length, least) for axis, length in lengths.items()}
-    best: tuple[dict[str, Cell], float] = {}, math.inf
+    best: tuple[dict[str, ViewCell], float] = {}, math.inf
     for across, down, views in LAYOUTS:
         parts = [[max(axes[axis] for axis in part) for part in line.split()] for line in (across, down)]
         lines = [_spread(part, size, gap) for part, size in zip(parts, room, strict=True)]
@@ -206,13 +206,13 @@ def _spread(parts: list[float], room: int, gap: int) -> list[tuple[int, int]]:
     return [(start + k * gap, end + k * gap) for k, (start, end) in enumerate(pairwise(ends))]
 
 
-def _cell(words: str, lines: list[list[tuple[int, int]]]) -> Cell:
+def _cell(words: str, lines: list[list[tuple[int, int]]]) -> ViewCell:
     axes, *places = words.split()
     (left, right), (top, bottom) = (
         (line[0][0], line[-1][1]) if place == "*" else line[int(place)]
         for place, line in zip(places, lines, strict=True)
     )
-    return Cell(axes[0], axes[1], (left, top, right - left, bottom - top))
+    return ViewCell(axes[0], axes[1], (left, top, right - left, bottom - top))
 
 
 class Side(NamedTuple):
@@ -223,7 +223,7 @@ class Side(NamedTuple):
     pixel: float
 
 
-def side(intent: VolumeIntent, shown: Prepared, key: str, cell: Cell) -> Side:
+def side(intent: VolumeIntent, shown: Prepared, key: str, cell: ViewCell) -> Side:
     """Return the slice ``key`` through the cross, or the maxima along the third axis."""
     volume, places, (across, down, _) = shown.volume, shown.axes, cell
     left_out = "zyx".index(({*"xyz"} - {*key}).pop())

@@ -34,9 +34,9 @@ from lfcal_gui.pages.reconstruct.model_solving import (
 )
 from lfcal_gui.pages.reconstruct.model_volume import (
     MOST_ROWS,
-    Cell,
     Prepared,
     Side,
+    ViewCell,
     VolumeIntent,
     arrange,
     prepare,
@@ -275,7 +275,7 @@ VOLUME = np.random.default_rng(1).random((3, 5, 7)).astype(np.float32)
 def sides(intent: VolumeIntent, shown: Prepared) -> dict[str, Side]:
     """Return the three views with their usual axes."""
     axes = {"xy": "xy", "xz": "xz", "yz": "zy"}
-    return {key: side(intent, shown, key, Cell(*both, (0, 0, 1, 1))) for key, both in axes.items()}
+    return {key: side(intent, shown, key, ViewCell(*both, (0, 0, 1, 1))) for key, both in axes.items()}
 
 
 @pytest.mark.parametrize("room", [(620, 520), (306, 526), (520, 1030), (300, 200), (900, 300)])
@@ -304,7 +304,7 @@ def test_a_view_and_its_transposed_one_have_the_same_voxels() -> None:
         intent = VolumeIntent(1, 2, 3, mode=mode)
         for key, found in sides(intent, shown).items():
             across, down = {"xy": "xy", "xz": "xz", "yz": "zy"}[key]
-            other = side(intent, shown, key, Cell(down, across, (0, 0, 1, 1)))
+            other = side(intent, shown, key, ViewCell(down, across, (0, 0, 1, 1)))
             np.testing.assert_array_equal(other.values, found.values.T)
             assert other.origin == found.origin[::-1]
 
