@@ -30,7 +30,7 @@ def command(
     *,
     camera: str = typer.Option("", "--camera", help="Camera (preset or file) whose sensor is measured."),
     cfa: str = typer.Option(
-        "", "--cfa", help="Colour filter pattern by rows, e.g. RGGB; default: from the files or the camera."
+        "", "--cfa", help="Colour filters in row-major order, such as RGGB; default: from the files or the camera."
     ),
     figure: Path | None = typer.Option(
         None, "--figure", help="File for a plot of the photon-transfer curve (PNG, PDF, SVG)."

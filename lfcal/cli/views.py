@@ -177,7 +177,7 @@ def command(
         "none", help="Lens types: none, together (the sharpest have the largest weight), or each (separately)."
     ),
     channel: str = typer.Option("", help="Channel of colour frames: R, G, B or each; default for a mosaic: all."),
-    cfa: str = typer.Option("", help="Colour filters of a mosaic by rows, e.g. GRBG; default: from the file."),
+    cfa: str = typer.Option("", help="Colour filters in row-major order, such as GRBG; default: from the file."),
     slopes: str = typer.Option("", help="Planes of the focal stack as slopes (about virtual depths)."),
     depths: str = typer.Option("", help="Planes of the focal stack as depths in µm or mm; needs --camera."),
     samples: int = typer.Option(4, help="Samples of the focal stack per lenslet."),

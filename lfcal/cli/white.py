@@ -38,7 +38,7 @@ def command(
         "", help="Channel of a colour image: R, G or B; default for a mosaic: the mean of its colours."
     ),
     cfa: str = typer.Option(
-        "", help="Colour filters of a mosaic by rows, e.g. GRBG; default: from the file or the camera."
+        "", help="Colour filters in row-major order, such as GRBG; default: from the file or the camera."
     ),
     mask: MaskOption = None,
     types: bool = typer.Option(True, help="Find the three lens types, if the camera has them."),

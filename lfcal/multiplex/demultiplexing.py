@@ -150,7 +150,7 @@ def demultiplex_weighted(
     origin: tuple[int, int] = (0, 0),
     rcond: float | None = None,
 ) -> WeightedSamples:
-    """Return the plenoptic samples of a frame and their standard deviations, by weighted least squares.
+    """Return the samples ``(N, rows, columns)`` of a frame and their standard deviations, by weighted least squares.
 
     ``weights`` contains the inverse variance of each pixel, ``(rows, columns)``; pixels that are not finite must have
     the weight 0. The other parameters are those of `demultiplex`.
@@ -187,10 +187,10 @@ def demultiplex_weighted(
 
 
 def default_filter(modulator: Modulator, samples: tuple[int, int]) -> str:
-    """Return the default spatial filter for ``samples`` per super-pixel.
+    """Return the default spatial filter for ``samples`` (rows, columns) output samples per super-pixel.
 
-    It is ``"directional"`` for filter arrays over red, green and blue that recover all three, at one sample per pixel,
-    and otherwise ``"cubic"``. Samples of other kinds need not resemble each other as the colours of an image do.
+    It is ``"directional"`` for filter arrays over red, green and blue that recover all three, at one sample per pixel.
+    Otherwise it is ``"cubic"``, because samples of other kinds may not be correlated as colours are.
     """
     from lfcal.multiplex._demosaicing import can_estimate
 
@@ -318,7 +318,7 @@ def _gathered(light: NDArray[np.float64], cell: tuple[int, int]) -> NDArray[np.f
 
 
 def arrange(samples: NDArray[Any], modulator: Modulator) -> NDArray[Any]:
-    """Return a view of samples of `demultiplex` with the shape ``(views down, views across, colours, rows, columns)``.
+    """Return the result of `demultiplex` as a view with axes ``(views down, views across, colours, rows, columns)``.
 
     Examples
     --------

@@ -106,7 +106,7 @@ def best_array(
     least_light: float = 0.0,
     reference: Modulator | None = None,
 ) -> Design:
-    """Search all layouts of given filters; return the one with the largest SNR gain over ``reference``.
+    """Search all layouts of the given filters for the largest SNR gain over ``reference``; return a `Design`.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def best_printed_mask(
     starts: int = 12,
     rng: np.random.Generator | None = None,
 ) -> Design:
-    """Search for the printable mask with the largest SNR gain over a pinhole with the same crosstalk.
+    """Search for the printable mask with the largest SNR gain over a pinhole of the same crosstalk; return a `Design`.
 
     If there are at most 20 000 candidates, all of them are tried. Otherwise, the best grey mask (`best_mask`), known
     masks and random masks are rounded to the printable levels, and then changed pixel by pixel as long as this

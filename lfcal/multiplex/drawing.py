@@ -44,7 +44,7 @@ MOST_SHOWN = 64
 
 
 def draw_curves(axes: Axes, curves: GainCurves, title: str = "") -> None:
-    """Draw the gain of each modulator as a function of chi^2, with a marker for each camera (figure 6)."""
+    """Draw the gain of each modulator as a function of chi^2, marking each camera (Ihrke et al., figure 6)."""
     for k, (name, gain) in enumerate(zip(curves.names, curves.gains, strict=True)):
         if np.isfinite(gain).any():
             style = STYLES[k // len(LINES) % len(STYLES)]
@@ -71,7 +71,7 @@ def draw_curves(axes: Axes, curves: GainCurves, title: str = "") -> None:
 
 
 def save_gain_curves(parts: Sequence[tuple[str, GainCurves]], path: Path) -> None:
-    """Write figure 6: one plot for each pair of title and curves, side by side."""
+    """Write figure 6 of Ihrke et al.: one plot for each pair of title and curves, side by side."""
     with figure(5.2 * len(parts), 4.0) as fig:
         for axes, (title, curves) in zip(np.ravel(fig.subplots(1, len(parts))), parts, strict=True):
             draw_curves(axes, curves, title)
@@ -79,7 +79,7 @@ def save_gain_curves(parts: Sequence[tuple[str, GainCurves]], path: Path) -> Non
 
 
 def save_gain_map(found: GainMap, path: Path) -> None:
-    """Write an image of the gain of each sample as a function of chi^2; the middle of the colour scale is no gain."""
+    """Write an image of the gain of each sample as a function of chi^2; the middle of the colour scale is 0 dB."""
     gains = np.where(np.isfinite(found.gains), found.gains, np.nan)
     low, high = (math.log10(v) for v in (float(found.chi2[0]), float(found.chi2[-1])))
     with figure(7.0, 4.4) as fig:
@@ -101,7 +101,7 @@ def save_gain_map(found: GainMap, path: Path) -> None:
 
 
 def draw_modulator(modulator: Modulator, path: Path) -> None:
-    """Write a figure of a modulator: its pattern, the pattern's spectrum, Sigma and Pi."""
+    """Write a figure of a modulator: its pattern, the pattern's spectrum, and the matrices Sigma and Pi."""
     pattern, spectrum = modulator.pattern(), modulator.pattern_spectrum()
     with figure(12.0, 3.2) as fig:
         one, two, three, four = np.ravel(fig.subplots(1, 4))
@@ -206,7 +206,7 @@ def _name_points(axes: Axes, frontier: Frontier, order: NDArray[np.intp], named:
 
 
 def save_filter_choice(parts: Sequence[tuple[str, Sequence[FilterTrial]]], path: Path) -> None:
-    """Write plots of error as a function of time, side by side, one for each pair of title and trials."""
+    """Write plots of reconstruction error against time, side by side, one for each pair of title and trials."""
     with figure(5.2 * len(parts), 4.0) as fig:
         for axes, (title, trials) in zip(np.ravel(fig.subplots(1, len(parts))), parts, strict=True):
             for k, trial in enumerate(trials):
@@ -256,7 +256,7 @@ def mosaic_picture(frame: ArrayLike, modulator: Modulator) -> Image:
 
 
 def log_spectrum(frame: ArrayLike) -> Image:
-    """Return log10 of a frame's spectrum ``(rows, columns)`` relative to its mean; zero frequency is in the middle."""
+    """Return log10 of a frame's amplitude spectrum relative to its peak, with zero frequency in the middle."""
     image = np.asarray(frame, float)
     # a window, because the frame's edges would draw a bright cross through the spectrum
     window = np.hanning(image.shape[0])[:, None] * np.hanning(image.shape[1])
@@ -275,7 +275,7 @@ def save_colour_routes(
     ways: Sequence[tuple[str, str]] = (("spatial", "cubic"), ("fourier", "sinc")),
     gains: Sequence[float] = (1, 1, 1),
 ) -> None:
-    """Write figure 3: raw frame, its spectrum and each reconstruction, both complete and magnified.
+    """Write figure 3 of Ihrke et al.: raw frame, its spectrum and each reconstruction, both complete and magnified.
 
     Parameters
     ----------
@@ -332,10 +332,10 @@ def _show(axes: Any, picture: Image, title: str, zoom: tuple[slice, slice] | Non
 
 
 def upsampled_views(frame: ArrayLike, modulator: Modulator, factor: int = 3) -> list[tuple[str, Image]]:
-    """Return titles and views ``(N, rows, columns)``, upsampled by ``factor``, for the three ways of figure 5.
+    """Return titles and views ``(N, rows, columns)``, upsampled by ``factor`` in three ways.
 
-    The three ways are: zero-padded Fourier reconstruction; Fourier reconstruction at low resolution, then bicubic
-    interpolation; bicubic interpolation of the measurement channels, then decorrelation.
+    The three ways (Ihrke et al., figure 5) are: zero-padded Fourier reconstruction; Fourier reconstruction at low
+    resolution, then bicubic interpolation; bicubic interpolation of the measurement channels, then decorrelation.
     """
     import cv2
 
@@ -356,7 +356,7 @@ SIGNALS = 25
 def save_coding(
     gain: CodingGain, patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, path: str | os.PathLike[str]
 ) -> None:
-    """Write a plot of a code's gain for each entry of the middle point, and as a function of the light of a point."""
+    """Write plots of a code's gain: for each pixel of the middle point's pattern, and against the light of a point."""
     light = np.asarray(patterns, float)
     middle = len(light) // 2
     with figure(12.0, 6.8) as fig:

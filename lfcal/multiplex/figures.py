@@ -37,7 +37,7 @@ def figure_files(folder: Path) -> list[Path]:
 
 
 def iter_paper_figures(folder: Path, raw: Path | None, marks: Mapping[str, float], seed: int) -> Work[list[Path]]:
-    """Draw figures 3, 5, 6 and 7 and the modulators into ``folder``.
+    """Draw figures 3, 5, 6 and 7 of Ihrke et al., and the modulators, into ``folder``.
 
     Parameters
     ----------

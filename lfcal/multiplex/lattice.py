@@ -43,7 +43,7 @@ class Offsets(NamedTuple):
     step_px: tuple[float, float]
 
     def of(self, channel: int) -> Array:
-        """Return the offset ``(row, column)`` of a channel (counted by rows) from its super-pixel's centre (pixels)."""
+        """Return the offset ``(row, column)`` of a channel (row-major index) from its super-pixel's centre (pixels)."""
         place = np.divmod(channel, self.number[1])
         return np.array([(k - (n - 1) / 2) * s for k, n, s in zip(place, self.number, self.step_px, strict=True)])
 

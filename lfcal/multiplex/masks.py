@@ -277,7 +277,7 @@ MAX_EXHAUSTIVE = 4
 
 
 def noise_shares(chi2: float) -> tuple[float, float]:
-    """Return the fractions of the variance due to additive and to photon noise at ``chi2``, 0 … inf."""
+    """Return the fractions of the noise variance due to additive and to photon noise, for ``chi2`` from 0 to inf."""
     if not chi2 >= 0:
         raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "give a number in this range")
     additive = 1.0 / (1.0 + chi2)

@@ -193,7 +193,7 @@ class Modulator:
         return kept
 
     def rank(self, rcond: float | None = None) -> int:
-        """Return the rank of `matrix`, the number of independent combinations of samples that are measured."""
+        """Return the rank of `matrix`, the number of measured combinations of samples; ``rcond`` is as in `inverse`."""
         return int(self._kept(rcond).sum())
 
     @property
@@ -218,7 +218,7 @@ class Modulator:
         return result
 
     def lost(self, rcond: float | None = None) -> Array:
-        """Return the unrecoverable fraction of each sample, ``(N,)``, from 0 (fully recovered) to 1 (not measured)."""
+        """Return the unrecoverable fraction of each sample, ``(N,)``, 0 to 1; ``rcond`` is as in `inverse`."""
         right = self._decomposition[2][self._kept(rcond)]
         share: Array = np.clip(1.0 - (np.abs(right) ** 2).sum(0), 0.0, 1.0)
         share[share < 1e-12] = 0.0

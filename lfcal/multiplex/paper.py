@@ -69,7 +69,7 @@ class PaperFigure:
     Attributes
     ----------
     number
-        Number in the paper.
+        Number of the figure in Ihrke et al.
     title
         Title of the figure.
     panels
@@ -88,7 +88,7 @@ class PaperFigure:
 
 
 def paper_figure(number: int, *, camera: str = "", chi2: float | None = None, seed: int = 1) -> PaperFigure:
-    """Return one of the paper's figures, reproduced with synthetic scenes instead of the paper's own images.
+    """Return a figure of Ihrke et al., reproduced with synthetic scenes instead of the paper's own images.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ class RecordedFrame(NamedTuple):
     black_level: Any
 
     def level(self, given: float | None = None, sensor: Sensor | None = None) -> Any:
-        """Return ``given``, or the black level stated in the file, or that of the sensor, or 0 if none is known."""
+        """Return ``given``, or else the black level in counts: that of the file, that of the sensor, or 0."""
         if given is not None:
             return given
         if self.black_level is not None:
@@ -37,8 +37,8 @@ class RecordedFrame(NamedTuple):
     def weights(self, level: Any, sensor: Sensor | None, mask: Path | None, **how: Any) -> NDArray[Any] | None:
         """Return the weight ``(rows, columns)`` of each pixel; None if all weights are equal.
 
-        Pixels that are not finite, and those that the file ``mask`` marks, have no weight. ``level`` is the black level
-        (counts). ``how`` contains further options of `lfcal.multiplex.pixel_weights`.
+        Pixels that are not finite, and those that the file ``mask`` marks, have the weight 0. ``level`` is the black
+        level (counts). ``how`` contains further options of `lfcal.multiplex.pixel_weights`.
         """
         lost = lost_pixels(self.raw, self.path, mask)
         missing = int(np.count_nonzero(~np.isfinite(self.raw)))

@@ -17,7 +17,7 @@ Index = NDArray[np.intp]
 
 
 def tile_pixels(pixels: Sequence[tuple[int, int]], vectors: Sequence[tuple[int, int]]) -> Index:
-    """Return the number of the tile's pixel at each pixel of the smallest rectangular period, ``(rows, columns)``.
+    """Return the index in ``pixels`` at each pixel of the smallest rectangular period of a tiling, ``(rows, columns)``.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ def _read(path: str | Sequence[str]) -> list[Layer]:
 
 
 def read_layers(path: str | Path) -> list[Layer]:
-    """Return the layers of an H or HT file, a recorded session, or a volume; values are loaded when displayed.
+    """Return the napari layers of an H or HT file, a session, or a volume; values are loaded when displayed.
 
     Planes are in the order of increasing depth; the metadata ``planes`` of a layer lists their indices in the file. For
     an H file, a hidden layer with HT is added. A file with several regions of the field has one layer for each

@@ -32,7 +32,7 @@ PROBE, WIDE_PROBE = (21, 21), (201, 201)
 
 
 class Window(NamedTuple):
-    """Position of a cutout on the sensor: its first row and column, and sub-pixel residuals in (-0.5, 0.5]."""
+    """Position of a cutout on the sensor: its first row and column, and the residuals in (-0.5, 0.5] (px)."""
 
     row: int
     column: int
@@ -134,7 +134,7 @@ class Cutout:
         return rows, columns
 
     def region(self, window: Window) -> tuple[slice, slice]:
-        """Return the rows and columns of the sensor to read for ``window``, including a margin for interpolation."""
+        """Return slices of the sensor rows and columns to read for ``window``, including a margin for interpolation."""
         # a window on whole pixels is copied unchanged: no interpolation affects its noise
         still = window.row_residual == window.column_residual == 0 and not self.resamples
         margin = 0 if still else _MARGIN[self.interpolation]

@@ -128,8 +128,9 @@ def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "near
     """Return a view of ``matrix`` in which the micro-image centre ``lens`` is where other codes expect it.
 
     Positions are rolled within the period by whole numbers. Their patterns do not change, because a cutout is centred
-    on its source and only the source's number changes. ``f[p] = sum_v g[v] H[v mod n][p - v + c]`` then holds for
-    images and volumes whose pixel 0 is earlier by the same number of pixels.
+    on its source and only the source's index changes. The image ``f[p] = sum_v g[v] H[v mod n][p - v + c]`` of a volume
+    g then refers to pixels p and voxels v that start earlier by the same number of pixels. Here n is the period, and c
+    the middle of the cutout.
 
     Parameters
     ----------

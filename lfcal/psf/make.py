@@ -88,7 +88,7 @@ class PlaneSource:
         Parameters
         ----------
         z
-            Number of the plane.
+            Index of the plane.
         zeros
             Function that returns an array of zeros to compute into, for sources without an array.
         workers

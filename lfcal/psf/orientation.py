@@ -136,8 +136,8 @@ def orientation_of_path(
     """Return the orientation of frames in which the pattern followed ``path``.
 
     The direction of the motion is compared with that of the plan separately in each plane; step size and offset are
-    fitted. Orientations with the same motion are distinguished by the position of the path. So are turned frames and
-    upright frames of a scan along other axes.
+    fitted. The position of the path distinguishes orientations with the same motion. It also distinguishes turned
+    frames from upright frames of a scan along other axes.
 
     Parameters
     ----------

@@ -330,7 +330,8 @@ class PSFWriter:
     dtype
         Stored type: ``"float32"``, ``"float64"``, ``"rounded"``, or, for whole numbers within their range, ``"uint16"``
         or ``"uint8"``. ``"rounded"`` is float32 in multiples of a power of two, which is at most 1/65535 of the range
-        of the plane. It needs about a third of the space, preserves whole numbers exactly, and its error is stored.
+        of the plane. It needs about a third of the space of float32, preserves whole numbers exactly, and its error is
+        stored.
     compression
         Compression: ``"gzip"`` (level 1 with the shuffle filter), ``"zstd"`` or ``"none"``.
     transposed

@@ -58,7 +58,7 @@ def iter_write_recalibration(
     folder
         Output folder, created if needed.
     known
-        Facts for the numbers and the provenance of H, as plain JSON types.
+        Entries to add to the file of results and to the provenance of H, as plain JSON types.
     with_h
         Whether to compute and write H of the recalibrated camera.
     workers

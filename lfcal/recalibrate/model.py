@@ -120,10 +120,11 @@ class WindowModel:
         sampling: Sampling,
         bright: float,
     ) -> F4:
-        """Return the derivatives of all expected frames ``(k + 1, frames, rows, columns)`` for fixed volumes.
+        """Return the derivatives ``(k + 1, frames, rows, columns)`` of all expected frames for fixed volumes.
 
-        The last one is that by the scale of the depths, in units of `DEPTH_SCALE`. Only the brightest voxels, which
-        contain the fraction ``bright`` of the light, are used.
+        The first k are those with respect to the unknowns in ``vector``. The last one is that with respect to the scale
+        of the depths, in units of `DEPTH_SCALE`. Only the brightest voxels, which contain the fraction ``bright`` of
+        the light, are used.
         """
         light = patterns.values.sum((1, 2))
         keep = np.logical_or.reduce([_brightest(scene.volume * light, bright) for scene in scenes])

@@ -117,10 +117,11 @@ class Recalibration:
     remedies
         What was changed, or what may be wrong, one sentence each.
     undetermined
-        Names of the unknowns in each combination that the frames do not determine; the fit does not move along it.
+        Names of the unknowns in each combination that the frames do not determine; the fit does not change these
+        combinations.
     depth_scale
-        Relative change of unknowns with the depths of all planes, by name. The depths are taken as known, and H hardly
-        depends on their scale.
+        Change (%) of each unknown, by name, if all depths are 1 % larger. H hardly depends on the scale of the depths,
+        which is assumed to be known.
 
     Examples
     --------
@@ -222,13 +223,13 @@ def iter_recalibrate(
     plan
         Scan with the described camera, the depth planes, and a cutout that contains the patterns.
     noise
-        Constant and slope of the variance of a sample. None: as the frames state.
+        Variance of a sample without light (counts²), and its increase per count of signal. None: as the frames state.
     unknowns
         Groups of unknowns to fit. None: those of `DETERMINED` that the camera has.
     effects
         Effects to simulate. None: those that follow from the description of the camera.
     windows
-        Number of windows of the sensor to use. None: one, or five of a large sensor.
+        Number of windows of the sensor to use. None: one, or five for a large sensor.
     workers
         Number of threads. None: all processors.
 

@@ -59,8 +59,8 @@ def iter_watch(
 ) -> Work[DriftWatch]:
     """Return whether H still holds for each frame of a series of unknown objects.
 
-    H stays fixed. The object of a frame is estimated with it. One step of the orthogonal score (see
-    `lfcal.recalibrate.score`) then gives the shift of the array and the change of the gap.
+    The object of each frame is estimated with H unchanged. One step of the orthogonal score (see
+    `lfcal.recalibrate.score`) then estimates the shift of the array and the change of the gap.
 
     Parameters
     ----------
@@ -74,15 +74,15 @@ def iter_watch(
     times
         Time of each frame; None: unknown.
     noise
-        Constant and slope of the variance of a sample; None: as the frames state.
+        Variance of a sample without light (counts²), and its increase per count of signal; None: as the frames state.
     rate
-        Rate of false alarms.
+        Probability of a false alarm in each test while H holds.
     mean
         Number of consecutive frames to average before each test.
     contents
         Assumptions about the contents of frames; None: the planes of H and a dark field that slopes.
     windows
-        Number of windows of the sensor to use; None: one, or five of a large sensor.
+        Number of windows of the sensor to use; None: one, or five for a large sensor.
     workers
         Number of threads; None: all processors.
 

@@ -61,7 +61,7 @@ class WatchedMean:
     values, sigmas
         As in `WatchedFrame`.
     t_squared
-        Statistic of the test.
+        Hotelling's T², the statistic of the test.
     chance
         Probability of a larger statistic while H is valid.
     alarm
@@ -94,7 +94,7 @@ class DriftTrend:
 
     @property
     def significant(self) -> bool:
-        """Whether the slope differs from zero."""
+        """Whether the slope differs from zero by more than `CLEAR` standard deviations."""
         return abs(self.slope) > CLEAR * self.sigma
 
 
@@ -111,7 +111,7 @@ class DriftWatch:
     significant
         Indices of the means that differ from the calibration when all tests are considered together.
     moved
-        Whether any of them differs, or the mean of all frames.
+        Whether any of the means, or the mean of all frames, differs from the calibration.
     values, sigmas
         Weighted mean drift of all used frames, or of the frames in ``significant`` means if there are any.
     trends

@@ -158,7 +158,7 @@ def _frames_of_session(path: Path) -> list[FrameFile]:
 def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[float, float] | None:
     """Return the anchor of H in the frames of a session that cover part of the sensor. None: the anchor stored in H.
 
-    ``resample`` is the setting for resampling: True always, False never, None if the lattice drifts.
+    ``resample`` states whether to resample frames; None: only if the lattice drifts.
 
     Raises
     ------

@@ -22,7 +22,7 @@ def usual_margin(period: tuple[int, int], cutout: tuple[int, int], shape: tuple[
 
     Two periods include most of the light that reaches a frame of ``shape`` from outside. The edges of the volume then
     have the correct brightness; without a margin, they are 1.3 times as bright. The margin is limited to half the
-    cutout and to an eighth of the frame. The latter increases the time by half.
+    cutout and to an eighth of the frame; a margin of an eighth increases the computing time by half.
     """
     return max(0, min(2 * max(period), (max(cutout) - 1) // 2, max(shape) // 8))
 

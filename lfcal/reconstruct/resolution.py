@@ -92,8 +92,8 @@ def bead_widths(volume: NDArray[np.floating], places: NDArray[np.floating], reac
     places
         Plane, row and column of each bead, ``(n, 3)`` (planes and voxels).
     reach
-        Number of voxels on each side that belong to a profile; each profile is summed over a third of this to each
-        side.
+        Number of voxels of a profile on each side of the bead. Across the profile, a third as many voxels on each side
+        are summed.
     """
     widths = []
     for place in places:

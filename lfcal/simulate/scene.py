@@ -144,7 +144,8 @@ class Crossing(NamedTuple):
     Attributes
     ----------
     axial
-        n2 cos t2 in the specimen; positive imaginary for total reflection.
+        n2 cos t2, with the refractive index n2 of the specimen and the angle t2 in it; positive imaginary for total
+        reflection.
     s, p
         Fresnel coefficients of s-polarised and p-polarised waves.
     """
@@ -187,9 +188,10 @@ class Specimen:
     def crossing(self, medium_index: float, theta: F8) -> Crossing:
         """Return the transmission of the interface at angles ``theta`` (rad) in the medium, per solid angle there.
 
-        With n2 sin t2 = n1 sin t: s = 2 n1 cos t / (n1 cos t + n2 cos t2), p = 2 n1 cos t / (n2 cos t + n1 cos t2).
-        These are the coefficients of an incoming wave. They equal those of the outgoing one times n1 cos t / (n2 cos
-        t2), which converts plane waves of the specimen into amplitudes per solid angle of the medium (reciprocity).
+        With the indices n1, n2 and the angles t, t2 in medium and specimen, n2 sin t2 = n1 sin t: s = 2 n1 cos t / (n1
+        cos t + n2 cos t2), p = 2 n1 cos t / (n2 cos t + n1 cos t2). These are the coefficients of an incoming wave.
+        They equal those of the outgoing one times n1 cos t / (n2 cos t2), which converts plane waves of the specimen
+        into amplitudes per solid angle of the medium (reciprocity).
         """
         n1, n2 = medium_index, self.index
         across, first = n1 * np.sin(theta), n1 * np.cos(theta)
@@ -200,7 +202,9 @@ class Specimen:
 def ray_heights(optics: Microscope, z_um: float, specimen: Specimen | None, theta: F8) -> F8:
     """Return the heights at which rays of a source at ``z_um`` reach the array, by their signed angle in the medium.
 
-    The heights (µm) are M z tan t, or M (d tan t2 - D tan t) behind an interface; NaN for rays with total reflection.
+    The heights (µm) are M z tan t, with the magnification M and the angle t in the medium. Behind an interface, they
+    are M (d tan t2 - D tan t), with the angle t2 in the specimen and the depths d of the source and D of the nominal
+    focal plane. They are NaN for rays with total reflection.
     """
     if specimen is None or specimen.source_um(z_um) < 0:
         return optics.magnification * z_um * np.tan(theta)
@@ -256,7 +260,7 @@ class Scene:
         Lenslet aperture: ``"circle"`` (clear diameter within the lenslet's cell, opaque gaps) or ``"cell"`` (fills the
         lattice).
     pupil_um
-        Distance b of the exit pupil before the array; inf is telecentric.
+        Distance b of the exit pupil in front of the array; inf: telecentric.
     wavefront
         Aberration of the main lens as Zernike terms ``(n, m, waves)``: ``waves`` times R_n^|m|(rho) cos(m theta), or
         sin(|m| theta) for m < 0. R is 1 at the rim, rho = 1, of the disc f/(2N). Empty: none. See `seidel`.
@@ -285,8 +289,8 @@ class Scene:
     specimen
         Media between a microscope's source and its immersion medium. None: no specimen.
     offsets_um
-        Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position on the sensor's scale, or None. The pixels do
-        not move.
+        Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position, on the sensor's scale; the pixels do not move.
+        None: no displacement.
     image_map
         Displacement of every image from its paraxial position, as a function of that position on the sensor, after
         offsets.
@@ -545,11 +549,12 @@ class Scene:
         return share
 
     def tilted(self, centres_um: NDArray[np.float64], kinds: NDArray[np.intp]) -> tuple[NDArray[np.float64], ...]:
-        """Return the changes due to the tilt, of the factor of X0 - c and of sigma, for lenslets at ``centres_um``.
+        """Return the changes, due to the tilt, of spot positions and of sigma for lenslets at ``centres_um``.
 
-        ``centres_um`` is ``(n, 2)`` as (x, y). A ray through the centre of a lenslet that is farther from the sensor by
-        d meets the sensor at c + (B + d)/(a + d) (X0 - c). Sigma becomes 1 - (B + d)/(a + d) - (B + d)/f. Both changes,
-        ``(n,)``, are of first order in d.
+        ``centres_um`` is ``(n, 2)`` as (x, y). The chief ray meets the sensor at X0. A ray through the centre c of a
+        lenslet that is farther from the sensor by d meets it at c + (B + d)/(a + d) (X0 - c). The first result is the
+        change of the factor of X0 - c. Sigma becomes 1 - (B + d)/(a + d) - (B + d)/f. Both changes, ``(n,)``, are of
+        first order in d.
         """
         a, none = self.reduced_image_um, np.zeros(len(centres_um))
         # near the native plane, the lit lenslets are next to each other, and 1/a' has no meaning

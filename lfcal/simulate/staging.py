@@ -61,7 +61,7 @@ def scene_of(
     camera
         Camera description.
     z_um, virtual_depth
-        Depth of the plane, given by one of the two; without either, the native plane.
+        Object depth of the plane (µm), or its virtual depth; without either, the native plane.
     cutout, period
         Pixels ``(nt, ns)`` of a response, and source positions ``(ny, nx)``. None: the camera's period, rounded.
     anchor_px

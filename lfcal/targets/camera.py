@@ -173,7 +173,7 @@ class TargetCamera(Frames):
         return FrameInfo((), exposure_s=self.plan.scan.exposures[z], label=label)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or its rows and columns ``region``, in counts; the complete frame is computed."""
+        """Return frame ``index`` in counts, or its ``region`` (row and column slices); the whole frame is computed."""
         frame = self.exposed(self.light(index), index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
@@ -335,8 +335,7 @@ class TargetCamera(Frames):
 def uneven(target: Target, spread: float, seed: int = 0) -> NDArray[np.float64]:
     """Return random brightness values of the n holes of ``target``, ``(n,)``, normally distributed around 1.
 
-    ``spread`` is the standard deviation, and ``seed`` that of the random numbers. Brightness values below 0 are set to
-    0.
+    ``spread`` is the standard deviation, and ``seed`` the random seed. Brightness values below 0 are set to 0.
 
     Examples
     --------

@@ -89,12 +89,12 @@ class DecodedFrames(SourceView):
         return FrameInfo((), own.origin, own.exposure_s, None, saturated, label, mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return the decoded frame ``index``, or its rows and columns ``region``; it shows a single offset."""
+        """Return the decoded frame ``index``, or its ``region`` (row and column slices); it shows a single offset."""
         parts = self._parts(index)
         return sum(np.float32(w) * np.asarray(self.source.read(k, region), np.float32) for k, w, _ in parts)  # type: ignore[return-value]
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the decoded samples of frame ``index`` or of its rows and columns ``region``, with their noise.
+        """Return the decoded samples of frame ``index`` or of its ``region`` (row and column slices), with their noise.
 
         A sample is valid if it is valid in all summed frames.
         """

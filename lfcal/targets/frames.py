@@ -16,7 +16,7 @@ __all__ = ["TargetFrames", "frames_of", "open_target_frames", "read_target_plan"
 
 
 class TargetFrames(SourceView):
-    """Whole frames of a target in the order of a plan; ``metadata`` contains ``target`` and ``target_frames``.
+    """Complete frames of a target in the order of a plan; ``metadata`` contains ``target`` and ``target_frames``.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ class TargetFrames(SourceView):
         return FrameInfo((), info.origin, exposure, None, info.saturated, info.label, info.mask)
 
     def read(self, index: int, region: Any = None) -> Any:
-        """Return frame ``index``."""
+        """Return frame ``index``, or its ``region`` (row and column slices)."""
         return self.source.read(self._order[index], region)
 
     def samples(self, index: int, region: Any = None) -> Any:
-        """Return the samples of frame ``index`` with their noise and validity."""
+        """Return the samples of frame ``index``, or of its ``region``, with their noise and validity."""
         return self.source.samples(self._order[index], region)
 
 
@@ -83,7 +83,7 @@ def read_target_plan(frames: Path, plan: Path | None) -> TargetPlan | None:
 
 
 def open_target_frames(frames: Path, plan: TargetPlan, *, skip_damaged: bool = False) -> Frames:
-    """Open whole frames in a folder, or in a file with several, in the order of their plan.
+    """Open the complete frames in a folder, or in a file of several pages, in the order of the plan.
 
     Images in a folder are sorted by their names in natural order, or by a manifest with the frame numbers as x.
 
@@ -113,7 +113,7 @@ def open_target_frames(frames: Path, plan: TargetPlan, *, skip_damaged: bool = F
 
 
 def frames_of(source: FrameSource, plan: TargetPlan) -> tuple[tuple[int, int], ...]:
-    """Return plane and offset number of every frame of a source, from its metadata or from ``plan``.
+    """Return the indices of the plane and the offset of every frame of a source, from its metadata or from ``plan``.
 
     Raises
     ------

@@ -39,7 +39,7 @@ class HoleImages:
         return len(self.holes)
 
     def moved(self, offset_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the positions ``(n, 2)`` for a target moved so that images in the depth plane move by an offset."""
+        """Return ``pixels`` after images in the depth plane have moved by ``offset_px`` (rows, columns; px)."""
         moved: NDArray[np.float64] = self.pixels + self.shift[:, None] * offset_px
         return moved
 

@@ -38,7 +38,7 @@ TRIED = 16
 
 
 def covered_by(phases: Phases, images: HoleImages, offset_px: Array, tolerance_px: float) -> Index:
-    """Return the numbers (row by row) of the positions that one frame shows with complete cutouts."""
+    """Return the row-major indices of the positions that one frame shows with complete cutouts."""
     plan = phases.plan
     pixels = images.moved(offset_px)
     return phases.covered(pixels[whole_at(pixels, plan.camera.sensor.shape, plan.cutout)], tolerance_px)

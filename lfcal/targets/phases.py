@@ -90,12 +90,12 @@ class Phases:
         return rates
 
     def wanted(self) -> Array:
-        """Return the phases ``(ny * nx, 2)`` (y, x) of the scan's positions, row by row (pixels)."""
+        """Return the phases ``(ny * nx, 2)`` (y, x) of the scan's positions in row-major order (pixels)."""
         rows, columns = np.indices(self.plan.period).reshape(2, -1)
         return self.at(self.plan.image_px(np.stack([np.zeros_like(rows), rows, columns], axis=1)))
 
     def covered(self, pixels: Array, tolerance_px: float) -> NDArray[np.intp]:
-        """Return the numbers (row by row) of the positions that images at ``pixels`` ``(n, 2)`` show.
+        """Return the row-major indices of the positions that images at ``pixels`` ``(n, 2)`` show.
 
         An image shows a position if its phase deviates by at most ``tolerance_px`` in rows and in columns.
         """

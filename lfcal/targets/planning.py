@@ -180,7 +180,10 @@ class Tails:
         return np.maximum(shares, 0.0)
 
     def grid(self, pitch_px: tuple[float, float]) -> float:
-        """Return the crosstalk in a rectangular grid of equally bright points, without points outside the window."""
+        """Return the crosstalk in a rectangular grid of equally bright points, ``pitch_px`` (rows, columns) apart.
+
+        Points outside the window of `light` are ignored.
+        """
         reach = [int(n // p) + 1 for n, p in zip(self.light.shape, pitch_px, strict=True)]
         index = np.mgrid[-reach[0] : reach[0] + 1, -reach[1] : reach[1] + 1].reshape(2, -1).T
         others = index[(index != 0).any(axis=1)]

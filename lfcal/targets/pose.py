@@ -117,7 +117,7 @@ class Pose:
         return turn
 
     def off_by(self, within: Pose, shares: NDArray[np.float64]) -> Pose:
-        """Return this pose plus ``shares`` ``(6,)``, fractions of the bounds ``within`` in the order of attributes."""
+        """Return this pose plus the fractions ``shares`` ``(6,)``, in attribute order, of the bounds ``within``."""
         names = [field.name for field in fields(self)]
         moved = [getattr(self, n) + s * getattr(within, n) for n, s in zip(names, shares.tolist(), strict=True)]
         return Pose(*moved)

@@ -61,8 +61,8 @@ def load_camera(
     """Return the camera of a preset or of a file in any known format, and report assumed and implausible values.
 
     With ``light=False``, assumed values of light and noise are not reported, because the result does not depend on
-    them. ``only`` lists the paths of all values on which the result depends. None: all. ``without_lattice`` replaces it
-    for a camera without a lattice.
+    them. ``only`` lists the paths of all values on which the result depends. None: all. ``without_lattice`` replaces
+    ``only`` for a camera without a lattice.
     """
     from lfcal.camera import PRESETS, preset
 
@@ -96,7 +96,7 @@ def note_camera(
     light: bool = True,
     only: Collection[str] | None = None,
 ) -> None:
-    """Report the assumed values of ``camera`` (if given, those at the paths ``only``), ``notes`` and doubts."""
+    """Report ``notes``, and the assumed (at the paths ``only``, if given) and implausible values of ``camera``."""
     from lfcal.camera import doubts
 
     if words := assumed_in_words(camera, light=light, only=only):

@@ -276,7 +276,7 @@ class Depth(Task):
 
 @dataclass(frozen=True)
 class DepthForecast:
-    """Processor time (s) and memory (bytes) of a depth map."""
+    """Predicted CPU time (s) and memory (bytes) of computing a depth map."""
 
     seconds: float
     memory: int

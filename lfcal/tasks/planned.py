@@ -45,7 +45,7 @@ WITHOUT_READOUT = "without readout (--frame-rate)"
 
 
 def depths_field(empty: str) -> tuple[float, ...]:
-    """Declare the field ``depths`` of a task on a scan; ``empty`` says what applies if it is not set."""
+    """Declare the field ``depths`` of a task on a scan; ``empty`` states what applies if it is not set."""
     words = (
         "Depths of the planes, increasing away from the camera: a,b,c or start:stop:step. In µm, unless a unit follows "
         "(1.2mm)."
@@ -54,7 +54,7 @@ def depths_field(empty: str) -> tuple[float, ...]:
 
 
 def virtual_depths_field(empty: str) -> tuple[float, ...]:
-    """Declare the field ``virtual_depths`` of a task on a scan; ``empty`` says what applies if it is not set."""
+    """Declare the field ``virtual_depths`` of a task on a scan; ``empty`` states what applies if it is not set."""
     words = "Virtual depths v = a/B of the planes: a,b,c or start:stop:step."
     return opt((), words, read=read_virtual_depths, show=show_planes, empty=empty)
 
@@ -87,7 +87,7 @@ class PlanTask(Task):
 
     @property
     def unread(self) -> str:
-        """Remark to append to a time in messages, with a leading space; empty if readout is counted."""
+        """Remark to append to a time in messages, with a leading space; empty if readout is included."""
         return f" {WITHOUT_READOUT}" if self.frame_rate is None else ""
 
     def forecast(self, plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> Forecast:
@@ -164,7 +164,7 @@ def scan_of(path: Path) -> ScanPlan:
 
 
 def ready_regions(path: str) -> RegionPlan | None:
-    """Return the plan of several regions in a JSON file, or None if the file is of another kind."""
+    """Return the plan of several regions in a JSON file; None if the file is of another kind."""
     from lfcal.camera import RegionPlan
 
     found = _ready(path)

@@ -53,7 +53,7 @@ class Geometry(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the gap, the rotation about the middle of the region, and the change of the offset."""
+        """Return the unknowns: gap (µm), rotation about the region's middle (rad), and change of the offset (µm)."""
         if not setup.camera.has_lattice:
             return ()
         lattice, pixel = setup.camera.lattice, setup.camera.sensor.pixel_um
@@ -87,7 +87,7 @@ class Pitch(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the pitch of the array."""
+        """Return the unknown: the pitch of the array (µm)."""
         if not setup.camera.has_lattice:
             return ()
         pitch = setup.camera.lattice.pitch_um
@@ -114,7 +114,7 @@ class ArrayTiltGroup(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the tilt as the slope of the gap down the rows and along the columns (rad)."""
+        """Return the unknowns: the slopes of the gap down the rows and along the columns (rad)."""
         if not setup.camera.has_lattice:
             return ()
         own, camera = setup.effect(ArrayTilt), setup.camera

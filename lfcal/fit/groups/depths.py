@@ -44,7 +44,7 @@ class CommonDepth(Group):
     rank = 40
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the displacement that is added to every depth."""
+        """Return the unknown: the displacement that is added to every depth (µm)."""
         del frame
         camera = setup.camera
         scale = depth_scale(camera)
@@ -52,7 +52,7 @@ class CommonDepth(Group):
         return (Unknown("distance_um", self.name, "µm", 0.0, scale, known, gauge=HELD),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with all planes displaced."""
+        """Return the setup with all planes displaced by the value in ``values``."""
         del frame
         moved = tuple(error + values["distance_um"] for error in setup.depth_errors_um)
         return replace(setup, depth_errors_um=moved)
@@ -67,7 +67,7 @@ class PlaneDepths(Group):
     needs = "at least two planes"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the displacement of each plane in depth, with the depth error of a stage as prior."""
+        """Return the unknowns: the depth change (µm) of each plane, with a stage's depth error as prior."""
         if frame.planes < 2:
             return ()
         known, scale = DepthError().rms(setup.camera), depth_scale(setup.camera)
@@ -77,7 +77,7 @@ class PlaneDepths(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the planes displaced."""
+        """Return the setup with each plane displaced by its value in ``values``."""
         del frame
         pairs = zip(setup.depth_errors_um, values.values(), strict=True)
         return replace(setup, depth_errors_um=tuple(error + more for error, more in pairs))

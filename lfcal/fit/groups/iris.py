@@ -58,7 +58,7 @@ class ApertureGroup(Group):
     needs = "lenslets that the edge of the pupil cuts"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the f-number and rotation of the iris, or the numerical aperture of a microscope."""
+        """Return the unknowns: f-number and rotation (rad) of the iris, or the numerical aperture of a microscope."""
         del frame
         optics = setup.camera.optics
         if isinstance(optics, Microscope):
@@ -91,7 +91,7 @@ class BladeCurvature(Group):
     needs = "an iris with blades"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the curvature of the blades; none for an iris without blades."""
+        """Return the unknown: the curvature of the blades (0 to 1); empty for an iris without blades."""
         del frame
         optics = setup.camera.optics
         if not isinstance(optics, MainLens) or optics.blades == 0:
@@ -115,7 +115,7 @@ class Law(Group):
     needs = "a main lens and the effect exact_angles"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the lens law: 0 for the sine condition, 1 for the tangent law."""
+        """Return the unknown: the parameter of the lens law, 0 for the sine condition and 1 for the tangent law."""
         del frame
         if setup.camera.optics.telecentric or setup.effect(ExactAngles) is None:
             return ()
@@ -139,7 +139,7 @@ class SecondStop(Group):
     needs = "the effect vignetting, and points off the axis"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the distance and radius of the rim; none near the axis, where they have no effect."""
+        """Return the unknowns: distance (µm) and radius (pupil radii) of the rim; empty near the axis."""
         own = setup.effect(MechanicalVignetting)
         seen = frame.fields_um or (frame.middle_um,)
         off = max(math.hypot(*field) for field in seen) > 100.0 * setup.camera.sensor.pixel_um

@@ -24,7 +24,10 @@ class FocalLengths(Group):
     core = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the focal length of each lens type; in a pupil plane, a common one or one for each lenslet."""
+        """Return the unknowns: the focal length of each lens type (µm).
+
+        For lenslets in a pupil plane, it is a common focal length, or one for each lenslet.
+        """
         del frame
         lenslets = lenslets_of(setup)
         if lenslets is not None:
@@ -59,7 +62,7 @@ class LensletAberration(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the coefficient W040 at the rim of the clear diameter for each lens type (waves)."""
+        """Return the unknowns: the coefficient W040 at the rim of the clear diameter for each lens type (waves)."""
         del frame
         if not setup.camera.has_lattice:
             return ()

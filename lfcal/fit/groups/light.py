@@ -26,7 +26,10 @@ class SourceSize(Group):
     late = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the diameter; a quarter of it, as imaged, adds in quadrature to the rms width of spots."""
+        """Return the unknown: the diameter of the source (µm).
+
+        A quarter of the image of this diameter adds in quadrature to the rms width of spots.
+        """
         del frame
         own, camera = setup.effect(FiniteSource), setup.camera
         start = 0.0 if own is None else float(own.magnitude("diameter_um", camera))
@@ -53,7 +56,7 @@ class Holes(Group):
     needs = "frames of a target"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the common diameter of all holes; none if there is no target."""
+        """Return the unknown: the common diameter of all holes (µm); empty if there is no target."""
         del frame
         if setup.hole_um is None:
             return ()
@@ -76,7 +79,7 @@ class Spectrum(Group):
     late = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the width of the spectrum."""
+        """Return the unknown: the full width of the spectrum (µm)."""
         del frame
         own, camera = setup.effect(Bandwidth), setup.camera
         start = 0.0 if own is None else float(own.magnitude("width_um", camera))

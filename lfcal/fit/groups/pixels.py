@@ -20,7 +20,7 @@ class CrosstalkGroup(Group):
     rank = 70
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the fraction of light that each neighbour collects."""
+        """Return the unknown: the fraction of a pixel's light that each neighbour along an axis collects."""
         del frame
         own = setup.effect(Crosstalk)
         return (Unknown("crosstalk", self.name, "", 0.0 if own is None else own.share, 0.02, None, 0.0, 0.2),)
@@ -42,7 +42,7 @@ class Filter(Group):
     late = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the fraction of the light that each of the eight neighbours collects."""
+        """Return the unknowns: the fraction of a pixel's light that each of the eight neighbours collects."""
         del frame
         own = setup.effect(PixelKernel) or PixelKernel()
         return tuple(
@@ -50,7 +50,7 @@ class Filter(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the filter in ``values``; a filter without effect is left out."""
+        """Return the setup with the pixel kernel in ``values``; if all fractions are 0, no effect is added."""
         del frame
         found = PixelKernel(**{name: values[f"kernel_{name}"] for name in NEIGHBOURS})
         if found == PixelKernel():

@@ -45,7 +45,7 @@ class PupilLensletPlaces(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the position (x, y) of each lenslet, relative to the centre of the sensor."""
+        """Return the unknowns: the position (x, y) of each lenslet relative to the centre of the sensor (µm)."""
         del frame
         lenslets, px = lenslets_of(setup), setup.camera.sensor.pixel_um
         if lenslets is None:
@@ -80,7 +80,7 @@ class AxisPlace(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the position (x, y) of the axis, relative to the centre of the sensor."""
+        """Return the unknowns: the position (x, y) of the optical axis relative to the centre of the sensor (µm)."""
         del frame
         lenslets, px = lenslets_of(setup), setup.camera.sensor.pixel_um
         if lenslets is None:
@@ -92,7 +92,7 @@ class AxisPlace(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the optical axis in ``values``, and with the source on it."""
+        """Return the setup with the optical axis at the position in ``values``, and with the source on it."""
         del frame
         lenslets = lenslets_of(setup)
         assert lenslets is not None
@@ -127,7 +127,7 @@ class PupilLength(Group):
         self.name, self.title, self.rank, self.field, self.share, self.gauge = name, title, rank, field, share, gauge
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the length (µm); none for a camera with a lattice."""
+        """Return the unknown: the length (µm); empty for a camera with a lattice."""
         del frame
         lenslets = lenslets_of(setup)
         if lenslets is None:
@@ -152,7 +152,7 @@ class TravelTilt(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the tilt down the rows and along the columns (rad)."""
+        """Return the unknowns: the tilt down the rows and along the columns (rad)."""
         del frame
         if lenslets_of(setup) is None:
             return ()

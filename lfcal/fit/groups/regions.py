@@ -39,7 +39,7 @@ class FieldWavefront(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the coefficients in the farthest region (waves); linear astigmatism needs three regions."""
+        """Return the unknowns: coefficients in the farthest region (waves). Linear astigmatism needs three regions."""
         if len(frame.fields_um) < 2:
             return ()
         start, names = self._start(setup, frame), ["spherical"]
@@ -84,7 +84,7 @@ class Curvature(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the additional distance of the image in the farthest region (µm)."""
+        """Return the unknown: the additional distance of the image in the farthest region (µm)."""
         if len(frame.fields_um) < 2:
             return ()
         own, far = setup.effect(FieldCurvature), farthest_um(frame)
@@ -109,7 +109,7 @@ class Places(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the displacement (y, x) on the sensor of the sources of every region but the first (pixels)."""
+        """Return the unknowns: the sensor displacement (y, x) of the sources of every region but the first (px)."""
         del setup
         held = "the sources of the first region are at their planned positions"
         return tuple(
@@ -119,7 +119,7 @@ class Places(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the sources displaced."""
+        """Return the setup with the sources of each region displaced by the values in ``values``."""
         found = [
             replace(own, rows_px=values.get(f"region_{k}_y_px", 0.0), columns_px=values.get(f"region_{k}_x_px", 0.0))
             for k, own in enumerate(_regions(setup, frame))
@@ -136,14 +136,14 @@ class RegionDepthsGroup(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the displacement in depth of every region but the first, caused by axes that are not orthogonal."""
+        """Return the unknowns: the depth change (µm) of each region but the first, due to non-orthogonal axes."""
         scale = depth_scale(setup.camera)
         return tuple(
             Unknown(f"region_{k}_farther_um", self.name, "µm", 0.0, scale) for k in range(1, len(frame.fields_um))
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the planes displaced."""
+        """Return the setup with the planes of each region displaced by the values in ``values``."""
         found = [
             replace(own, farther_um=values.get(f"region_{k}_farther_um", 0.0))
             for k, own in enumerate(_regions(setup, frame))
@@ -160,14 +160,14 @@ class TargetTiltGroup(Group):
     needs = "parts of the field at different depths, as with a target"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the additional distance of the plane at the radius of the farthest part, down and to the right."""
+        """Return the unknowns: the added depth (µm) at the farthest part's radius, down and to the right."""
         if not setup.regions or len(frame.fields_um) < 3:
             return ()
         scale = depth_scale(setup.camera)
         return tuple(Unknown(f"plane_tilt_{axis}_um", self.name, "µm", 0.0, scale) for axis in "yx")
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the plane of each part displaced."""
+        """Return the setup with the plane of each part displaced according to the tilt in ``values``."""
         down, right = values["plane_tilt_y_um"], values["plane_tilt_x_um"]
         far, found = farthest_um(frame), []
         for own, (x, y) in zip(_regions(setup, frame), frame.fields_um, strict=True):

@@ -21,7 +21,7 @@ class SpecimenGroup(Group):
     needs = "the effect index_mismatch"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the depth, if the fit starts with an index mismatch; otherwise none."""
+        """Return the unknown: the depth (µm); empty unless the fit starts with an index mismatch."""
         del frame
         own = setup.effect(IndexMismatch)
         if own is None:

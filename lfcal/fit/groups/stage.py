@@ -28,7 +28,7 @@ class StageZero(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the displacement (y, x) on the sensor (pixels); none for a Fourier light-field microscope."""
+        """Return the unknowns: displacement (y, x) on the sensor (px); empty for a Fourier light-field microscope."""
         del frame
         if not setup.camera.has_lattice:
             return ()
@@ -39,7 +39,7 @@ class StageZero(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the sources displaced."""
+        """Return the setup with the sources displaced by the values in ``values``."""
         del frame
         return replace(setup, aside_px=(values["zero_y_px"], values["zero_x_px"]))
 
@@ -53,7 +53,7 @@ class StageScale(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the relative step length minus 1, with a prior of 2 % for the pitch of the stage's screw."""
+        """Return the unknown: relative step length minus 1, with a prior of 2 % for the pitch of the stage's screw."""
         if not setup.camera.has_lattice:  # it has one position
             return ()
         return (Unknown("stage_scale", self.name, "", setup.stage_scale, 0.1 / frame.reach_px, 0.02, -0.3, 0.3),)

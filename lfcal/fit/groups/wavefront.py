@@ -41,7 +41,7 @@ class WavefrontGroup(Group):
         self.name, self.title, self.rank, self.terms, self.late = name, title, rank, terms, late
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the coefficients of the terms (waves at the rim)."""
+        """Return the unknowns: the coefficients of the Zernike terms (waves at the rim)."""
         del frame
         own = setup.effect(Zernike)
         known = {} if own is None else {(n, m): waves for n, m, waves in own.terms}
@@ -83,7 +83,7 @@ class Defocus(WavefrontGroup):
     held = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the coefficient, with a prior standard deviation of a quarter of a wave."""
+        """Return the unknown: the coefficient (waves), with a prior standard deviation of a quarter of a wave."""
         return tuple(replace(one, sigma=DEFOCUS, gauge="") for one in super().unknowns(setup, frame))
 
 

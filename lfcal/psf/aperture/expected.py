@@ -15,7 +15,8 @@ def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0,
     """Return the width over which a lenslet spreads the light of a defocused point (px); 0 without a camera.
 
     A lenslet displaces a ray that passes it at the distance e from its centre by ``e B/f`` on the sensor. B is the
-    distance of the sensor from the lenslets, and f is the shortest focal length of the lens types.
+    distance of the sensor from the lenslets, and f is the shortest focal length of the lens types. ``pixel_scale`` is
+    the number of cutout pixels per sensor pixel (rows, columns).
 
     Examples
     --------

@@ -160,7 +160,8 @@ class CountFit:
     blades
         Number of blades.
     gain
-        Chi-square minus that of a circle, in units of the best shape's chi-square per degree of freedom.
+        Chi-square minus that of a circle, in units of the best shape's chi-square per degree of freedom; negative if
+        the polygon fits better.
     rotation_rad, rotation_sigma
         Direction of the first vertex and its standard error (rad).
     curvature, curvature_sigma

@@ -32,14 +32,14 @@ LIBRARIES = ("torch", "cupy")
 
 @dataclass(frozen=True)
 class ArrayDevice:
-    """Device for array computations; it can be sent to other processes.
+    """Device for array computations; it can be pickled.
 
     Attributes
     ----------
     library
         ``torch``, ``cupy``, ``numpy`` or ``array_api_strict``.
     index
-        Number of the accelerator, from 0; None for the processor.
+        Index of the accelerator; None for the CPU.
     room
         Memory that may be used on the device (bytes); by default all free memory.
     """
@@ -156,14 +156,13 @@ def device_count(library: str) -> int:
 
 
 def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
-    """Return the device for the value of ``--device``; None for the processor.
+    """Return the device for the value of ``--device``; None for the CPU.
 
     Parameters
     ----------
     text
-        ``cpu``: the processor. ``cuda``: an accelerator, chosen by the worker's number if there are several.
-        ``cuda:1``: this accelerator. ``auto``: like ``cuda`` if there is an accelerator that computes correctly,
-        otherwise the processor.
+        ``cpu``: the CPU. ``cuda``: an accelerator, chosen by the worker's number if there are several. ``cuda:1``: this
+        accelerator. ``auto``: like ``cuda`` if there is an accelerator that computes correctly, otherwise the CPU.
     worker
         Number of this process among the processes that share the work, from 0.
 

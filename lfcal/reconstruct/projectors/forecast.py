@@ -380,7 +380,7 @@ def _polyphase(problem: ProjectionProblem, limit: int) -> list[Option]:
 
 
 def tile_counts(cells: int, reach: int) -> list[int]:
-    """Return the numbers of tiles to compare along an axis of ``cells``, for patterns that extend ``reach`` cells."""
+    """Return the numbers of tiles to compare along an axis of ``cells`` cells, for patterns that extend ``reach``."""
     # sizes grow by sqrt(2): finer steps change the estimate by less than its error
     sizes = {max(1, round(max(1, reach) * 2 ** (k / 2))) for k in range(-2, 16)}
     return sorted({1, *(-(-cells // v) for v in sizes if v < cells and v + 2 * reach <= 512)})

@@ -178,7 +178,7 @@ class Solver:
     rank
         Sort key in lists; smaller numbers come first.
     volumes
-        Largest number of arrays of the volume's size in memory during a projection, including its result, and between
+        Largest numbers of arrays of the volume's size in memory: during a projection, including its result, and between
         projections.
     parts
         Function that takes ``subsets`` (None: the default), and returns the number of parts into which an image is

@@ -124,7 +124,7 @@ def iter_until_best(
         Function that returns the score of a state's prediction of held-out pixels, and the error of the score. None:
         use the solver's records, which refer to the estimate at the start of each iteration.
     settles
-        Whether more iterations do no harm, so that the run ends only after the best prediction.
+        Whether further iterations do not amplify noise; the run then ends only after the best prediction.
     goal
         One of `GOALS`, as in `SolverChoice`.
     """

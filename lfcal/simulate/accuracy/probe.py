@@ -81,12 +81,11 @@ class Settled:
 def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False) -> Settled:
     """Return the cheapest sampling of a level with an error of at most ``share``, or the finest one.
 
-    Samplings are tried from the fastest that is expected to suffice; those that are slower than a finer one are not.
-    Each is compared with one that is finer in all
-    respects: windows are compared with the whole array on one grid, and a grid with a finer grid. If no grid is large
-    enough for the scene, windows are compared with wider ones whose fields are added. Exact angles, which windows
-    follow only to first order, are then compared with the reference. A smaller ``share`` never leads to a coarser
-    sampling.
+    Samplings are tried from the fastest that is expected to suffice; those that are slower than a finer one are
+    skipped. Each is compared with one that is finer in all respects: windows are compared with the whole array on one
+    grid, and a grid with a finer grid. If no grid is large enough for the scene, windows are compared with wider ones
+    whose fields are added. Exact angles, which windows follow only to first order, are then compared with the
+    reference. A smaller ``share`` never leads to a coarser sampling.
 
     Parameters
     ----------

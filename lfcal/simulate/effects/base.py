@@ -200,7 +200,7 @@ class SensorStrip:
 
 
 def typical(value: float | None, camera: Camera, lens: float, microscope: float) -> float:
-    """Return ``value``, or if it is None the typical value for the kind of optics."""
+    """Return ``value``; if it is None, ``microscope`` for a microscope, and ``lens`` for other cameras."""
     if value is not None:
         return value
     return microscope if camera.optics.telecentric else lens

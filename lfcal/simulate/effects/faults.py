@@ -81,7 +81,7 @@ class Ghost(FrameEffect):
     scale
         Lateral size of the ghost relative to that of the image.
     rows_um, columns_um
-        Position (y and x, µm) on the sensor, relative to the optical axis, of the ghost of a point on the axis.
+        Position (y and x, µm) at which a point on the optical axis has its ghost on the sensor, relative to the axis.
 
     Examples
     --------

@@ -101,10 +101,11 @@ def field_modes(scene: Scene) -> tuple[str, ...]:
 
 
 def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the pupil's aberration (waves) at pupil points (ux, uy), or None without aberration.
+    """Return the aberration (waves) at pupil points (ux, uy) in pupil radii; None if the scene has no aberration.
 
-    Exact defocus adds a' lambda^3 f^4 / (2 (1+q)^2), q = sqrt(1 - lambda^2 f^2), f = u / (2 lambda Nw): the
-    difference of a'(1 - cos theta) and its parabola, free of cancellation.
+    At the distance u from the pupil's centre, the angle theta has the sine s = u/(2 N), with N = `Scene.rim_f_number`.
+    Exact defocus adds a' s^4 / (2 lambda (1 + sqrt(1 - s^2))^2), with a' = `Scene.reduced_image_um`. This is the
+    difference between a'(1 - cos theta) and its parabola, without cancellation.
     """
     if not scene.wavefront and not scene.exact_defocus:
         return None
@@ -144,6 +145,8 @@ def _by_sine(scene: Scene, outline: Points) -> Points:
 
 def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -> FieldTable:
     """Return the field at a sample spacing of ``dx`` (µm), up to the distance ``half`` (µm) from the source's image.
+
+    The mode of propagation ``mode`` is as in `FieldTable`. None: that of `choose_mode`.
 
     Raises
     ------

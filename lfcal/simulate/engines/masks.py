@@ -53,7 +53,7 @@ MAX_CACHED = 2400
 
 
 class Bend(NamedTuple):
-    """The phase of a lenslet at the distance r from its centre, square * r^2 + quartic * r^4 (rad)."""
+    """The phase of a lenslet at the distance r (µm) from its centre: square * r^2 + quartic * r^4 (rad)."""
 
     square: float
     quartic: float = 0.0

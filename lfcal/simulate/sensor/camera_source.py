@@ -153,7 +153,7 @@ class SimulatedCamera(Frames):
         return FrameInfo((Position(z, y, x),), exposure_s=self.plan.exposures[z], drift=(0.0, 0.0), label=label)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or a region of it, in counts; the complete frame is computed in either case."""
+        """Return frame ``index`` in counts, or its ``region`` (row and column slices); the whole frame is computed."""
         frame = self.expose(self.light(index), self.exposure_s(index), FrameKind.LIGHT, index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 

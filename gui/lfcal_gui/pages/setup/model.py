@@ -160,7 +160,12 @@ SENSOR = (
     Field("sensor.quantum_efficiency", "Quantum efficiency", "", "Fraction of photons that are detected"),
     Field("sensor.fill_factor", "Fill factor", "", "Light-sensitive fraction of a pixel"),
     Field(
-        "sensor.cfa", "Colour filter", "", "Pattern by rows, e.g. GRBG; empty: monochrome", "text", empty="monochrome"
+        "sensor.cfa",
+        "Colour filter",
+        "",
+        "Pattern in row-major order, such as GRBG; empty: monochrome",
+        "text",
+        empty="monochrome",
     ),
 )
 
