@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.camera._plan_files import stage_table, useq_sequence
 from lfcal.camera.derived import DEPTH, NOISE, STEP, WHOLE_FRAMES, assumed_of
 from lfcal.camera.description import build, nearest_lens
 from lfcal.camera.distortion import monomials, polynomial_powers
@@ -36,4 +37,6 @@ __all__ = [
     "read_values",
     "readout_hours",
     "rms_radius_px",
+    "stage_table",
+    "useq_sequence",
 ]

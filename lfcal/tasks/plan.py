@@ -134,11 +134,14 @@ class _Plan(PlanTask):
             "resample": self.resample,
         }
 
+    def _write(self, plan: ScanPlan, positions: NDArray[np.intp] | None) -> None:
+        write_plan(plan, self.out)
+
     def _planned(self, plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> Planned:
         """Write the plan if requested, and return it with its cost; ``positions`` are those of a half cell."""
         # a plan that cannot be forecast must leave no file behind
         forecast = self.forecast(plan, positions)
-        write_plan(plan, self.out)
+        self._write(plan, positions)
         facts = {
             "period_px": plan.camera.period_px,
             "period": plan.period,
@@ -357,6 +360,27 @@ class PlanScan(_PlanOfCamera):
         empty="not written",
         more=True,
     )
+
+    written_as: str = opt(
+        "plan",
+        "Format of the written file. csv and useq are for other programs that record the frames: a table of stage "
+        "positions, or a sequence of useq-schema.",
+        label="File format",
+        flag="--as",
+        choices=("plan", "csv", "useq"),
+        needs=("out", ""),
+        more=True,
+    )
+
+    def _write(self, plan: ScanPlan, positions: NDArray[np.intp] | None) -> None:
+        if self.out is None or self.written_as == "plan":
+            super()._write(plan, positions)
+            return
+        from lfcal.base import write_text
+        from lfcal.camera import stage_table, useq_sequence
+
+        write_text(self.out, (useq_sequence if self.written_as == "useq" else stage_table)(plan, positions))
+        note(f"{self.out.name} is for another program; to assemble H, write the plan too (lfcal plan … -o plan.json)")
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
         """Plan the scan."""

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import csv
 import json
 import re
 import sys
@@ -8,10 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import tifffile
 
-from lfcal.camera import Marks, ScanPlan, preset
+from lfcal.camera import Marks, ScanPlan, StageAxes, preset
 from lfcal.cli import main
+from lfcal.frames import open_frames
 from lfcal.tasks import load_camera
 
 Run = Callable[..., tuple[int, str, str]]
@@ -166,3 +170,53 @@ def test_the_noise_of_h_is_forecast_where_the_sensor_is_described(run: Run, tmp_
         and "noise of H is not predicted, because of assumed values: read noise" in err
         and "noise of H (" not in out
     )
+
+
+SMALL = ("bench", "--virtual-depths", "3,4", "--cutout", "63", "--stage", "+x,-y,+z")
+
+
+def test_a_table_of_stage_positions_places_the_frames_named_after_it(run: Run, tmp_path: Path) -> None:
+    """A program that moves to each row and saves its frame under the name in it: the table is then their list."""
+    for name, form in (("plan.json", "plan"), ("scan.csv", "csv")):
+        code, _, err = run("plan", *SMALL, "--exposure", "0.02,0.05", "--as", form, "-o", str(tmp_path / name))
+        assert code == 0, err
+    assert "to assemble H, write the plan too" in err
+    plan = ScanPlan.from_json((tmp_path / "plan.json").read_text())
+    rows = list(csv.DictReader((tmp_path / "scan.csv").read_text().splitlines()))
+    places = [[float(row[f"{axis}_um"]) for axis in "xyz"] for row in rows]
+    np.testing.assert_allclose(places, plan.stage_um(), atol=1e-4)
+    assert [float(row["exposure_s"]) for row in rows] == [plan.exposures[z] for z, _, _ in plan.positions()]
+    shape = plan.camera.sensor.shape
+    for k, row in enumerate(rows):
+        frame = np.zeros(shape, np.uint16)
+        frame.flat[:2] = k, 1
+        tifffile.imwrite(tmp_path / f"{row['file']}.tif", frame)
+    with open_frames(tmp_path, manifest=tmp_path / "scan.csv", plan=plan) as frames:
+        assert len(frames) == len(rows)
+        for k, position in list(enumerate(plan.positions()))[::97]:
+            at = next(i for i in range(len(frames)) if frames.info(i).position == position)
+            assert frames.read(at).flat[0] == k
+
+
+def test_a_sequence_of_useq_schema(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "scan.json"
+    code, _, _ = run("plan", *SMALL, "--as", "useq", "-o", str(path), "--json")
+    assert code == 0
+    said = json.loads(path.read_text())
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3, 4], cutout=63, stage=StageAxes.parse("+x,-y,+z"))
+    places = [[one[axis] for axis in "xyz"] for one in said["stage_positions"]]
+    np.testing.assert_allclose(places, plan.stage_um(), atol=1e-4)
+    names = [f"z{z:03d}_y{y:03d}_x{x:03d}" for z, y, x in plan.positions()]
+    assert [one["name"] for one in said["stage_positions"]] == names
+    assert said["axis_order"][0] == "p" and said["metadata"]["lfcal"]["exposure_s"] == 0.02
+    code, _, err = run("plan", *SMALL, "--exposure", "0.02,0.05", "--as", "useq", "-o", str(tmp_path / "b.json"))
+    assert code == 2 and "one for all planes" in err and not (tmp_path / "b.json").exists()
+    code, _, err = run("plan", *SMALL, "--as", "useq")
+    assert code == 2 and "--as: expected --out" in err
+
+
+def test_useq_itself_reads_the_sequence(run: Run, tmp_path: Path) -> None:
+    useq = pytest.importorskip("useq", reason="useq-schema is not installed")
+    run("plan", *SMALL, "--as", "useq", "-o", str(tmp_path / "scan.json"))
+    events = list(useq.MDASequence.from_file(tmp_path / "scan.json"))
+    assert len(events) == 2 * 19 * 33 and events[0].x_pos is not None

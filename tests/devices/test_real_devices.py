@@ -5,7 +5,9 @@ from __future__ import annotations
 import importlib.util
 import shutil
 import subprocess
+import sys
 import time
+import types
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,7 +22,7 @@ from lfcal.acquire.recording.source import RecordingSource
 from lfcal.acquire.session import record
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan
-from lfcal.devices.errors import CameraError, DeviceLost, DeviceMissing, StageError
+from lfcal.devices.errors import CameraError, DeviceError, DeviceLost, DeviceMissing, StageError
 from lfcal.devices.protocols import CameraDevice, Roi, Setting, StageDevice
 from lfcal.devices.registry import find_backends, open_rig
 from lfcal.devices.rig import Rig
@@ -114,6 +116,71 @@ def test_micromanager_demo_records_27_positions(tmp_path: Path) -> None:
         options = replace(OPTIONS, darks=2, tolerance_um=(1.0, 1.0, 1.0))
         assert record(tmp_path, plan, rig, options).how == "complete"
     check_session(tmp_path, plan)
+
+
+@pytest.fixture
+def running(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Open the demo devices in the core that pymmcore-plus would return; it is a real core."""
+    pymmcore, adapters = pytest.importorskip("pymmcore"), pytest.importorskip("mm_test_adapters")
+    core = pymmcore.CMMCore()
+    core.setDeviceAdapterSearchPaths([str(adapters.device_adapter_path())])
+    core.loadSystemConfiguration(str(Path(str(adapters.device_adapter_path())) / "MMConfig_demo.cfg"))
+    module = types.SimpleNamespace(__version__="0.1", CMMCorePlus=types.SimpleNamespace(instance=lambda: core))
+    monkeypatch.setitem(sys.modules, "pymmcore_plus", module)
+    yield core
+    core.reset()
+
+
+def state_of(core: Any) -> dict[str, Any]:
+    labels = core.getLoadedDevices()
+    values = {
+        f"{label}.{key}": core.getProperty(label, key)
+        for label in labels
+        for key in core.getDevicePropertyNames(label)
+        if "Position" not in key and not core.isPropertyReadOnly(label, key)
+    }
+    return {"labels": labels, "roi": core.getROI(), "exposure": core.getExposure(), **values}
+
+
+@MM
+def test_a_running_core_is_shared_and_left_as_it_was(tmp_path: Path, running: Any) -> None:
+    plan = replace(plan_for((512, 512), 12), depths_um=(0.0, 60.0, 120.0))
+    running.setExposure(17.0)
+    running.setROI(8, 16, 128, 64)
+    running.setAutoShutter(True)
+    before = state_of(running)
+    options = {"limits": MM_OPTIONS["limits"], "set": "Camera.PixelType=16bit;Camera.BitDepth=12"}
+    with open_rig(plan, "pymmcore-plus", options) as rig:
+        check_camera(rig, 12)
+        assert running.getAutoShutter() is False
+        taken = replace(OPTIONS, tolerance_um=(1.0, 1.0, 1.0))
+        assert record(tmp_path, plan, rig, taken).how == "complete"
+    check_session(tmp_path, plan)
+    assert running.getAutoShutter() is True and state_of(running) == before
+
+
+@MM
+def test_a_running_core_without_devices_or_in_live_view_is_refused(running: Any) -> None:
+    plan, limits = plan_for((512, 512), 12), {"limits": MM_OPTIONS["limits"]}
+    with pytest.raises(InputError, match="expected nothing, got demo; leave it out: the core has devices"):
+        open_rig(plan, "pymmcore-plus", {**limits, "config": "demo"})
+    before = state_of(running)
+    with pytest.raises(DeviceMissing, match="Nikon"):
+        open_rig(plan, "pymmcore-plus", {**limits, "xy": "Nikon"})
+    assert state_of(running) == before
+    running.startContinuousSequenceAcquisition(1.0)
+    with pytest.raises(DeviceError, match="stop the live view first"):
+        open_rig(plan, "pymmcore-plus", limits)
+    running.stopSequenceAcquisition()
+    running.unloadAllDevices()
+    with pytest.raises(InputError, match="or load the devices in this process first"):
+        open_rig(plan, "pymmcore-plus", limits)
+
+
+def test_without_pymmcore_plus_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymmcore_plus", None)
+    with pytest.raises(DeviceMissing, match="pymmcore-plus: not installed; run uv pip install pymmcore-plus"):
+        open_rig(plan_for((512, 512), 12), "pymmcore-plus", {})
 
 
 @MM

@@ -24,7 +24,7 @@ MAX_BYTES = 1 << 44
 """Largest declared size of a dataset (17.6 TB)."""
 
 MAX_REFERENCES = 1 << 20
-"""Largest number of references in a dataset; each is an entry that is read by itself."""
+"""Largest number of references in a dataset; each is a separate entry to read."""
 
 MAX_LINKS = 16
 """Largest number of soft links followed to one entry; more are treated as a circle."""

@@ -1,4 +1,4 @@
-"""Micro-Manager's device drivers through pymmcore, with any configuration file."""
+"""Micro-Manager's device drivers: through pymmcore with a configuration file, or the running core of pymmcore-plus."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import importlib
 import os
 import re
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeout
 from pathlib import Path
@@ -23,7 +23,7 @@ from lfcal.devices.protocols import Frame, Limits, Point, Roi, Setting
 from lfcal.devices.registry import limits_option
 from lfcal.devices.rig import Rig
 
-__all__ = ["BACKEND", "MicroManagerBackend"]
+__all__ = ["BACKEND", "MicroManagerBackend", "SharedCoreBackend"]
 
 T = TypeVar("T")
 AUTOMATIC = re.compile(
@@ -68,48 +68,146 @@ class MicroManagerBackend:
         """Load the configuration file, and return a rig with its camera and stages."""
         import pymmcore
 
-        limits = limits_option(options)
-        if limits is None:
-            raise InputError.expected(
-                "option limits", "x0:x1,y0:y1,z0:z1 in µm", "nothing", "give the travel of your stage"
-            )
+        limits = _limits(options)
         core = pymmcore.CMMCore()
         config, folder = _config(options)
         if folder:
             core.setDeviceAdapterSearchPaths([folder])
-        try:
+        with _opening(core.reset, f"the configuration {config}"):
             core.loadSystemConfiguration(config)
-            chosen = set()
-            for entry in filter(None, options.get("set", "").split(";")):
-                label, _, rest = entry.partition(".")
-                key, _, value = rest.partition("=")
-                core.setProperty(label.strip(), key.strip(), value.strip())
-                chosen.add((label.strip(), key.strip()))
-            # the session switches the light; an automatic shutter would open in dark frames
-            core.setAutoShutter(False)
-            labels = {
-                key: options.get(key) or default()
-                for key, default in (
-                    ("camera", core.getCameraDevice),
-                    ("xy", core.getXYStageDevice),
-                    ("z", core.getFocusDevice),
-                )
-            }
-            for key, label in labels.items():
-                if label not in core.getLoadedDevices():
-                    raise DeviceMissing.expected(
-                        f"Micro-Manager {key}", f"one of {core.getLoadedDevices()}", label, "choose one of these"
-                    )
-            core.setCameraDevice(labels["camera"])
-            light = _Shutter(core, options["light"]) if options.get("light") else None
-            own = {key for label, key in chosen if label == labels["camera"]}
-            return Rig(_Camera(core, labels["camera"], own), _Stage(core, labels["xy"], labels["z"], limits), light)
-        except RuntimeError as error:
-            core.reset()
-            raise DeviceError(f"Micro-Manager: {error}; check the configuration {config}") from error
+            return _rig(core, options, limits, core.reset)
 
 
-BACKEND = MicroManagerBackend()
+class SharedCoreBackend:
+    """Backend for the core that pymmcore-plus has open in this process, whose devices stay open."""
+
+    name = "pymmcore-plus"
+    title = "running core of pymmcore-plus"
+    has_stage = True
+    options: Mapping[str, str] = {
+        "config": "configuration file (.cfg), to load only if the core has no devices yet",
+        **{key: words for key, words in MicroManagerBackend.options.items() if key not in ("config", "adapters")},
+    }
+
+    def probe(self) -> str:
+        """Return the version of pymmcore-plus."""
+        try:
+            found = importlib.import_module("pymmcore_plus")
+        except ImportError:
+            raise DeviceMissing(
+                "pymmcore-plus: not installed; run uv pip install pymmcore-plus where your program runs"
+            ) from None
+        return f"pymmcore-plus {found.__version__}"
+
+    def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
+        """Return a rig with the camera and the stages of the running core."""
+        limits = _limits(options)
+        core = importlib.import_module("pymmcore_plus").CMMCorePlus.instance()
+        loaded, config = [label for label in core.getLoadedDevices() if label != "Core"], options.get("config", "")
+        if bool(loaded) == bool(config):
+            wanted, got = ("nothing", config) if loaded else ("a configuration file (.cfg)", "nothing")
+            remedy = "leave it out: the core has devices" if loaded else "or load the devices in this process first"
+            raise InputError.expected("option config", wanted, got, remedy)
+        with _opening(lambda: None, "the loaded devices"):
+            if config:
+                core.loadSystemConfiguration(config)
+            if core.isSequenceRunning():
+                raise DeviceError("Micro-Manager: the camera is recording a sequence; stop the live view first")
+            restore = _restoring(core, options)
+        with _opening(restore, "the loaded devices"):
+            return _rig(core, options, limits, restore)
+
+
+def _limits(options: Mapping[str, str]) -> Limits:
+    limits = limits_option(options)
+    if limits is None:
+        raise InputError.expected(
+            "option limits", "x0:x1,y0:y1,z0:z1 in µm", "nothing", "give the travel of your stage"
+        )
+    return limits
+
+
+@contextlib.contextmanager
+def _opening(undo: Callable[[], None], what: str) -> Iterator[None]:
+    """Call ``undo`` after an error, and convert an error of the core to a `DeviceError`."""
+    try:
+        yield
+    except BaseException as error:
+        undo()
+        if isinstance(error, RuntimeError):
+            raise DeviceError(f"Micro-Manager: {error}; check {what}") from error
+        raise
+
+
+def _settings(options: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    """Return device, property and value of every entry of the option ``set``."""
+    found = []
+    for entry in filter(None, options.get("set", "").split(";")):
+        label, _, rest = entry.partition(".")
+        key, _, value = rest.partition("=")
+        found.append((label.strip(), key.strip(), value.strip()))
+    return found
+
+
+def _restoring(core: Any, options: Mapping[str, str]) -> Callable[[], None]:
+    """Return a function that restores everything a rig changes in a running core."""
+    before, shutter = core.getCameraDevice(), core.getAutoShutter()
+    camera = options.get("camera") or before
+    # of another camera, the region and the exposure can be read only once it is chosen
+    if camera:
+        core.setCameraDevice(camera)
+    roi, exposure = (core.getROI(), core.getExposure()) if camera else (None, None)
+    changed = [(label, key) for label, key, _ in _settings(options)]
+    changed += [(camera, key) for key in _settings_of(core, camera)[0]] if camera else []
+    values = {(label, key): core.getProperty(label, key) for label, key in changed}
+    light = options.get("light", "")
+    was_open = core.getShutterOpen(light) if light else None
+
+    def restore() -> None:
+        with contextlib.suppress(RuntimeError):  # devices may be gone
+            for (label, key), value in values.items():
+                if not core.isPropertyReadOnly(label, key):
+                    core.setProperty(label, key, value)
+            if roi is not None:
+                core.setROI(*roi)
+                core.setExposure(exposure)
+            if was_open is not None:
+                core.setShutterOpen(light, was_open)
+            core.setAutoShutter(shutter)
+            core.setCameraDevice(before)
+
+    return restore
+
+
+def _rig(core: Any, options: Mapping[str, str], limits: Limits, end: Callable[[], None]) -> Rig:
+    """Return the devices of a core with ``options``; ``end`` is called when they are closed."""
+    chosen = set()
+    for label, key, value in _settings(options):
+        core.setProperty(label, key, value)
+        chosen.add((label, key))
+    # the session switches the light; an automatic shutter would open in dark frames
+    core.setAutoShutter(False)
+    labels = {
+        key: options.get(key) or default()
+        for key, default in (
+            ("camera", core.getCameraDevice),
+            ("xy", core.getXYStageDevice),
+            ("z", core.getFocusDevice),
+        )
+    }
+    for key, label in labels.items():
+        if label not in core.getLoadedDevices():
+            raise DeviceMissing.expected(
+                f"Micro-Manager {key}", f"one of {core.getLoadedDevices()}", label, "choose one of these"
+            )
+    core.setCameraDevice(labels["camera"])
+    light = _Shutter(core, options["light"]) if options.get("light") else None
+    own = {key for label, key in chosen if label == labels["camera"]}
+    camera = _Camera(core, labels["camera"], own, end)
+    return Rig(camera, _Stage(core, labels["xy"], labels["z"], limits), light)
+
+
+BACKEND = (MicroManagerBackend(), SharedCoreBackend())
 
 
 def _config(options: Mapping[str, str]) -> tuple[str, str]:
@@ -134,8 +232,10 @@ def _config(options: Mapping[str, str]) -> tuple[str, str]:
 class _Camera(CameraFacts):
     """The camera of a core; snapping starts the exposure, so a frame is never stale."""
 
-    def __init__(self, core: Any, label: str, chosen: Collection[str] = ()) -> None:
-        self._core, self._label = core, label
+    def __init__(
+        self, core: Any, label: str, chosen: Collection[str] = (), end: Callable[[], None] | None = None
+    ) -> None:
+        self._core, self._label, self._end = core, label, end or core.reset
         library, device = core.getDeviceLibrary(label), core.getDeviceName(label)
         serial = _property(core, label, "SerialNumber") or _property(core, label, "Serial Number")
         self.name = " ".join(filter(None, ("Micro-Manager", library, device, label, serial)))
@@ -190,11 +290,11 @@ class _Camera(CameraFacts):
         return read_settings(self._off, self._noted, self._read)
 
     def close(self) -> None:
-        """Unload all devices of the core."""
+        """Unload all devices of the core, or restore those of a running one."""
         self._pool.shutdown(wait=False, cancel_futures=True)
         # a reset during a hanging frame would also hang
         if self._pending is None or self._pending.done():
-            self._core.reset()
+            self._end()
 
     def _read(self, key: str) -> str | None:
         return str(self._call(self._core.getProperty, self._label, key))

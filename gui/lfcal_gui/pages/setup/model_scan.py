@@ -19,7 +19,7 @@ from lfcal_gui.models import CAMERA_FILE, UNKNOWN, Field, fields_of, shown_of
 
 PATH_POINTS = 6000
 
-HELD = frozenset({"camera", "out", "list_file"})
+HELD = frozenset({"camera", "out", "list_file", "written_as"})
 """Fields of `lfcal.tasks.PlanScan` that are not in the form: the camera, and the files that *Save …* writes."""
 
 BASIC_OF_SCAN = ("virtual_depths", "depths", "cutout", "exposure")
