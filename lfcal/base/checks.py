@@ -132,7 +132,7 @@ def check_tuple(what: str, values: object, count: int | None = None, **bounds: A
     """Return ``values`` as a tuple of ``count`` numbers (None: one or more), each within `check_number`'s bounds."""
     wanted = "one or more numbers" if count is None else f"{count} numbers"
     if not isinstance(values, Sequence) or isinstance(values, str) or (len(values) != count if count else not values):
-        raise InputError.expected(what, wanted, repr(values)[:60], f"give {wanted}")
+        raise InputError.expected(what, wanted, repr(values)[:60], "correct this value")
     for value in values:
         check_number(what, value, **bounds)
     return tuple(int(v) if bounds.get("integer") else float(v) for v in values)
@@ -142,7 +142,7 @@ def check_type(what: str, value: object, kind: type | tuple[type, ...]) -> None:
     """Raise `InputError` unless ``value`` is of ``kind``."""
     if not isinstance(value, kind):
         names = any_of(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))
-        raise InputError.expected(what, names, repr(value)[:60], "give a value of this type")
+        raise InputError.expected(what, names, repr(value)[:60], "correct this value")
 
 
 def array_words(values: ArrayLike) -> str:

@@ -82,7 +82,7 @@ def ome_images(source: Path, name: str = "") -> tuple[list[Image], dict[str, Any
     with storage_errors(source):
         if not source.exists():
             raise StorageError(f"{source}: no such file or folder; check the path")
-    with understood(source, "an OME-Zarr image", "choose another one"):
+    with understood(source, "an OME-Zarr image", "choose another image"):
         node = zarr.open(source, mode="r")
         node = node[name] if name else node
         images = [(node, {})] if isinstance(node, zarr.Array) else list(_images(node))
@@ -112,7 +112,7 @@ def _check_array(source: Path, array: Any, image: Mapping[str, Any]) -> None:
     """Raise unless an array has numbers, axes for its image, and only codecs that are safe and lossless."""
     if array.dtype.kind not in "iuf" or 0 in array.shape:
         raise FileFormatError.expected(
-            str(source), "an array of numbers", f"{array.dtype} {array.shape}", "choose another one"
+            str(source), "an array of numbers", f"{array.dtype} {array.shape}", "choose another image"
         )
     axes = image.get("axes", ())
     if axes and len(axes) != len(array.shape):

@@ -372,7 +372,7 @@ def build(kind: type[T], data: Any, what: str, *, partial: bool = False) -> T:
     """
     if not isinstance(data, Mapping):
         raise FileFormatError.expected(
-            what, "an object with named entries", type(data).__name__, "give an object with named entries"
+            what, "an object with named entries", type(data).__name__, 'write the entries in braces: {"name": …}'
         )
     hints = _hints(cast(Any, kind))
     names = {f.name for f in fields(cast(Any, kind))}
@@ -407,7 +407,7 @@ def _value(hint: Any, value: Any, what: str) -> Any:
     origin = get_origin(hint)
     if origin is tuple:
         if not isinstance(value, list | tuple):
-            raise FileFormatError.expected(what, "a list", type(value).__name__, "give a list")
+            raise FileFormatError.expected(what, "a list", type(value).__name__, "write the values in square brackets")
         args = get_args(hint)
         inner = args[0] if args else Any
         return tuple(_value(inner, v, what) for v in value)

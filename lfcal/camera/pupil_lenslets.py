@@ -29,7 +29,7 @@ class NoLatticeError(InputError, AttributeError):
             name,
             "a camera with a periodic lenslet array",
             got,
-            "use a camera with such an array: this property does not exist for others",
+            "choose another camera, because lenslets in a pupil plane form no lattice",
         )
 
 

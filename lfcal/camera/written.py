@@ -72,7 +72,7 @@ def _one(text: str, path: str) -> float:
 def _whole(text: str, path: str) -> int:
     value, unit = _number(text, path)
     if unit or not value.is_integer():
-        raise InputError.expected(path, "a whole number", repr(text), "give a whole number")
+        raise InputError.expected(path, "a whole number", repr(text), "round this value")
     return int(value)
 
 

@@ -121,7 +121,7 @@ def coding(
     rng, first = np.random.default_rng(seed), read_as("--at", read_position, at)
     lit = code_matrix(code, points, frames=frames, density=density, rng=rng)
     if patterns is not None and screen is None:
-        raise InputError.expected("display", "one for --patterns", "none", "give --display, e.g. 1920x1080@8")
+        raise InputError.expected("display", "a display for --patterns", "none", "add --display, e.g. 1920x1080@8")
     files = [] if patterns is None else code_files(patterns, len(lit))
     check_outputs(files, source, sensor, force=force)
     if Path(source).suffix.lower() in MATRICES:
@@ -136,7 +136,7 @@ def coding(
         seen = _simulated(load_camera(source), virtual_depth, depth, first, points, step)
     described = seen.camera if sensor is None else load_camera(sensor, only=OF_RAW_NOISE if uncorrected else OF_NOISE)
     if described is None:
-        raise InputError.expected("sensor", "one", "none: this H file names no camera", "give --sensor")
+        raise InputError.expected("sensor", "the camera of H, or --sensor", "an H without a camera", "add --sensor")
     noise = sensor_noise(described.sensor, gain=gain, exposure_s=exposure, flat_corrected=not uncorrected)
     light, places = overlapping_patterns(seen.patterns, points, step=step, first=first)
     verdicts = {key: coding_pays(light, noise, code=lit, signal_e=signal, limit=limit) for key, limit in EQUAL.items()}
@@ -163,8 +163,8 @@ def coding(
     words = [verdict.words for verdict in verdicts.values()]
     if screen is not None:
         if seen.camera is None:
-            got = "none: this H file names no camera"
-            raise InputError.expected("camera", "one for --display", got, "give another file")
+            got = "an H without a camera"
+            raise InputError.expected("--display", "an H with its camera", got, "leave --display out")
         shape, pixel_um = screen
         fit = display_fit(seen.camera.step_um(seen.depth_um), pixel_um)
         facts["display"] = {"pixel_um": fit.pixel_um, "needed_um": fit.step_um, "image_px": fit.image_px}

@@ -80,6 +80,6 @@ def _regions(names: list[str]) -> tuple[str, str]:
     """Return the region of each H; empty selects the default one of the file."""
     if len(names) > 2:
         raise InputError.expected(
-            "--region", "one for both H, or one for each", f"{len(names)}", ("leave the others out")
+            "--region", "one for both H, or one for each", f"{len(names)} regions", "leave the others out"
         )
     return (names[0], names[-1]) if names else ("", "")

@@ -210,7 +210,9 @@ def command(
             "camera.json of lfcal white (--camera)"
         )
     if types != "none" and (described is None or len(described.lattice.types) != 3):
-        raise InputError.expected("lens types", "a --camera with three", camera or "none", "leave --types out")
+        raise InputError.expected(
+            "lens types", "a --camera with three lens types", camera or "none", "leave --types out"
+        )
     check_number("samples per lenslet", samples, at_least=1, at_most=32, integer=True)
     planes = _slopes(slopes or SLOPES[types], depths, described)
     if types != "none":

@@ -296,7 +296,7 @@ def _plan_of(matrix: PSFMatrix, camera: Camera | None) -> ScanPlan:
         )
     if not matrix.knows_depths:
         raise InputError.expected(
-            "patterns", "an H that states its depths", "one without", "give the PSFMatrix its depths"
+            "patterns", "an H that states its depths", "one without", "set the depths of the PSFMatrix"
         )
     depths = tuple(float(z) for z in matrix.depths)
     return ScanPlan(owner, matrix.period, matrix.cutout, depths, matrix.anchor)

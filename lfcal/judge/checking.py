@@ -272,7 +272,7 @@ def _as_frames(frames: ArrayLike | NewFrame | Sequence[NewFrame]) -> list[NewFra
         return [frames]
     given = list(frames) if isinstance(frames, Sequence) else []
     if isinstance(frames, Sequence) and not given:
-        raise InputError.expected("new frames", "at least one", "none", "give a frame")
+        raise InputError.expected("new frames", "at least one", "none", "give a frame that was recorded after H")
     known = [one for one in given if isinstance(one, NewFrame)]
     if known and len(known) == len(given):
         return known

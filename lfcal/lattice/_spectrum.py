@@ -122,7 +122,9 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
     few = _large(part, kind, pitch_px)
     rough, share = few or _fine(flat, kind, pitch_px)
     if share < MIN_BRIGHT or rough.contrast <= 0:
-        raise overlapping("micro-images brighter than the gaps between them", f"{100 * share:.0f} % of them")
+        raise overlapping(
+            "micro-images brighter than the gaps between them", f"only {100 * share:.0f} % that are brighter"
+        )
     if rough.kind == "square" and few is None and not _alike(flat, rough):
         raise overlapping("micro-images of one shape", "two alternating shapes")
     if rough.kind == "square" and not _round(lit.flattened(), rough):

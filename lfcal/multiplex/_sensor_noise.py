@@ -194,10 +194,10 @@ def pixel_weights(
     if raw.ndim != 2 or level.shape != raw.shape or bad.shape != raw.shape:
         got = f"{raw.shape}, {level.shape}, {bad.shape}"
         raise InputError.expected(
-            "frame, expected values, dead pixels",
-            "arrays of one shape (rows, columns)",
+            "frame, expected signal, dead pixels",
+            "three arrays of the same shape (rows, columns)",
             got,
-            "give arrays of the same frame",
+            "crop them to the same pixels",
         )
     noise = sensor_noise(sensor, gain=gain, exposure_s=exposure_s, flat_corrected=flat_corrected)
     step = sensor.electrons_per_count / gain

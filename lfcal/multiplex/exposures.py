@@ -153,6 +153,6 @@ def _shares(what: str, values: ArrayLike) -> Array:
             what,
             "rows and columns of fractions from 0 to 1, not all 0",
             array_words(shares),
-            "give such values",
+            "correct these fractions",
         )
     return shares

@@ -90,7 +90,10 @@ class Modulator:
             object.__setattr__(self, what, value)
         if any(s % c for s, c in zip(self.side, self.cell, strict=True)):
             raise InputError.expected(
-                f"cell of {self.name}", f"a divisor of {self.side}", self.cell, "choose a divisor"
+                f"cell of {self.name}",
+                f"a divisor of {self.side}",
+                self.cell,
+                "choose 1, or another divisor of the side",
             )
         for what, rows in (("spatial", math.prod(self.side)), ("plenoptic", self.count)):
             array = np.array(getattr(self, what))

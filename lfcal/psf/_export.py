@@ -326,7 +326,9 @@ def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: Expor
             raise InputError.expected(f"options of {suffix} files", used, name, "leave this option out")
     code = options.reader
     if options.sparse and options.code != "olaf":
-        raise InputError.expected("code of sparse patterns", "olaf", options.code or "none", "leave sparse out")
+        raise InputError.expected(
+            "code for sparse patterns", "olaf", options.code or "none", "choose olaf (--for), or leave sparse out"
+        )
     if suffix == ".npz" and code is None:
         raise InputError.expected(
             "code of an .npz file", "pyolaf", "none", "choose pyolaf (--for), or write a .npy file"

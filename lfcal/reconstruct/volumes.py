@@ -362,7 +362,8 @@ def write_volumes(
     series = shape[0] if len(shape) > 3 else 1
     for what, values, count in (("depths", facts.depths_um, shape[-3]), ("times", facts.times_s, series)):
         if values is not None and len(values) != count:
-            raise InputError.expected(f"{what} of the volume", count, len(values), "give one for each")
+            each = "plane" if what == "depths" else "volume of the series"
+            raise InputError.expected(f"{what} of the volume", count, len(values), f"state one for each {each}")
     require_space(target.parent, 4 * math.prod(shape) + (1 << 16), what="the volume")
     kind = target.suffix.lower()
     usual = _ome_tiff if is_ome(target) else _tiff

@@ -63,7 +63,10 @@ class LightFieldSettings:
         check_record(self)
         if self.lattice and self.resample == "never":
             raise InputError.expected(
-                "resample", "auto or always, because a lattice is given", "never", ("leave one out")
+                "resample",
+                "auto or always, because a lattice is given",
+                "never",
+                "leave the lattice out, or resample the frames",
             )
 
     @property

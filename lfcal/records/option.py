@@ -337,7 +337,7 @@ class FieldRow:
         nothing = isinstance(given, str) and not given.strip()
         if given is None or (nothing and (self.kind is not str or (self.optional and self.opt.read is not None))):
             if self.default is MISSING and not self.optional:
-                raise InputError.expected(called, "a value", "none", "give it")
+                raise InputError.expected(called, "a value", "none", "state this value")
             return self.empty
         if self.many:
             return tuple(self._one(one, called) for one in (given if isinstance(given, list | tuple) else (given,)))

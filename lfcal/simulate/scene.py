@@ -367,7 +367,7 @@ class Scene:
         if self.type_waves and len(self.type_waves) != len(self.lattice.types):
             wanted, got = f"{len(self.lattice.types)} values, one for each lens type", len(self.type_waves)
             raise InputError.expected(
-                "spherical aberrations of lenslets", wanted, got, "give one value for each lens type"
+                "spherical aberrations of lenslets", wanted, got, "repeat the value if it is the same for all types"
             )
         check_wavefront(self.wavefront)
         object.__setattr__(self, "wavefront", tuple((int(n), int(m), float(w)) for n, m, w in self.wavefront))

@@ -459,7 +459,7 @@ def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: t
         "labels of the points",
         "a unique assignment to the holes of the target",
         f"{len(right)} assignments that differ by {shifts} (rows:columns) and fit equally well",
-        "state the position of the target to half a pitch, or mark it with absent holes",
+        "state the position of the target to within half a pitch, or mark the target with absent holes",
     )
 
 

@@ -292,7 +292,9 @@ class _Acquire(Task):
                     name, "dark frames", "--darks 0", "leave this option out, or record dark frames"
                 )
         if isinstance(self.origin, tuple) and len(self.origin) != 3:
-            raise InputError.expected("--origin", "X,Y,Z in µm", show_planes(self.origin), "give three numbers")
+            raise InputError.expected(
+                "--origin", "X,Y,Z in µm", show_planes(self.origin), "write them in the form 100,-20,1500"
+            )
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return the files that the task reads (``way="in"``) or writes (``way="out"``).

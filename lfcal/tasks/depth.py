@@ -135,7 +135,7 @@ class Depth(Task):
     method: str = opt(
         "auto",
         "Matching method. micro-images: match neighbouring micro-images, for lenslets focused on the scene. "
-        "views: compare views, for lenslets focused at infinity. auto: choose by the lenslets of the camera; "
+        "views: compare views, for lenslets focused at infinity. auto: decide by the focus of the lenslets; "
         "without a camera, choose the method that explains more of the frame.",
         choices=("auto", "micro-images", "views"),
         more=True,

@@ -100,7 +100,7 @@ class ValidateFit(Task):
         fits, names = read_fits(self.fit), names_of(self.sources)
         if self.other or "" in fits:
             if len(names) != 1:
-                raise InputError.expected("sources", "one recording", len(names), "give one recording")
+                raise InputError.expected("sources", "one recording", len(names), "validate each recording separately")
             first = next(iter(fits.values()))
             if "" in fits:
                 return [("", self.fit, first)]

@@ -352,7 +352,7 @@ class PlanScan(_PlanOfCamera):
     )
     list_file: Path | None = opt(
         None,
-        "File for the list of positions of a half-cell scan (.json), for lfcal acquire.",
+        "File for the list of positions of a half-cell scan (.json), to be used with lfcal acquire.",
         label="List of positions",
         flag="--list",
         file="out",

@@ -60,7 +60,7 @@ class PlanFit(PlanTask):
     )
     out: Path | None = opt(
         None,
-        "File for the list of positions (.json), for lfcal acquire.",
+        "File for the list of positions (.json), to be used with lfcal acquire.",
         label="List of positions",
         short="-o",
         file="out",

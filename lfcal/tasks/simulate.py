@@ -485,7 +485,7 @@ class SimulateForecast(_OfOnePlan):
 
     plan_only: bool = opt(
         True,
-        "Show which effects matter, and their computing time, without simulating.",
+        "Show which effects matter and how long they take to compute, without simulating.",
         label="Forecast only",
         chooses=True,
     )

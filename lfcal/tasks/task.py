@@ -226,7 +226,7 @@ class TaskSet:
             # the choice of the kind may depend on these
             everywhere = all(row.name in {one.name for one in rows(kind)} for kind in self.kinds)
             if row.default is MISSING and everywhere and row.name not in given:
-                raise InputError.expected(row.called, "a value", "none", "state it")
+                raise InputError.expected(row.called, "a value", "none", "state this value")
         kind = self.choose(given)
         self.refuse(kind, given, called)
         names = {row.name: called(row.name) for row in rows(kind)}

@@ -270,7 +270,7 @@ def test_a_resumed_session_reports_a_lamp_that_changed_in_between(
         (["--backend", "nothing"], "device backend: expected"),
         (["--option", "velocity"], "--option: expected NAME=VALUE"),
         (["--option", "axes=-x,+y,+z"], "the scan runs in the wrong direction"),
-        (["--origin", "1,2"], "give three numbers"),
+        (["--origin", "1,2"], "write them in the form 100,-20,1500"),
         (["--tolerance", "a"], "--tolerance: expected numbers"),
         (["--bracket", "0.5"], "exposure bracket"),
         (["--backend", "gentl"], "choose a backend"),

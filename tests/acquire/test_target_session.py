@@ -136,7 +136,7 @@ def test_frames_are_recorded_again_by_their_position(plan: TargetPlan, session: 
     record(folder, plan, rig_of(plan), CAREFUL, redo=[Position(1, 0, 5)])
     assert SessionFile.read(folder).recordings == ("recording.h5", "recording-002.h5")
     assert_same(session, folder)
-    with pytest.raises(InputError, match="frame to redo"):
+    with pytest.raises(InputError, match="frame to record again"):
         record(folder, plan, rig_of(plan), CAREFUL, redo=[Position(0, 0, 5)])  # the first plane has five
 
 

@@ -33,7 +33,7 @@ FORMATS = (ExportMat, ExportH5, ExportNpy, ExportTiff)
 def test_a_task_without_its_input_is_refused(tmp_path: Path) -> None:
     for name in ("assemble", "export", "transpose"):
         (tmp_path / "job.toml").write_text(f'task = "{name}"\nout = "x.h5"\n')
-        with pytest.raises(InputError, match="expected a value, got none; state it"):
+        with pytest.raises(InputError, match="expected a value, got none; state this value"):
             load_job(tmp_path / "job.toml")
 
 

@@ -77,7 +77,7 @@ class CompareRequest:
                 "order of axes",
                 "the same for both .mat files",
                 " and ".join(sorted(order or "automatic" for order in orders)),
-                "choose the same order for both files on the page H",
+                "choose the same order for both files in H",
             )
         return next(iter(orders), "")
 

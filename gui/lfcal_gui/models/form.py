@@ -118,7 +118,7 @@ def parse(field: Field, text: str) -> Any:
             return int(text)
         return tuple(_number(field, part) for part in text.replace(";", ",").split(",") if part.strip())
     except ValueError:
-        raise InputError.expected(field.label, _WANTED[field.kind], repr(text), "enter a value of this kind") from None
+        raise InputError.expected(field.label, _WANTED[field.kind], repr(text), "correct this value") from None
 
 
 def means(field: Field, text: str, value: Any) -> bool:

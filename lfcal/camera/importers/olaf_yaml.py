@@ -175,7 +175,7 @@ def _focal_lengths(entries: Mapping[str, Any], what: str) -> tuple[float, ...]:
     several = entries.get("focus") == "multi"
     if len(lengths) != len(parts) or len(lengths) != (3 if several else 1):
         wanted = "three focal lengths" if several else "one focal length (focus: single)"
-        raise FileFormatError.expected(f"{what}: fm", wanted, f"{len(lengths)}", "correct this entry")
+        raise FileFormatError.expected(f"{what}: fm", wanted, f"{len(lengths)} focal lengths", "correct this entry")
     return lengths
 
 

@@ -152,7 +152,7 @@ def _check_types(ranges: tuple[tuple[float, float], ...], values: Mapping[str, A
     focus = values.get("lattice.focus", ranges)
     if len(focus) != len(ranges):
         raise InputError.expected(
-            "focus depths", f"{len(ranges)}, one per lens type", len(focus), "give one per lens type"
+            "focus depths", f"{len(ranges)}, one per lens type", len(focus), "state the focus depth of each lens type"
         )
 
 

@@ -78,7 +78,10 @@ def _only_camera(lib: Library) -> str:
     names = [lib.get_device_id(k).decode() for k in range(lib.get_n_devices())]
     if len(names) != 1:
         raise DeviceMissing.expected(
-            "Aravis", "one camera", ", ".join(names) or "none", "choose it with option camera, or plug it in"
+            "Aravis",
+            "one camera",
+            ", ".join(names) or "none",
+            "choose a camera with the device option camera, or plug one in",
         )
     return str(names[0])
 

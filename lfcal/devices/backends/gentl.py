@@ -94,7 +94,10 @@ def _chosen(harvester: Any, wanted: str) -> int:
     if wanted in serials:
         return serials.index(wanted)
     raise DeviceMissing.expected(
-        "GenTL camera", f"0 to {len(devices) - 1}, or one of {serials}", wanted, "choose one, or plug it in"
+        "GenTL camera",
+        f"0 to {len(devices) - 1}, or one of {serials}",
+        wanted,
+        "choose one of these, or plug the camera in",
     )
 
 

@@ -101,7 +101,7 @@ def inject(rig: Rig, fault: DeviceFault) -> None:
         if isinstance(device, SimCamera | SimStage | SimGauge) and fault.kind in device.faults.kinds:
             device.faults.inject(fault)
             return
-    raise InputError.expected("device of the fault", "a simulated one", rig.camera.name, "connect the simulator")
+    raise InputError.expected("device for a simulated fault", "the simulator", rig.camera.name, "connect the simulator")
 
 
 class SimBackend:

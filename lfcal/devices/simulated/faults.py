@@ -87,7 +87,7 @@ def parse_faults(text: str) -> list[DeviceFault]:
             if isinstance(error, InputError):
                 raise
             raise InputError.expected(
-                "option faults", "kind@call[*times]", repr(part), "write it in this form"
+                "option faults", "kind@call[*times]", repr(part), "write it in the form times out@5*2"
             ) from None
     return faults
 

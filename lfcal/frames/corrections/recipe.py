@@ -287,7 +287,7 @@ def _white_dark(dark: Dark | DarkSet | None, shape: tuple[int, ...]) -> NDArray[
             "dark frame for the white image",
             "the whole sensor",
             "only a part of it",
-            "give a dark frame of the whole sensor",
+            "record the dark frame on the whole sensor",
         )
     return one.level if one.frame is None else one.frame
 

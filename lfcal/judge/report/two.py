@@ -164,7 +164,7 @@ def iter_compared_report(found: Comparison, folder: str | os.PathLike[str], seco
     """
     target = Path(folder)
     if target.exists() and not target.is_dir():
-        raise StorageError.expected(str(target), "a folder for the report", "a file", "give a folder")
+        raise StorageError.expected(str(target), "a folder for the report", "a file", "choose another name")
     draws: list[Callable[[], ReportPicture]] = [lambda: _patterns(found), lambda: _maps(found)]
     clock = Clock("drawing the report", len(draws) + 1)
     drawn = []

@@ -75,7 +75,7 @@ def iter_report(
     """
     target = Path(folder)
     if target.exists() and not target.is_dir():
-        raise StorageError.expected(str(target), "a folder for the report", "a file", "give a folder")
+        raise StorageError.expected(str(target), "a folder for the report", "a file", "choose another name")
     H = _straight(matrix)
     other = None if reference is None else _straight(reference)
     if inspection is not None and inspection.shape != H.shape:

@@ -454,7 +454,9 @@ def _check_together(matrices: Sequence[Any]) -> None:
             got = f"{H.shape[0]} planes of {H.shape[1]} x {H.shape[2]} positions"
             raise InputError.expected(what, wanted, got, "measure all regions by the same plan")
         if not np.allclose(H.depths, first.depths, rtol=1e-3, atol=1e-6):
-            raise InputError.expected(what, f"depths {list(first.depths)}", list(H.depths), "give H of the same planes")
+            raise InputError.expected(
+                what, f"depths {list(first.depths)}", list(H.depths), "use H with the same planes"
+            )
 
 
 def _window(weight: NDArray[Any], cutout: tuple[int, int]) -> tuple[slice, slice]:

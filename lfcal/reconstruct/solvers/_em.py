@@ -389,7 +389,7 @@ def _check(P: Projector, data: Measurement, iterations: int) -> None:
             "image", f"shape {P.image_shape}", data.image.shape, "make the projector for this image"
         )
     if iterations < 1:
-        raise InputError.expected("iterations", "a number of at least 1", iterations, "choose 1 or more")
+        raise InputError.expected("iterations", "a number of at least 1", iterations, "choose a number such as 20")
 
 
 def _parts(P: Projector, data: Measurement, options: EmOptions) -> tuple[_Part, ...]:

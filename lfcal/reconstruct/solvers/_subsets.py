@@ -77,7 +77,7 @@ def check_partition(masks: Masks, period: tuple[int, int]) -> None:
     for mask in masks:
         if np.shape(mask) != period:
             raise InputError.expected(
-                "subset", f"a mask of shape {period}", np.shape(mask), "give a mask of this shape"
+                "subset", f"a mask of shape {period}", np.shape(mask), "make the masks for this projector"
             )
         count += mask
     if not (count == 1).all():

@@ -232,7 +232,7 @@ def _renewed(data: Mapping[str, Any]) -> dict[str, Any]:
 def moved(plan: ScanPlan, origin: tuple[float, ...] | None) -> ScanPlan:
     """Return the plan with other stage coordinates (µm) of the sensor centre; raise `InputError` if None."""
     if origin is None or len(origin) != 3:
-        raise InputError.expected("Origin", "X,Y,Z in µm", origin or "none", "give three numbers")
+        raise InputError.expected("Origin", "X,Y,Z in µm", origin or "none", "enter three numbers: 100,-20,1500")
     x, y, z = origin
     return replace(plan, stage=replace(plan.stage, origin_um=(x, y, z)))
 

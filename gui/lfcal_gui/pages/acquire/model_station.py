@@ -249,7 +249,7 @@ def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:
     if len(target) != 3 or all(value is None for value in target):
         raise InputError.expected(
             "position of the stage",
-            "three values x, y, z in µm, of which an empty one leaves its axis unchanged",
+            "x, y and z in µm; an empty value leaves its axis unchanged",
             repr(words),
             "separate the values by commas: 100, -20, 1500",
         )

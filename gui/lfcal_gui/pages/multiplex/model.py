@@ -337,7 +337,7 @@ class MultiplexSettings(PageSettings):
             raise InputError.expected("size (px)", f"1 to {MAX_SIZE}", self.size, "enter a size such as 9")
         mask_pattern(self.mask, self.size)
         if not 0 < self.gain < 1e6:
-            raise InputError.expected("amplifier gain", "above 0", self.gain, "enter a positive number")
+            raise InputError.expected("amplifier gain", "a gain above 0", self.gain, "enter 1 for no amplification")
         if self.spacing is not None:
             check_number("node spacing (px)", self.spacing, at_least=0.5, at_most=1e3)
         check_number("smoothness", self.smoothness, at_least=0, at_most=1e3)

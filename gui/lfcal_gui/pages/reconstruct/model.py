@@ -394,7 +394,7 @@ class ReconstructSettings(PageSettings):
         if row + rows > shape[0] or column + columns > shape[1]:
             raise InputError.expected(
                 "region",
-                f"inside the light field of {shape[0]} × {shape[1]} px",
+                f"a region inside the light field of {shape[0]} × {shape[1]} px",
                 (row, column, rows, columns),
                 "correct it",
             )
@@ -430,5 +430,7 @@ def _side(text: str) -> float:
     except ValueError:
         side = math.nan
     if not 0 < side < math.inf:
-        raise InputError.expected("voxel size", "a positive number of µm, auto, or nothing", repr(text), "correct it")
+        raise InputError.expected(
+            "voxel size", "a positive number of µm, auto, or nothing", repr(text), "enter a size such as 5"
+        )
     return side

@@ -79,7 +79,7 @@ def make_light_field(
     from lfcal.reconstruct import Projector, phantom
 
     if not path.lower().endswith((".tif", ".tiff")):
-        raise InputError.expected("light field", "a .tif file", Path(path).name, "use that suffix")
+        raise InputError.expected("light field", "a .tif file", Path(path).name, "end the name of the file with .tif")
     P = Projector(H, shape or synthetic_shape(H))
     volume = phantom(name, P.volume_shape, seed)
     image = P.forward(volume)
