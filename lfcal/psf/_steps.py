@@ -156,7 +156,7 @@ def stepped_plane(
                 if lost or cut[y, x] + rounding[y, x] > limit:
                     raise InputError.expected(
                         f"{what}, position ({y}, {x}), storage tolerance",
-                        f"a tolerance within the precision of {MOST} steps of float32",
+                        f"a tolerance that at most {MOST} steps per pattern can meet",
                         f"{100 * limit:.3g} %",
                         "choose a larger tolerance, or store H as float32",
                     )

@@ -177,7 +177,7 @@ def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> 
         if len(own) % len(code):
             wanted = f"at least {math.ceil(len(code) / 2)} offsets in plane {z}"
             raise InputError.expected(
-                "frames that are shown together", wanted, len(plan.offsets_px[z]), "show fewer offsets together"
+                "target for coded frames", wanted, f"{len(plan.offsets_px[z])} offsets", "choose a shorter code"
             )
         offsets.append(tuple(own))
         lit.append(lit_by(code, len(own)))

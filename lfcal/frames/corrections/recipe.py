@@ -311,7 +311,7 @@ def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
     if None in counts:
         raise InputError.expected(
             "exposures of the frames",
-            "one for every frame, because they differ",
+            "an exposure for every frame, because exposures differ",
             f"{counts[None]} frames without one",
             "complete the list, or do not scale by exposure (--exposure none)",
         )
@@ -352,7 +352,7 @@ def _black_level(source: FrameSource) -> float:
     levels = np.atleast_1d(np.asarray(source.metadata.black_level or 0.0, float))
     if np.ptp(levels) > 0:
         raise InputError.expected(
-            "black level of the colours", "the same for all", levels.tolist(), "give a dark frame"
+            "black level", "one level for all colours", levels.tolist(), "give a dark frame instead"
         )
     return float(levels[0])
 

@@ -216,7 +216,7 @@ def test_a_position_is_read_and_refused_in_a_line() -> None:
     assert read_target(" 1 2 3 ", limits) == (1.0, 2.0, 3.0)
     assert read_target(", ,1500", limits) == (None, None, 1500.0)
     for words, told in (
-        ("", "an empty value leaves"), ("1, 2", "'1, 2'"), ("a, b, c", "x, y, z in µm"), (",,", "an empty value leaves"),
+        ("", "an empty value"), ("1, 2", "'1, 2'"), ("a, b, c", "x, y and z in µm"), (",,", "an empty value"),
         ("nan, 0, 0", "stage axis x: expected a number"), ("0, 51, 0", "axis y: expected -50 to 50 µm, got 51 µm"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=told) as caught:
