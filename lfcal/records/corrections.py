@@ -43,7 +43,7 @@ class CorrectionRecipe:
     )
     white_mode: str = opt(
         "field",
-        "field: divide by the smooth fall-off of the white image over the field. pixels: divide by the white image, "
+        "Divisor of the frames. field: the smooth fall-off of the white image over the field. pixels: the white image, "
         "pixel by pixel.",
         choices=("field", "pixels"),
         needs=("white", ""),

@@ -110,7 +110,7 @@ class Inspect(MatrixTask):
     )
     seconds: float = opt(
         1800.0,
-        "Longest time for the comparison with the camera. If it is reached, the verdict is “not fully "
+        "Longest time for the comparison with the camera. If this time is reached, the verdict is “not fully "
         "judged”. 0 skips the comparison.",
         label="Time limit",
         unit="s",

@@ -445,7 +445,7 @@ class SimulateFrames(_OfOnePlan):
 
     frames: Path = required("New or empty folder for the frames of a simulated session.", file="out", **FRAMES)
     seed: int = opt(0, "Seed of the random noise and stage errors in the frames.", at_least=0, more=True)
-    peak: float = opt(0.8, "Brightness of the brightest pixel in the frames.", more=True, **PEAK)
+    peak: float = opt(0.8, "Signal in the brightest pixel of the frames.", more=True, **PEAK)
 
     def files(self, way: str) -> tuple[Path, ...]:
         """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
@@ -495,7 +495,7 @@ class SimulateForecast(_OfOnePlan):
         "Folder for the frames of the planned simulation. It affects the forecast only; nothing is written.",
         **FRAMES,
     )
-    peak: float = opt(0.8, "Brightness of the brightest pixel in the frames.", needs=("frames", ""), more=True, **PEAK)
+    peak: float = opt(0.8, "Signal in the brightest pixel of the frames.", needs=("frames", ""), more=True, **PEAK)
 
     def work_on(self, plan: ScanPlan, run: RunSettings) -> Work[SimulationForecast]:
         """Choose the effects, and predict the cost of the simulation of ``plan``."""

@@ -78,7 +78,7 @@ def test_a_refused_plane_keeps_those_that_are_done(lfcal: Lfcal, place: Path) ->
     words = ("reduce", "bad.h5", "-o", "out.h5", "--tolerance", 1e-6, "--executor", "threads", "--workers", 1)
     run = lfcal(*words)
     assert run.code == 2
-    assert "storage tolerance: expected a tolerance within the precision of 65535 steps" in run.err
+    assert "storage tolerance: expected a tolerance that at most 65535 steps" in run.err
     assert "kept: 1 of 2 units in out.h5.parts; --resume continues with them" in run.err
     assert not (place / "out.h5").exists()
 

@@ -68,7 +68,7 @@ def test_channel_of_a_mosaic_takes_the_channel_of_its_calibration_frames(folder:
 def test_declared_black_level_stands_in_for_a_dark_frame() -> None:
     chain = build_chain(source(cfa="GRBG", black_level=(64.0,) * 4), CorrectionRecipe(exposure="none"))
     assert chain.describe()["steps"] == [{"kind": "dark", "level": 64.0}]
-    with pytest.raises(InputError, match="black level of the colours: expected the same for all"):
+    with pytest.raises(InputError, match="black level: expected one level for all colours"):
         build_chain(source(black_level=(64.0, 65.0, 64.0, 64.0)), CorrectionRecipe())
 
 
@@ -101,7 +101,7 @@ def test_exposures_known_of_some_frames_only_cannot_be_normalised(tmp_path: Path
         tifffile.imwrite(tmp_path / f"{k}.tif", FRAMES[0])
     (tmp_path / "manifest.csv").write_text("file,z,y,x,exposure_s\n0.tif,0,0,0,0.1\n1.tif,0,0,1,0.2\n2.tif,0,0,2,\n")
     with open_frames(tmp_path) as frames:
-        with pytest.raises(InputError, match="exposures of the frames: expected one for every frame"):
+        with pytest.raises(InputError, match="exposures of the frames: expected an exposure for every frame"):
             corrected_view(frames, CorrectionRecipe())
         assert corrected_view(frames, CorrectionRecipe(exposure="none")).read(1).max() == FRAMES[0].max()
 

@@ -135,7 +135,7 @@ def test_a_tolerance_is_a_share(tolerance: float) -> None:
 def test_where_steps_are_too_few_the_position_is_named() -> None:
     with pytest.raises(InputError, match=r"position \(0, 0\).*65535 steps.*1e-06 %; choose a larger tolerance"):
         stepped_plane(spots(), 1e-8)
-    with pytest.raises(InputError, match="65535 steps of float32"):
+    with pytest.raises(InputError, match="65535 steps per pattern"):
         stepped_plane(spots() * 1e-200, 0.005)  # nothing that float32 holds
 
 

@@ -61,7 +61,7 @@ class Contrast(QWidget):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setAccessibleName("Contrast")
-        self.setToolTip("Drag the handles. A: clip 0.1 % at both ends. Double-click a handle to type its value")
+        self.setToolTip("Drag the handles. Press A to clip 0.1 % at both ends. Double-click a handle to type its value")
         self._timer = QTimer(self, singleShot=True, interval=WAIT_MS)
         self._timer.timeout.connect(self._count)
         picture.changed.connect(self._timer.start)
