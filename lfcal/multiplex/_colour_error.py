@@ -65,7 +65,7 @@ def lab(xyz: ArrayLike, white: ArrayLike) -> Array:
 
 
 def colour_difference(one: ArrayLike, two: ArrayLike) -> Array:
-    """Return the CIEDE2000 differences ``(...)`` between CIELAB colours (L*, a*, b*) of shape ``(..., 3)``.
+    """Return the CIEDE2000 differences ``(...)`` between CIELAB colours ``one`` and ``two``, ``(..., 3)``.
 
     The calculation follows Sharma, Wu and Dalal (2005), Color Research and Application 30:21, and reproduces their test
     data.

@@ -25,8 +25,8 @@ def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.flo
     Parameters
     ----------
     levels
-        One level, one per pixel ``(rows, columns)``, or the levels of a square pattern by rows, such as (R, G, G, B),
-        as in the metadata ``black_level`` of a frame.
+        One level, one per pixel ``(rows, columns)``, or the levels of a square pattern in row-major order, such as (R,
+        G, G, B), as in the metadata ``black_level`` of a frame.
     shape
         Rows and columns of the frame; its first pixel is the first one of the pattern.
 
@@ -54,7 +54,10 @@ def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.flo
 
 
 def without_black_level(frame: ArrayLike, levels: ArrayLike) -> NDArray[Any]:
-    """Return a copy of a frame minus its black level: float64 for float64 frames, float32 for others.
+    """Return a copy of ``frame`` minus its black level: float64 for float64 frames, float32 for others.
+
+    ``levels`` (counts) contains one black level, one for each pixel of a square pattern in row-major order, or one for
+    each pixel of the frame.
 
     Examples
     --------

@@ -78,7 +78,9 @@ def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Mod
 
 
 def camera_array(rows: int, columns: int) -> Modulator:
-    """Return an array of cameras, each of which records one view, as a modulator; `interleave` combines their frames.
+    """Return an array of ``rows`` x ``columns`` cameras, each of which records one view, as a modulator.
+
+    `interleave` combines the frames of the cameras.
 
     If the cameras have different filters, shutters or polarisers, multiply the result by a modulator with the same
     super-pixel: ``camera_array(2, 2) * ...`` recovers every view in every colour. If all cameras see the same view, as

@@ -164,9 +164,9 @@ def lattice_by_spectrum(
 ) -> Array:
     """Return the samples ``(N, n)`` at ``places`` by theorem 2: spectral tiles about each g_k are decorrelated.
 
-    ``places`` ``(n, 2)`` are positions (row, column) on the frame. The method takes one Fourier transform of the frame
-    and one for each pixel of the super-pixel. It assumes that the frame is periodic, so samples within two super-pixels
-    of a border depend on the opposite border.
+    ``places`` ``(n, 2)`` are positions (row, column) on the frame; ``rcond`` is as in `demultiplex_lattice`. The method
+    takes one Fourier transform of the frame and one for each pixel of the super-pixel. It assumes that the frame is
+    periodic, so samples within two super-pixels of a border depend on the opposite border.
     """
     from scipy import fft
 
@@ -236,7 +236,7 @@ def lattice_by_sinc(
     The trigonometric polynomial through the frame is evaluated at each pixel of the super-pixels, which may be between
     sensor pixels. Each channel is interpolated to the positions with the waves of the lattice's cell, and the channels
     are decorrelated there. Each channel takes about pixels x super-pixels operations. At most 4096 super-pixels are
-    allowed.
+    allowed. ``rcond`` is as in `demultiplex_lattice`.
 
     Raises
     ------

@@ -339,6 +339,8 @@ def channel_grid(
 ) -> ViewGrid:
     """Return the grid of super-pixels that `lattice_channels` uses in a frame of the shape ``(rows, columns)``.
 
+    The other parameters are those of `lattice_channels`.
+
     Raises
     ------
     InputError

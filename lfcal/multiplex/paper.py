@@ -73,7 +73,7 @@ class PaperFigure:
     title
         Title of the figure.
     panels
-        Images by rows, with `columns` in each row.
+        Images in row-major order, with `columns` in each row.
     columns
         Number of images side by side.
     curves

@@ -84,7 +84,7 @@ class Spectra:
             object.__setattr__(self, name, array)
 
     def on(self, wavelengths_nm: ArrayLike) -> Array:
-        """Return the curves at the given n wavelengths (nm) by linear interpolation, ``(len(names), n)``.
+        """Return the curves at n wavelengths ``wavelengths_nm`` by linear interpolation, ``(len(names), n)``.
 
         Raises
         ------

@@ -75,7 +75,7 @@ def tiled_modulator(
     the tile is repeated, and ``matrix`` the transmission of the N samples at each pixel of the tile, ``(pixels, N)``.
     Gains are per pixel and therefore do not change if a rectangular period contains the tile several times.
     `demultiplex` uses each pixel of the period as a channel; if that reduces the resolution, use
-    `demultiplex_generally`.
+    `demultiplex_generally`. ``name``, ``colours`` and ``light`` are attributes of `Modulator`.
 
     Examples
     --------

@@ -66,7 +66,7 @@ class AssemblyProgress(Progress):
     Attributes
     ----------
     plane
-        Number of the current plane.
+        Index of the current plane.
     energy
         Sum of each pattern, ``(nz, ny, nx)`` (counts); NaN if it has not been assembled.
     """
@@ -167,7 +167,7 @@ class Assembly:
         camera: Camera | None = None,
         provenance: Mapping[str, Any] | None = None,
     ) -> Header:
-        """Return the header of H; its provenance is `history`, with the entries of ``provenance``."""
+        """Return the header of H, with ``depths`` (µm) and ``camera`` (None: unknown) and the provenance `history`."""
         shape = (*self.shape, *self.cutout.shape)
         return Header(shape, depths, camera, self.cutout.anchor, self.history(provenance))
 
@@ -179,7 +179,7 @@ class Assembly:
         Parameters
         ----------
         z
-            Number of the plane.
+            Index of the plane.
         clock, before
             Clock that counts frames, and the number of frames in the planes before this one.
         values

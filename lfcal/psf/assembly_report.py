@@ -93,7 +93,10 @@ class AssemblyReport:
         padded: tuple[Position, ...],
         residual: tuple[float, float],
     ) -> AssemblyReport:
-        """Return the report on ``matrix``, whose `Facts` determine the numbers on saturation and spread."""
+        """Return the report on ``matrix``, whose `Facts` determine the numbers on saturation and spread.
+
+        The other arguments are the attributes of the same names; ``residual`` is `residual_px`.
+        """
         there = matrix.recorded > 0
         counted = matrix.saturated
         unknown = int(there.sum()) if counted is None else int(((counted < 0) & there).sum())

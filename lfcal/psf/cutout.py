@@ -105,7 +105,7 @@ class Cutout:
 
     @classmethod
     def for_plan(cls, plan: ScanPlan, *, interpolation: str = "", outside: str = "error") -> Cutout:
-        """Return the cutout of a plan; interpolation defaults to ``cubic`` if the plan resamples, else ``nearest``."""
+        """Return the cutout of a plan; ``interpolation`` defaults to cubic if the plan resamples, else to nearest."""
         default = "cubic" if plan.resample else "nearest"
         return cls(plan.cutout, plan.anchor, interpolation or default, outside, plan.resample_factors)
 
@@ -145,7 +145,7 @@ class Cutout:
         )
 
     def resample(self, values: NDArray[Any], window: Window) -> NDArray[np.float32]:
-        """Return the cutout ``(nt, ns)`` interpolated from ``values``, the pixels of the frame in `region`."""
+        """Return the cutout ``(nt, ns)`` at ``window``, interpolated from ``values``, the frame in `region`."""
         shift = (window.row_residual, window.column_residual)
         data = np.asarray(values, np.float32)
         if self.resamples:

@@ -15,7 +15,7 @@ __all__ = ["dark_planes", "empty_positions", "empty_words"]
 
 
 def dark_planes(matrix: PSFMatrix) -> tuple[int, ...]:
-    """Return the numbers of the depth planes whose entries sum to zero or less."""
+    """Return the indices of the depth planes whose entries sum to zero or less."""
     return tuple(z for z in range(len(matrix)) if not matrix.depth_sum(z).sum() > 0)
 
 

@@ -253,14 +253,14 @@ class PSFMatrix:
         return np.argwhere(self.recorded == 0)
 
     def valid(self, z: int, y: int, x: int) -> NDArray[np.bool_]:
-        """Return a mask ``(nt, ns)`` of a pattern of H: true at pixels that are neither saturated nor masked."""
+        """Return a mask ``(nt, ns)`` of the pattern at (z, y, x): True for pixels neither saturated nor masked."""
         packed = self.facts.valid
         if packed is None:
             return np.ones(self.cutout, np.bool_)
         return unpack_valid(packed[z, y, x], self.cutout)
 
     def variance(self, z: int, y: int, x: int) -> NDArray[np.float64] | None:
-        """Return the noise variance of a pattern of H, ``(nt, ns)``, in the squared unit of H; None if unknown."""
+        """Return the noise variance ``(nt, ns)`` of the pattern at (z, y, x) in squared units of H; None if unknown."""
         noise = self.facts.noise
         if noise is None or not np.isfinite(noise[z, y, x]).all():
             return None
@@ -270,7 +270,7 @@ class PSFMatrix:
         return variance
 
     def uncertainty(self, z: int, y: int, x: int) -> NDArray[np.float32] | None:
-        """Return the standard deviation of a pattern of H, ``(nt, ns)``, in the unit of H; None if unknown.
+        """Return the standard deviation ``(nt, ns)`` of the pattern at (z, y, x), in the unit of H; None if unknown.
 
         For a pattern that is at least partly modelled, this is the stated uncertainty; for a measured pattern, it is
         the noise.

@@ -96,7 +96,7 @@ class MatrixGroup:
 
     @property
     def lacking(self) -> list[int]:
-        """Numbers of the planes that have not been written yet."""
+        """Indices of the planes that have not been written yet."""
         return np.flatnonzero(~self._written).tolist()
 
     def _create_dataset(self, name: str, dtype: np.dtype[Any]) -> Any:
@@ -388,7 +388,7 @@ class PSFWriter:
     def of(
         cls, path: str | os.PathLike[str], header: Header, stored: Stored | None = None, workers: int | None = None
     ) -> Self:
-        """Return a writer for a matrix described by ``header``; ``stored`` states how its values are stored."""
+        """Return a writer for a matrix described by ``header`` and stored as in ``stored`` (None: the defaults)."""
         return cls(path, **vars(header), **vars(stored or Stored()), workers=workers)
 
     @property
@@ -435,7 +435,7 @@ class PSFWriter:
         self._matrix.write_plane(z, plane)
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
-        """Copy the compressed data and the facts of a plane of another file unchanged to plane ``z``."""
+        """Copy the compressed data and the facts of ``stored``, a plane of another file, unchanged to plane ``z``."""
         self._matrix.adopt_plane(z, stored)
 
     def note(self, provenance: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Ask for each frame of a series whether H still holds, although its object is unknown."""
+"""Test for each frame of a series of unknown objects whether H is still valid."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def iter_watch(
     windows: int | None = None,
     workers: int | None = None,
 ) -> Work[DriftWatch]:
-    """Return whether H still holds for each frame of a series of unknown objects.
+    """Test for each frame of a series of unknown objects whether H is still valid; return a `DriftWatch`.
 
     The object of each frame is estimated with H unchanged. One step of the orthogonal score (see
     `lfcal.recalibrate.score`) then estimates the shift of the array and the change of the gap.
@@ -76,11 +76,11 @@ def iter_watch(
     noise
         Variance of a sample without light (counts²), and its increase per count of signal; None: as the frames state.
     rate
-        Probability of a false alarm in each test while H holds.
+        Probability of a false alarm in each test if H is valid.
     mean
         Number of consecutive frames to average before each test.
     contents
-        Assumptions about the contents of frames; None: the planes of H and a dark field that slopes.
+        Assumptions about the contents of frames; None: the planes of H and a dark field that varies linearly.
     windows
         Number of windows of the sensor to use; None: one, or five for a large sensor.
     workers

@@ -78,7 +78,7 @@ class WatchedMean:
 
 @dataclass(frozen=True)
 class DriftTrend:
-    """Slope of a drift ``name`` over time, with its standard deviation, per ``per``: hour, day or frame.
+    """Slope of the drift ``name`` over time and its standard deviation ``sigma``, per hour, day or frame (``per``).
 
     Examples
     --------
@@ -100,7 +100,7 @@ class DriftTrend:
 
 @dataclass(frozen=True, eq=False)
 class DriftWatch:
-    """Whether H still holds for the frames of a series.
+    """Result of testing whether H is still valid for the frames of a series.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class DriftWatch:
     threshold
         Threshold of T².
     noise_stated
-        Whether the threshold trusts the stated noise, because no quiet frames were given.
+        Whether the threshold is based on the stated noise, because no quiet frames were given.
 
     Examples
     --------
@@ -153,7 +153,7 @@ class DriftWatch:
 
     @property
     def holds(self) -> bool | None:
-        """Whether H still holds; None: H does not explain half of the frames, and their drift is unknown."""
+        """Whether H is still valid; None: H does not explain half of the frames, and their drift is unknown."""
         if self.moved:
             return False
         measured = sum(one.goodness is not None for one in self.frames)

@@ -46,7 +46,7 @@ PHANTOMS = ("points", "vesicle", "plume")
 
 
 def points(shape: Shape, positions: Iterable[tuple[int, int, int]], brightness: float = 1.0) -> NDArray[np.float64]:
-    """Return a volume ``(nz, Y, X)`` with single bright voxels at ``positions`` (z, y, x)."""
+    """Return a volume of ``shape`` ``(nz, Y, X)``, dark except for ``brightness`` at ``positions`` (z, y, x)."""
     volume = np.zeros(shape)
     for position in positions:
         if not all(0 <= p < n for p, n in zip(position, shape, strict=True)):
@@ -88,7 +88,19 @@ def vesicle(
 
 
 def plume(shape: Shape, *, width: float | None = None, brightness: float = 1.0, seed: int = 0) -> NDArray[np.float64]:
-    """Return a volume ``(nz, Y, X)`` with a turbulent jet that widens along x and is brightest in the middle plane."""
+    """Return a volume with a turbulent jet that widens along x and is brightest in the middle plane.
+
+    Parameters
+    ----------
+    shape
+        Shape ``(nz, Y, X)`` of the volume.
+    width
+        Rms width of the jet along y at x = 0 (voxels). None: a sixteenth of Y.
+    brightness
+        Largest value, approximately.
+    seed
+        Random seed of the shape of the jet.
+    """
     nz, height, length = shape
     start = height / 16 if width is None else width
     rng = np.random.default_rng(seed)

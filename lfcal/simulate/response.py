@@ -117,7 +117,7 @@ class PlaneResponse:
         )
 
     def engine(self, wavelength_um: float | None = None) -> PlaneEngine:
-        """Return the engine of one wavelength for the undisplaced source."""
+        """Return the engine for ``wavelength_um`` (µm) and the undisplaced source. None: the design wavelength."""
         wave = self.scene.wavelength_um if wavelength_um is None else wavelength_um
         with self._lock:
             if wave not in self._engines:

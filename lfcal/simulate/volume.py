@@ -20,7 +20,7 @@ __all__ = ["iter_light_field", "light_field", "plume", "points", "vesicle"]
 
 
 class ResponseSource(Protocol):
-    """Protocol of a source of responses, read a few positions at a time."""
+    """Protocol for a source of responses, read a few positions at a time."""
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
@@ -164,7 +164,7 @@ light_field = drained(
 
 
 def points(shape: tuple[int, int, int], count: int, rng: np.random.Generator, margin: int = 0) -> NDArray[np.float32]:
-    """Return a volume ``(nz, rows, columns)`` of zeros with ``count`` random voxels set to 1, float32.
+    """Return a float32 volume of ``shape`` ``(nz, rows, columns)`` that is 1 at ``count`` random voxels and else 0.
 
     These voxels are at least ``margin`` voxels from the border of their plane.
 

@@ -106,7 +106,7 @@ def proposed_target(
     Parameters
     ----------
     plan, z
-        The scan, and the number of the plane, which determines the magnification and the pitch of the images.
+        The scan, and the index of the plane, which determines the magnification and the pitch of the images.
     least_px
         Smallest distance between images (pixels).
     tolerance_px
@@ -233,7 +233,7 @@ def simulated_tails(plan: ScanPlan, z: int, *, level: str = "auto") -> Tails:
     Parameters
     ----------
     plan, z
-        The scan and the number of the plane.
+        The scan and the index of the plane.
     level
         ``"geometric"``: rays, whose patterns have no tails; ``"auto"``: waves, with the diffraction of lenslets and
         iris.
@@ -327,7 +327,7 @@ def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: flo
     """Return the array of holes, of diameter ``hole_um`` (µm), that shows all phases of ``scan`` in the fewest frames.
 
     The number of frames is that of the middle plane. The holes are as close together as the limit of the crosstalk in
-    ``wishes`` allows in all planes.
+    ``wishes`` (None: the defaults) allows in all planes.
 
     Examples
     --------

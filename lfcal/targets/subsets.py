@@ -68,7 +68,7 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
     plan
         Plan of the target; an S-matrix would select the frames to show together.
     z
-        Number of the plane. None: the middle one.
+        Index of the plane. None: the middle one.
     signal_e
         Electrons in a point's brightest pixel in a frame. None: `PEAK` of the full well.
 

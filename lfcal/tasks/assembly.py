@@ -380,7 +380,10 @@ class Assemble(AssembleRegions):
         return tuple(made)
 
     def parts(self, stack: ExitStack, *, quiet: bool = False) -> tuple[tuple[Frames, ScanPlan], list[ChannelPart]]:
-        """Return the open frames with their plan, and the H files to make; ``stack`` closes the frames."""
+        """Return the open frames with their plan, and the H files to make; ``stack`` closes the frames.
+
+        With ``quiet``, no notes are reported.
+        """
         source = self.source
 
         def reopened(colour: str) -> Frames:

@@ -75,7 +75,7 @@ def load_camera(
 
 
 def load_file(name: str, options: ImportOptions | None = None) -> tuple[Camera, tuple[str, ...]]:
-    """Return the camera of the file ``name``, and the remarks of the reader of its format."""
+    """Return the camera of the file ``name``, and the notes of the reader of its format, as `import_camera` does."""
     from lfcal.camera import CAMERA_FORMATS, PRESETS, import_camera
 
     path = Path(name)

@@ -160,7 +160,7 @@ class Depth(Task):
     channel: str = opt("", "Colour to use.", choices=("", "R", "G", "B"), empty="the mean of all colours", more=True)
     cfa: str = opt(
         "",
-        "Colour filters of a mosaic, row by row, e.g. GRBG.",
+        "Colour filters of a mosaic in row-major order, such as GRBG.",
         label="Colour filters",
         empty="as the file states",
         more=True,
@@ -202,7 +202,10 @@ class Depth(Task):
         return MeasuredDepth(found=found, lattice=scene.source, scale=scale, seconds=time.perf_counter() - start)
 
     def forecast(self, camera: Camera | None = None) -> DepthForecast:
-        """Return the predicted time and memory; the frame is read, so that problems with it are found in advance."""
+        """Return the predicted time and memory. The frame is read, to find problems with it in advance.
+
+        ``camera`` replaces that of the settings.
+        """
         scene = self._scene(self._known(camera))
         return DepthForecast(scene.seconds(self.method, self.slopes), BYTES_PER_PIXEL * scene.light.size)
 

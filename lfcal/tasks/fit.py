@@ -320,7 +320,7 @@ class FitMatrix(_Fit):
     def iter_write(
         self, found: FittedPatterns, workers: int | None = None, choice: RunChoice | None = None
     ) -> Work[FitOutcome]:
-        """Write the result of `iter_fit` to the folder of the fit; with ``choice``, H is computed in units."""
+        """Write ``found``, the result of `iter_fit`, to the fit's folder; with ``choice``, H is computed in units."""
         from lfcal.fit import iter_write_fit
 
         self._check_folder()

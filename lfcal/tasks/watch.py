@@ -26,7 +26,7 @@ COMPARED = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Watched(TaskResult):
-    """Whether H still holds for the frames of a series, and the files of the result."""
+    """Whether H is still valid for the frames of a series, and the files of the result."""
 
     found: DriftWatch
     files: tuple[Path, ...]

@@ -161,7 +161,7 @@ Option = tuple[Cost, TilePlan | None, int | None]
 
 
 def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> ProjectionForecast:
-    """Return the fastest projection method within ``memory_limit`` bytes, with the costs of all examined methods.
+    """Return the fastest method for ``problem`` within ``memory_limit`` bytes, with the costs of all examined methods.
 
     Raises
     ------

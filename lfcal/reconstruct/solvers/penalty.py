@@ -19,7 +19,7 @@ SLAB = 4
 
 
 class Penalty(Protocol):
-    """Protocol of a penalty on the roughness of a volume, given by its gradient."""
+    """Protocol for a penalty on the roughness of a volume, given by its gradient."""
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
         """Return the derivative of the penalty with respect to each voxel, dimensionless and multiplied by `weight`."""

@@ -213,7 +213,10 @@ def efficient_steps(
 def step_for(
     described: AnyScene | Outlook, level: str, tolerance: float, traits: Traits | None = None
 ) -> LevelSampling:
-    """Return the fastest sampling of a level whose expected error is within ``tolerance``, or else the finest one."""
+    """Return the fastest sampling of a level whose expected error is within ``tolerance``, or else the finest one.
+
+    ``traits`` are those of the effects, as in `engine_seconds`.
+    """
     steps = efficient_steps(described, level, traits)
     return next((step for step in steps if step.expected <= tolerance), steps[-1])
 

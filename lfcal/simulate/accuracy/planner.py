@@ -224,6 +224,7 @@ def plan_effects(
         Allowed relative L1 error of the image, from omitted effects and computation together.
     overrides
         Mapping from names of effects to the settings ``"auto"``, ``"on"`` or ``"off"``; other effects are ``"auto"``.
+        None: all are.
     effects
         Effects with known magnitudes, each of which replaces the effect of the same name in `catalogue`.
     frames

@@ -391,7 +391,7 @@ class PsfEffect(Effect):
 
     @abstractmethod
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
-        """Return the kernel ``(rows, columns)``, both odd; its sum is the fraction of light that remains."""
+        """Return the kernel for ``camera``, of odd size ``(rows, columns)``; its sum is the fraction of light left."""
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
         """Return the CPU time of a 3 x 3 convolution (s), measured as 2 % of that of the wave engine."""
@@ -419,7 +419,8 @@ class MotionEffect(Effect):
     ) -> NDArray[np.float64]:
         """Return the actual minus the commanded source positions, shape ``(n, 3)``, order (z, y, x), in µm.
 
-        ``commanded_um`` contains the commanded positions in the same layout, in the order of recording.
+        ``commanded_um`` contains the commanded positions in the same layout, in the order of recording. The magnitudes
+        that are None depend on ``camera``; random errors are drawn from ``rng``.
         """
 
 
@@ -447,7 +448,8 @@ class FrameEffect(Effect):
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
         """Apply the effect to ``strip``, shape ``(rows, columns)``, possibly in place, and return the result.
 
-        Pixel values are in electrons for effects with a `rank` below 80, and in counts for the others.
+        Pixel values are in electrons for effects with a `rank` below 80, and in counts for the others. ``view``
+        contains the position of the strip and properties of the frame.
         """
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:

@@ -198,7 +198,7 @@ class Bandwidth(LightEffect):
         return max(least, min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4)))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook, least: int = 1) -> tuple[LightSample, ...]:
-        """Replace each sample by one sample at each of `count` Gauss-Legendre wavelengths of the spectrum."""
+        """Replace each sample by samples at `count` Gauss-Legendre wavelengths of the spectrum, at least ``least``."""
         width = self.width(outlook)
         if width == 0:
             return samples

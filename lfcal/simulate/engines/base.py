@@ -106,7 +106,7 @@ class Ledger:
 
 @runtime_checkable
 class PlaneEngine(Protocol):
-    """Protocol of an engine, which computes the responses of one depth plane; safe to call from several threads.
+    """Protocol for an engine, which computes the responses of one depth plane; safe to call from several threads.
 
     Values are fractions of the light that passes the iris towards the array. The sum over an infinite cutout is the
     light that the lenslets transmit (about the fill factor).

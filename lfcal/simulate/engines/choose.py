@@ -12,7 +12,7 @@ __all__ = ["engine_for"]
 
 
 def engine_for(scene: AnyScene, level: str = "wave", sampling: Sampling | None = None) -> PlaneEngine:
-    """Return the engine of ``level`` for ``scene`` and build its tables for the plane.
+    """Return the engine of ``level`` for ``scene``, with its tables, in ``sampling`` (None: the default sampling).
 
     Raises
     ------

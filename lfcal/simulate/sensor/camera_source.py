@@ -158,7 +158,7 @@ class SimulatedCamera(Frames):
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
     def dark_frame(self, index: int = 0, exposure_s: float | None = None) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Return dark frame ``index`` in counts; the default exposure time is that of the first plane."""
+        """Return dark frame ``index`` in counts, exposed for ``exposure_s`` (s). None: as in the first plane."""
         seconds = self.plan.exposures[0] if exposure_s is None else exposure_s
         return self.expose(np.zeros(self.shape, np.float32), seconds, FrameKind.DARK, index)
 
@@ -180,7 +180,7 @@ class SimulatedCamera(Frames):
         return self._on_sensor(self.patch(index))
 
     def patch(self, index: int) -> Lit:
-        """Return the first row and column (px) of the lit part of `light`, and the photoelectrons in that part.
+        """Return the lit part of `light` of frame ``index``: its first row and column (px), and its photoelectrons.
 
         The first row and column may be outside the sensor. Most of a large sensor is dark. Processing patches is
         therefore many times faster than processing complete frames.
@@ -281,7 +281,10 @@ class SimulatedCamera(Frames):
     def expose(
         self, light_e: NDArray[np.float32], seconds: float, kind: FrameKind, index: int
     ) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Return the frame (counts) that the sensor records for ``light_e``, photoelectrons ``(rows, columns)``."""
+        """Return the frame (counts) that the sensor records for ``light_e``, photoelectrons ``(rows, columns)``.
+
+        ``seconds`` is the exposure time (s). ``kind`` and ``index`` determine the random numbers.
+        """
         return expose(
             light_e, self.camera, self._frame_effects, exposure_s=seconds, seed=self.seed, kind=kind, index=index
         )

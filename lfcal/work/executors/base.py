@@ -1,4 +1,4 @@
-"""Protocol of executors, and the events that they report about units."""
+"""Protocol for executors, and the events that they report about units."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ FINAL_EVENTS = (EventKind.DONE, EventKind.FAILED, EventKind.LOST)
 
 
 class Executor(Protocol):
-    """Protocol of executors, which process units concurrently or one after the other.
+    """Protocol for executors, which process units concurrently or one after the other.
 
     Use an executor as a context manager, which stops all running units at the end.
 
