@@ -295,8 +295,8 @@ XML = """<?xml version="1.0"?><RayCalibData version="1.0"><offset units="pix"><x
 
 def _plan(planes: int = 1) -> Any:
     """Return the plan of the sample with fewer planes."""
-    from lfcal.base import sample_session
     from lfcal.camera import ScanPlan
+    from lfcal.simulate import sample_session
 
     plan = ScanPlan.from_json((sample_session() / "plan.json").read_text(encoding="utf-8"))
     exposure = 4 * plan.exposures[0]  # light enough for a simulated camera without a white image
@@ -324,7 +324,7 @@ def _opened(hand: Hand) -> None:
 
 def _frames(folder: Path) -> Path:
     """Return a copy of the sample's frames, as somebody else would have them."""
-    from lfcal.base import sample_session
+    from lfcal.simulate import sample_session
 
     return Path(shutil.copytree(sample_session(), folder / "theirs"))
 

@@ -97,7 +97,7 @@ def _measured(chosen: Sequence[str], rounds: int, place: Path) -> list[Times]:
 
 def _commands(assembled: Path) -> dict[str, list[object]]:
     """Return the arguments of each command; the output follows them."""
-    from lfcal.base import sample_session
+    from lfcal.simulate import sample_session
 
     session = sample_session()
     frame, white = (min((session / name).glob("*.png")) for name in ("frames", "white"))

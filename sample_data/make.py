@@ -16,29 +16,36 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lfcal.acquire import Options, iter_finish, record
 from lfcal.base.progress import drain
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.devices import simulated_rig
 from lfcal.simulate import SimulatedCamera
 from lfcal.simulate.effects import (
-    DarkCurrent,
     Effect,
     ExactAngles,
-    FixedPattern,
     IrisDiffraction,
     IrisShape,
     LensletDiffraction,
     LensTypeDefocus,
-    Quantisation,
-    ReadNoise,
-    ShotNoise,
     Telecentricity,
 )
 from lfcal.simulate.engines.base import Sampling
+from lfcal.simulate.sample import LIGHT, SENSOR_EFFECTS, pack_light
 from lfcal.simulate.sensor.session import frame_name, write_session
 
-__all__ = ["frame_name", "make", "make_recorded", "recorded_plan", "sample_camera", "sample_plan", "sample_source"]
+__all__ = [
+    "frame_name",
+    "make",
+    "make_light",
+    "make_recorded",
+    "recorded_plan",
+    "sample_camera",
+    "sample_plan",
+    "sample_source",
+]
 
 SEED = 20
 SENSOR = (80, 96)
@@ -54,8 +61,6 @@ OPTICS: tuple[Effect, ...] = (
     Telecentricity(),
     ExactAngles(),
 )
-SENSOR_EFFECTS: tuple[Effect, ...] = (ShotNoise(), ReadNoise(), FixedPattern(), DarkCurrent(), Quantisation())
-
 FINELY: dict[str, Any] = {"level": "grid", "sampling": Sampling(samples_per_px=8, margin_px=40, double=True)}
 """Fixed, 0.1 % off, and in double precision: rounding must not decide how many photons a pixel catches."""
 
@@ -82,9 +87,19 @@ def recorded_plan() -> ScanPlan:
 
 
 def make(out: Path) -> None:
-    """Write the folder of files into ``out``, replacing what was there."""
+    """Write the folder of files into ``out``, replacing what was there, and the light of its frames next to it."""
     shutil.rmtree(out, ignore_errors=True)
-    write_session(sample_source(), out, darks=DARKS, whites=WHITES)
+    source = sample_source()
+    write_session(source, out, darks=DARKS, whites=WHITES)
+    make_light(source, out.parent / LIGHT)
+
+
+def make_light(source: SimulatedCamera, out: Path) -> None:
+    """Write the light of all frames in the compact form that an installed package contains."""
+    light = np.empty((*source.plan.shape[:3], *source.shape), np.float32)
+    for index in range(len(source)):
+        light[source.position(index)] = source.light(index)
+    out.write_bytes(pack_light(light, source.plan))
 
 
 def make_recorded(out: Path) -> None:

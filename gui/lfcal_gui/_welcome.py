@@ -8,7 +8,7 @@ from pathlib import Path
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QCheckBox, QDialog, QHBoxLayout, QLabel, QListWidget, QPushButton, QVBoxLayout, QWidget
 
-from lfcal.base import Work, sample_session
+from lfcal.base import Work
 from lfcal.camera import ScanPlan
 from lfcal_gui.models import ProjectState
 from lfcal_gui.theme import style_sheet
@@ -92,6 +92,7 @@ class Welcome(QDialog):
 
 def iter_demo(folder: Path) -> Work[ProjectState]:
     """Return a project of the sample session with H assembled, which ``folder`` keeps for the next start."""
+    from lfcal.simulate import sample_session
     from lfcal_gui.pages.frames import FrameSettings
 
     session = sample_session()

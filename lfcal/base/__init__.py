@@ -3,6 +3,7 @@
 - ``axes``: array conventions shared by all packages
 - ``errors``, ``checks``: validation, and messages that state what was expected, what was found, and what to do
 - ``files``, ``system``: atomic writing of files; calls that differ between operating systems
+- ``opencv``: OpenCV, checked
 - ``h5``, ``npy``: safe reading of HDF5 and NPY files of unknown origin, and writing of new ones
 - ``progress``, ``threads``, ``registry``, ``compiled``: long work, processors, plug-ins, kernels
 - ``notes``: messages that long work reports while it runs

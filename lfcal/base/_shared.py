@@ -65,6 +65,7 @@ from lfcal.base.finding import RANK, SUBJECTS, Finding, Judgement, Merit, listed
 from lfcal.base.notes import announce, note, notes_to, warn
 from lfcal.base.npy import map_npy, npy_header
 from lfcal.base.ome_zarr import ZARR_MARKS, check_stored, check_zarr, ome_images, understood
+from lfcal.base.opencv import cv2
 from lfcal.base.page import (
     add_html_section,
     html_figure,
@@ -76,7 +77,6 @@ from lfcal.base.page import (
 )
 from lfcal.base.progress import WorkAbandoned, abandonable, in_place_of, raise_if_abandoned
 from lfcal.base.registry import Registry
-from lfcal.base.sample import sample_recording, sample_session
 from lfcal.base.system import (
     OPEN_FLAGS,
     free_memory,
@@ -172,6 +172,7 @@ __all__ = [
     "choose",
     "chunks",
     "clipped",
+    "cv2",
     "draw_image",
     "figure",
     "for_each_block",
@@ -233,8 +234,6 @@ __all__ = [
     "replace_whole",
     "require_space",
     "reserve",
-    "sample_recording",
-    "sample_session",
     "save_figure",
     "shows_on_x11",
     "sparing_kernels",

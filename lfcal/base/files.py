@@ -396,7 +396,7 @@ def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
     StorageError
         If the disk fails; an existing file is kept.
     """
-    import cv2
+    from lfcal.base.opencv import cv2
 
     with storage_errors(Path(path)), replace_whole(path) as part:
         part.write_bytes(cv2.imencode(".png", image)[1].tobytes())

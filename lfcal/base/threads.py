@@ -98,8 +98,8 @@ def bounded_threads(workers: int | None = None) -> Iterator[int]:
         _set_environment({WORKERS: str(count)} | {name: _at_most(before[name], count) for name in _VARIABLES})
         if "numpy" in sys.modules:
             undo.enter_context(_LIBRARIES.loaded().limit(limits=count))
-        if "cv2" in sys.modules:
-            cv2 = sys.modules["cv2"]
+        cv2: Any = sys.modules.get("cv2")
+        if hasattr(cv2, "setNumThreads"):  # a damaged installation lacks it
             undo.callback(cv2.setNumThreads, cv2.getNumThreads())
             cv2.setNumThreads(min(count, cv2.getNumThreads()))
         yield count

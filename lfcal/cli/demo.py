@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base import format_length, format_seconds, read_text, sample_recording, sample_session
+from lfcal.base import format_length, format_seconds, read_text
 from lfcal.cli._console import print_json, print_table, run_work
 from lfcal.cli._options import ForceOption, JsonOption, WorkersOption
 
@@ -77,7 +77,7 @@ def _made(out: Path, steps: list[Step], files: ExitStack, *, quiet: bool) -> dic
     from lfcal.judge import compare
     from lfcal.judge.report import iter_report
     from lfcal.psf import AssemblySettings, PSFMatrix, iter_export
-    from lfcal.simulate import simulate_psf
+    from lfcal.simulate import sample_recording, sample_session, simulate_psf
     from lfcal.tasks import Assemble
 
     def assembled(**given: Any) -> PSFMatrix:

@@ -131,7 +131,8 @@ def _version(name: str) -> str | None:
 
 
 def _remedy(name: str) -> str:
-    return "uv pip install 'lfcal[gui]'" if name in WINDOW else f"uv pip install {name}"
+    extra = "gui" if name in WINDOW else "hdf5" if name == "hdf5plugin" else ""
+    return f"uv pip install 'lfcal[{extra}]'" if extra else f"uv pip install {name}"
 
 
 def _numba_cache() -> str:

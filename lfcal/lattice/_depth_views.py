@@ -91,7 +91,7 @@ def _sweep(views: MovedViews, slope: float, out: Image, top: int, fewest: int, w
 
 def _box(sums: Image, half: int) -> None:
     """Replace both images by their sums over windows of side 2 half + 1."""
-    import cv2
+    from lfcal.base import cv2
 
     for one in sums:
         one[:] = cv2.boxFilter(one, -1, (2 * half + 1,) * 2, normalize=False, borderType=cv2.BORDER_CONSTANT)

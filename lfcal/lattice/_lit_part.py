@@ -108,7 +108,7 @@ class LitPart:
 
 def _holes(flat: NDArray[np.float32]) -> NDArray[np.bool_] | None:
     """Return the pixels in the dark middles of rings; None if the micro-images are no rings."""
-    import cv2
+    from lfcal.base import cv2
 
     smooth = cv2.GaussianBlur(flat, (0, 0), 0.7)
     low, high = (float(v) for v in np.percentile(smooth, (5, 95)))
@@ -146,7 +146,7 @@ def lit_part(image: NDArray[np.float32]) -> LitPart:
 
 def _lit(image: NDArray[np.float32]) -> tuple[NDArray[np.bool_], float]:
     """Return the lit parts of a coarse image, and the pixels per sample."""
-    import cv2
+    from lfcal.base import cv2
 
     step = max(1.0, max(image.shape) / COARSE)
     size = (max(1, round(image.shape[1] / step)), max(1, round(image.shape[0] / step)))
@@ -160,7 +160,7 @@ def _lit(image: NDArray[np.float32]) -> tuple[NDArray[np.bool_], float]:
 
 def _around(lit: NDArray[np.bool_], step: float, size: tuple[int, int]) -> tuple[Array, Array, Array]:
     """Return the bounds (x, y) of the largest lit part, and the point that is farthest from the dark."""
-    import cv2
+    from lfcal.base import cv2
 
     _, labels, stats, _ = cv2.connectedComponentsWithStats(lit.astype(np.uint8))
     mine = (labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))).astype(np.uint8)
@@ -174,7 +174,7 @@ def _around(lit: NDArray[np.bool_], step: float, size: tuple[int, int]) -> tuple
 
 def blurred(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
     """Return ``image`` after a wide Gaussian of ``sigma`` pixels, computed on a coarser grid."""
-    import cv2
+    from lfcal.base import cv2
 
     rows, columns = image.shape
     factor = max(1, int(sigma / 6))
@@ -205,8 +205,9 @@ def _explains(basis: Array, lags: Array, heights: Array) -> bool:
 
 def _lags(image: NDArray[np.float32]) -> tuple[Array, Array]:
     """Return the lags ``(n, 2)`` (x, y) of maxima of the autocorrelation, shortest first, one of each pair; heights."""
-    import cv2
     from scipy import fft, ndimage
+
+    from lfcal.base import cv2
 
     step = max(1.0, max(image.shape) / COARSE)
     # what is smoothed away here must not return as moiré

@@ -110,7 +110,7 @@ def refocus(views: Views, slopes: Sequence[float], *, samples: int = 1) -> Image
 
 
 def _refocus_one(views: Views, slope: float, samples: int) -> Image:
-    import cv2
+    from lfcal.base import cv2
 
     rows, columns = views.shape
     fine = [((np.arange(n * samples) + 0.5) / samples - 0.5).astype(np.float32) for n in (rows, columns)]

@@ -404,7 +404,7 @@ def upright(basis: Array, kind: str) -> Array:
 
 def _judge(flat: LitPart, kind: str, basis: Array, centre: Array) -> tuple[RoughLattice, float]:
     """Return the lattice with its centre, and the fraction of centres brighter than the gaps."""
-    import cv2
+    from lfcal.base import cv2
 
     image = flat.image
     lengths = np.linalg.norm(basis, axis=1)

@@ -377,7 +377,7 @@ def _lenslets(lattice: FrameLattice, radius: float) -> tuple[NDArray[np.intp], A
 
 def _hot(light: Image) -> NDArray[np.bool_]:
     """Return the pixels that are far brighter than all of their neighbours."""
-    import cv2
+    from lfcal.base import cv2
 
     around = np.ones((3, 3), np.uint8)
     around[1, 1] = 0
@@ -496,7 +496,7 @@ def _smoothed(light: Image, good: Image) -> tuple[Image, Image]:
     Only good pixels contribute. A pixel stays good if one neighbour is missing; at the rim of a micro-image, where a
     whole row is missing, the rest would show a point further inside.
     """
-    import cv2
+    from lfcal.base import cv2
 
     line = np.array([0.25, 0.5, 0.25], np.float32)
     total = cv2.sepFilter2D(light * good, -1, line, line, borderType=cv2.BORDER_REPLICATE)

@@ -126,7 +126,7 @@ def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
 
 def _seeds(light: F8) -> tuple[list[tuple[F8, float]], tuple[float, float]]:
     """Return middle and rough radius of each disc, the level between light and dark, and the dark."""
-    import cv2
+    from lfcal.base import cv2
 
     finite = np.where(np.isfinite(light), light, 0.0)
     low, high = np.percentile(finite, (1, 99))

@@ -205,7 +205,7 @@ def _sharpness(frame: NDArray[np.float32], fit: LatticeFit, content: str, worker
     blurred micro-images overlap. Spots: gradient energy divided by squared light. A slight blur beforehand removes
     noise, whose gradients are mainly between neighbouring pixels.
     """
-    import cv2
+    from lfcal.base import cv2
 
     centres = fit.centres_px(fit.index[:, 0], fit.index[:, 1])[:, ::-1].copy()
     smooth = cv2.GaussianBlur(frame, (0, 0), SMOOTHING * fit.pitch_px)

@@ -217,7 +217,7 @@ def total_focus(planes: RenderedPlanes) -> tuple[Image, Image]:
     >>> print(image.shape, np.median(slope))
     (66, 66) 2.0
     """
-    import cv2
+    from lfcal.base import cv2
 
     if not planes.slopes:
         raise InputError.expected("planes", "one or more", 0, "give slopes")

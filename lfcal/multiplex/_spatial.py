@@ -96,7 +96,7 @@ def _by_sinc(
 
 def guide_image(frame: Image, side: tuple[int, int], dtype: np.dtype[Any]) -> Image:
     """Return the mean over a super-pixel about each pixel, in which every channel has the same weight."""
-    import cv2
+    from lfcal.base import cv2
 
     kernels = []
     for n in side:

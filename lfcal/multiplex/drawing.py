@@ -337,7 +337,7 @@ def upsampled_views(frame: ArrayLike, modulator: Modulator, factor: int = 3) -> 
     The three ways (Ihrke et al., figure 5) are: zero-padded Fourier reconstruction; Fourier reconstruction at low
     resolution, then bicubic interpolation; bicubic interpolation of the measurement channels, then decorrelation.
     """
-    import cv2
+    from lfcal.base import cv2
 
     image = np.asarray(frame, float)
     small = demultiplex(image, modulator, route="fourier", samples=1)

@@ -89,7 +89,7 @@ def _figure3(raw: Path | None, path: Path) -> None:
 
 def _opencv(frame: NDArray[Any], pattern: str) -> list[tuple[str, NDArray[Any]]]:
     """Return OpenCV's bilinear demosaicing result for a Bayer frame; empty for other patterns."""
-    import cv2
+    from lfcal.base import cv2
 
     code = getattr(cv2, f"COLOR_Bayer{pattern}2RGB", None) if len(pattern) == 4 else None
     if code is None:

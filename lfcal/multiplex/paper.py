@@ -142,8 +142,9 @@ def _percent(error: Array, span: float = 1.0) -> str:
 
 
 def _upsampling() -> PaperFigure:
-    import cv2
     from scipy.ndimage import map_coordinates, maximum_filter, minimum_filter
+
+    from lfcal.base import cv2
 
     # edges as sharp as a super-pixel, because no modulator of this size can resolve sharper ones
     sharp = view_edges(UPSAMPLED, CELLS)
@@ -212,7 +213,7 @@ def _acquired(camera: str, chi2: float | None, seed: int) -> PaperFigure:
 
 def _contrast(frame: Array, modulator: Modulator) -> Array:
     """Return a magnified part of a frame divided by its mean over a super-pixel, which shows where views differ."""
-    import cv2
+    from lfcal.base import cv2
 
     side = modulator.side[0]
     mean = cv2.blur(frame, (side, side), borderType=cv2.BORDER_REFLECT_101)

@@ -32,7 +32,7 @@ def filament_light_field(views: int, cells: tuple[int, int], rng: np.random.Gene
     NDArray
         Samples of a plenoptic function, smooth over two super-pixels; the maximum of their sum is one.
     """
-    import cv2
+    from lfcal.base import cv2
 
     shape = (cells[0] * views, cells[1] * views)
     field = np.zeros((views, views, *shape), np.float32)
@@ -50,7 +50,7 @@ def filament_light_field(views: int, cells: tuple[int, int], rng: np.random.Gene
 
 
 def _filaments(shape: tuple[int, int], width: float, rng: np.random.Generator) -> NDArray[np.float32]:
-    import cv2
+    from lfcal.base import cv2
 
     image = np.zeros(shape, np.float32)
     for _ in range(6):

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import AXES, InputError, for_each_chunk, full_version, require_space
-from lfcal.base.h5 import new_h5
+from lfcal.base.h5 import new_h5, require_codecs
 from lfcal.camera import Camera
 from lfcal.psf._chunk_codec import chunk_pipeline, copy_plane, parallel_write
 from lfcal.psf._nexus import mark_default_plot
@@ -105,6 +105,7 @@ class MatrixGroup:
         if compression == "gzip":
             options |= {"shuffle": True, "compression": "gzip", "compression_opts": 1}
         elif compression == "zstd":
+            require_codecs("compression zstd of H")
             import hdf5plugin
 
             options |= {"shuffle": True} | dict(hdf5plugin.Zstd(clevel=3))

@@ -6,6 +6,7 @@ from lfcal.simulate._pupil_scene import AnyScene, PupilScene
 from lfcal.simulate.cutout_light import light_in_cutout
 from lfcal.simulate.plane_task import Budget, EffectsLike, budgeted, tolerance_for
 from lfcal.simulate.response import PlaneResponse, at_wavelength
+from lfcal.simulate.sample import sample_recording, sample_session
 from lfcal.simulate.scene import LAWS
 from lfcal.simulate.simulate import effects_from_records, effects_to_records
 from lfcal.simulate.staging import filtered, lattice_scene_for, origin_of, outlook_of, resolve_level, scene_for
@@ -27,6 +28,8 @@ __all__ = [
     "origin_of",
     "outlook_of",
     "resolve_level",
+    "sample_recording",
+    "sample_session",
     "scene_for",
     "tolerance_for",
 ]

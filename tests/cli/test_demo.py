@@ -14,8 +14,8 @@ import h5py
 import numpy as np
 import pytest
 
-from lfcal.base import sample_session
 from lfcal.psf import open_psf
+from lfcal.simulate import sample_session
 from tests.cli.conftest import Run
 from tests.judge.plain_report import undrawn
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.base.sample import sample_session
 from lfcal.frames.corrections.recipe import read_average
 from lfcal.psf import PSFMatrix, save_regions
+from lfcal.simulate import sample_session
 from tests.distribution import code_of
 
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from lfcal.acquire.recording.source import read_checks
 from lfcal.base.errors import FileFormatError
-from lfcal.base.sample import sample_session
 from lfcal.camera import Camera, ScanPlan
 from lfcal.frames import (
     CorrectionChain,
@@ -36,6 +35,7 @@ from lfcal.frames import (
 )
 from lfcal.frames.source import observed
 from lfcal.lattice import fit_lattice
+from lfcal.simulate import sample_session
 from tests.frames.scenes import write_dng
 
 SAMPLE = sample_session()

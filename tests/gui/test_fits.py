@@ -16,8 +16,8 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 
-from lfcal.base.sample import sample_recording
 from lfcal.camera import ScanPlan, preset
+from lfcal.simulate import sample_recording
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.record_panel import RecordPanel
 from lfcal_gui.theme import NIGHT

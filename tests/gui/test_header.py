@@ -17,8 +17,8 @@ from PySide6.QtWidgets import QFileDialog, QPushButton
 from pytestqt.qtbot import QtBot
 
 from lfcal.base import Clock
-from lfcal.base.sample import sample_session
 from lfcal.psf import open_psf
+from lfcal.simulate import sample_session
 from lfcal_gui._header import HELD_S, NEAR_S, NextLine
 from lfcal_gui.models import Step
 from lfcal_gui.window import MainWindow

@@ -152,7 +152,7 @@ def test_damage_of_any_kind_is_one_line_and_the_good_h_stays(
 
 
 def test_damaged_frames_leave_the_good_ones(window: MainWindow, tmp_path: Path, qtbot: QtBot) -> None:
-    from lfcal.base.sample import sample_recording
+    from lfcal.simulate import sample_recording
 
     window.go("frames")
     page: Any = window.page("frames")

@@ -11,9 +11,9 @@ from PySide6.QtWidgets import QMessageBox
 from pytestqt.qtbot import QtBot
 
 from lfcal.acquire.session_file import SessionFile
-from lfcal.base.sample import sample_session
 from lfcal.camera import ScanPlan
 from lfcal.psf import open_psf
+from lfcal.simulate import sample_session
 from lfcal_gui.jobs import JobState
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.window import MainWindow

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lfcal.base.figures import figure
+from lfcal.base.figures import figure, save_figure
 from lfcal.base.files import replace_whole
 from lfcal.base.progress import drain
 from lfcal.base.units import format_share
@@ -137,8 +137,8 @@ def main(arguments: list[str] | None = None) -> int:
     chapters = []
     for fault in FAULTS:
         found, evidence = found_of(fault.name)
-        with _drawn(found, evidence) as fig, replace_whole(out / IMAGES / f"{fault.name}.png") as part:
-            fig.savefig(part, format="png")
+        with _drawn(found, evidence) as fig:
+            save_figure(fig, out / IMAGES / f"{fault.name}.png", colours=256)
         chapters.append(chapter(fault, found))
         print(fault.name, (out / IMAGES / f"{fault.name}.png").stat().st_size, numbers(found))
     with replace_whole(out / PAGE) as part:

@@ -16,7 +16,6 @@ import tifffile
 from lfcal.base.errors import StorageError
 from lfcal.base.h5.reading import H5Data
 from lfcal.base.progress import drain
-from lfcal.base.sample import sample_recording
 from lfcal.judge.results import (
     MOST_IMAGES,
     ListingProgress,
@@ -29,6 +28,7 @@ from lfcal.judge.results import (
 )
 from lfcal.psf import PSFMatrix, export, save
 from lfcal.reconstruct import save_volume
+from lfcal.simulate import sample_recording
 from tests.judge.test_trend import write_fit
 
 DEPTHS = (-2000.0, -1000.0)

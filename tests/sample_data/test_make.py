@@ -15,6 +15,7 @@ from lfcal.acquire import read_checks
 from lfcal.camera import Camera, ScanPlan
 from lfcal.frames import open_frames
 from lfcal.simulate import SimulatedCamera
+from lfcal.simulate.sample import unpack_light
 
 FOLDER = Path(__file__).resolve().parents[2] / "sample_data"
 SESSION, RECORDED = FOLDER / "session", FOLDER / "recorded"
@@ -45,7 +46,18 @@ def test_the_script_makes_this_dark_frame(script: ModuleType) -> None:
 @pytest.mark.parametrize("number", [7, 700])
 def test_the_script_makes_these_frames(script: ModuleType, number: int) -> None:
     source = script.sample_source()
-    same(f"frames/{script.frame_name(source, number)}", source.read(number))
+    same(f"frames/{script.frame_name(source.position(number))}", source.read(number))
+
+
+@pytest.mark.long
+def test_the_light_in_a_package_is_that_of_the_script(script: ModuleType) -> None:
+    source = script.sample_source()
+    lights = unpack_light((FOLDER / "light.xz").read_bytes(), source.plan)
+    read_noise = source.camera.sensor.read_noise_e
+    for number in (0, 333, 1253):
+        wanted, found = source.light(number), lights[source.position(number)]
+        assert wanted.max() > 1000
+        assert (np.abs(found - wanted) <= 0.16 * np.sqrt(read_noise**2 + np.maximum(wanted, found))).all()
 
 
 def test_descriptions_fit(script: ModuleType) -> None:

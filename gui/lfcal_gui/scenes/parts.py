@@ -7,10 +7,10 @@ from pathlib import Path
 from shutil import rmtree
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.base import cv2
 from lfcal.camera import preset
 from lfcal.frames import Position
 from lfcal.psf import PSFMatrix, save

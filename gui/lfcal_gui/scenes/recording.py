@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from lfcal.base import sample_session
 from lfcal.camera import ScanPlan
 from lfcal.devices.simulated import DeviceFault
+from lfcal.simulate import sample_session
 from lfcal_gui.scenes.stage import Capture, Stage
 
 ENOUGH = 800

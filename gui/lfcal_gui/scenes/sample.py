@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from lfcal.accuracy import PARTS
-from lfcal.base import sample_session, write_tiff
+from lfcal.base import cv2, write_tiff
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor
 from lfcal.lattice import lattice_of
+from lfcal.simulate import sample_session
 from lfcal_gui.scenes.stage import Capture, Stage
 
 

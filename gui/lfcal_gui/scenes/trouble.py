@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from lfcal.accuracy import PARTS
-from lfcal.base import sample_session
 from lfcal.psf import PSFMatrix, open_psf, save
+from lfcal.simulate import sample_session
 from lfcal_gui._rescue import RestoreDialog
 from lfcal_gui.app import safe_now
 from lfcal_gui.crash_dialog import CrashDialog

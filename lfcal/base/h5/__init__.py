@@ -3,7 +3,7 @@
 - ``probe``: a child process reads a file first, because a damaged one may crash or hang the process that opens it
 - ``reading``: file, attributes and data, each checked before it is read; ``chunks``: reading and decoding of data
   without HDF5
-- ``writing``: new files
+- ``writing``: new files; ``codecs``: optional codecs
 """
 
 from typing import TYPE_CHECKING

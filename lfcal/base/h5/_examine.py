@@ -14,7 +14,9 @@ from contextlib import suppress
 from typing import Any
 
 import h5py
-import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
+
+with suppress(ImportError):
+    import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
 
 OBJECTS = 20_000  # largest number of groups and datasets that are examined
 SMALL = 1 << 25  # datasets of up to this number of bytes are read completely

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lfcal.base.errors import FileFormatError, LfcalError, StorageError, UnsafeFileError, any_of
 from lfcal.base.files import MAX_EXPANSION, check_regular, storage_errors, system_error
 from lfcal.base.h5.chunks import ChunkTable
+from lfcal.base.h5.codecs import has_codecs, require_codecs
 from lfcal.base.h5.probe import probe
 from lfcal.base.units import format_bytes
 
@@ -76,7 +77,7 @@ class H5File:
             # a plain open first: h5py's error does not distinguish a missing permission from damaged data
             path.open("rb").close()
         probe(path, only)
-        import hdf5plugin  # noqa: F401  registers zstd, blosc and lz4 with HDF5
+        has_codecs()  # registers them
 
         self.path = path
         self._given: WeakSet[H5Data] = WeakSet()
@@ -343,6 +344,8 @@ class H5Data:
             self._describe(max_bytes, dtype, holes)
 
     def _describe(self, max_bytes: int, dtype: np.dtype[Any] | None, holes: bool) -> None:
+        import h5py
+
         data = self._data
         plist = data.id.get_create_plist()
         self._check_inside(plist)
@@ -368,6 +371,8 @@ class H5Data:
                 f"HDF5 filter {self.filters}",
                 "repack the file with one of these filters (h5repack)",
             )
+        if not all(h5py.h5z.filter_avail(number) for number in self.filters):
+            require_codecs(self.where)
         self._check_size(max_bytes)
         self._holes = holes
         self.table: ChunkTable | None = None

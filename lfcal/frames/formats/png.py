@@ -85,7 +85,7 @@ class PngImage(ImageFile):
 
     def _decode(self, data: bytes) -> NDArray[Any]:
         """Return one component of a colour image, or an interlaced one."""
-        import cv2
+        from lfcal.base import cv2
 
         with decoding(self.path, "PNG"), caught_messages():
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

@@ -64,7 +64,7 @@ def despike(image: Image) -> Image:
     Where the noise is small, a pixel of an edge or a corner also differs strongly from the median, but it is within
     the range of its neighbours. Only a pixel beyond all but two of them is an outlier.
     """
-    import cv2
+    from lfcal.base import cv2
 
     # float32, because OpenCV's median of 5 x 5 takes no doubles
     smooth = cv2.medianBlur(image.astype(np.float32), 5).astype(np.float64)

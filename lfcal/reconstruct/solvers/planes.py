@@ -34,7 +34,7 @@ def box_mean(plane: NDArray[Any], window: tuple[int, int]) -> NDArray[Any]:
 
     A window of even size extends one pixel further up and to the left than down and to the right.
     """
-    import cv2  # slow to import
+    from lfcal.base import cv2  # slow to import
 
     found: NDArray[Any] = cv2.blur(plane, (window[1], window[0]), borderType=cv2.BORDER_REPLICATE)
     return found.reshape(plane.shape)
@@ -42,7 +42,7 @@ def box_mean(plane: NDArray[Any], window: tuple[int, int]) -> NDArray[Any]:
 
 def separable(plane: NDArray[Any], kernel: NDArray[np.float64]) -> NDArray[Any]:
     """Return ``plane`` ``(Y, X)`` filtered with an odd, symmetric ``kernel`` along both axes, with zeros outside."""
-    import cv2
+    from lfcal.base import cv2
 
     found: NDArray[Any] = cv2.sepFilter2D(plane, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
     return found.reshape(plane.shape)

@@ -8,6 +8,8 @@ from lfcal.simulate.sensor.responses import Responses, Window, place
 from lfcal.simulate.sensor.session import (
     check_session_folder,
     discard_unfinished,
+    encode_png,
+    frame_name,
     iter_write_session,
     unfinished,
     write_session,
@@ -21,7 +23,9 @@ __all__ = [
     "Window",
     "check_session_folder",
     "discard_unfinished",
+    "encode_png",
     "expose",
+    "frame_name",
     "iter_write_session",
     "place",
     "temporal_noise",

@@ -15,6 +15,7 @@ from lfcal import __version__
 from lfcal.base import (
     Clock,
     InputError,
+    Position,
     Work,
     drained,
     plain,
@@ -31,6 +32,7 @@ __all__ = [
     "UNFINISHED",
     "check_session_folder",
     "discard_unfinished",
+    "encode_png",
     "frame_name",
     "iter_write_session",
     "truth_of",
@@ -39,9 +41,9 @@ __all__ = [
 ]
 
 
-def frame_name(source: SimulatedCamera, index: int) -> str:
-    """Return the file name of a frame, such as ``z0_y03_x17.png``."""
-    z, y, x = source.position(index)
+def frame_name(position: Position) -> str:
+    """Return the file name of the frame at a scan position, such as ``z0_y03_x17.png``."""
+    z, y, x = position
     return f"z{z}_y{y:02d}_x{x:02d}.png"
 
 
@@ -122,7 +124,7 @@ def iter_write_session(
     _begin(source, out, darks + whites, resume)
     yield clock.at(0)
     for index in range(len(source)):
-        name = frame_name(source, index)
+        name = frame_name(source.position(index))
         if not (resume and (out / "frames" / name).exists()):  # each file is complete, or does not exist
             _write_png(out / "frames" / name, source.read(index))
         manifest.append(f"{name},{','.join(map(str, source.position(index)))}")
@@ -218,12 +220,17 @@ def discard_unfinished(folder: str | os.PathLike[str]) -> None:
         (out / UNFINISHED).unlink()
 
 
-def _write_png(path: Path, frame: NDArray[Any]) -> None:
-    import cv2
+def encode_png(frame: NDArray[Any]) -> bytes:
+    """Return a frame as a 16-bit PNG file."""
+    from lfcal.base import cv2
 
     # the highest level needs 14 times the time, and saves 1 % of the bytes
     ok, encoded = cv2.imencode(".png", np.asarray(frame, np.uint16), [cv2.IMWRITE_PNG_COMPRESSION, 3])
     if not ok:
-        raise RuntimeError(f"{path}: PNG encoding failed")
+        raise RuntimeError("PNG encoding failed")
+    return bytes(encoded.tobytes())
+
+
+def _write_png(path: Path, frame: NDArray[Any]) -> None:
     with replace_whole(path) as part:
-        part.write_bytes(encoded.tobytes())
+        part.write_bytes(encode_png(frame))

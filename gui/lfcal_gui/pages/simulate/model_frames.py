@@ -175,7 +175,7 @@ def write_frame(frame: SimulatedFrame, path: Path, part: Path) -> None:
         raise InputError.expected(
             path.name, "whole numbers", "fractional values", "switch quantisation on, or save as TIFF"
         )
-    import cv2
+    from lfcal.base import cv2
 
     ok, encoded = cv2.imencode(".png", frame.samples)
     if not ok:

@@ -17,11 +17,11 @@ from lfcal.acquire import SessionFile
 from lfcal.acquire.stills import recipe_of
 from lfcal.base.errors import InputError, StorageError
 from lfcal.base.progress import drain
-from lfcal.base.sample import sample_recording
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.psf.assembly import AssemblyProgress
 from lfcal.psf.store import PSFWriter
 from lfcal.records import AssemblySettings
+from lfcal.simulate import sample_recording
 from lfcal.tasks import Assemble
 from lfcal.work import parts_folder
 from lfcal_gui.context import Context

@@ -9,8 +9,8 @@ from lfcal.acquire.setup import iter_stage_fit
 from lfcal.acquire.spots import find_spot
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
-from lfcal.base.sample import sample_session
 from lfcal.camera import ScanPlan
+from lfcal.simulate import sample_session
 from lfcal_gui.pages.acquire.model_station import open_station
 
 

@@ -18,8 +18,8 @@ from lfcal.acquire.session import iter_record
 from lfcal.acquire.stills import Stills, iter_stills, recipe_of, still_files
 from lfcal.base.errors import InputError, StorageError
 from lfcal.base.progress import Work, drain
-from lfcal.base.sample import sample_session
 from lfcal.camera import ScanPlan
+from lfcal.simulate import sample_session
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire._measuring import still_taker

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from lfcal.base.progress import drain
-from lfcal.base.sample import sample_recording
 from lfcal.camera import preset
 from lfcal.frames.source import Position
+from lfcal.simulate import sample_recording
 from lfcal_gui.pages.frames.model import (
     FrameSettings,
     Opened,

@@ -11,10 +11,10 @@ import pytest
 from PySide6.QtWidgets import QComboBox, QLineEdit, QPushButton
 from pytestqt.qtbot import QtBot
 
-from lfcal.base.sample import sample_recording
 from lfcal.frames.source import Position
 from lfcal.psf import FoundOrientation, open_psf
 from lfcal.psf.assembly import AssemblyProgress
+from lfcal.simulate import sample_recording
 from lfcal_gui.context import Context
 from lfcal_gui.models import Symbols
 from lfcal_gui.pages.frames import model as frames_model

@@ -19,9 +19,9 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
 from lfcal import judge
-from lfcal.base.sample import sample_recording
 from lfcal.judge.results import find_results
 from lfcal.psf import PSFMatrix, save
+from lfcal.simulate import sample_recording
 from lfcal_gui.context import Context
 from lfcal_gui.models import Verdict, stamp_of, with_verdict
 from lfcal_gui.models.project import ProjectState

@@ -13,10 +13,10 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.acquire import Options, record
 from lfcal.base import drain
-from lfcal.base.sample import sample_session
 from lfcal.camera import ScanPlan
 from lfcal.devices import open_rig
 from lfcal.devices.protocols import Point
+from lfcal.simulate import sample_session
 from lfcal.tasks import Assemble
 from lfcal_gui.window import MainWindow
 from tests.acquire.rigs import Deceived
