@@ -131,7 +131,7 @@ LEVELS = {
 }
 """Levels below the verdict: titles, and when one would open them."""
 
-SIZES = {0: (90, 90), 600: (90, 98), 760: (120, 130), 980: (260, 200)}
+SIZES = {0: (90, 90), 600: (90, 98), 760: (120, 130), 900: (260, 200)}
 """Heights of depth-plane sum and map (px) by the least height of the panel."""
 
 PROFILE = 150
@@ -254,7 +254,6 @@ class HPanel(QWidget):
         self.place_label.setWordWrap(True)
         self.frame_button = button("Frame", "Show the recorded frame of this position", self.frame_asked.emit, "tight")
         self.map = PeriodMap()
-        self.map.set_axes("", "")
         self.map.chosen.connect(lambda y, x: self.asked.emit({"y": y, "x": x}))
         place, column = card()
         column.addLayout(line(self.map_title, self.map_range, stretch=0))
@@ -317,6 +316,7 @@ class HPanel(QWidget):
         height = max(least for least in SIZES if self.height() >= least)
         for widget, px in zip((self.sum_place, self.map), SIZES[height], strict=True):
             widget.setFixedHeight(px)
+        self.map.set_axes(*(("position x (px)", "position y (px)") if height == max(SIZES) else ("", "")))
 
     def _aperture_card(self) -> QWidget:
         panel, column = card()

@@ -114,11 +114,11 @@ def test_the_order_of_axes_is_asked_for_no_longer_than_the_file_is_open(
     assert page.matrix is not None and page.context.state.psf.endswith("said.mat") and not page.notice.isVisible()
 
 
-@pytest.mark.parametrize(("size", "wide"), [((1280, 800), 304), ((1920, 1080), 368)])
+@pytest.mark.parametrize(("size", "wide", "empty"), [((1280, 800), 304, 60), ((1920, 1080), 368, 130)])
 def test_the_inspector_is_whole(
-    window: MainWindow, qtbot: QtBot, tmp_path: Path, size: tuple[int, int], wide: int
+    window: MainWindow, qtbot: QtBot, tmp_path: Path, size: tuple[int, int], wide: int, empty: int
 ) -> None:
-    """It scrolled in a window of 1280 x 800, and the range of the map was cut."""
+    """It scrolled in a window of 1280 x 800, the range of the map was cut, and a large window left it empty."""
     window.resize(*size)
     values = np.random.default_rng(0).random((2, 4, 5, 9, 11)).astype(np.float32) * 1000
     save(PSFMatrix(values, camera=preset("bench"), depths=[-20034, -26017]), tmp_path / "H.h5")
@@ -136,6 +136,10 @@ def test_the_inspector_is_whole(
     qtbot.waitUntil(whole, timeout=GUARD_MS)
     (area,) = (one for one in page.panel.inspector.findChildren(QScrollArea) if one.isVisible())
     assert area.verticalScrollBar().maximum() == 0 and page.panel.inspector.width() == wide
+    last = page.panel.profile.parentWidget()
+    while last.parentWidget() is not area.widget():
+        last = last.parentWidget()
+    assert area.widget().height() - last.geometry().bottom() < empty
 
 
 def test_a_damaged_h_says_so(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
