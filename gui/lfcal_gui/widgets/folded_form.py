@@ -397,6 +397,7 @@ class FoldedForm(QFrame):
             row.label.setText(f"{row.label.text()} ({row.unit.text()})")
             self._grid.addWidget(row.label, row.line, LABEL, 1, EDITOR - LABEL + 1)
             self._grid.removeWidget(row.unit)
+            row.unit.hide()
             row.unit.deleteLater()
             row.unit = None
 
