@@ -90,8 +90,9 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
 def dirichlet_table(count: int, side: int, positions: Array, samples: int) -> Array:
     """Return the weights ``(side, count * samples, count)`` of the periodic sinc for ``count`` samples of a channel.
 
-    The filter is sin(pi t)/(count tan(pi t/count)) for even counts, with half of the highest frequency at each end, and
-    sin(pi t)/(count sin(pi t/count)) for odd counts.
+    At the distance t (in samples of the channel), the filter is sin(pi t)/(count tan(pi t/count)) for even counts, with
+    half of the highest frequency at each end, and sin(pi t)/(count sin(pi t/count)) for odd counts. ``side``,
+    ``positions`` and ``samples`` are as in `tap_table`.
     """
     wanted = (np.arange(count * samples) + 0.5) * side / samples - 0.5
     t = (wanted[None, :, None] - positions[:, None, None]) / side - np.arange(count)

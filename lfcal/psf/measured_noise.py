@@ -126,7 +126,7 @@ def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[
 
 
 def scan_noise(source: FrameSource, plan: ScanPlan) -> FrameNoise | None:
-    """Return the noise of corrected frames of a scan, as `measure_noise` does."""
+    """Return the noise of corrected frames of a scan, as `measure_noise` does; None if it is unknown."""
     infos = tuple(source.info(k) for k in range(len(source)))
     order, starts = by_position(infos, plan.shape[:3])
     gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"))

@@ -118,7 +118,8 @@ class SharedOptics:
         """Return the projector for frames of shape ``frame``, extended by ``margin`` pixels on every side.
 
         If the noise of H is known, the projector uses H with reduced noise. A non-empty ``method`` replaces the
-        projection method of the settings. ``memory`` is the memory limit in bytes.
+        projection method of the settings. ``memory`` is the memory limit in bytes. ``view`` is the resampling of the
+        frames, and ``workers`` and ``device`` are as in `Projector`.
         """
         H, own, anchor = matrices[0], self.projection, self.image_anchor(view, matrices[0])
         shape = frame if view is None else view.shape

@@ -208,7 +208,7 @@ def _original(stored: Any, planes: int) -> NDArray[np.intp]:
 
 
 def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
-    """Return the full-resolution array of an OME-Zarr without reading it, the image's metadata, and those of lfcal.
+    """Return the full-resolution array of an OME-Zarr without reading it, the image's metadata, and lfcal's metadata.
 
     Raises
     ------

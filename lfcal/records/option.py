@@ -222,7 +222,7 @@ class FieldRow:
     path
         Field names from the outermost record to this field.
     kind
-        Plain type of its values; ``str`` for values that only ``opt.read`` can parse.
+        Plain type of the values of the field; ``str`` for values that only ``opt.read`` can parse.
     optional, many
         Whether None is allowed, and whether the value is a tuple of elements of type ``kind``.
     default

@@ -130,7 +130,7 @@ class PlaneResponse:
         self.level, self.settled, self.reached = other.level, other.settled, other.reached
 
     def rows(self, ys: ArrayLike, xs: ArrayLike, workers: int | None = None) -> NDArray[np.float32]:
-        """Return the responses ``(len(ys), len(xs), nt, ns)`` of the positions ys x xs (any integers)."""
+        """Return the responses ``(len(ys), len(xs), nt, ns)`` of the positions in ``ys`` and ``xs`` (any integers)."""
         y, x = np.asarray(ys, np.intp), np.asarray(xs, np.intp)
         out = np.zeros((len(y), len(x), *self.cutout), np.float32)
         for _ in self.accumulate(out, y, x, block=max(1, len(y)), workers=workers):
@@ -146,7 +146,7 @@ class PlaneResponse:
         block: int,
         workers: int | None = None,
     ) -> Iterator[int]:
-        """Add the responses of ys x xs to ``out``, ``block`` rows at a time, and yield the number of rows done.
+        """Add the responses of `rows` to ``out``, ``block`` rows at a time, and yield the number of rows done.
 
         Rows are counted once per light sample: `runs` times ``len(ys)`` in total.
         """

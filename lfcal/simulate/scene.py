@@ -47,7 +47,7 @@ Wavefront = tuple[tuple[int, int, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class PupilIris:
-    """The main lens's iris, in units of the radius of the disc f/(2 N); its area is that of the disc, pi.
+    """The main lens's iris in units of f/(2 N), with the focal length f and the f-number N; its area is pi.
 
     Attributes
     ----------
@@ -58,8 +58,8 @@ class PupilIris:
     rotation_rad
         Angle of the first vertex from +x towards +y (rad).
     stop
-        A second, circular stop ``(x, y, radius)`` that clips the pupil seen from off axis (mechanical vignetting), or
-        None. It removes light, so the remaining energy is less than 1.
+        A second, circular stop ``(x, y, radius)`` that clips the pupil seen from off axis (mechanical vignetting). The
+        stop removes light, so the remaining energy is less than 1. None: no such stop.
     """
 
     blades: int = 0

@@ -342,7 +342,6 @@ def filtered(values: NDArray[Real], kernel: NDArray[np.float64]) -> NDArray[Real
     """Return ``values`` convolved along the last two axes with a small ``kernel``, whose sides are odd.
 
     Values beyond the border count as zero; shape and type are those of ``values``.
-    scipy.signal is not used, because its import is slow.
     """
     out = np.zeros_like(values)
     rows, columns = values.shape[-2:]

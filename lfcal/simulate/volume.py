@@ -189,7 +189,7 @@ def points(shape: tuple[int, int, int], count: int, rng: np.random.Generator, ma
 def vesicle(
     shape: tuple[int, int, int], radius: float, wall: float = 1.5, plane_step: float | None = None
 ) -> NDArray[np.float32]:
-    """Return a volume with a hollow sphere in the middle, whose wall is Gaussian with peak 1, float32.
+    """Return a float32 volume with a hollow sphere in its middle; the profile of the wall is a Gaussian with peak 1.
 
     Parameters
     ----------
@@ -220,12 +220,12 @@ def vesicle(
 def plume(
     shape: tuple[int, int, int], rng: np.random.Generator, width: float = 0.08, spread: float = 0.25
 ) -> NDArray[np.float32]:
-    """Return a volume with a plasma-like plume that rises from the bottom edge; values are from 0 to 1, float32.
+    """Return a float32 volume with a plasma-like plume that rises from the bottom edge; values are from 0 to 1.
 
     Parameters
     ----------
     shape
-        Shape ``(nz, rows, columns)`` of the returned float32 volume.
+        Shape ``(nz, rows, columns)`` of the returned volume.
     rng
         Random number generator, which determines the filaments.
     width, spread

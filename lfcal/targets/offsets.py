@@ -204,10 +204,10 @@ class Covering:
 def iter_cover(phases: Phases, images: HoleImages, tolerance_px: float, *, most: int | None = None) -> Work[Covering]:
     """Return few offsets, within one period, with which a target shows every phase that it can show.
 
-    If all columns have the same row phases, and all rows the same column phases, the axes are separable: offsets of
-    rows times offsets of columns cover the cell. Otherwise, or if that needs many frames, both axes are searched
-    together: each frame is the one that shows most of the missing phases. Greedy covering takes at most 1 + ln(n)
-    times the fewest sets (V. Chvatal, "A greedy heuristic for the set-covering problem", 1979).
+    If all columns have the same row phases, and all rows the same column phases, the axes are separable: all
+    combinations of a few row offsets and column offsets show all phases. Otherwise, or if this requires many frames,
+    both axes are searched together: each new frame is the one that shows most of the missing phases. Greedy covering
+    takes at most 1 + ln(n) times the fewest sets (V. Chvatal, "A greedy heuristic for the set-covering problem", 1979).
 
     Parameters
     ----------

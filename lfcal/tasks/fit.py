@@ -82,7 +82,7 @@ class FittedPatterns(NamedTuple):
 
 
 def read_unknowns(text: str) -> str:
-    """Return the groups of unknowns in ``text``, checked and separated by commas, or ``auto``."""
+    """Return the comma-separated groups of unknowns in ``text``, or ``auto``, after checking them."""
     from lfcal.fit import GROUPS
 
     if text == "auto":

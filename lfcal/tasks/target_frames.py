@@ -55,7 +55,7 @@ def opened_target(
 
 
 def left_words(left: int, count: int, plan: TargetPlan) -> str:
-    """Return a message on the ``left`` of ``count`` points that match no position, and why they are not resampled."""
+    """Return a message on ``left`` points, out of ``count``, that match no position, and why they are not resampled."""
     from lfcal.targets import resampling_words
 
     far = f"{left} of {count} points are farther than {plan.tolerance_px:g} px from every position"

@@ -119,7 +119,7 @@ class StuckBlade:
     blade
         Number of the blade, counted from 0 at the first vertex.
     direction_rad
-        Direction of its middle from the centre (rad).
+        Direction of the blade's middle from the centre (rad).
     out_px, sigma_px
         Outward displacement (negative if inward) and its standard error (pixels). The error is infinite if neighbouring
         blades cover the blade, which may then be anywhere further out.
@@ -147,7 +147,10 @@ class Obstruction:
     share: float
 
     def is_central(self, centre: tuple[float, float], radius_px: float) -> bool:
-        """Return whether the obstruction is near the aperture's centre, like the secondary mirror of a mirror lens."""
+        """Return whether the obstruction is near the centre, like the secondary mirror of a mirror lens.
+
+        ``centre`` (row, column) and ``radius_px`` are those of the aperture (px).
+        """
         return math.dist(self.centre, centre) < CENTRAL * radius_px
 
 

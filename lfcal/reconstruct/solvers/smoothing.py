@@ -63,7 +63,7 @@ def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
 
 
 def lanczos_kernel(width: float, lobes: int = 4) -> NDArray[np.float64]:
-    """Return a low-pass kernel that preserves periods above ``2 * width`` pixels: a sinc with a Lanczos window."""
+    """Return a 1-D low-pass kernel that preserves periods above ``2 * width`` pixels: a sinc with a Lanczos window."""
     # 1 pixel or less: nothing to filter, and np.sinc(x / width) would divide by zero
     if width <= 1:
         return np.ones(1)

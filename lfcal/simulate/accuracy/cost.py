@@ -185,11 +185,11 @@ def _plane_seconds(
 def efficient_steps(
     described: AnyScene | Outlook, level: str, traits: Traits | None = None
 ) -> tuple[LevelSampling, ...]:
-    """Return the samplings of a level, fastest first, without those for which a finer one is not slower.
+    """Return the efficient samplings of a level, fastest first: those for which no finer sampling is as fast.
 
-    The first sampling that is expected to keep a tolerance is therefore the fastest that keeps it, and it is never
-    slower than that of a smaller tolerance. Windows are left out if a failed attempt at them would noticeably delay the
-    grid. Times are those of the reference machine, so that an H does not depend on the machine that computes it.
+    The first sampling with an expected error within a tolerance is therefore the fastest such sampling, and never
+    slower than that for a smaller tolerance. Windows are left out if a failed attempt at them would noticeably delay
+    the grid. Times are those of the reference machine, so that an H does not depend on the machine that computes it.
     ``traits`` are those of the effects on an outlook, as in `engine_seconds`.
     """
     steps = _steps(described, level, traits)

@@ -141,7 +141,10 @@ class CostScaling:
 def cost_scaling(
     plan: ScanPlan, z: int, effects: Budget | Sequence[Effect], level: str, runs: int | None = None
 ) -> CostScaling:
-    """Return the factors that scale the cost of plane ``z`` to that of the whole plan at an engine's level."""
+    """Return the factors that scale the cost of plane ``z`` to that of the whole plan at an engine's level.
+
+    ``runs`` is the number of light samples of the plane. None: it is computed.
+    """
     budget = effects if isinstance(effects, Budget) else Budget(tuple(effects), 1.0)
     # planes differ in the number of lit lenslets and in effects: the ratio is estimated, one plane is measured
     samples = [_samples(plan, k, budget) for k in range(plan.shape[0])]

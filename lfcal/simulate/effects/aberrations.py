@@ -46,7 +46,7 @@ class _Aberration(SceneEffect):
         return replace(scene, wavefront=scene.wavefront + terms, lenslet_diffraction=True) if terms else scene
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time of the table of the aberrated field (s)."""
+        """Return the CPU time for tabulating the aberrated field (s)."""
         del outlook
         return engine.fringes
 
@@ -260,13 +260,16 @@ class FieldAberrations(SceneEffect):
         return replace(scene, wavefront=found, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time of the table of the aberrated field (s)."""
+        """Return the CPU time for tabulating the aberrated field (s)."""
         del outlook
         return engine.fringes
 
 
 def wavefront_rms(terms: Wavefront) -> tuple[float, float]:
-    """Return the rms of a wavefront about its mean (waves), and the rms of its gradient (waves per pupil radius)."""
+    """Return the rms of a wavefront about its mean (waves), and that of its gradient (waves per pupil radius).
+
+    ``terms`` contains Zernike terms ``(n, m, waves)``, as in `Zernike`.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(24)
     rho = (nodes + 1) / 2
     area = weights * rho  # sums to 1: the mean over the disc is twice the integral over rho d rho

@@ -126,7 +126,7 @@ class ArrayRotation(SceneEffect):
     measured_by: ClassVar[str] = WHITE_IMAGE
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms displacement of the lit lenslets by the rotation (px), and the resulting relative error."""
+        """Return the rms displacement (px) of the lit lenslets due to the rotation, and the resulting error."""
         shift = abs(self.angle_rad) * outlook.field_rms_px
         return Estimate(shift, "px", outlook.array_moved(shift), "alpha * r_rms")
 
@@ -170,7 +170,7 @@ class PitchError(SceneEffect):
     measured_by: ClassVar[str] = WHITE_IMAGE
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms displacement of the lit lenslets by the pitch error (px), and the resulting relative error."""
+        """Return the rms displacement (px) of the lit lenslets due to the pitch error, and the resulting error."""
         shift = abs(self.relative) * outlook.field_rms_px
         return Estimate(shift, "px", outlook.array_moved(shift), "dp/p * r_rms")
 

@@ -120,7 +120,7 @@ class MechanicalVignetting(SceneEffect):
         return replace(scene, iris=replace(scene.iris, stop=(x, y, self.radius)))
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time of a table of the field of the clipped pupil (s)."""
+        """Return the CPU time for tabulating the field of the clipped pupil (s)."""
         del outlook
         return engine.fringes
 

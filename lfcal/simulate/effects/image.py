@@ -16,7 +16,7 @@ __all__ = ["Distortion", "FieldCurvature"]
 
 
 def refocus_px(outlook: Outlook, by_um: float) -> float:
-    """Return the spot shift of the rim ray (px) if the image moves along the axis by ``by_um``."""
+    """Return the spot shift of the rim ray (px) if the image moves along the axis by ``by_um`` (µm)."""
     shift = abs(by_um) / (2 * outlook.f_number * outlook.depth) / outlook.pixel_um
     return shift if outlook.has_lens else min(shift, 1.5 * outlook.shadow_px)
 

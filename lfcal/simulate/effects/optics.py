@@ -139,7 +139,7 @@ class IrisDiffraction(SceneEffect):
         return replace(scene, main_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time of the table of fringes (s)."""
+        """Return the CPU time for tabulating the fringes (s)."""
         del outlook
         return engine.fringes
 
@@ -223,12 +223,12 @@ class ExactAngles(SceneEffect):
     """Non-paraxial angles: defocus of the main lens as a (1 - cos theta), and rays behind the lenslets along tan theta.
 
     Here a is the distance of the main image behind the array, B the gap, v = a/B, Nw the working f-number, and theta
-    the angle to the axis. Each change alone would displace the rays through the lenslet centres: at the rim, the first
-    by 8 Nw W lambda/v with W = a/(8 lambda (2 Nw)^4), and the second by B/(2 (2 Nw)³). With both, these rays meet the
-    sensor at their paraxial positions, because their path to the image is a straight line. Two effects remain: the coma
-    of lenslets with a parabolic phase, and a shadow that is larger by the fraction 1/(8 Nw²). The Debye integral of a
-    microscope is always exact up to the array. With this effect, the angles behind the array are exact too; each
-    response is then computed on one two-dimensional grid instead of separately for rows and columns.
+    the angle to the axis. Each of the two changes alone would displace the rays through the lenslet centres: at the
+    rim, the first by 8 Nw W lambda/v with W = a/(8 lambda (2 Nw)^4), and the second by B/(2 (2 Nw)³). With both, these
+    rays meet the sensor at their paraxial positions, because their path to the image is a straight line. Two effects
+    remain: the coma of lenslets with a parabolic phase, and a shadow that is larger by the fraction 1/(8 Nw²). The
+    Debye integral of a microscope is always exact up to the array. With this effect, the angles behind the array are
+    exact too; each response is then computed on one two-dimensional grid instead of separately for rows and columns.
 
     Examples
     --------
@@ -344,7 +344,7 @@ class LensLaw(SceneEffect):
         return replace(scene, lens_law=self.tangent, exact_defocus=True, exact_rays=True, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time of the table for a pupil with curved edges (s)."""
+        """Return the CPU time for tabulating the field of a pupil with curved edges (s)."""
         return engine.fringes if outlook.has_lens else 0.0
 
 

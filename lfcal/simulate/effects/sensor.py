@@ -98,8 +98,8 @@ class ColourFilter(FrameEffect):
     Attributes
     ----------
     cfa
-        Letters of the filter colours in one unit of the pattern, row by row, for example ``"GRBG"``. None: the camera's
-        pattern.
+        Letters of the filter colours in one unit of the pattern in row-major order, for example ``"GRBG"``. None: the
+        camera's pattern.
     leak
         Transmission of a filter outside its pass band, 0 to 1.
 

@@ -135,9 +135,10 @@ class PlaneEngine(Protocol):
     def rows(
         self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
     ) -> NDArray[np.float32]:
-        """Return the cutouts ``(len(ys), len(xs), nt, ns)`` of the positions ys x xs (any integers).
+        """Return the cutouts ``(len(ys), len(xs), nt, ns)`` of the positions (y, x) in rows ``ys`` and columns ``xs``.
 
-        ``workers`` threads share the rows. None: all processors; 1: the caller's thread.
+        Rows and columns are any integers. ``workers`` threads share the rows. None: all processors; 1: the caller's
+        thread.
 
         Raises
         ------

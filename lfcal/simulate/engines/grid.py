@@ -286,7 +286,7 @@ class GridPlane:
     def rows(
         self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
     ) -> NDArray[np.float32]:
-        """Return the cutouts of positions ys x xs; see `PlaneEngine.rows`."""
+        """Return the cutouts of the positions in ``ys`` and ``xs``; see `PlaneEngine.rows`."""
         scene = self.scene
         rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
         result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out

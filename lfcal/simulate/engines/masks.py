@@ -76,7 +76,11 @@ def taper(f: NDArray[np.float64], flat: float, stop: float) -> NDArray[np.float6
 
 
 def disc_values(radius: float, dx: float, r: NDArray[np.float64], flat: float = FLAT) -> NDArray[np.float64]:
-    """Return the low-pass-filtered indicator of a disc at distances ``r``, its Hankel integral by Gauss-Legendre."""
+    """Return the low-pass-filtered indicator function of a disc of ``radius`` at the distances ``r`` from its centre.
+
+    It is a Hankel integral, computed by Gauss-Legendre quadrature. ``radius``, ``r`` and the sample spacing ``dx`` are
+    in µm. The filter is 1 up to the frequency ``flat / dx``.
+    """
     top = (1 - flat) / dx
     phase = 2 * math.pi * top * (radius + float(r.max(initial=0.0)))
     f, w = gauss_legendre(int(phase / 2) + 60, 0.0, top)
@@ -90,9 +94,10 @@ def disc_values(radius: float, dx: float, r: NDArray[np.float64], flat: float = 
 def disc_table(
     radius: float, dx: float, reach: float, flat: float = FLAT, fine: int = 128
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the low-pass-filtered disc as a table over r^2 from 0 to beyond ``reach``^2, and the table's step in r^2.
+    """Return the low-pass-filtered disc as a table over r^2 from 0 to beyond ``reach``^2, and the step in r^2 (µm²).
 
     The table has ``fine`` entries per sample near the edge; with 128, the error of linear interpolation is within 2e-4.
+    The other arguments are as in `disc_values`.
     """
     from scipy.interpolate import make_interp_spline  # slow to import
 

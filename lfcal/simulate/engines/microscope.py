@@ -152,7 +152,7 @@ def _factors(field: NDArray[np.complex128]) -> tuple[Matrix, Matrix]:
 def highest_order(turns: float, nodes_per_px: int) -> int:
     """Return the highest diffraction order that is computed for lenslets with p^2/(lambda f) = ``turns``.
 
-    Orders up to half of ``turns`` are within the lenslet's cone.
+    Here p is the lenslet pitch, and f the focal length. Orders up to half of ``turns`` are within the lenslet's cone.
     """
     cone = math.ceil(turns / 2)
     return cone + max(SPARE_ORDERS, SPARE_SHARE * cone) * min(max(1, nodes_per_px - 1), MOST_SPARE)
@@ -383,7 +383,7 @@ class DebyePlane:
     def rows(
         self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
     ) -> NDArray[np.float32]:
-        """Return the cutouts of positions ys x xs; see `PlaneEngine.rows`."""
+        """Return the cutouts of the positions in ``ys`` and ``xs``; see `PlaneEngine.rows`."""
         scene = self.scene
         rows, columns = np.atleast_1d(np.asarray(ys, np.int64)), np.atleast_1d(np.asarray(xs, np.int64))
         result = np.empty((rows.size, columns.size, *scene.cutout), np.float32) if out is None else out

@@ -92,9 +92,9 @@ class PlaneTables:
     rule
         Nodes and weights of the integration over pixels.
     spread_um2
-        L = lambda B' (µm²).
+        Product L = lambda B' of the wavelength and the reduced gap (µm²).
     ratio
-        B'/a' of the converging spherical wave; 0 in mode ``"U"``.
+        Ratio B'/a' of the reduced gap to the reduced image distance (see `Scene`); 0 in mode ``"U"``.
     floor
         Energy below which a lenslet is left out.
     reach_um
@@ -188,7 +188,7 @@ def ray_aberration(scene: Scene) -> float:
 
 
 def lenslet_aberration(scene: Scene) -> float:
-    """Return the displacement on the sensor, by spherical aberration, of the ray at the corner of a lenslet (µm)."""
+    """Return the displacement (µm) on the sensor of the ray at a lenslet's corner due to spherical aberration."""
     steepest = 4 * abs(scene.lenslet_quartic) * aperture_radius(scene) ** 3
     return scene.reduced_gap_um * scene.wavelength_um / (2 * math.pi) * steepest
 
@@ -244,7 +244,10 @@ def window_of(scene: Scene, sampling: Sampling, mode: str, kind: int) -> tuple[i
 
 
 def zoom_of(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: type) -> Zoom:
-    """Return the transform from samples with phases ``rates`` (rad per µm on the sensor) to the nodes of a window."""
+    """Return the transform from samples with phases ``rates`` (rad per µm on the sensor) to the nodes of a window.
+
+    The window is ``width`` pixels wide, and ``px`` is the pixel pitch (µm).
+    """
     nodes = rule.positions(width) * px
     angle = np.outer(nodes[nodes.size // 2 :], rates)
     # in float64 up to here, because large phases would lose digits; sines and cosines do not

@@ -123,7 +123,7 @@ class TiltedArray:
         return found
 
     def left(self, behind: Complex, heights: Complex) -> Complex:
-        """Return the spectrum on the plane ``(n, n)`` of the field just behind the array, which is overwritten."""
+        """Return the spectrum ``(n, n)`` on the plane of the field ``behind`` the array; ``behind`` is overwritten."""
         spectrum = np.zeros_like(behind)
         for k, order in enumerate(self._orders):
             if k:

@@ -57,7 +57,7 @@ def sample_type(effects: Sequence[Effect]) -> np.dtype[np.uint16] | np.dtype[np.
 
 
 def temporal_noise(effects: Sequence[Effect], camera: Camera) -> Noise:
-    """Return the variance of raw samples of ``camera`` due to ``effects``, without fixed patterns."""
+    """Return the noise model of raw samples of ``camera`` due to ``effects``, without fixed patterns."""
     gain = camera.sensor.electrons_per_count
     read = [effect.rms(camera) for effect in effects if isinstance(effect, ReadNoise)]
     rounded = any(isinstance(effect, FrameEffect) and effect.whole_numbers for effect in effects)

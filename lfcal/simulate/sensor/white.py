@@ -31,7 +31,7 @@ def fold(pattern: NDArray[np.float32], period: tuple[int, int], shift: tuple[int
 
 
 def white_tile(plan: ScanPlan, effects: Sequence[Effect]) -> NDArray[np.float64]:
-    """Return one period ``(ny, nx)`` of the image of a uniform plane, by rays; about 1 without blocked light.
+    """Return one period ``(ny, nx)`` of the image of a uniform plane, traced with rays; about 1 if no light is blocked.
 
     Pixel (0, 0) belongs to source position (0, 0). The radiance of a uniform scene is the same in every plane. The
     scene is represented by sources one pixel apart in a plane where no lens type is in focus (`_blurred`). Rays are
