@@ -137,7 +137,7 @@ def test_a_cutout_is_written_alike_for_every_command(lfcal: Lfcal, words: tuple[
 def test_a_plan_of_a_simulation_is_of_the_level_asked_for_and_writes_nothing(lfcal: Lfcal, place: Path) -> None:
     words = ("simulate", "bench", "--virtual-depths", "4", "--plan-only")
     done = lfcal(*words, "--level", "geometric", "-o", "H2.h5")
-    assert done.code == 0 and "level geometric" in done.out and "H2.h5 is not written" in done.err
+    assert done.code == 0 and "engine geometric" in done.out and "H2.h5 is not written" in done.err
     assert not Path("H2.h5").exists()
     wrong = lfcal(*words, "--level", "nonsense")
     assert wrong.code == 2 and "nonsense" in wrong.err

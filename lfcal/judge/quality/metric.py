@@ -88,7 +88,7 @@ class Limits:
         """Check the order of the limits."""
         sign = -1.0 if self.higher_is_better else 1.0
         if not sign * self.good <= sign * self.bad:
-            raise ValueError(f"limits: good {self.good} must not be worse than bad {self.bad}")
+            raise ValueError(f"limits: good ({self.good}) must not be worse than bad ({self.bad}); exchange them")
 
     def merit(self, value: float) -> Merit:
         """Return the rating of ``value``: "good", "fair" or "bad"; "unknown" for NaN."""

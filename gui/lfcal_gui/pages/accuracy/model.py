@@ -58,7 +58,7 @@ class AccuracySettings(PageSettings):
         if not 0 < self.seconds <= 86_400:
             raise InputError.expected(
                 "time per measurement (s)",
-                "a number above 0 and at most 86400 (a day)",
+                "a number above 0 and at most 86400",
                 self.seconds,
                 "enter a time such as 10",
             )
