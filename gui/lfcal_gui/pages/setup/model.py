@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from lfcal.base import InputError, LfcalError, drain
 from lfcal.camera import (
+    QUANTITIES,
     Camera,
     Derived,
     Draft,
@@ -288,7 +289,8 @@ def carried(plan: ScanPlan, camera: Camera) -> ScanPlan | None:
 def name_at(path: str) -> str:
     """Return the name, for use in a sentence, of the value at a path of the description."""
     fields = (*MAIN_LENS, *MICROSCOPE, *LATTICE, *SENSOR, *LIGHT)
-    name = next((one.label for one in fields if path_of(one.key) == path), path)
+    others = {one.path: one.label for one in QUANTITIES}
+    name = next((one.label for one in fields if path_of(one.key) == path), others.get(path, path))
     name = TOGETHER.get(path, name)
     return name[:1].lower() + name[1:] if name[1:2].islower() else name
 

@@ -123,7 +123,7 @@ def test_the_next_step_exports_for_a_code_with_the_quality_of_h(
     window.leading.gather()
     step, (value, unit) = next_step(window.leading.sitting), page.panel.export.facts["H and HT"]
     assert step.button == page.panel.export.go.text().removesuffix(" …") == "Export for Prevedel"
-    size = f"{value.text()} {unit.text().partition(',')[0]}"
+    size = f"{value.text()} {unit.text()}"
     assert f"export H and HT, {size}: H is good" in step.words, "one number for one export"
     assert page.exporting.settings.code == "prevedel"
     out = tmp_path / "H_Prevedel.mat"

@@ -112,6 +112,13 @@ def test_refusals_are_one_line(key: str, value: Any) -> None:
     assert camera is None and error and "\n" not in error
 
 
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_description_begins_with_assumed_values_that_have_names(name: str) -> None:
+    """One value was called by its path."""
+    paths = camera_form.all_assumed(preset(name)).marks.paths("assumed")
+    assert paths and not any("_" in camera_form.name_at(path) or "." in camera_form.name_at(path) for path in paths)
+
+
 def test_another_kind_of_optics_is_assumed() -> None:
     camera, _ = camera_form.apply_change(preset("bench"), "optics.kind", "Microscope")
     assert camera is not None and "optics.magnification" in camera.marks.paths("assumed")
