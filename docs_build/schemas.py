@@ -62,7 +62,7 @@ class _Maker:
         return {"type": "object", "additionalProperties": self.of(arguments[1])}
 
     def _choice(self, hint: Any, others: tuple[Any, ...]) -> Schema:
-        """Return the schema of one type of several; records are told apart by the entry ``type``."""
+        """Return the schema of one type of several; the entry ``type`` distinguishes records."""
         if sum(map(is_dataclass, others)) < 2:
             return self.of(hint)
         made = self.record(hint)

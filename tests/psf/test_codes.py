@@ -175,17 +175,41 @@ def richardson_lucy(H: Array, Ht: Array, image: Array, steps: int) -> Array:
     return found
 
 
-@pytest.mark.parametrize("code", ["olaf", "prevedel"])
+@pytest.mark.parametrize("code", ["olaf", "prevedel", "pyolaf"])
 def test_a_deconvolution_in_the_layout_of_the_code_finds_a_point(tmp_path: Path, code: str) -> None:
-    path = export(matrix(), tmp_path / "H.mat", code=code)
+    path = export(matrix(), tmp_path / f"H{CODES[code].suffix}", code=code)
     if code == "olaf":
         H, Ht = cells(path, "H"), cells(path, "Ht")
-    else:
+    elif code == "prevedel":
         H, Ht = (as_cells(matlab(path)[name]) for name in ("H", "Ht"))
+    else:
+        with np.load(path) as file:
+            H, Ht = (as_cells(file[name].transpose(3, 4, 1, 2, 0)) for name in ("H", "Ht"))
     light = np.zeros((9, 9, 2))
     light[4, 5, 1] = 100.0
     found = richardson_lucy(H, Ht, expected(light), 60)
     assert np.unravel_index(found.argmax(), found.shape) == (4, 5, 1) and found[4, 5, 1] > 50
+
+
+def test_a_deconvolution_in_the_layout_of_flfm_finds_a_point(tmp_path: Path) -> None:
+    """Its forward projection multiplies the Fourier transforms of planes and patterns, which have one size."""
+    values = np.random.default_rng(0).random((2, 1, 1, 21, 21), np.float32) ** 8
+    path = export(PSFMatrix(values, depths=[1.0, 2.0]), tmp_path / "psf.tif", code="flfm")
+    spectra = np.fft.rfft2(np.fft.ifftshift(tifffile.imread(path).astype(float), axes=(1, 2)))
+    light = np.zeros((2, 21, 21))
+    light[1, 8, 13] = 100.0
+    # lfcal's own image of the point
+    seen = Projector(PSFMatrix(values, depths=[1.0, 2.0]), (21, 21), anchor=(0.0, 0.0)).forward(light)
+
+    def turned(image: Array, by: Array) -> Array:
+        return np.fft.irfft2(np.fft.rfft2(image) * by, (21, 21))
+
+    np.testing.assert_allclose(turned(light, spectra).sum(0)[3:16, 3:18], seen[3:16, 3:18], atol=1e-3)
+    image, found = turned(light, spectra).sum(0), np.ones_like(light)
+    for _ in range(60):
+        ratio = image / np.maximum(turned(found, spectra).sum(0), 1e-9)
+        found *= np.maximum(turned(ratio, spectra.conj()) / values.sum((1, 2, 3, 4))[:, None, None], 0)
+    assert np.unravel_index(found.argmax(), found.shape) == (1, 8, 13)
 
 
 def as_cells(H: Array) -> Array:
