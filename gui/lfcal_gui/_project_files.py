@@ -191,8 +191,11 @@ class ProjectFiles(QObject):
         box.addButton(BUTTONS.Cancel)
         box.setDefaultButton(copy)
         box.exec()
-        if take is not None and box.clickedButton() is take and lock.take_over():
-            return lock, False
+        if take is not None and box.clickedButton() is take:
+            if lock.take_over():
+                return lock, False
+            text = f"{path.name} is still open in {who}. Close it there and try again, or open a copy."
+            QMessageBox.warning(self._window, "The project is open elsewhere", text)
         return None, box.clickedButton() is copy
 
     # -- restoring -------------------------------------------------------------------------------------

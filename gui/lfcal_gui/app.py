@@ -31,8 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(sys.argv[1:] if arguments is None else arguments)
     lacking = _lacking()
     if lacking:
-        print(f"lfcal-gui: {lacking}", file=sys.stderr)
-        return 2
+        return _refused(lacking)
     from PySide6.QtWidgets import QApplication
 
     app = QApplication.instance() or QApplication(sys.argv[:1])
@@ -47,9 +46,8 @@ def main(arguments: list[str] | None = None) -> int:
             check_regular(options.project)
         window = make_window(app, options)
     except LfcalError as error:
-        print(f"lfcal-gui: {error}", file=sys.stderr)
         log.close()
-        return 2
+        return _refused(str(error))
     guard = CrashGuard(window, log.path, lambda: safe_now(window))
     guard.install()
     _end_on_signals(window)
@@ -63,6 +61,18 @@ def main(arguments: list[str] | None = None) -> int:
     guard.close()
     log.close()
     return code
+
+
+def _refused(message: str) -> int:
+    """Report why no window opens, and return the exit code."""
+    if sys.stderr is None and sys.platform == "win32":  # a program without a console
+        import ctypes
+
+        error_icon = 0x10
+        ctypes.windll.user32.MessageBoxW(None, message, "lfcal", error_icon)
+    else:
+        print(f"lfcal-gui: {message}", file=sys.stderr)
+    return 2
 
 
 def _lacking() -> str:

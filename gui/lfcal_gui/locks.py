@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from contextlib import suppress
 from pathlib import Path
 
 from PySide6.QtCore import QLockFile
@@ -27,8 +28,9 @@ class FileLock:
         return self._lock.error() != QLockFile.LockError.LockFailedError
 
     def take_over(self) -> bool:
-        """Take the lock from its present owner, on request of the user."""
-        self._name.unlink(missing_ok=True)
+        """Take the lock from its present owner, on request of the user; return whether this window has it now."""
+        with suppress(PermissionError):  # Windows removes no file that is open, on another machine too
+            self._name.unlink(missing_ok=True)
         return self.take()
 
     def holder(self) -> tuple[str, bool]:

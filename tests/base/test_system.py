@@ -7,6 +7,7 @@ import errno
 import mmap
 import os
 import re
+import struct
 import subprocess
 import sys
 import types
@@ -96,6 +97,39 @@ def test_a_disk_that_is_full_is_not_taken_for_one_that_cannot_reserve(
     monkeypatch.setattr(os, "posix_fallocate", full, raising=False)
     with pytest.raises(OSError, match="full"):
         reserve(descriptor, 100)
+
+
+@POSIX
+@pytest.mark.parametrize("answer", ["granted", errno.ENOTSUP, "elsewhere", errno.ENOSPC])
+def test_on_a_mac_blocks_are_allocated_and_zeros_written_only_where_that_fails(
+    monkeypatch: pytest.MonkeyPatch, descriptor: int, answer: str | int
+) -> None:
+    size, allocate, requests, written = 1 << 20, os.posix_fallocate, [], []
+
+    def call(fd: int, command: int, request: bytes) -> bytes:
+        flags, mode, offset, length, _ = struct.unpack("=Iiqqq", request)
+        assert (command, flags, mode, offset, len(request)) == (42, 4, 3, 0, 32)
+        requests.append(length)
+        if isinstance(answer, int):
+            raise OSError(answer, "refused")
+        if answer == "granted":
+            allocate(fd, 0, length)
+        return request
+
+    write = os.pwrite
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setitem(sys.modules, "fcntl", types.SimpleNamespace(fcntl=call))  # type: ignore[misc]
+    monkeypatch.setattr(os, "pwrite", lambda fd, data, at: written.append(len(data)) or write(fd, data, at))
+    hide(monkeypatch, "posix_fallocate")
+    if answer == errno.ENOSPC:
+        with pytest.raises(OSError, match="refused"):
+            reserve(descriptor, size)
+        return
+    reserve(descriptor, size)
+    assert requests == [size] and sum(written) == (0 if answer == "granted" else size)
+    assert os.fstat(descriptor).st_size == size and os.fstat(descriptor).st_blocks * 512 >= size
+    reserve(descriptor, size)
+    assert requests == [size] and sum(written) == (0 if answer == "granted" else size), "nothing is missing now"
 
 
 @POSIX

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -9,12 +10,14 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from PySide6.QtWidgets import QApplication, QFileDialog, QMessageBox
 from pytestqt.qtbot import QtBot
 
+from lfcal_gui import app
 from lfcal_gui._project_files import stop_words
 from lfcal_gui.app import make_window, parse
 from lfcal_gui.locks import FileLock
@@ -216,6 +219,33 @@ def test_a_lock_of_another_machine_is_only_taken_when_asked_for(tmp_path: Path) 
     assert not lock.take() and lock.holder() == ("process 12345 on far-away", True)
     assert lock.take_over()
     lock.release()
+
+
+def test_windows_does_not_remove_a_lock_that_is_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError("the file is open")
+
+    (tmp_path / ".p.window").write_text("12345\nlfcal\nfar-away\n")
+    lock = FileLock(tmp_path / "p")
+    monkeypatch.setattr(Path, "unlink", refused)
+    assert not lock.take_over() and not lock.take()
+
+
+@pytest.mark.parametrize("console", [True, False])
+def test_the_reason_why_no_window_opens_is_shown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], console: bool
+) -> None:
+    """On Windows, lfcal-gui has no console: sys.stderr is None there."""
+    shown: list[tuple[object, ...]] = []
+    library = SimpleNamespace(user32=SimpleNamespace(MessageBoxW=lambda *words: shown.append(words)))
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(ctypes, "windll", library, raising=False)
+    monkeypatch.setattr(app, "_lacking", lambda: "PySide6 is not installed")
+    if not console:
+        monkeypatch.setattr(sys, "stderr", None)
+    assert app.main([]) == 2
+    assert [words[1] for words in shown] == ([] if console else ["PySide6 is not installed"])
+    assert capsys.readouterr().err == ("lfcal-gui: PySide6 is not installed\n" if console else "")
 
 
 # -- nothing is replaced unasked ---------------------------------------------------------------------------

@@ -154,10 +154,15 @@ class _Child:
 
 
 def _words() -> list[str]:
-    """Return the command that starts the child: Python with a script, or the command line of a bundled application."""
+    """Return the command that starts the child: Python with a script, or the command line of a bundled application.
+
+    Where another program contains Python (MATLAB, Blender), it would start that program; OSError then.
+    """
     if getattr(sys, "frozen", False):
         own = Path(sys.executable)
         return [str(own.with_name(f"lfcal{own.suffix}")), EXAMINE]
+    if not Path(sys.executable or "").stem.lower().startswith(("python", "pypy")):
+        raise OSError(f"{sys.executable}: not a Python interpreter")
     return [sys.executable, "-P", str(_SCRIPT)]
 
 

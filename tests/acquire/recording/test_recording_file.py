@@ -124,7 +124,6 @@ def test_hdf5_reads_what_was_written_in_place_while_it_is_open(tmp_path: Path) -
         assert np.array_equal(file["frames"][4], frame(4))
         assert np.array_equal(file["frames"][0], frame(0))
         assert file["records"][4]["frame_crc"] == zlib.crc32(frame(4).tobytes())
-        assert file["frames"].id.get_offset() % 4096 == 0
     assert whole(path) == [True, False, False, False, True, False]
     journal.close()
     journal.close()
@@ -136,6 +135,8 @@ def test_hdf5_reads_what_was_written_in_place_while_it_is_open(tmp_path: Path) -
 
 def test_space_is_reserved_before_the_first_frame(tmp_path: Path) -> None:
     make(tmp_path / "r.h5", count=1000).close()
+    with h5py.File(tmp_path / "r.h5", "r") as file:
+        assert file["frames"].id.get_offset() % 4096 == 0
     info = os.stat(tmp_path / "r.h5")
     assert info.st_blocks * 512 >= 1000 * (SHAPE[0] * SHAPE[1] * 2 + RECORD.itemsize)
     assert not list(tmp_path.glob(".*"))

@@ -124,6 +124,17 @@ def test_without_a_child_a_file_is_taken_as_it_is(tmp_path: Path, monkeypatch: p
         assert file.values("a").tolist() == [0, 1, 2, 3, 4]
 
 
+def test_a_program_that_contains_python_is_not_started_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise AssertionError("started")
+
+    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+    monkeypatch.setattr(sys, "executable", "/opt/MATLAB/bin/matlab")
+    monkeypatch.setattr(subprocess, "Popen", refused)
+    with H5File(small_file(tmp_path / "a.h5")) as file:
+        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+
+
 def test_a_child_that_cannot_begin_says_nothing_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     broken = tmp_path / "broken.py"
     broken.write_text("import a_library_that_is_missing\n")
