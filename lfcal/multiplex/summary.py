@@ -69,7 +69,7 @@ def describe(
     chi2
         Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
     rcond
-        Singular values up to this fraction of the largest count as zero.
+        Singular values up to this fraction of the largest count as zero. None: `default_rcond`.
     """
     gains: list[float | None] = [None, None, None]
     if reference is not None and reference.count == modulator.count:

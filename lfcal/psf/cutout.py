@@ -287,7 +287,7 @@ class Gatherer:
         ``(len(source), 2)`` displacement of each image from its planned position (rows, columns; px). None: the drift
         stated by the frames.
     noise
-        Noise of samples, if the frames do not state it.
+        Noise of samples, if the frames do not state it. None: unknown.
     """
 
     source: FrameSource

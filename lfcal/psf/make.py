@@ -57,7 +57,7 @@ class Reopening:
         ``"package.module:function"``; the function is called with ``values`` and a number of threads, and returns the
         `PlaneSource`. Empty: only threads of this process can compute the plane, from objects that are already open.
     values
-        Everything that determines the plane, except its number, as plain JSON types.
+        Everything that determines the plane, except its index, as plain JSON types.
     inputs
         Paths of the input files.
     held

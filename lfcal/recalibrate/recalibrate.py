@@ -194,7 +194,7 @@ class Recalibration:
 
     @property
     def verdict(self) -> str:
-        """The decision in a sentence."""
+        """Verdict on the recalibration, as one sentence."""
         if self.objections:
             return f"not recalibrated: {', and '.join(self.objections)}"
         count = f"{len(self.goodness)} frame{'s' if len(self.goodness) > 1 else ''}"

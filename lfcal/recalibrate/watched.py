@@ -39,7 +39,7 @@ class WatchedFrame:
     goodness
         Goodness of fit after this drift is taken into account; None if not measured.
     problem
-        Why the frame is not used; empty if it is.
+        Reason why the frame is not used; empty if it is used.
     """
 
     name: str
@@ -161,7 +161,7 @@ class DriftWatch:
 
     @property
     def verdict(self) -> str:
-        """The decision in a sentence."""
+        """Verdict on H, as one sentence."""
         if self.holds is None:
             worst = max(one.goodness.ratio for one in self.unexplained if one.goodness is not None)
             return (

@@ -164,8 +164,8 @@ class Specimen:
     index
         Refractive index of the specimen.
     depth_um
-        Depth of the nominal focal plane below the interface. A source at z has the depth ``depth_um + z``; a source
-        with a negative depth is in the immersion medium.
+        Depth of the nominal focal plane below the interface (µm). A source at z has the depth ``depth_um + z``; a
+        source with a negative depth is in the immersion medium.
     """
 
     index: float

@@ -8,7 +8,7 @@ __all__ = ["coarsest_pixel_um", "may_resample", "resampling_words"]
 
 
 def coarsest_pixel_um(camera: Camera) -> float:
-    """Return the largest pixel that samples the light behind a lenslet without loss (µm).
+    """Return the largest pixel pitch that samples the light behind a lenslet without loss (µm).
 
     The light behind a lenslet contains no spatial frequencies above ``1 / (wavelength N)``, where N is the f-number,
     gap divided by pitch (Goodman, Introduction to Fourier Optics, section 6.3). Two samples per period are sufficient.

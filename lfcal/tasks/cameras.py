@@ -108,7 +108,7 @@ def note_camera(
 
 
 def note_assumed(camera: Camera | None, where: str, *, quiet: bool = False, light: bool = True) -> None:
-    """Report the assumed values of the camera in a plan or an H, with the name ``where``; not if ``quiet``."""
+    """Report the assumed values of the camera in a plan or an H, which messages call ``where``, unless ``quiet``."""
     if camera is not None and not quiet and (words := assumed_in_words(camera, light=light)):
         note(f"{where}: assumed values of the camera: {words}")
 

@@ -60,7 +60,7 @@ def virtual_depths_field(empty: str) -> tuple[float, ...]:
 
 
 def cutout_field(source: str, *, more: bool = False) -> tuple[int, int] | None:
-    """Declare the field ``cutout`` of a task on a scan; ``source`` may define it, and ``more`` is as in `opt`."""
+    """Declare the field ``cutout`` of a task on a scan; ``source`` names the origin of its default in the help."""
     words = "Size of the cutout around the image of each point: an odd number of pixels, or ROWS,COLUMNS."
     empty = f"as in {source}, else the geometric size of the pattern"
     return opt(None, words, unit="px", read=read_cutout, show=show_pair, empty=empty, more=more)

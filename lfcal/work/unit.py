@@ -196,7 +196,7 @@ class ProcessCache(Generic[T]):
 
     @contextmanager
     def using(self, key: object, value: T) -> Iterator[None]:
-        """Context in which units of this process use ``value``, opened by their run, as the input ``key``."""
+        """Return a context in which units of this process use ``value``, opened by their run, as the input ``key``."""
         with self._lock:
             self._drop()
             self._kept = key, value, False
@@ -223,7 +223,7 @@ def worker_number() -> int:
 
 @contextmanager
 def numbered(name: int | str) -> Iterator[None]:
-    """Context in which `worker_number` returns ``name``; a name that is not a number is converted to one."""
+    """Return a context in which `worker_number` returns ``name``; a name that is not a number is converted to one."""
     text = str(name)
     token = _NUMBER.set(int(text) if text.isdecimal() else zlib.crc32(text.encode()))
     try:

@@ -94,9 +94,9 @@ class MachineSpeed:
         return tuple(sorted(self._ratios))
 
     def correct(self, engine: str, plane: str, forecast_s: float, took_s: float) -> None:
-        """Add the time of a plane, measured and forecast without earlier corrections (CPU-seconds).
+        """Add the measured time of a plane, and its forecast without earlier corrections (CPU-seconds).
 
-        ``plane`` identifies it; an earlier time of the same plane is replaced.
+        ``plane`` identifies the plane; an earlier time of the same plane is replaced.
         """
         if forecast_s > 0 and took_s > 0:
             with self._lock:

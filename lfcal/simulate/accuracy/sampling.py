@@ -169,7 +169,7 @@ class Fringes:
 
     @property
     def incoherent(self) -> float:
-        """Relative L1 error of adding intensities of neighbouring lenslets instead of their fields (measured)."""
+        """Measured relative L1 error of adding intensities of neighbouring lenslets instead of their fields."""
         return 0.4 / self.pitch_px
 
 

@@ -70,7 +70,7 @@ def _serve(link: Connection, number: int) -> None:
 
 @contextmanager
 def without_script() -> Iterator[None]:
-    """Context in which new processes do not run the program's script again, as multiprocessing otherwise does.
+    """Return a context in which new processes do not run the program's script again, as multiprocessing otherwise does.
 
     A unit names the module of its task and needs nothing from the script. Without this context, a script without ``if
     __name__ == "__main__":`` would start its work again in each process.
