@@ -17,7 +17,10 @@ NAMED = 3
 """Largest number of effects that the sentence names."""
 
 BEAD_FRAMES = 3
-"""Frames of a point source at one depth: the fewest that `lfcal plan fit` chooses."""
+"""Frames of a point source for each depth: the fewest that `lfcal plan fit` chooses."""
+
+SEEN = 0.5
+"""Smallest ratio of an effect's error at a depth to its largest one with which frames at that depth determine it."""
 
 FITTED = "geometry,focal_lengths,iris"
 """Groups of unknowns that are fitted together with those of the effects."""
@@ -35,9 +38,9 @@ class EffectMeasurement:
         Effects whose sizes the measurement determines, largest error first.
     frames
         Number of frames to record.
-    z_um
-        Object depth of the point source (µm, relative to the working plane, positive away from the camera); None if no
-        point source is used.
+    depths_um
+        Object depths of the point source (µm, relative to the working plane, positive away from the camera); empty if
+        no point source is used.
     commands
         Commands to run, in order; ``CAMERA`` is the camera's file or preset.
 
@@ -55,7 +58,7 @@ class EffectMeasurement:
     title: str
     rows: tuple[PlannedEffect, ...]
     frames: int
-    z_um: float | None
+    depths_um: tuple[float, ...]
     commands: tuple[str, ...]
 
     def to_dict(self, camera: str) -> dict[str, Any]:
@@ -63,7 +66,7 @@ class EffectMeasurement:
         return {
             "measurement": self.title,
             "frames": self.frames,
-            "z_um": self.z_um,
+            "depths_um": self.depths_um,
             "effects": [row.name for row in self.rows],
             "error": max(row.estimate.error for row in self.rows),
             "commands": self.commands_for(camera),
@@ -83,8 +86,8 @@ class UndescribedEffects:
     rows
         The effects, largest error first.
     measurements
-        The measurements that determine the sizes of the effects: those with the fewest frames first, and last the
-        values that you have to enter.
+        The measurements that determine the sizes of the effects: one white image, bead frames at the fewest depths that
+        show all effects, and last the values that you have to enter.
 
     Examples
     --------
@@ -147,31 +150,47 @@ def undescribed_effects(selection: EffectSelection, camera: Camera) -> Undescrib
     allowed = EFFECTS_SHARE * selection.tolerance
     unknown = (row for row in selection.rows if row.undescribed and row.estimate.error > allowed)
     rows = tuple(sorted(unknown, key=lambda row: -row.estimate.error))
-    by_source: dict[tuple[str, float], list[PlannedEffect]] = {}
+    white, beads, stated = [], [], []
     for row in rows:
-        source = row.effect.settled_by(camera)
-        kind = source if source in ("", WHITE_IMAGE) else "beads"
-        by_source.setdefault((kind, row.z_um if kind == "beads" else 0.0), []).append(row)
-    found = (_measurement(kind, z_um, some, camera) for (kind, z_um), some in by_source.items())
-    return UndescribedEffects(rows, tuple(sorted(found, key=lambda one: one.frames or BEAD_FRAMES + 1)))
+        {WHITE_IMAGE: white, "": stated}.get(row.effect.settled_by(camera), beads).append(row)
+    found = []
+    if white:
+        command = "lfcal white white.tif --camera CAMERA -o white/"
+        found.append(EffectMeasurement("one white image", tuple(white), 1, (), (command,)))
+    if beads:
+        found.append(_bead_frames(beads, [selection.depths_um[k] for k in _fewest_planes(beads)], camera))
+    if stated:
+        commands = tuple(f"lfcal simulate CAMERA --effect {row.name}=VALUE" for row in stated)
+        found.append(EffectMeasurement("a stated value, as in a data sheet", tuple(stated), 0, (), commands))
+    return UndescribedEffects(rows, tuple(found))
 
 
-def _measurement(kind: str, z_um: float, rows: Sequence[PlannedEffect], camera: Camera) -> EffectMeasurement:
-    """Return the measurement of a kind that determines ``rows``."""
-    some = tuple(rows)
-    if kind == WHITE_IMAGE:
-        white = "lfcal white white.tif --camera CAMERA -o white/"
-        return EffectMeasurement("one white image", some, 1, None, (white,))
-    if kind == "":
-        stated = (f"lfcal simulate CAMERA --effect {row.name}=VALUE" for row in some)
-        return EffectMeasurement("a stated value, as in a data sheet", some, 0, None, tuple(stated))
-    groups = dict.fromkeys(row.effect.settled_by(camera) for row in some)
+def _fewest_planes(rows: Sequence[PlannedEffect]) -> list[int]:
+    """Return a few planes of which one shows each effect: each time the one that shows most of the others."""
+    planes: list[int] = []
+    left = list(rows)
+    while left:
+        # among equal ones the plane with the largest errors
+        errors = [[row.errors[k] for row in left if _seen(row, k)] for k in range(len(left[0].errors))]
+        planes.append(max(range(len(errors)), key=lambda k: (len(errors[k]), sum(errors[k]))))
+        left = [row for row in left if not _seen(row, planes[-1])]
+    return sorted(planes)
+
+
+def _seen(row: PlannedEffect, plane: int) -> bool:
+    return row.errors[plane] >= SEEN * row.estimate.error
+
+
+def _bead_frames(rows: Sequence[PlannedEffect], depths_um: Sequence[float], camera: Camera) -> EffectMeasurement:
+    """Return the recording and the fit of a point source at some depths that determine ``rows`` together."""
+    groups = dict.fromkeys(row.effect.settled_by(camera) for row in rows)
     unknowns = ",".join(dict.fromkeys((*FITTED.split(","), *groups)))
+    frames = BEAD_FRAMES * len(depths_um)
     commands = (
-        f"lfcal plan CAMERA --depths={z_um:.7g} -o beads.json",
-        f"lfcal plan fit beads.json --count {BEAD_FRAMES} --unknowns {unknowns} -o positions.json",
+        f"lfcal plan CAMERA --depths={','.join(f'{z_um:.7g}' for z_um in depths_um)} -o beads.json",
+        f"lfcal plan fit beads.json --count {frames} --unknowns {unknowns} -o positions.json",
         "lfcal acquire beads.json --positions positions.json -o beads/",
         f"lfcal fit beads/ -o fit/ --unknowns {unknowns}",
     )
-    title = f"{BEAD_FRAMES} bead frames at z = {format_length(z_um)}"
-    return EffectMeasurement(title, some, BEAD_FRAMES, z_um, commands)
+    title = f"{frames} bead frames at z = {' and '.join(map(format_length, depths_um))}"
+    return EffectMeasurement(title, tuple(rows), frames, tuple(depths_um), commands)

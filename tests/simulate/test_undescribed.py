@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Iterable
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -58,9 +60,26 @@ def test_every_undescribed_effect_has_one_measurement() -> None:
     for one in found.measurements:
         for row in one.rows:
             source = row.effect.settled_by(plan.camera)
-            assert one.frames == {"": 0, WHITE_IMAGE: 1}.get(source, BEAD_FRAMES)
-            if one.frames == BEAD_FRAMES:
-                assert one.z_um == row.z_um and all(source in words for words in one.commands if "--unknowns" in words)
+            assert one.frames == {"": 0, WHITE_IMAGE: 1}.get(source, BEAD_FRAMES * len(one.depths_um))
+            if one.depths_um:
+                assert all(source in words for words in one.commands if "--unknowns" in words)
+
+
+def test_the_fewest_depths_show_all_effects() -> None:
+    """One recording: each effect has at least half its largest error in a proposed plane, and fewer planes miss one."""
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[1.2, 2.5, 4.0, 6.0], cutout=41)
+    depths = plan.depths_um
+    chosen = plan_effects(plan, 1e-3)
+    (beads,) = (one for one in undescribed_effects(chosen, plan.camera).measurements if one.depths_um)
+    each = [plan_effects(ScanPlan.for_camera(plan.camera, depths_um=[z], cutout=41), 1e-3) for z in depths]
+    errors = {row.name: [found.row(row.name).estimate.error for found in each] for row in beads.rows}
+    shown = [{name for name, some in errors.items() if some[k] >= 0.5 * max(some)} for k in range(len(depths))]
+
+    def complete(planes: Iterable[int]) -> bool:
+        return set(errors) == set().union(*(shown[k] for k in planes))
+
+    assert complete(depths.index(z_um) for z_um in beads.depths_um) and len({row.z_um for row in beads.rows}) > 1
+    assert not any(complete(planes) for planes in combinations(range(len(depths)), len(beads.depths_um) - 1))
 
 
 @pytest.mark.parametrize("effect", KNOWN, ids=lambda effect: effect.name)
@@ -82,7 +101,7 @@ def test_the_commands_are_those_of_lfcal(lfcal: Any, tmp_path: Path) -> None:
     assert missing["sentence"].startswith("not described: cover glass, up to ")
     printed = lfcal("simulate", "bench", "--virtual-depths", "4", "--cutout", "41", "--plan-only").out
     beads = next(one for one in missing["measurements"] if one["frames"] == BEAD_FRAMES)
-    assert "cover_glass" in beads["effects"] and beads["z_um"] == pytest.approx(preset("bench").depth_of(4.0))
+    assert "cover_glass" in beads["effects"] and beads["depths_um"] == pytest.approx([preset("bench").depth_of(4.0)])
     for command in beads["commands"]:
         assert command in printed
     for command in beads["commands"][:2]:
@@ -92,7 +111,7 @@ def test_the_commands_are_those_of_lfcal(lfcal: Any, tmp_path: Path) -> None:
         done = lfcal(*words[1:])
         assert done.code == 0, done.err
     plan = ScanPlan.from_json((tmp_path / "beads.json").read_text())
-    assert plan.depths_um == pytest.approx((beads["z_um"],))
+    assert plan.depths_um == pytest.approx(beads["depths_um"])
     assert len(json.loads((tmp_path / "positions.json").read_text())["positions"]) == BEAD_FRAMES
     for one in missing["measurements"]:
         for words in map(shlex.split, one["commands"]):

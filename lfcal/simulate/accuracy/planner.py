@@ -67,6 +67,8 @@ class PlannedEffect:
         Estimated CPU time of the effect alone for all planes on this machine (s).
     seconds_with, seconds_without
         Predicted CPU time for all planes with and without the effect, with the other effects as selected (s).
+    errors
+        Estimated relative L1 error without the effect, one for each depth plane.
 
     Examples
     --------
@@ -89,6 +91,7 @@ class PlannedEffect:
     seconds: float
     seconds_with: float = 0.0
     seconds_without: float = 0.0
+    errors: tuple[float, ...] = ()
 
     @property
     def name(self) -> str:
@@ -467,7 +470,8 @@ def _row(draft: _Draft, planes: Sequence[Outlook], decided: Sequence[Mapping[str
         brief = f"{sum(on)} of {len(on)} planes"
         reason += f"; on at {brief}"
     estimate, z_um = draft.at(worst), planes[worst].z_um
-    return PlannedEffect(draft.effect, on, draft.setting, estimate, z_um, reason, brief, draft.seconds)
+    errors = tuple(draft.at(k).error for k in range(len(planes)))
+    return PlannedEffect(draft.effect, on, draft.setting, estimate, z_um, reason, brief, draft.seconds, errors=errors)
 
 
 class _Decision(NamedTuple):
