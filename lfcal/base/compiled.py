@@ -181,7 +181,7 @@ def sparing_kernels() -> Iterator[None]:
         _SPARED = before
 
 
-def kernel_spared(module: str, name: str, seconds: float) -> bool:
+def kernel_spared(module: str, name: str, seconds: float, *, slow: float = 1.0) -> bool:
     """Return whether to do work without a kernel, because it would be compiled for little work.
 
     The answer is always False outside `sparing_kernels`, and for a kernel that has been compiled before. It does not
@@ -193,6 +193,8 @@ def kernel_spared(module: str, name: str, seconds: float) -> bool:
         Module and name of the kernel.
     seconds
         Estimate of the additional processor time (s) without the kernel.
+    slow
+        Factor by which a command may lose more time than `SPARED_S`, for a kernel that takes longer to compile.
     """
     if _SPARED is None:
         return False
@@ -200,7 +202,7 @@ def kernel_spared(module: str, name: str, seconds: float) -> bool:
         if (module, name) not in _KEPT:
             _KEPT[module, name] = _is_kept(module, name)
         lost = _SPARED.get((module, name), 0.0) + seconds
-        if _KEPT[module, name] or lost > SPARED_S:
+        if _KEPT[module, name] or lost > slow * SPARED_S:
             return False
         _SPARED[module, name] = lost
         return True

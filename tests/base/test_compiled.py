@@ -17,6 +17,9 @@ import pytest
 from lfcal.base import FileFormatError, compiled, kernel_spared, kernels_spared, sparing_kernels
 from lfcal.frames.corrections._kernels import CorrectionTerms, correct
 from lfcal.frames.formats.png import PngImage
+from lfcal.judge.quality._dark import dark_corners
+from lfcal.judge.quality._lattice import spot_waves
+from lfcal.judge.quality.measure import _steps
 from lfcal.lattice._kernels import Support
 from lfcal.lattice._micro_image import light_of, mean_micro_image, place_lenslets
 from lfcal.psf._transpose import depth_sum, ht_slice, transpose
@@ -36,6 +39,7 @@ PLANE = RNG.normal(size=(5, 6, 21, 23)).astype(np.float32)
 IMAGE = RNG.integers(0, 60000, (40, 50)).astype(np.uint16)
 CENTRES = np.stack(np.meshgrid(np.arange(8, 40, 7.3), np.arange(8, 32, 7.1)), -1).reshape(-1, 2)
 WHITE = (1000 * np.cos(np.indices((40, 50)) / 1.2).sum(0) + 2000).astype(np.float32)
+WAVES = np.array([[0.3, -0.8], [1.1, 0.2]])
 
 
 def corrected() -> Any:
@@ -80,6 +84,8 @@ WORK: dict[str, tuple[Callable[..., Any], float]] = {
     "_edge_rows": (frequencies, 1e-13),
     "mask_from_disc": (disc, 1e-6),
     "respond": (simulated, 2e-6),
+    "spot_pass": (lambda: spot_waves(PLANE[0], 0.5, WAVES), 1e-6),
+    "step_pass": (lambda: _steps(PLANE, dark_corners(PLANE), 1), 1e-6),
 }
 """Work by the kernel that is spared, and the largest difference relative to the largest value."""
 
@@ -143,6 +149,7 @@ def test_a_kernel_is_spared_until_its_work_is_worth_compiling(tmp_path: Path, mo
         assert not kernels_spared()
         assert [m.outer.spared(0.2) for _ in range(4)] == [True, True, False, False]
         assert m.inner.spared(0.2), "each kernel has its own limit"
+        assert [kernel_spared("spared_kernels", "slow", 0.4, slow=2.0) for _ in range(3)] == [True, True, False]
         assert kernels_spared()
     with sparing_kernels():
         assert m.outer.for_work(0.2)(3) == 8

@@ -51,6 +51,9 @@ SLACK = 1e-4
 TRANSFORM_S = 1.2e-8
 """Additional processor time (s) per sample of separate transforms and of binning by numpy."""
 
+SLOW_TO_COMPILE = 2.5
+"""As ``slow`` of `kernel_spared`: compiling `respond` takes 1.3 s."""
+
 Complex = NDArray[Any]  # single precision, or double where it is asked for
 Place = tuple[float, float]
 
@@ -81,7 +84,8 @@ class _Gap:
         """Return the object that takes the fields of this many positions to pixels: in passes, or by separate FFTs."""
         if self._fused is None:
             separate = TRANSFORM_S * positions * len(self._transfer) ** 2
-            if self._alike and kernel_spared("lfcal.simulate.engines._fused_llvm", "respond", separate):
+            kernel = "lfcal.simulate.engines._fused_llvm", "respond"
+            if self._alike and kernel_spared(*kernel, separate, slow=SLOW_TO_COMPILE):
                 return _Separate(self._transfer, bin_light_by_numpy)
             from lfcal.simulate.engines._fused import FusedResponse  # compiled code: loaded only when it is needed
 
