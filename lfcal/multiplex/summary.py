@@ -67,7 +67,8 @@ def describe(
     modulator, reference
         As in `lfcal.multiplex.snr_gain`.
     chi2
-        Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
+        Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf. None: ``gain_db`` of
+        the result is None.
     rcond
         Singular values up to this fraction of the largest count as zero. None: `default_rcond`.
     """

@@ -163,10 +163,12 @@ Option = tuple[Cost, TilePlan | None, int | None]
 def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> ProjectionForecast:
     """Return the fastest method for ``problem`` within ``memory_limit`` bytes, with the costs of all examined methods.
 
+    All methods are examined if ``method`` is ``"auto"``, otherwise only ``method`` (see `Projector`).
+
     Raises
     ------
     InputError
-        If the method is unknown or nothing fits into the memory.
+        If the method is unknown or no examined method fits into the memory.
     """
     known = ("auto", *METHODS, REDUCED)
     if method not in known:

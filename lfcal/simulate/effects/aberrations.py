@@ -77,7 +77,7 @@ class Spherical(_Aberration):
     rank: ClassVar[int] = 70
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return W040 (waves), and the relative error due to the mean spot shift, 0.4 of that of the marginal ray."""
+        """Return W040 (waves), and the relative error due to the mean spot shift (0.4 of that of the marginal ray)."""
         shift = 0.4 * _mean_shift(outlook, 4 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 0.4 * 8 Nw W lambda/v")
 
