@@ -150,9 +150,11 @@ def undescribed_effects(selection: EffectSelection, camera: Camera) -> Undescrib
     allowed = EFFECTS_SHARE * selection.tolerance
     unknown = (row for row in selection.rows if row.undescribed and row.estimate.error > allowed)
     rows = tuple(sorted(unknown, key=lambda row: -row.estimate.error))
-    white, beads, stated = [], [], []
+    by_source: dict[str, list[PlannedEffect]] = {WHITE_IMAGE: [], "beads": [], "": []}
     for row in rows:
-        {WHITE_IMAGE: white, "": stated}.get(row.effect.settled_by(camera), beads).append(row)
+        source = row.effect.settled_by(camera)
+        by_source[source if source in by_source else "beads"].append(row)
+    white, beads, stated = by_source.values()
     found = []
     if white:
         command = "lfcal white white.tif --camera CAMERA -o white/"
