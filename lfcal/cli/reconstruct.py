@@ -8,17 +8,25 @@ import typer
 
 from lfcal.base import format_bytes, format_seconds
 from lfcal.cli._console import print_table, report
-from lfcal.tasks import Reconstructed, ReconstructionForecast
+from lfcal.tasks import Reconstructed, ReconstructedBars, ReconstructionForecast
+
+TESTED = (
+    "In tests, 95 % intervals contained the true value for 93 to 97 % of bright voxels and of sums over regions. "
+    "Errors of H are included only as far as its noise is recorded."
+)
+"""What a reader of error bars should know."""
 
 
-def show(made: tuple[Reconstructed | ReconstructionForecast, ...]) -> None:
+def show(made: tuple[Reconstructed | ReconstructedBars | ReconstructionForecast, ...]) -> None:
     """Print the reconstructed volumes, or the forecast cost."""
-    from lfcal.tasks import Reconstructed
+    from lfcal.tasks import Reconstructed, ReconstructedBars
 
     for one in made:
         if isinstance(one, Reconstructed):
             for result in one.results:
                 _show_volume(result, one)
+        elif isinstance(one, ReconstructedBars):
+            _show_bars(one)
         else:
             _show_forecast(one)
 
@@ -34,6 +42,30 @@ def _show_volume(result: Any, made: Reconstructed) -> None:
     typer.echo(f"{made.files[result.name]}: volume {made.shape}, {result.iterations} iterations in {took}, {fit}")
     if result.stopped:
         typer.echo(f"stopped: {result.stopped}")
+
+
+def amount(value: float) -> str:
+    """Return a sum of voxels for display, such as ``107,779`` or ``0.0123``."""
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+
+def _show_bars(made: ReconstructedBars) -> None:
+    """Print the files, the sums over regions, and what is known about the method."""
+    bars = made.bars
+    for note in bars.notes:
+        report(f"note: {note}")
+    for path in made.files:
+        typer.echo(path)
+    if bars.regions:
+        rows = []
+        for one in bars.regions:
+            low, high = (amount(end) for end in one.interval(0.95))
+            values = [amount(value) for value in (one.total, one.sigma, one.noise)]
+            rows.append([str(one.label), *values, f"{low} to {high}"])
+        print_table(["region", "sum", "sigma", "of it noise", "95 % interval"], rows, title="sums over regions")
+    unknown = bars.unknown.mean()
+    typer.echo(f"{bars.replicates} replicates; nothing is known about details of {unknown:.0%} of the voxels")
+    typer.echo(TESTED)
 
 
 def _show_forecast(made: ReconstructionForecast) -> None:

@@ -8,7 +8,7 @@ from lfcal.psf._verify import MatrixCheck, iter_verify, verify
 from lfcal.psf.assembly import assemble, assemble_plan, forecast_assembly, iter_assemble, iter_assemble_plan
 from lfcal.psf.assembly_report import AssemblyReport
 from lfcal.psf.cutout import Cutout, find_cutout
-from lfcal.psf.denoising import denoised
+from lfcal.psf.denoising import denoised, with_new_noise
 from lfcal.psf.facts import Facts
 from lfcal.psf.layout import Stored
 from lfcal.psf.make import units_of
@@ -51,4 +51,5 @@ __all__ = [
     "transpose",
     "units_of",
     "verify",
+    "with_new_noise",
 ]

@@ -19,7 +19,7 @@ from lfcal.psf._noise_kernels import NoiseRule, reduce_noise
 from lfcal.psf.facts import Origin, unpack_valid
 from lfcal.psf.matrix import PSFMatrix
 
-__all__ = ["denoised", "mean_noise", "noise_of_positions"]
+__all__ = ["denoised", "mean_noise", "noise_of_positions", "with_new_noise"]
 
 RULE = NoiseRule(reach=3, certain=2.0)
 """Noise reduction by means of 7 x 7 positions; a mean below two standard errors becomes zero."""
@@ -81,4 +81,32 @@ def denoised(H: Any, z: int, plane: NDArray[Any]) -> NDArray[Any]:
     used = np.ones((1, 1, 1, 1), np.bool_) if valid is None else unpack_valid(valid[z], plane.shape[2:])
     out = np.empty_like(plane)
     for_each_chunk(lambda a, b: reduce_noise(plane, used, noise, RULE, out, (a, b)), len(plane))
+    return out
+
+
+def with_new_noise(H: Any, z: int, plane: NDArray[Any], seed: int) -> NDArray[Any]:
+    """Return a copy of ``plane``, plane ``z`` of ``H`` ``(ny, nx, nt, ns)``, with added noise like its own.
+
+    The variance of an entry is the known one, from its position and its value. ``seed`` selects the random numbers. If
+    the noise is unknown, ``plane`` itself is returned.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.psf import Facts, PSFMatrix
+    >>> from lfcal.psf import with_new_noise
+    >>> noise = np.tile([9.0, 1.0], (1, 4, 4, 1))  # read noise of 3 counts, and photons
+    >>> H = PSFMatrix(np.full((1, 4, 4, 9, 9), 16.0), facts=Facts.of((1, 4, 4), (9, 9), noise=noise))
+    >>> print(f"{with_new_noise(H, 0, H.plane(0), seed=1).std():.1f}")
+    5.0
+    """
+    noise = noise_of_positions(H, z)
+    if noise is None:
+        return plane
+    out = np.array(plane, copy=True)
+    rng = np.random.default_rng([seed, z])
+    for y, row in enumerate(out):
+        floor, slope = (np.nan_to_num(noise[y, :, k])[:, None, None] for k in range(2))
+        drawn = rng.standard_normal(row.shape, np.float32)
+        row += drawn * np.sqrt(floor + slope * np.maximum(row, 0)).astype(row.dtype)
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lfcal.reconstruct.error_bars import ErrorBars, RegionSum, error_bars, iter_error_bars
 from lfcal.reconstruct.metric_grid import MetricGrid
 from lfcal.reconstruct.projectors import METHODS, FieldProjector, ProjectionForecast, Projector
 from lfcal.reconstruct.resample import Resampling, resampling_for
@@ -29,6 +30,7 @@ from lfcal.reconstruct.solvers import (
 )
 from lfcal.reconstruct.volumes import load_volume, save_volume
 from lfcal.records import (
+    BootstrapSettings,
     IsraSolver,
     LightFieldSettings,
     OsemSolver,
@@ -46,7 +48,9 @@ from lfcal.records import (
 __all__ = [
     "METHODS",
     "SOLVERS",
+    "BootstrapSettings",
     "DepthSmoothing",
+    "ErrorBars",
     "FieldProjector",
     "FrameResult",
     "IsraSolver",
@@ -58,6 +62,7 @@ __all__ = [
     "ProjectionSettings",
     "Projector",
     "Reconstruction",
+    "RegionSum",
     "Resampling",
     "RlBiggsSolver",
     "RlNesterovSolver",
@@ -75,8 +80,10 @@ __all__ = [
     "TwoPoint",
     "VoxelGrid",
     "conjugate_gradient",
+    "error_bars",
     "isra",
     "iter_conjugate_gradient",
+    "iter_error_bars",
     "iter_isra",
     "iter_reconstruct",
     "iter_richardson_lucy",

@@ -26,7 +26,7 @@ from lfcal.reconstruct.solvers import SolverChoice
 from lfcal.reconstruct.volumes import load_volume, save_volume
 from lfcal.work import ProcessCache, Unit, file_name, parts_folder, stamp_of, worker_number
 
-__all__ = ["device_for", "device_hints", "do_frame", "frame_units", "iter_collect"]
+__all__ = ["device_for", "device_hints", "do_frame", "frame_units", "iter_collect", "tool_for"]
 
 
 def frame_units(
@@ -83,7 +83,7 @@ def do_frame(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None
     choice = SolverChoice(**arguments["choice"])
     place = device_for(arguments.get("device", "cpu"), arguments.get("device_room"))
     how = (arguments["projection"], arguments["memory"], workers, choice.margin, place)
-    tool = _tool_for(optics, image.shape, how)
+    tool = tool_for(optics, image.shape, how)
     if not choice.solver.in_parts:
         yield from tool.projector.iter_prepare()
     weights = None if tool.view is None else tool.view.inside(image.shape)
@@ -125,7 +125,7 @@ def _details(part: Path) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class _Tool:
+class FrameTool:
     """Objects shared by the frames of a series, created once in each process."""
 
     projector: Projector
@@ -134,7 +134,7 @@ class _Tool:
     files: ExitStack
 
 
-_HELD: ProcessCache[_Tool] = ProcessCache(lambda tool: tool.files.close())
+_HELD: ProcessCache[FrameTool] = ProcessCache(lambda tool: tool.files.close())
 
 
 How = tuple[str, int, int, int, ArrayDevice | None]
@@ -157,13 +157,13 @@ def device_for(text: str, room: int | None) -> ArrayDevice | None:
     return None if found is None else replace(found, room=room)
 
 
-def _tool_for(optics: SharedOptics, shape: tuple[int, ...], how: How) -> _Tool:
+def tool_for(optics: SharedOptics, shape: tuple[int, ...], how: How) -> FrameTool:
     """Return the shared objects for frames of ``shape``."""
     key = (json.dumps(optics.plain(), sort_keys=True), stamp_of(optics.inputs), shape, how)
     return _HELD.get(key, lambda: _made(optics, shape, how))
 
 
-def _made(optics: SharedOptics, shape: tuple[int, ...], how: How) -> _Tool:
+def _made(optics: SharedOptics, shape: tuple[int, ...], how: How) -> FrameTool:
     method, memory, workers, margin, device = how
     with ExitStack() as stack:
         matrices = optics.open(stack)
@@ -180,7 +180,7 @@ def _made(optics: SharedOptics, shape: tuple[int, ...], how: How) -> _Tool:
             method=method,
         )
         clean = cleaner(optics.light_field, view)
-        return _Tool(projector, view, clean, stack.pop_all())
+        return FrameTool(projector, view, clean, stack.pop_all())
 
 
 def iter_collect(parts: Sequence[Path], names: Sequence[str], saved: Saved, results: list[FrameResult]) -> Work[None]:

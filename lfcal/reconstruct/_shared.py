@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from lfcal.reconstruct.bar_run import MAPS, bar_outputs, iter_bars
+from lfcal.reconstruct.error_bars import runs_of
 from lfcal.reconstruct.frame_files import cleaner, frames_of, is_series, targets_of
 from lfcal.reconstruct.frame_run import FrameRun
 from lfcal.reconstruct.margin import cropped, usual_margin
@@ -21,12 +23,14 @@ from lfcal.reconstruct.volumes import (
 
 __all__ = [
     "DATASET",
+    "MAPS",
     "PHANTOMS",
     "SUFFIXES",
     "VOLUME_FORMAT",
     "FrameRun",
     "SharedOptics",
     "VolumeFacts",
+    "bar_outputs",
     "cleaner",
     "cropped",
     "drift_note",
@@ -34,6 +38,7 @@ __all__ = [
     "files_of_regions",
     "frames_of",
     "is_series",
+    "iter_bars",
     "lattice_anchor_of",
     "nrmse",
     "open_ome_zarr",
@@ -41,6 +46,7 @@ __all__ = [
     "points",
     "room_for_projections",
     "run_memory",
+    "runs_of",
     "targets_of",
     "usual_margin",
     "volume_facts",

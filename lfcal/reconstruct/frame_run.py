@@ -26,7 +26,7 @@ from lfcal.reconstruct.solvers import Reconstruction, SolverChoice
 from lfcal.records import VoxelGrid
 from lfcal.work import RunChoice, iter_made
 
-__all__ = ["FrameRun"]
+__all__ = ["FrameRun", "memory_for"]
 
 USUAL = 20
 """Number of iterations assumed in a forecast of a run that stops automatically; half or twice as many are possible."""
@@ -131,7 +131,7 @@ class FrameRun:
         return MetricGrid.for_matrix(H, self.shape, anchor, None if isinstance(side, str) else side)
 
     @property
-    def _details(self) -> dict[str, Any]:
+    def details(self) -> dict[str, Any]:
         """Details on the reconstruction, which are written into each volume."""
         P, choice = self.projector, self.choice
         anchor = tuple(at - choice.margin for at in P.grid.anchor)
@@ -161,7 +161,7 @@ class FrameRun:
         """
         grid = self._grid
         sides = voxel_um(self.matrices[0]) if grid is None else (grid.voxel_um, grid.voxel_um)
-        times, said = [frame.time_s for frame in self.frames], {**self._details, **details}
+        times, said = [frame.time_s for frame in self.frames], {**self.details, **details}
         how: dict[str, Any] = {"grid": grid, "times_s": times}
         saved = partial(saving, self.projector, sides, targets, said, self.volume_shape, **how)
         if run is not None:
@@ -206,7 +206,7 @@ class FrameRun:
         # each process has its own H
         share = 1 if run.executor == "threads" else worker_count(run.workers)
         P, optics = self.projector, self.optics
-        room = _room(optics, self.choice, len(self.matrices[0]), P.image_shape, self.warm, share)
+        room = memory_for(self, share)
         hints = {"memory": room, **device_hints(P.device, optics.projection.device, share)}
         units = frame_units(self.frames, optics, self.choice, out, hints, P.recipe, warm=self.warm)
         results: list[FrameResult] = []
@@ -215,6 +215,12 @@ class FrameRun:
         yield from iter_made(units, out, run, collect, title=f"volumes of {out.name}", joined=False)
         check_any(results)
         return tuple(results)
+
+
+def memory_for(run: FrameRun, share: int) -> int:
+    """Return the memory that projections of ``run`` may use in each of ``share`` processes (bytes)."""
+    planes = len(run.matrices[0])
+    return _room(run.optics, run.choice, planes, run.projector.image_shape, run.warm, share)
 
 
 def _room(

@@ -50,14 +50,14 @@ class SharedOptics:
     def inputs(self) -> tuple[str, ...]:
         """Paths of the files that these settings name; for a folder, the paths of its images."""
         own = self.light_field
-        others = [str(path) for path in (own.dark, own.white, own.lattice)]
+        others = [str(path) for path in (own.dark, own.white, own.mask, own.lattice)]
         found = (str(self.psf), *map(str, files_of_regions(self.psf, self.regions)), *others)
         return tuple(os.path.abspath(file) for path in found for file in sorted(files_of(path)))
 
     def plain(self) -> dict[str, Any]:
         """Return the settings that affect the volumes as plain JSON types, with absolute paths."""
         light_field = to_dict(self.light_field)
-        for name in ("dark", "white", "lattice"):
+        for name in ("dark", "white", "mask", "lattice"):
             light_field[name] = os.path.abspath(light_field[name]) if light_field[name] else ""
         others = {str(path): os.path.abspath(path) for path in files_of_regions(self.psf, self.regions)}
         return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lfcal.records.assembly import CODE_NAMES, COMPRESSIONS, INTERPOLATIONS, STORED_TYPES, AssemblySettings
 from lfcal.records.corrections import CorrectionRecipe
-from lfcal.records.light_fields import LightFieldSettings, ProjectionSettings, VoxelGrid
+from lfcal.records.light_fields import BootstrapSettings, LightFieldSettings, ProjectionSettings, VoxelGrid
 from lfcal.records.option import (
     FieldRow,
     Variants,
@@ -66,6 +66,7 @@ __all__ = [
     "SOLVER_ENDS",
     "STORED_TYPES",
     "AssemblySettings",
+    "BootstrapSettings",
     "CorrectionRecipe",
     "FieldRow",
     "IsraSolver",

@@ -1,10 +1,12 @@
-"""Settings for resampling frames to H, projecting them, and placing voxels.
+"""Settings for resampling frames to H, projecting them, placing voxels, and computing error bars.
 
 Examples
 --------
->>> from lfcal.reconstruct import LightFieldSettings, ProjectionSettings, VoxelGrid
+>>> from lfcal.reconstruct import BootstrapSettings, LightFieldSettings, ProjectionSettings, VoxelGrid
 >>> print(LightFieldSettings(white="white.tif").resample, VoxelGrid(voxel="auto").margin, ProjectionSettings().method)
 auto auto auto
+>>> print(BootstrapSettings(replicates=5).contrast)
+0.9
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from lfcal.base import InputError
 from lfcal.records.option import check_record, opt, record
 from lfcal.records.reading import check_count, check_voxel, read_count, read_pixel, read_share, read_voxel, show_pair
 
-__all__ = ["LightFieldSettings", "ProjectionSettings", "VoxelGrid"]
+__all__ = ["BootstrapSettings", "LightFieldSettings", "ProjectionSettings", "VoxelGrid"]
 
 PROJECTIONS = ("auto", "polyphase", "direct", "sparse", "reduced", "fft")
 RESAMPLING = ("auto", "always", "never")
@@ -157,6 +159,32 @@ class ProjectionSettings:
         empty="80 % of the free memory",
         more=True,
     )
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        check_record(self)
+
+
+@record
+class BootstrapSettings:
+    """Settings of the replicates from which error bars are estimated."""
+
+    replicates: int = opt(
+        10,
+        "Number of random objects that are imaged and reconstructed like the frame. 5 are quicker, but the intervals "
+        "are 10 to 20 % longer.",
+        at_least=3,
+        at_most=1000,
+    )
+    contrast: float = opt(
+        0.9,
+        "Relative brightness variation (standard deviation of its logarithm) of the random objects around the "
+        "volume. It expresses how much detail an object may have that the volume does not show.",
+        above=0,
+        at_most=3,
+        more=True,
+    )
+    seed: int = opt(0, "Seed of the random objects and their noise.", at_least=0, more=True)
 
     def __post_init__(self) -> None:
         """Check every value."""

@@ -15,7 +15,13 @@ from lfcal.tasks.inspect import Inspect
 from lfcal.tasks.plan import PlanRecorded, PlanRegions, PlanScan
 from lfcal.tasks.plan_fit import PlanFit
 from lfcal.tasks.plan_target import PlanDisplay, PlanTarget
-from lfcal.tasks.reconstruct import Reconstruct, ReconstructForecast, ReconstructSeries, solver_settings
+from lfcal.tasks.reconstruct import (
+    Reconstruct,
+    ReconstructBars,
+    ReconstructForecast,
+    ReconstructSeries,
+    solver_settings,
+)
 from lfcal.tasks.reduce import Reduce
 from lfcal.tasks.simulate import SimulateForecast, SimulateFrames, SimulateH, SimulatePasses, SimulateRegions
 from lfcal.tasks.task import RunSettings
@@ -52,6 +58,7 @@ __all__ = [
     "PredictObject",
     "Recalibrate",
     "Reconstruct",
+    "ReconstructBars",
     "ReconstructForecast",
     "ReconstructSeries",
     "Reduce",

@@ -28,7 +28,7 @@ from lfcal.tasks.outputs import check_output, check_outputs
 from lfcal.tasks.plan_fit import PositionsPlanned
 from lfcal.tasks.plan_target import TargetPlanned
 from lfcal.tasks.planned import WITHOUT_READOUT, Planned, planned_scan
-from lfcal.tasks.reconstruct import Reconstructed, ReconstructionForecast
+from lfcal.tasks.reconstruct import Reconstructed, ReconstructedBars, ReconstructionForecast
 from lfcal.tasks.reduce import ReducedFile
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.simulate import SimulatedH, SimulatedRegions, SimulationForecast
@@ -59,6 +59,7 @@ __all__ = [
     "PredictedObject",
     "Recalibrated",
     "Reconstructed",
+    "ReconstructedBars",
     "ReconstructionForecast",
     "RecordedSession",
     "ReducedFile",

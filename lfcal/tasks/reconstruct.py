@@ -8,11 +8,13 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, StorageError, Work, note
+from lfcal.base import InputError, StorageError, Work, format_seconds, note
 from lfcal.records import (
     OWN_SOLVERS,
+    BootstrapSettings,
     LightFieldSettings,
     ProjectionSettings,
+    RlNesterovSolver,
     SieveSolver,
     SolverFields,
     Variants,
@@ -29,14 +31,16 @@ from lfcal.tasks.outputs import check_outputs
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
 
 if TYPE_CHECKING:
-    from lfcal.reconstruct import FrameResult, FrameRun
+    from lfcal.reconstruct import ErrorBars, FrameResult, FrameRun
 
 __all__ = [
     "RECONSTRUCT",
     "Reconstruct",
+    "ReconstructBars",
     "ReconstructForecast",
     "ReconstructSeries",
     "Reconstructed",
+    "ReconstructedBars",
     "ReconstructionForecast",
     "solver_settings",
 ]
@@ -117,6 +121,23 @@ class Reconstructed(TaskResult):
         whole = len(set(self.files.values())) < len(self.results)  # one file holds all volumes, each at its index
         files = [{**asdict(r), "file": None if r.failed and not whole else self.files[r.name]} for r in self.results]
         return {"method": self.method, "forecast": self.forecast, "volumes": files}
+
+
+@dataclass(frozen=True)
+class ReconstructedBars(TaskResult):
+    """Volume with error bars, and its files: the volume, its maps, and the table of regions."""
+
+    bars: ErrorBars
+    files: tuple[Path, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all values as plain JSON types."""
+        regions = [
+            {**asdict(one), "interval_68": one.interval(0.6827), "interval_95": one.interval(0.95)}
+            for one in self.bars.regions
+        ]
+        known = {"replicates": self.bars.replicates, "unknown": float(self.bars.unknown.mean())}
+        return {"files": self.files, **known, "notes": self.bars.notes, "regions": regions}
 
 
 @dataclass(frozen=True)
@@ -236,7 +257,26 @@ class ReconstructForecast(_Reconstruct):
 
 
 @record
-class Reconstruct(_Reconstruct):
+class _ReconstructTo(_Reconstruct):
+    """Fields of all reconstructions that write a volume."""
+
+    in_units: ClassVar[bool] = True
+
+    out: Path = required(
+        "Volume to write: .tif, .ome.tif, .ome.zarr, .h5 or .npy. For several frames: a folder, or one such "
+        "file for all volumes.",
+        label="Volume",
+        short="-o",
+        file="out",
+    )
+
+    def unit_outputs(self) -> tuple[Path, ...]:
+        """Return the path of the output, next to which the volumes of a stopped run are stored."""
+        return (self.out,)
+
+
+@record
+class Reconstruct(_ReconstructTo):
     """Reconstruct the volume behind a light-field frame, or those of a series, with H.
 
     Exit code 0: every frame has a volume. Exit code 1: of several frames, at least one is damaged or shows no light.
@@ -257,19 +297,6 @@ class Reconstruct(_Reconstruct):
     """
 
     input_words: ClassVar[str] = "one frame"
-    in_units: ClassVar[bool] = True
-
-    out: Path = required(
-        "Volume to write: .tif, .ome.tif, .ome.zarr, .h5 or .npy. For several frames: a folder, or one such "
-        "file for all volumes.",
-        label="Volume",
-        short="-o",
-        file="out",
-    )
-
-    def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the path of the output, next to which the volumes of a stopped run are stored."""
-        return (self.out,)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:
         """Reconstruct frame by frame, with one volume in memory at a time."""
@@ -330,10 +357,68 @@ class ReconstructSeries(Reconstruct):
         return self._iter_volumes(run or RunSettings(), "" if self._whole() else self.format, warm=self.warm)
 
 
+@record
+class ReconstructBars(_ReconstructTo):
+    """Reconstruct the volume behind a light-field frame with error bars of its voxels and of sums over regions."""
+
+    input_words: ClassVar[str] = "a frame with error bars"
+
+    bars: bool = opt(
+        False,
+        "Also estimate the uncertainty of every voxel, and which details are unknown, from reconstructions of "
+        "random objects that resemble the volume.",
+        label="Error bars",
+    )
+    labels: Path | None = opt(
+        None,
+        "Image or stack of labels, positive integers inside of regions. The sum over each region is listed with its "
+        "uncertainty.",
+        label="Regions",
+        file="in",
+        empty="no table of regions",
+    )
+    solver: SolverFields = one_of(RlNesterovSolver(iterations=60), "Solver", SOLVER_KINDS)
+    grid: VoxelGrid = panel(VoxelGrid(), "Voxels", without=("voxel",))
+    bootstrap: BootstrapSettings = panel(BootstrapSettings(), "Replicates")
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        super().__post_init__()
+        object.__setattr__(self, "bars", True)  # the flag that selects this kind on a command line
+
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``), including all maps."""
+        from lfcal.reconstruct import bar_outputs
+
+        if way == "out":
+            return bar_outputs(self.out, regions=self.labels is not None)
+        return super().files(way)
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[ReconstructedBars, ...]]:
+        """Reconstruct the frame, and then the replicates."""
+        from lfcal.reconstruct import bar_outputs, iter_bars, runs_of
+        from lfcal.work import RunChoice
+
+        how = run or RunSettings()
+        with ExitStack() as stack:
+            found = self._prepare(stack, how.workers)
+            count = runs_of(found.choice, self.bootstrap, self.labels is not None)
+            seconds = found.seconds * count
+            runs = f"{count} reconstructions with {found.iterations} iterations"
+            note(f"error bars need {runs}, about {format_seconds(seconds)}")
+            here = RunChoice("threads", how.workers, begun="discard")
+            choice = how.choice(self.out, seconds, "one by one") or here
+            details = with_task(self, *found.matrices)
+            made = yield from iter_bars(found, self.out, self.bootstrap, self.labels, choice, details)
+        return (ReconstructedBars(made, bar_outputs(self.out, regions=self.labels is not None)),)
+
+
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
     """Return the class of the task for the ``given`` values."""
     if given.get("forecast"):
         return ReconstructForecast
+    if given.get("bars"):
+        return ReconstructBars
     from lfcal.reconstruct import is_series
 
     return ReconstructSeries if is_series(Path(given["frames"])) else Reconstruct
@@ -341,7 +426,7 @@ def kind_of(given: Mapping[str, Any]) -> type[Task]:
 
 RECONSTRUCT = TaskSet(
     "reconstruct",
-    (Reconstruct, ReconstructSeries, ReconstructForecast),
+    (Reconstruct, ReconstructSeries, ReconstructBars, ReconstructForecast),
     kind_of,
     "lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30",
 )

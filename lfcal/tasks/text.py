@@ -22,7 +22,9 @@ __all__ = ["command_of", "job_of", "load_job", "python_of", "read_job", "words_o
 FACES = {
     "CorrectionRecipe": "lfcal.frames",
     "AssemblySettings": "lfcal.psf",
-    **dict.fromkeys(("LightFieldSettings", "ProjectionSettings", "VoxelGrid"), "lfcal.reconstruct"),
+    **dict.fromkeys(
+        ("BootstrapSettings", "LightFieldSettings", "ProjectionSettings", "VoxelGrid"), "lfcal.reconstruct"
+    ),
     **{kind.__name__: "lfcal.reconstruct" for kind in OWN_SOLVERS},
 }
 """Packages from which records are imported."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import MAX_SAMPLE, InputError, check_psf_shape
-from lfcal.psf import denoised
+from lfcal.psf import denoised, with_new_noise
 from lfcal.reconstruct.projectors._reduction import sampled_share
 
 __all__ = ["PlaneReader", "centre_of", "runs_of_rows", "trim"]
@@ -31,12 +31,16 @@ class PlaneReader:
         Entries whose magnitude is below this fraction of the largest one in their plane are treated as zero.
     denoise
         Whether to reduce the noise of recorded patterns, if it is known.
+    noise_seed
+        Seed of new noise that is added to the patterns, and reduced like that of recorded patterns, if their noise is
+        known. None: no noise is added.
     """
 
     H: Any
     dtype: np.dtype[Any]
     threshold: float = 0.0
     denoise: bool = False
+    noise_seed: int | None = None
 
     def __post_init__(self) -> None:
         """Check shape, type and threshold."""
@@ -58,6 +62,12 @@ class PlaneReader:
         """Shape of H, ``(nz, ny, nx, nt, ns)``."""
         return check_psf_shape(tuple(self.H.shape))
 
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Changes of the noise of the patterns, by the names of the attributes; empty if there are none."""
+        known = {"denoise": self.denoise or None, "noise_seed": self.noise_seed}
+        return {name: value for name, value in known.items() if value is not None}
+
     def read(self, z: int) -> NDArray[Any]:
         """Return plane ``z`` as ``(ny, nx, nt, ns)`` of `dtype`; it must not be modified.
 
@@ -77,6 +87,9 @@ class PlaneReader:
             raise InputError.expected(f"PSF matrix, plane {z}", expected, found, "record these positions again")
         if self.denoise:
             plane = denoised(self.H, z, plane)
+        if self.noise_seed is not None:
+            plane = with_new_noise(self.H, z, plane, self.noise_seed)
+            plane = denoised(self.H, z, plane) if self.denoise else plane
         if self.threshold > 0:
             limit = self.dtype.type(self.threshold * largest)
             for row in plane:  # row by row, to limit working memory

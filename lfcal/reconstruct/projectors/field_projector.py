@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -394,11 +394,9 @@ class FieldProjector(Projector):
                 out[z][part.window] += plane if part.weight is None else plane * part.weight
         return out
 
-    def _denoised(self) -> FieldProjector:
-        part = object.__new__(FieldProjector)
-        part.__dict__.update(self.__dict__)
-        part._reader = replace(self._reader, denoise=True)
-        part._parts = [replace(own, projector=own.projector.denoised()) for own in self._parts]
+    def _reading(self, **changes: Any) -> Self:
+        part = super()._reading(**changes)
+        part._parts = [replace(own, projector=own.projector._reading(**changes)) for own in self._parts]
         part._engine = part._parts[0].projector._engine
         part._subsets = {}
         return part
@@ -431,7 +429,7 @@ class FieldProjector(Projector):
         settings = self._settings | own | {"device": device}
         at = tuple(a + d for a, d in zip(self._matrices[0].anchor, self._moved, strict=True))
         made = partial(FieldProjector, self._matrices, self.image_shape, at, self.recipe, **settings)
-        return (_remade, (made,)) if self._reader.denoise else (made, ())
+        return _remade, (made, self._reader.changes)
 
     def __repr__(self) -> str:
         """Return size, regions and method as a one-line text."""

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -226,13 +226,22 @@ class Projector:
             return self
         with self._lock:
             if self._quiet is None:
-                self._quiet = self._denoised()
+                self._quiet = self._reading(denoise=True)
             return self._quiet
 
-    def _denoised(self) -> Projector:
-        part = object.__new__(Projector)
+    def with_new_noise(self, seed: int) -> Projector:
+        """Return a projector of H as if its patterns were recorded again, with noise drawn with ``seed``.
+
+        The noise is reduced, like that of H, if this is a `denoised` projector. If the noise of H is unknown, this
+        projector is returned.
+        """
+        return self if self.noise is None else self._reading(noise_seed=seed)
+
+    def _reading(self, **changes: Any) -> Self:
+        """Return a projector that reads the planes of H with other settings of `PlaneReader`."""
+        part = object.__new__(type(self))
         part.__dict__.update(self.__dict__)
-        part._reader = replace(self._reader, denoise=True)
+        part._reader = replace(self._reader, **changes)
         part._operands, part._subsets, part._lock = {}, {}, threading.RLock()
         return part
 
@@ -300,7 +309,7 @@ class Projector:
             "device": "cpu" if self._device is None else self._device,
         }
         made = partial(Projector, self._reader.H, self.image_shape, self._grid.anchor, self.recipe, **settings)
-        return (_remade, (made,)) if self._reader.denoise else (made, ())
+        return _remade, (made, self._reader.changes)
 
     def iter_prepare(self) -> Work[Projector]:
         """Prepare the planes of H before the first projection, if they fit into memory; return this projector."""
@@ -370,9 +379,9 @@ class Projector:
         return f"<Projector {self.volume_shape} -> {self.image_shape}, period {self.period}, {self.method}>"
 
 
-def _remade(make: Callable[[], Projector]) -> Projector:
-    """Return the denoised version of the projector that ``make`` creates."""
-    return make().denoised()
+def _remade(make: Callable[[], Projector], changes: dict[str, Any]) -> Projector:
+    """Return the projector that ``make`` creates, reading H with ``changes`` of `PlaneReader`."""
+    return make()._reading(**changes) if changes else make()
 
 
 def _phase_mask(phases: ArrayLike, period: tuple[int, int]) -> NDArray[np.bool_]:

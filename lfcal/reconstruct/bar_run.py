@@ -1,0 +1,224 @@
+"""Reconstruct a frame with error bars, from files to files; the runs are units that can be continued after a stop."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfcal.base import Clock, InputError, Work, worker_count, write_text
+from lfcal.base.h5 import H5File
+from lfcal.psf import voxel_um
+from lfcal.reconstruct._frame_units import device_for, device_hints, tool_for
+from lfcal.reconstruct._replicates import ObjectModel, Replicates, SampleNoise
+from lfcal.reconstruct.error_bars import ErrorBars, ErrorSums, check_bars, check_labels, without_noise
+from lfcal.reconstruct.frame_files import read_frame
+from lfcal.reconstruct.frame_run import FrameRun, memory_for
+from lfcal.reconstruct.margin import cropped
+from lfcal.reconstruct.optics import SharedOptics
+from lfcal.reconstruct.solvers import SolverChoice
+from lfcal.reconstruct.volumes import VolumeFacts, load_volume, save_volume, write_volumes
+from lfcal.records import BootstrapSettings
+from lfcal.work import RunChoice, Unit, file_name, iter_begun, iter_made, parts_folder
+
+__all__ = ["MAPS", "bar_outputs", "iter_bars"]
+
+MAPS = ("sigma", "kappa", "resolution")
+"""Attributes of `ErrorBars` that are written next to the volume, and endings of the names of their files."""
+
+
+def bar_outputs(out: Path, *, regions: bool) -> tuple[Path, ...]:
+    """Return the paths of the volume ``out``, of its `MAPS`, and of the table of ``regions``, if there are some."""
+    suffix = (
+        "".join(out.suffixes[-2:]) if out.name.lower().endswith((".ome.tif", ".ome.tiff", ".ome.zarr")) else out.suffix
+    )
+    stem = out.name[: len(out.name) - len(suffix)]
+    maps = tuple(out.with_name(f"{stem}_{name}{suffix}") for name in MAPS)
+    return (out, *maps, *([out.with_name(f"{stem}_regions.csv")] if regions else []))
+
+
+def iter_bars(
+    run: FrameRun,
+    out: Path,
+    settings: BootstrapSettings,
+    labels: Path | None,
+    how: RunChoice,
+    details: Mapping[str, Any],
+) -> Work[ErrorBars]:
+    """Reconstruct the frame of ``run`` with error bars, and write the files of `bar_outputs`.
+
+    Parameters
+    ----------
+    run
+        Reconstruction of one frame.
+    out
+        File for the volume.
+    settings
+        Settings of the replicates.
+    labels
+        Image or stack of labels of regions, as in `iter_error_bars`. None: no regions.
+    how
+        Executor of the runs, and treatment of runs left by an earlier one.
+    details
+        Additional entries of all files.
+
+    Raises
+    ------
+    InputError
+        If the iterations stop automatically, or the labels do not fit the volume.
+    """
+    check_bars(run.choice)
+    if len(run.frames) > 1:
+        raise InputError.expected(
+            "frames for error bars", "one frame", f"{len(run.frames)} frames", "reconstruct them one by one"
+        )
+    shape = (len(run.matrices[0]), *run.shape)
+    regions = check_labels(None if labels is None else load_volume(labels), shape)
+    first, others = bar_units(run, out, settings, regions is not None, how)
+    title = f"error bars of {out.name}"
+    # a run of the first unit alone would delete finished replicates
+    if how.begun != "resume" or not Path(others[0].arguments["volume"]).exists():
+        yield from iter_begun([first], out, how, title=title)
+    made: list[ErrorBars] = []
+    join = partial(_iter_joined, run=run, out=out, settings=settings, regions=regions, details=details, made=made)
+    yield from iter_made([first, *others], out, replace(how, begun="resume"), join, title=title, joined=False)
+    return made[0]
+
+
+def bar_units(
+    run: FrameRun, out: Path, settings: BootstrapSettings, regions: bool, how: RunChoice
+) -> tuple[Unit, list[Unit]]:
+    """Return the unit of the volume, and those of the replicates, which read its file."""
+    share = 1 if how.executor == "threads" else worker_count(how.workers)
+    hints = {
+        "memory": memory_for(run, share),
+        **device_hints(run.projector.device, run.optics.projection.device, share),
+    }
+    (frame,) = run.frames
+    shared = {
+        "optics": run.optics.plain(),
+        "choice": asdict(run.choice),
+        "file": os.path.abspath(frame.file),
+        "page": frame.page,
+    }
+    common: dict[str, Any] = {
+        "inputs": (*run.optics.inputs, *frame.inputs),
+        "hints": hints,
+        "settled": {"projection": run.projector.recipe},
+    }
+    first = Unit("volume", f"{__name__}:{do_volume.__name__}", shared, **common)
+    volume = os.path.abspath(parts_folder(out) / file_name(first, first.fingerprint()))
+    others = [
+        Unit(
+            f"replicate {k + 1}",
+            f"{__name__}:{do_replicate.__name__}",
+            shared
+            | {"volume": volume, "contrast": settings.contrast, "seed": settings.seed, "replicate": k}
+            | {"quiet": regions and without_noise(k)},
+            **common,
+        )
+        for k in range(settings.replicates)
+    ]
+    return first, others
+
+
+def do_volume(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
+    """Reconstruct the frame, as the task of a unit; the file contains the volume with its margin, and the noise."""
+    runs = yield from _iter_runs(arguments, workers)
+    clock = Clock("volume", (1 if SampleNoise.of(runs.choice) else 2) * runs.choice.iterations)
+    volume = yield from runs.iter_volume(clock, 0, "")
+    noise, notes = yield from runs.iter_noise(clock, runs.choice.iterations, volume)
+    save_volume(out, volume, details={"noise": asdict(noise), "notes": notes, "method": runs.P.method})
+
+
+def do_replicate(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
+    """Reconstruct a replicate, as the task of a unit.
+
+    The file contains reconstruction, object, and reconstruction without noise, if requested, one after another.
+    """
+    runs = yield from _iter_runs(arguments, workers)
+    volume = load_volume(arguments["volume"])
+    noise = SampleNoise(**_details(Path(arguments["volume"]))["noise"])
+    model = ObjectModel.of(volume, arguments["contrast"])
+    quiet, key = arguments["quiet"], (arguments["seed"], arguments["replicate"])
+    clock = Clock(f"replicate {key[1] + 1}", (1 + quiet) * runs.choice.iterations)
+    found = yield from runs.iter_replicate(clock, 0, model, noise, key, quiet=quiet)
+    save_volume(out, np.concatenate(found))
+
+
+def _details(part: Path) -> dict[str, Any]:
+    with H5File(part) as file:
+        found: dict[str, Any] = json.loads(file.attributes().text("details", "{}"))
+    return found
+
+
+def _iter_runs(arguments: Mapping[str, Any], workers: int) -> Work[Replicates]:
+    """Read the frame, and prepare the projector, which the runs in a process share."""
+    image = read_frame(Path(arguments["file"]), arguments["page"])
+    choice = SolverChoice(**arguments["choice"])
+    place = device_for(arguments.get("device", "cpu"), arguments.get("device_room"))
+    settings = (arguments["projection"], arguments["memory"], workers, choice.margin, place)
+    tool = tool_for(SharedOptics.of(arguments["optics"]), image.shape, settings)
+    if not choice.solver.in_parts:
+        yield from tool.projector.iter_prepare()
+    weights = None if tool.view is None else tool.view.inside(image.shape)
+    return Replicates.of(tool.projector, tool.clean(image), choice, weights)
+
+
+def _iter_joined(
+    parts: Sequence[Path],
+    *,
+    run: FrameRun,
+    out: Path,
+    settings: BootstrapSettings,
+    regions: NDArray[np.int64] | None,
+    details: Mapping[str, Any],
+    made: list[ErrorBars],
+) -> Work[None]:
+    """Compute the error bars from the files of the units, and write all outputs."""
+    margin, nz = run.choice.margin, run.volume_shape[0]
+    volume, known = load_volume(parts[0]), _details(parts[0])
+    model = ObjectModel.of(volume, settings.contrast)
+    sums = ErrorSums(cropped(volume, margin), cropped(model.mean, margin), regions)
+    clock = Clock("error bars", len(parts))
+    for k, part in enumerate(parts[1:]):
+        stack = cropped(load_volume(part), margin)
+        sums.add(*np.split(stack, len(stack) // nz))
+        yield clock.at(k + 1)
+    bars = sums.result(known["notes"])
+    _write(bars, run, out, {**run.details, **details, "method": known["method"], "bootstrap": asdict(settings)})
+    made.append(bars)
+
+
+def _write(bars: ErrorBars, run: FrameRun, out: Path, details: Mapping[str, Any]) -> None:
+    """Write volume, maps and table; the volume, for which all others exist, is the last."""
+    depths = run.projector.depths if run.projector.camera is not None else None
+    sides = voxel_um(run.matrices[0])
+    paths = bar_outputs(out, regions=bool(bars.regions))
+    if bars.regions:
+        write_text(paths[-1], _table(bars))
+    for name, path in reversed(list(zip(("volume", *MAPS), paths, strict=False))):
+        facts = VolumeFacts(depths, sides, {**details, "quantity": name})
+        with write_volumes(path, bars.volume.shape, facts) as add:
+            add(np.ascontiguousarray(getattr(bars, name), np.float32))
+
+
+def _table(bars: ErrorBars) -> str:
+    """Return a line for each region as comma-separated values."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    ends = [f"{end}_{level}" for level in (68, 95) for end in ("low", "high")]
+    writer.writerow(["label", "first_plane", "last_plane", "voxels", "sum", "sigma", "sigma_noise", *ends])
+    for one in bars.regions:
+        values = [one.total, one.sigma, one.noise, *one.interval(0.6827), *one.interval(0.95)]
+        writer.writerow([one.label, *one.planes, one.voxels, *(f"{value:.6g}" for value in values)])
+    return text.getvalue()

@@ -1,0 +1,406 @@
+"""Error bars of a reconstructed volume, by a parametric bootstrap.
+
+Random objects that resemble the volume, but contain finer details (`ObjectModel`), are imaged with noise and
+reconstructed with the same settings. The differences between these reconstructions and their objects are samples of
+the error of the volume. They include noise, what the iterations have not yet found, and what H cannot image. The same
+samples show which parts of a volume are unknown: there, the error is as large as the details of the objects.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lfcal.base import Clock, InputError, Work, drained
+from lfcal.reconstruct._replicates import Imaging, ObjectModel, Replicates, SampleNoise, blurred
+from lfcal.reconstruct.margin import cropped
+from lfcal.reconstruct.projectors import Projector
+from lfcal.reconstruct.solvers import SolverChoice
+from lfcal.records import BootstrapSettings
+
+__all__ = [
+    "BLURS",
+    "KNOWN",
+    "UNKNOWN",
+    "ErrorBars",
+    "ErrorSums",
+    "RegionSum",
+    "check_bars",
+    "error_bars",
+    "iter_error_bars",
+]
+
+BLURS = (0.0, 1.0, 2.0, 4.0)
+"""Standard deviations of the Gaussians by which details and errors are compared at several scales (voxels)."""
+
+KNOWN = 0.3
+"""Relative error of details (kappa) below which they are resolved."""
+
+UNKNOWN = 0.9
+"""Relative error of details (kappa) above which a volume contains no information about them."""
+
+AVERAGING = 3.0
+"""Standard deviation of the Gaussian over which kappa is averaged (voxels)."""
+
+NEAR = 1.5
+"""Standard deviation of the Gaussian over which the variance of a voxel is compared with that of its neighbours."""
+
+NEAR_WEIGHT = 4.0
+"""Weight of the neighbours' variance, as a number of replicates.
+
+The variance of a few replicates scatters, and bars of 95 % are then too short for the voxels where it happens to be
+small. A larger weight makes the bars of isolated bright voxels too long.
+"""
+
+
+def student(level: float, count: int) -> float:
+    """Return the factor of sigma for the interval of probability ``level``, with sigma from ``count`` replicates."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(count, 0.5 + level / 2))
+
+
+@dataclass(frozen=True, slots=True)
+class RegionSum:
+    """Sum of a volume over a region, with its uncertainty.
+
+    Attributes
+    ----------
+    label
+        Label of the region, a positive integer.
+    planes
+        First and last plane of the region, from 0.
+    voxels
+        Number of voxels.
+    total
+        Sum over the region (the units of the volume).
+    sigma
+        Standard uncertainty of the sum, from all causes.
+    noise
+        Standard deviation of the sum due to the noise of the frame alone; the rest of `sigma` is due to the limited
+        number of iterations, and to what H cannot image.
+    replicates
+        Number of replicates that `sigma` is estimated from.
+    """
+
+    label: int
+    planes: tuple[int, int]
+    voxels: int
+    total: float
+    sigma: float
+    noise: float
+    replicates: int
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Return the interval that contains the true sum with probability ``level`` (0 to 1); at least 0."""
+        half = student(level, self.replicates) * self.sigma
+        return max(0.0, self.total - half), max(0.0, self.total + half)
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorBars:
+    """Reconstructed volume with the uncertainty of every voxel.
+
+    Attributes
+    ----------
+    volume
+        Volume ``(nz, Y, X)``.
+    sigma
+        Standard uncertainty of every voxel, ``(nz, Y, X)``, in the units of the volume.
+    kappa
+        Rms error of details of a voxel's size, relative to the rms of these details, averaged over neighbours,
+        ``(nz, Y, X)``: 0 if they are known, 1 if nothing is known about them.
+    resolution
+        Standard deviation of the narrowest Gaussian of `BLURS` (voxels) after which the relative error is below
+        `KNOWN`, ``(nz, Y, X)``; NaN if there is none.
+    regions
+        Sum over each labelled region, in ascending order of labels.
+    replicates
+        Number of replicates.
+    notes
+        Remarks on the frame and its noise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import ErrorBars, Projector, error_bars
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 40))
+    >>> frame = P.forward(np.where(np.arange(40) // 10 == 1, 400.0, 20.0).reshape(1, 1, 40))
+    >>> bars: ErrorBars = error_bars(P, frame)
+    >>> low, high = bars.interval(0.95)
+    >>> print(bars.sigma.shape, bool((low <= bars.volume).all()), len(bars.regions))
+    (1, 1, 40) True 0
+    """
+
+    volume: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+    kappa: NDArray[np.float32]
+    resolution: NDArray[np.float32]
+    regions: tuple[RegionSum, ...]
+    replicates: int
+    notes: tuple[str, ...] = ()
+
+    def interval(self, level: float = 0.95) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return lower and upper ends, ``(nz, Y, X)`` each, of intervals with probability ``level``; at least 0."""
+        half = np.float32(student(level, self.replicates)) * self.sigma
+        return np.maximum(self.volume - half, 0), np.maximum(self.volume + half, 0)
+
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        """Voxels about whose details nothing is known, ``(nz, Y, X)``."""
+        return self.kappa > UNKNOWN
+
+
+def check_bars(choice: SolverChoice) -> None:
+    """Raise `InputError` if runs with ``choice`` stop by their data, because replicates would stop at other times."""
+    if choice.auto or choice.tolerance > 0:
+        setting, given = ("iterations", "auto") if choice.auto else ("tolerance", str(choice.tolerance))
+        raise InputError.expected(
+            f"{setting} of a reconstruction with error bars",
+            "a fixed number of iterations, so that all replicates are reconstructed in the same way",
+            given,
+            "give a number of iterations, such as 60",
+        )
+
+
+USUAL = SolverChoice("rl-nesterov", iterations=60)
+"""Default solver: with fewer iterations, the bars depend more on the assumed contrast of the objects."""
+
+
+def check_labels(labels: ArrayLike | None, shape: tuple[int, int, int]) -> NDArray[np.int64] | None:
+    """Return ``labels`` for every voxel of a volume of ``shape`` ``(nz, Y, X)``; labels ``(Y, X)`` hold in all planes.
+
+    Raises
+    ------
+    InputError
+        If the labels are no integers of at least 0, have another shape, or label no voxel.
+    """
+    if labels is None:
+        return None
+    found = np.asarray(labels)
+    if found.shape not in (shape, shape[1:], (1, *shape[1:])):
+        raise InputError.expected(
+            "labels of regions", f"shape {shape} or {shape[1:]}", found.shape, "label the voxels of this volume"
+        )
+    if found.dtype.kind not in "iub" and not (np.isfinite(found).all() and (found == np.round(found)).all()):
+        raise InputError.expected("labels of regions", "integers", "fractions", "give an image of integer labels")
+    whole = np.broadcast_to(found.astype(np.int64), shape)
+    if whole.min() < 0 or whole.max() < 1:
+        raise InputError.expected(
+            "labels of regions",
+            "0 outside, and positive integers inside of regions",
+            f"values from {whole.min()} to {whole.max()}",
+            "label at least one region",
+        )
+    return whole
+
+
+def without_noise(k: int) -> bool:
+    """Return whether replicate ``k``, from 0, is also reconstructed without noise when there are regions."""
+    return k % 3 == 0
+
+
+def runs_of(choice: SolverChoice, settings: BootstrapSettings, regions: bool) -> int:
+    """Return the number of reconstructions for error bars, including those of the frame and for unknown noise."""
+    quiet = sum(map(without_noise, range(settings.replicates))) if regions else 0
+    return (1 if SampleNoise.of(choice) else 2) + settings.replicates + quiet
+
+
+class ErrorSums:
+    """Sums over replicates, from which `ErrorBars` are computed.
+
+    Parameters
+    ----------
+    volume
+        Reconstructed volume ``(nz, Y, X)``, without margin.
+    mean
+        Expected object of the replicates, as in `ObjectModel`, without margin.
+    labels
+        Label of every voxel, ``(nz, Y, X)``; 0 outside of regions. None: no regions.
+    """
+
+    def __init__(self, volume: NDArray[Any], mean: NDArray[Any], labels: NDArray[np.int64] | None) -> None:
+        self._volume, self._mean, self._labels = volume, mean, labels
+        self._squares = np.zeros(volume.shape, np.float32)
+        self._errors = [np.zeros(volume.shape, np.float32) for _ in BLURS]
+        self._details = [np.zeros(volume.shape, np.float32) for _ in BLURS]
+        self._regions: list[NDArray[np.float64]] = []
+        self._quiet: list[NDArray[np.float64]] = []
+
+    @property
+    def count(self) -> int:
+        """Number of replicates so far."""
+        return len(self._regions)
+
+    def add(self, made: NDArray[Any], drawn: NDArray[Any], quiet: NDArray[Any] | None = None) -> None:
+        """Add a replicate.
+
+        Parameters
+        ----------
+        made, drawn
+            Reconstruction and object of the replicate, ``(nz, Y, X)``.
+        quiet
+            Reconstruction of the same object from a frame without noise. None: not computed.
+        """
+        error = np.asarray(made, np.float32) - drawn
+        self._squares += error**2
+        detail = drawn - self._mean
+        for k, width in enumerate(BLURS):
+            self._errors[k] += blurred(error, width) ** 2
+            self._details[k] += blurred(detail, width) ** 2
+        self._regions.append(self._sums(error))
+        if quiet is not None:
+            self._quiet.append(self._sums(np.asarray(made, np.float32) - quiet))
+
+    def _sums(self, volume: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the sums of ``volume`` over the regions, by label from 0."""
+        if self._labels is None:
+            return np.zeros(0)
+        return np.bincount(self._labels.ravel(), volume.ravel()).astype(np.float64)
+
+    def result(self, notes: Sequence[str] = ()) -> ErrorBars:
+        """Return the error bars from all replicates so far."""
+        kappas = [self._kappa(k) for k in range(len(BLURS))]
+        resolution = np.full(self._volume.shape, np.nan, np.float32)
+        for width, kappa in reversed(list(zip(BLURS, kappas, strict=True))):
+            resolution[kappa < KNOWN] = width
+        return ErrorBars(
+            np.asarray(self._volume, np.float32),
+            self._sigma(),
+            kappas[0],
+            resolution,
+            self._region_sums(),
+            self.count,
+            tuple(notes),
+        )
+
+    def _kappa(self, k: int) -> NDArray[np.float32]:
+        error, detail = blurred(self._errors[k], AVERAGING), blurred(self._details[k], AVERAGING)
+        return np.sqrt(error / np.maximum(detail, np.finfo(np.float32).tiny))
+
+    def _sigma(self) -> NDArray[np.float32]:
+        """Return the standard uncertainty of every voxel; its variance is shrunk towards that of its neighbours."""
+        from scipy.special import digamma
+
+        n = self.count
+        # relative to the expected object, neighbours have similar variances
+        variance = self._squares / n / np.maximum(self._mean, np.finfo(np.float32).tiny) ** 2
+        # the mean logarithm of the variance of n samples is too low by this
+        bias = float(digamma(n / 2)) - math.log(n / 2)
+        near = np.exp(blurred(np.log(np.maximum(variance, 1e-12)), NEAR) - bias)
+        return np.asarray(self._mean * np.sqrt((n * variance + NEAR_WEIGHT * near) / (n + NEAR_WEIGHT)), np.float32)
+
+    def _region_sums(self) -> tuple[RegionSum, ...]:
+        if self._labels is None:
+            return ()
+        totals, counts = self._sums(self._volume), np.bincount(self._labels.ravel())
+        sigmas = np.sqrt(np.mean(np.square(self._regions), axis=0))
+        noises = np.sqrt(np.mean(np.square(self._quiet), axis=0)) if self._quiet else np.full(len(totals), np.nan)
+        found = []
+        for label in np.flatnonzero(counts):
+            if label:
+                planes = np.flatnonzero((self._labels == label).any(axis=(1, 2)))
+                found.append(
+                    RegionSum(
+                        int(label),
+                        (int(planes[0]), int(planes[-1])),
+                        int(counts[label]),
+                        float(totals[label]),
+                        float(sigmas[label]),
+                        float(noises[label]),
+                        self.count,
+                    )
+                )
+        return tuple(found)
+
+
+def iter_error_bars(
+    P: Projector,
+    image: ArrayLike,
+    choice: SolverChoice = USUAL,
+    settings: BootstrapSettings | None = None,
+    *,
+    weights: ArrayLike | None = None,
+    labels: ArrayLike | None = None,
+    imaging: Imaging | None = None,
+) -> Work[ErrorBars]:
+    """Reconstruct ``image`` with the uncertainty of every voxel and of the sums over labelled regions.
+
+    The cost is that of one reconstruction of ``choice`` for the volume, and one for each replicate. With ``labels``,
+    every third replicate is also reconstructed without noise, to find its contribution.
+
+    Parameters
+    ----------
+    P
+        Projector of H for the shape of the image, extended by the margin of ``choice`` on each side. If the noise of H
+        is known, each replicate is reconstructed with an H with other noise.
+    image
+        Image ``(Y, X)`` in counts.
+    choice
+        Solver and its settings, with a fixed number of iterations. If it states neither the gain nor the noise, the
+        noise is estimated from the residual of the volume.
+    settings
+        Number, contrast and seed of the replicates. None: the defaults.
+    weights
+        Weight of each pixel, ``(Y, X)``, not negative. None: 1.
+    labels
+        Label of every voxel, ``(nz, Y, X)`` or ``(Y, X)`` for all planes: positive integers inside of regions, else 0.
+    imaging
+        Function that returns the projector of an H drawn from its uncertainty with a random generator, such as that of
+        a camera drawn from the covariance of a fit; it images one replicate. None: ``P`` images all replicates.
+
+    Raises
+    ------
+    InputError
+        If the image, the weights or the labels do not fit the projector, or the iterations stop automatically.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import BootstrapSettings, Projector, SolverChoice, iter_error_bars
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 20))
+    >>> choice, settings = SolverChoice("rl", iterations=3, gain=1), BootstrapSettings(replicates=3)
+    >>> print([step.note for step in iter_error_bars(P, np.full((1, 20), 50.0), choice, settings)][::3])
+    ['volume', 'replicate 1', 'replicate 2', 'replicate 3']
+    """
+    own = BootstrapSettings() if settings is None else settings
+    check_bars(choice)
+    runs = Replicates.of(P, image, choice, weights, imaging)
+    nz, rows, columns = P.volume_shape
+    regions = check_labels(labels, (nz, rows - 2 * choice.margin, columns - 2 * choice.margin))
+    clock = Clock("error bars", choice.iterations * runs_of(choice, own, regions is not None))
+    volume = yield from runs.iter_volume(clock, 0, "volume")
+    model = ObjectModel.of(volume, own.contrast)
+    noise, notes = yield from runs.iter_noise(clock, choice.iterations, volume)
+    sums = ErrorSums(cropped(volume, choice.margin), cropped(model.mean, choice.margin), regions)
+    done = choice.iterations * (1 if SampleNoise.of(choice) else 2)
+    for k in range(own.replicates):
+        quiet = regions is not None and without_noise(k)
+        found = yield from runs.iter_replicate(clock, done, model, noise, (own.seed, k), quiet=quiet)
+        sums.add(*(cropped(one, choice.margin) for one in found))
+        done += (1 + quiet) * choice.iterations
+    return sums.result(notes)
+
+
+error_bars = drained(
+    iter_error_bars,
+    """
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import BootstrapSettings, Projector, RegionSum, SolverChoice, error_bars
+    >>> P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 40))
+    >>> truth = np.where(np.arange(40) // 10 == 1, 900.0, 100.0).reshape(1, 1, 40)
+    >>> frame = np.random.default_rng(1).poisson(P.forward(truth))
+    >>> bars = error_bars(P, frame, SolverChoice("rl", iterations=20, gain=1), labels=truth > 500)
+    >>> region: RegionSum = bars.regions[0]
+    >>> low, high = region.interval(0.95)
+    >>> print(region.voxels, low < 9000 < high, region.noise < region.sigma)
+    10 True True
+    """,
+)
