@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lfcal.reconstruct.bar_run import MAPS, bar_outputs, iter_bars
+from lfcal.reconstruct.bar_run import bar_outputs, iter_bars
 from lfcal.reconstruct.error_bars import runs_of
 from lfcal.reconstruct.frame_files import cleaner, frames_of, is_series, targets_of
 from lfcal.reconstruct.frame_run import FrameRun
@@ -23,7 +23,6 @@ from lfcal.reconstruct.volumes import (
 
 __all__ = [
     "DATASET",
-    "MAPS",
     "PHANTOMS",
     "SUFFIXES",
     "VOLUME_FORMAT",

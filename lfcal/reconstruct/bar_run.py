@@ -30,7 +30,7 @@ from lfcal.reconstruct.volumes import VolumeFacts, load_volume, save_volume, wri
 from lfcal.records import BootstrapSettings
 from lfcal.work import RunChoice, Unit, file_name, iter_begun, iter_made, parts_folder
 
-__all__ = ["MAPS", "bar_outputs", "iter_bars"]
+__all__ = ["bar_outputs", "iter_bars"]
 
 MAPS = ("sigma", "kappa", "resolution")
 """Attributes of `ErrorBars` that are written next to the volume, and endings of the names of their files."""
