@@ -51,7 +51,7 @@ def test_maps_and_sums_are_those_of_python(lfcal: Run, place: Path, tmp_path: Pa
     bars = error_bars(P, frame, choice, settings, labels=labels)
     for name, values in (("v", bars.volume), ("v_sigma", bars.sigma), ("v_kappa", bars.kappa)):
         np.testing.assert_allclose(load_volume(tmp_path / f"{name}.tif"), values, rtol=1e-4)
-    rows = list(csv.DictReader((tmp_path / "v_regions.csv").open()))
+    rows = list(csv.DictReader((tmp_path / "v_regions.csv").read_text().splitlines()))
     assert [int(row["label"]) for row in rows] == [1, 2] and rows[0]["first_plane"] == "0"
     for row, one in zip(rows, bars.regions, strict=True):
         low, high = one.interval(0.95)
