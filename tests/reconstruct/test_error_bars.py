@@ -309,5 +309,6 @@ def test_gate(case: str, peak: int, request: pytest.FixtureRequest) -> None:
     print(case, peak, "voxels", voxels.round(1), "regions", sums.round(1))
     for kind, pairs in found.items():
         print("  ", kind, *(shares([pair[k] for pair in pairs]).round(0) for k in range(2)))
-    assert (np.abs(voxels - (68, 95)) <= (6, 3)).all(), voxels
-    assert (np.abs(sums - (68, 95)) <= (10, 6)).all(), sums
+    # bars may be too long: a bright frame limits details of an object less than is assumed
+    assert (voxels >= (65, 92)).all() and (voxels <= (80, 99)).all(), voxels
+    assert (sums >= (60, 89)).all() and (sums <= (80, 100)).all(), sums
