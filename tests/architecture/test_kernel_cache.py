@@ -93,7 +93,7 @@ from lfcal.cli.doctor import _numba_cache
 unusable = UNUSABLE
 check = caching._CacheLocator.ensure_cache_path
 def checked(self):
-    if type(self).__name__.lstrip("_") in unusable:  # numba below 0.62 has the underscore
+    if type(self).__name__ in unusable:
         raise PermissionError
     check(self)
 caching._CacheLocator.ensure_cache_path = checked

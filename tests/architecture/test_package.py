@@ -34,7 +34,7 @@ def test_the_wheel_is_below_6_megabytes() -> None:
 @pytest.mark.parametrize("program", ["lfcal", "lfcal_gui"])
 def test_modules_of_others_named_gui_do_no_harm(tmp_path: Path, program: str) -> None:
     for name in ("gui", "models", "widgets", "pages", "app"):
-        (tmp_path / f"{name}.py").write_text("raise AssertionError('a module of somebody else was imported')\n")
+        (tmp_path / f"{name}.py").write_text("raise AssertionError('this module of another program was imported')\n")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(tmp_path), str(ROOT), str(ROOT / "gui")))}
     code = "import lfcal_gui.window, runpy, sys; sys.argv[1:] = ['--help']; runpy.run_module(PROGRAM, None, '__main__')"
     code = code.replace("PROGRAM", repr(program))

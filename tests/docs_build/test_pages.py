@@ -68,6 +68,15 @@ def test_the_version_is_the_same_everywhere() -> None:
     assert 'dynamic = ["version"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 
 
+def test_the_bibtex_entry_is_that_of_the_citation_file() -> None:
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    page = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    (entry,) = re.findall(r"```bibtex\n@software\{lfcal,\n(.*?)\}\n```", page, re.DOTALL)
+    fields = {name: value.strip("{}") for name, value in re.findall(r"(\w+) += (\{.*\})", entry)}
+    wanted = {name: cited[name] for name in ("title", "version", "license")}
+    assert fields == {"author": cited["authors"][0]["name"], **wanted}
+
+
 def test_the_readme_of_a_package_index_has_no_relative_link() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     home = project["project"]["urls"]["Homepage"]
