@@ -76,6 +76,14 @@ def test_the_smallest_window_has_room_for_the_log(stage: Stage) -> None:
     assert (stage.window.width(), stage.window.height()) == LEAST
 
 
+def test_every_page_has_room_in_the_smallest_window(stage: Stage) -> None:
+    """A longer name of a button made the window 17 px wider than that."""
+    for spec in stage.window.specs:
+        stage.window.go(spec.key)
+        stage.turn()
+        assert stage.window.minimumSizeHint().width() <= LEAST[0], spec.key
+
+
 @pytest.mark.long
 def test_pages_with_the_sample_session(stage: Stage) -> None:
     open_sample(stage)

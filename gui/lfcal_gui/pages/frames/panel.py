@@ -120,7 +120,7 @@ class FramesPanel(QWidget):
         self.lattice_box.setToolTip(LATTICE)
         self.before_box = QCheckBox("As recorded")
         self.before_box.setToolTip("Show the frame as it was recorded, to see what the corrections do")
-        whole, self.follow = button("Full frame", WHOLE, self._show_whole), QPushButton("Follow")
+        whole, self.follow = button("Whole", WHOLE, self._show_whole), QPushButton("Follow")
         self.follow.setCheckable(True)
         self.follow.setToolTip(FOLLOW)
         self.follow.toggled.connect(lambda _: self._zoom_cutout())

@@ -139,7 +139,7 @@ def test_the_cutout_is_followed_and_shown_as_it_goes_into_h(scanned: Any, contex
     panel.toggle_scale("log")
     assert panel.crop.display.scale == "log"
     for button in panel.findChildren(QPushButton):
-        if button.text() == "Full frame":
+        if button.text() == "Whole":
             button.click()
     assert not panel.follow.isChecked() and panel.view.box.viewRect().width() > 40
 
