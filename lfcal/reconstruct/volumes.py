@@ -572,8 +572,23 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     if volume.ndim != 3:
         raise InputError.expected(str(source), "a volume (z, y, x)", f"shape {volume.shape}", "choose another file")
     with understood(source, "metadata of a volume", "copy the file again"):
-        stored = _said(source)[1].get(STORED)
+        stored = _stored(source)
         return volume if stored is None else volume[_original(stored, len(volume))]
+
+
+def _stored(source: Path) -> Any:
+    """Return the entry `STORED` of a file; None: the file has the planes in their original order."""
+    if source.suffix.lower() == ".zarr":
+        return zarr_contents(source)[2].get("details", {}).get(STORED)
+    if source.suffix.lower() not in (".tif", ".tiff"):
+        return None
+    import tifffile
+
+    with storage_errors(source), tifffile.TiffFile(source) as tiff:
+        # other programs' metadata, which may be damaged, say nothing of the order
+        if STORED not in tiff.pages[0].description:
+            return None
+    return _said(source)[1].get(STORED)
 
 
 def volume_facts(path: str | os.PathLike[str]) -> VolumeFacts:
@@ -607,7 +622,8 @@ def _said(source: Path) -> Said:
     with storage_errors(source), tifffile.TiffFile(source) as tiff:
         if is_ome(source) and tiff.ome_metadata:
             return _ome_said(tiff.ome_metadata)
-        resolution = [tiff.pages[0].tags[name].value for name in ("YResolution", "XResolution")]
+        tags = tiff.pages[0].tags
+        resolution = [tags[name].value if name in tags else (1, 1) for name in ("YResolution", "XResolution")]
         return _imagej_said(tiff.imagej_metadata or (tiff.shaped_metadata or ({},))[0], resolution)
 
 

@@ -403,6 +403,26 @@ def test_details_of_a_grid_agree_with_the_metadata(tmp_path: Path, name: str) ->
     assert facts.voxel_um == (2.5, 2.5) and facts.origin_um == (-5.0, -7.5) and facts.depths_um is None
 
 
+def test_stacks_of_other_programs_are_loaded(tmp_path: Path) -> None:
+    """Without tags of the resolution, and with damaged metadata of OME, which say nothing of the values."""
+    tifffile.imwrite(tmp_path / "v.tif", VOLUME, photometric="minisblack", metadata=None)
+    data = bytearray((tmp_path / "v.tif").read_bytes())
+    # the numbers of both tags, 282 and 283, become private ones
+    for tag, other in ((282, 65000), (283, 65001)):
+        data = data.replace(tag.to_bytes(2, "little") + b"\x05\0\x01\0", other.to_bytes(2, "little") + b"\x05\0\x01\0")
+    (tmp_path / "v.tif").write_bytes(data)
+    with tifffile.TiffFile(tmp_path / "v.tif") as file:
+        assert "XResolution" not in file.pages[0].tags
+    np.testing.assert_array_equal(load_volume(tmp_path / "v.tif"), VOLUME)
+    assert volume_facts(tmp_path / "v.tif") == VolumeFacts()
+    save_volume(tmp_path / "v.ome.tif", VOLUME, depths_um=[1.0, 2.0, 3.0])
+    data = (tmp_path / "v.ome.tif").read_bytes()
+    (tmp_path / "v.ome.tif").write_bytes(data.replace(b'PositionZ="2.0"', b'PositionZ="2.o"'))
+    np.testing.assert_array_equal(load_volume(tmp_path / "v.ome.tif"), VOLUME)
+    with pytest.raises(FileFormatError, match="metadata of a volume"):
+        volume_facts(tmp_path / "v.ome.tif")
+
+
 def test_another_number_of_depths_or_times_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="depths of the volume: expected 3, got 2"):
         save_volume(tmp_path / "v.tif", VOLUME, depths_um=[1.0, 2.0])
