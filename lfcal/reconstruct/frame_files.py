@@ -17,7 +17,7 @@ from lfcal.acquire import NAME, RecordingSource
 from lfcal.base import InputError, check_zarr
 from lfcal.frames import CorrectionChain, Dark, White, files_of, natural_key, open_image, read_image
 from lfcal.frames.corrections import frame_map, read_average
-from lfcal.frames.formats import image_suffixes
+from lfcal.frames.formats import container_in, image_suffixes
 from lfcal.psf import PSFMatrix
 from lfcal.reconstruct.metric_grid import MetricGrid
 from lfcal.reconstruct.projectors import Projector
@@ -71,7 +71,10 @@ class FrameFile:
     @property
     def inputs(self) -> tuple[str, ...]:
         """Absolute paths of the files that contain the frame."""
-        return tuple(os.path.abspath(path) for path in sorted(files_of(self.file)))
+        files = files_of(self.file)
+        if container_in(self.file.parent) == self.file:  # the other files of the folder contain the samples
+            files = [path for path in self.file.parent.rglob("*") if path.is_file()]
+        return tuple(os.path.abspath(path) for path in sorted(files))
 
 
 def read_frame(file: Path, page: int) -> NDArray[Any]:
@@ -88,7 +91,8 @@ def read_frame(file: Path, page: int) -> NDArray[Any]:
 def frames_of(path: Path) -> list[FrameFile]:
     """Return the frames of a series: the pages of an image file, the images of a folder, or the frames of a session.
 
-    Images are in natural order of their names, frames of a session in the order of recording.
+    A folder may also be an OME-Zarr or an NDTiff. Images are in natural order of their names, frames of a session in
+    the order of recording.
 
     Raises
     ------
@@ -97,8 +101,9 @@ def frames_of(path: Path) -> list[FrameFile]:
     """
     if is_session(path):
         return _frames_of_session(path)
-    files = [path]
-    if path.is_dir():
+    described = container_in(path) if path.is_dir() else None
+    files = [described or path]
+    if path.is_dir() and described is None:
         names = sorted((p.name for p in path.iterdir() if p.suffix.lower() in image_suffixes()), key=natural_key)
         files = [path / name for name in names]
     if not files:
@@ -108,8 +113,9 @@ def frames_of(path: Path) -> list[FrameFile]:
         # opened only for the number of pages; each page is read when it is needed
         image = open_image(file)
         image.close()
+        stem = file.stem if described is None else path.name.partition(".")[0]
         for page in range(image.pages):
-            found.append(FrameFile(file.stem if image.pages == 1 else f"{file.stem}_{page:04d}", file, page))
+            found.append(FrameFile(stem if image.pages == 1 else f"{stem}_{page:04d}", file, page))
     names = [frame.name for frame in found]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
