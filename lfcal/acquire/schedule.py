@@ -134,8 +134,8 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
     """Return all N positions of the plan as an array ``(N, 3)`` of indices (z, y, x), coarse grids first.
 
     The first pass visits every plane on a grid with a pitch of up to 16 positions. Each later pass visits the remaining
-    points of a grid twice as fine. All planes have been recorded coarsely after 1/256 of the session. Within a pass,
-    the order is that of the plan.
+    points of a grid twice as fine. With a pitch of 16, all planes are recorded coarsely after about 1/256
+    of the positions. Within a pass, the order is that of the plan.
 
     Examples
     --------

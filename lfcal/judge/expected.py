@@ -61,7 +61,13 @@ def plan_of(matrix: PSFMatrix) -> ScanPlan | None:
 
 
 def fitted_setup(folder: Path, matrix: PSFMatrix) -> Setup:
-    """Return the setup fitted to an H from the folder of the fit; raise `InputError` if the fit is of another scan."""
+    """Read the setup that was fitted to H (``matrix``) from ``folder``, the folder of the fit.
+
+    Raises
+    ------
+    InputError
+        If the fit belongs to another scan, or H has no camera with a lattice.
+    """
     plan = plan_of(matrix)
     if plan is None:
         raise InputError.expected(

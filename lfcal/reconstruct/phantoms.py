@@ -73,7 +73,8 @@ def vesicle(
     centre
         Centre (z, y, x) of the shell, in planes and voxels; by default the middle.
     radius, thickness
-        Radius of the shell, and standard deviation of its Gaussian profile (voxels in y and x).
+        Radius of the shell (None: a quarter of the smaller of Y and X), and standard deviation of its Gaussian profile
+        (voxels in y and x).
     z_step
         Ratio of the distance between planes to the distance between voxels in a plane.
     brightness

@@ -80,8 +80,7 @@ class PlannedSession(TaskResult):
     assumed: tuple[str, ...]
     optics: str
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         from lfcal.base import plain
 
         return {**plain(self.forecast), "assumed": self.assumed}
@@ -114,8 +113,7 @@ class RecordedSession(TaskResult):
             raise self.error
         return 0 if self.outcome.how == "complete" else 128 + self.ended_by
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         judgement = Judgement.of("recording", self.alarms, "without an alarm")
         return {"session": self.out, "outcome": self.outcome, **self.facts, **judgement.to_dict()}
 

@@ -77,8 +77,8 @@ class Assembled(TaskResult):
         """Close the file of the matrix."""
         self.report.matrix.close()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types; a value that was not measured is None or "unknown"."""
+    def _values(self) -> dict[str, Any]:
+        """Return the values of the summary; a value that was not measured is None or "unknown"."""
         from lfcal.judge import judgement_of
 
         report, matrix = self.report, self.report.matrix

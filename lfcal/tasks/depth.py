@@ -57,8 +57,7 @@ class MeasuredDepth(TaskResult):
         seconds = self.seconds + time.perf_counter() - start
         return replace(self, out=out, cloud=cloud, points=points, seconds=seconds)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         import numpy as np
 
         known = self.found.known

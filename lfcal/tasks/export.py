@@ -50,8 +50,7 @@ class ExportedFiles(TaskResult):
         """Total size of all files (bytes)."""
         return sum(file.stat().st_size for file in self.files)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         return {
             "out": self.out,
             "files": [{"file": file, "bytes": file.stat().st_size} for file in self.files],

@@ -56,8 +56,7 @@ class FitOutcome(TaskResult):
     points: Points | None = None
     holes: str = ""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         from lfcal.campaign import target_facts
         from lfcal.fit import field_dict, fit_dict
 

@@ -49,8 +49,7 @@ class CheckedMatrix(TaskResult):
         """Whether H is no longer valid, or the frames are not sufficient to decide."""
         return self.check.holds is not True
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         return self.check.to_dict() | {"h": self.matrix, "frames_from": list(self.frames)}
 
 

@@ -42,8 +42,7 @@ class Recalibrated(TaskResult):
         """Whether the camera does not explain the frames, so that nothing was written."""
         return not self.found.accepted
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         from lfcal.recalibrate import recalibration_dict
 
         return recalibration_dict(self.found) | {"files": list(self.files)}

@@ -26,8 +26,7 @@ class PredictedObject(TaskResult):
 
     compared: Compared
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         found = self.compared
         error = found.error.to_dict()
         return {"frame": found.label, "error": error, "chi2": found.chi_square.lit, "light": found.gain}

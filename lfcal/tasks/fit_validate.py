@@ -38,8 +38,7 @@ class Validated(TaskResult):
     source: Path
     files: tuple[Path, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         named = {"name": self.name} if self.name else {}
         return named | self.validation.to_dict() | {"source": self.source, "files": list(self.files)}
 

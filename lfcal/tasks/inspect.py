@@ -55,8 +55,7 @@ class InspectedMatrix(TaskResult):
 
         return tuple(simulated_planes(self.matrix.provenance, len(self.matrix)))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         camera = self.matrix.camera
         found = self.found.to_dict(every=self.task.every)
         found |= {} if self.comparison is None else {"comparison": self.comparison.to_dict()}

@@ -110,8 +110,7 @@ class Planned(TaskResult):
     forecast: Forecast
     facts: dict[str, Any]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         return self.facts
 
 

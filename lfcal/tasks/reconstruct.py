@@ -116,8 +116,7 @@ class Reconstructed(TaskResult):
         """Whether the reconstruction of at least one frame failed."""
         return any(result.failed for result in self.results)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         whole = len(set(self.files.values())) < len(self.results)  # one file holds all volumes, each at its index
         files = [{**asdict(r), "file": None if r.failed and not whole else self.files[r.name]} for r in self.results]
         return {"method": self.method, "forecast": self.forecast, "volumes": files}
@@ -130,8 +129,7 @@ class ReconstructedBars(TaskResult):
     bars: ErrorBars
     files: tuple[Path, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         regions = [
             {**asdict(one), "interval_68": one.interval(0.6827), "interval_95": one.interval(0.95)}
             for one in self.bars.regions
@@ -146,8 +144,7 @@ class ReconstructionForecast(TaskResult):
 
     run: FrameRun
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         found, device, memory = self.run.projector.forecast(), self.run.projector.device, self.run.memory
         use = found.device
         known = None if device is None or use is None else {"name": device.name, **asdict(use)}

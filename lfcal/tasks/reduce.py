@@ -45,8 +45,7 @@ class ReducedFile(TaskResult):
         """Close the file."""
         self.matrix.close()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         return {
             "out": self.out,
             "shape": self.matrix.shape,

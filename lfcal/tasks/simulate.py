@@ -83,14 +83,13 @@ class SimulationForecast(TaskResult):
         """Accuracy of the computed planes of H, as lines of text; empty for a forecast."""
         return ()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         assumed = self.plan.camera.marks.paths("assumed")
         missing = self.undescribed.to_dict(self.camera)
         return {**self.effects.to_dict(), "engines": self.engines, "undescribed": missing, "assumed": assumed}
 
     def written(self, path: Path, what: str, **more: Any) -> dict[str, Any]:
-        """Return a description of the file or folder ``path`` that was written, as plain JSON types."""
+        """Return a summary of the file or folder ``path`` that was written."""
         names = [effect.name for effect in self.effects.effects]
         assumed = self.plan.camera.marks.paths("assumed")
         missing = self.undescribed.to_dict(self.camera)
@@ -146,8 +145,7 @@ class SimulatedH(SimulationForecast):
         """Close the file of the matrix."""
         self.matrix.close()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         return self.written(
             self.out,
             f"H {self.matrix.shape}",
@@ -178,8 +176,7 @@ class SimulatedRegions(TaskResult):
         """Effects that the camera does not describe, as one sentence for all regions; empty if there are none."""
         return tuple(dict.fromkeys(words for one in self.regions.values() for words in one.undescribed_words))[:1]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         reported = {name: one.to_dict() for name, one in self.regions.items()}
         return {
             "path": self.out,
@@ -199,8 +196,7 @@ class SimulatedFrames(SimulationForecast):
     folder: Path
     count: int
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         return self.written(self.folder, f"{self.count} frames, dark and white frames, plan", frames=self.count)
 
 

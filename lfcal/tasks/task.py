@@ -8,7 +8,7 @@ from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Progress, Work, any_of, drain, note
+from lfcal.base import InputError, Progress, Work, any_of, drain, note, plain
 from lfcal.records import check_needs, check_record, from_flat, opt, record, rows, rows_of, to_dict, value_at
 
 if TYPE_CHECKING:
@@ -110,7 +110,12 @@ class TaskResult:
         return int(self.failed)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+        """Return a summary as plain JSON types."""
+        found: dict[str, Any] = plain(self._values())
+        return found
+
+    def _values(self) -> dict[str, Any]:
+        """Return the values of the summary by name; they may contain paths, arrays and dataclasses."""
         raise NotImplementedError
 
     def close(self) -> None:

@@ -35,8 +35,7 @@ class TransposedFile(TaskResult):
     missing: int
     made: str
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         return {one.name: getattr(self, one.name) for one in fields(self) if one.name != "made"}
 
 

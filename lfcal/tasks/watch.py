@@ -36,8 +36,7 @@ class Watched(TaskResult):
         """Whether H is no longer valid, or does not explain the frames."""
         return self.found.holds is not True
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+    def _values(self) -> dict[str, Any]:
         return self.found.to_dict() | {"files": list(self.files)}
 
 

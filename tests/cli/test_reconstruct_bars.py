@@ -76,7 +76,8 @@ def test_other_executors_formats_and_ways_agree(lfcal: Run, place: Path, tmp_pat
         bootstrap=BootstrapSettings(replicates=3),
         grid=VoxelGrid(margin=0),
     )
-    task.run()
+    (made,) = task.run()
+    assert json.loads(json.dumps(made.to_dict()))["files"][0] == str(tmp_path / "c.npy")
     for name in ("b_sigma.ome.tif", "c_sigma.npy"):
         np.testing.assert_allclose(load_volume(tmp_path / name), load_volume(tmp_path / "a_sigma.npy"), rtol=1e-4)
     assert "--bars" in command_of(task) and "ReconstructBars(" in python_of(task)

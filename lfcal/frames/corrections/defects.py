@@ -186,10 +186,12 @@ def nearest_good(
 
 
 def repair_nan(values: NDArray[np.float32], origin: tuple[int, int], slopes: NDArray[np.float64], cfa: str) -> None:
-    """Replace, in place, each NaN of a corrected region by the mean of its nearest same-colour neighbours.
+    """Repair, in place, each NaN of a corrected region from its nearest neighbours of the same colour.
 
-    ``slopes`` is the background that has been subtracted, ``(level, per row, per column)``. Pixels without a good
-    neighbour within one period of the pattern stay NaN.
+    The new value is the mean of the neighbours before the background was subtracted, minus the background at the pixel.
+    ``slopes`` is this background, ``(level, per row, per column)``; zeros if none was subtracted. ``origin`` is the
+    position (row, column) of the first pixel of ``values`` on the sensor. Pixels without a good neighbour within one
+    period of the colour pattern stay NaN.
     """
     bad = np.isnan(values)
     if not bad.any():
