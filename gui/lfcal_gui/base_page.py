@@ -308,7 +308,7 @@ class BasePage(QWidget):
         return {}
 
     def receive(self, payload: Any) -> None:
-        """Show what another page sent, e.g. a position."""
+        """Show what another page sent, such as a position."""
 
     @staticmethod
     def prepare() -> None:

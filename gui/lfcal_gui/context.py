@@ -48,7 +48,7 @@ class Context(QObject):
     state_changed = Signal(object, object, arguments=["old", "new"])
     """The project changed (`lfcal_gui.models.project.ProjectState` before and after)."""
     go = Signal(str, object, arguments=["page", "payload"])
-    """A page requests another page by its key, with something to show there, e.g. ``("frames", (z, y, x))``."""
+    """A page requests another page by its key, with something to show there, such as ``("frames", (z, y, x))``."""
     files_offered = Signal(object, arguments=["paths"])
     """Files to open in the page that accepts them, as if they were dropped."""
     help_asked = Signal(str, str, arguments=["page", "name"])

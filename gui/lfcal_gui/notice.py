@@ -24,6 +24,7 @@ WIDEST = 560
 """Width of a message that is shown whole (px)."""
 
 DISMISS = "Hide this message. The log keeps it"
+UNCHANGED = "Hide this message without any change"
 
 
 class Notice(QFrame):
@@ -44,7 +45,7 @@ class Notice(QFrame):
         self.button.setAccessibleName("Reply to the notice")
         self.button.setToolTip(DISMISS)
         self.button.clicked.connect(self._pressed)
-        self.leave = button("Leave as it is", "Hide this message without any change", self._leave)
+        self.leave = button("Leave as it is", UNCHANGED, self._leave)
         row.addWidget(self.label)
         for one in (self.more, self.leave, self.button):
             one.setProperty("role", "tight")
@@ -81,14 +82,16 @@ class Notice(QFrame):
         *,
         tip: str,
         stay: str = "Leave as it is",
+        stay_tip: str = UNCHANGED,
     ) -> None:
         """Say what was noticed, with a button that does something about it and one (``stay``) that leaves it.
 
-        ``tip`` states what the button does.
+        ``tip`` and ``stay_tip`` state what each button does.
         """
         self._say(text, button, "error", tip)
         self._cancel, self._left = action, leave
         self.leave.setText(stay)
+        self.leave.setToolTip(stay_tip)
         self.leave.show()
         self.show()
 

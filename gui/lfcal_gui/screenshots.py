@@ -26,7 +26,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("out", type=Path, help="folder to write into")
     parser.add_argument("--scene", action="append", help="only this scene; may be repeated")
-    parser.add_argument("--only", help="only states whose names contain these words, e.g. h, frames_r29")
+    parser.add_argument("--only", help="only states whose names contain these words, such as h, frames_r29")
     parser.add_argument("--theme", choices=("light", "dark"), action="append", help="only this theme")
     parser.add_argument("--size", action="append", help=f"only this size, by default {', '.join(SIZES)}")
     options = parser.parse_args(arguments)

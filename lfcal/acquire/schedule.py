@@ -100,12 +100,13 @@ def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | N
         If the plan has no such frame, or an option applies only to single points.
     """
     if options.order != "plan" or options.controls:
-        what = f"the order {options.order}" if options.order != "plan" else f"{options.controls} control frames"
+        named = "order" if options.order != "plan" else "controls"
+        what = f"the order {options.order}" if named == "order" else f"{options.controls} control frames"
         raise InputError.expected(
             "recording of a target of many points",
             "the order of the plan and no control frames",
             what,
-            "leave this option out",
+            f"leave out the option {named}",
         )
     there = frame_positions(plan)
     if not len(there):

@@ -173,10 +173,15 @@ class LatticeDistortion:
             # if both directions are inverted, the area is positive again
             turned = float(stretched.trace(axis1=-2, axis2=-1).min())
         if not (least > 0.1 and turned > 0):
+            got = f"one that shrinks an area to {least:.2g} of its size"
+            if not (np.isfinite(least) and np.isfinite(turned)):
+                got = "terms too large to evaluate"
+            elif least <= 0 or turned <= 0:
+                got = "one that reverses their order"
             raise InputError.expected(
                 "distortion of the lattice",
-                "one that keeps neighbouring lenslets apart",
-                "one that reverses their order" if least > 0.1 else f"an area shrunk to {least:.2g}",
+                "one that keeps the order of neighbouring lenslets and shrinks no area to less than 0.1 of its size",
+                got,
                 "reduce its terms, or correct its scale",
             )
 
@@ -255,6 +260,13 @@ class LatticeDistortion:
         points = target.copy()
         if not points.size:
             return points
+        if bad := int((~np.isfinite(target)).any(axis=-1).sum()):
+            raise InputError.expected(
+                "distorted positions",
+                "finite numbers",
+                f"NaN or infinity in {bad} of them",
+                "leave these positions out",
+            )
         # the derivative changes little: the one of the first iteration serves all
         inverse = np.linalg.inv(self.jacobian(points))
         for _ in range(INVERSE_ROUNDS):

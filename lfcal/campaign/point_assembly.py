@@ -99,9 +99,9 @@ class PointFrames(SourceView):
             limit = points.plan.tolerance_px if tolerance_px is None else tolerance_px
             raise InputError.expected(
                 "points of the frames",
-                f"points within {limit:g} px of a position of the scan",
-                f"none of {len(points)}",
-                "plan with the measured pose, or use lfcal fit, which accepts points at any position",
+                f"at least one within {limit:g} px of a position of the scan",
+                f"none of the {len(points)} points",
+                "make the plan with the measured pose of the target, or use lfcal fit, which accepts all points",
             )
         self.unused = int((~keep).sum())
         self.points, self._index, self._off = points.only(keep), index[keep], off[keep]

@@ -35,7 +35,7 @@ def stated(
     *,
     sensor: str = typer.Option("", help="Sensor: ROWSxCOLUMNS,PIXEL (µm), for example 4384x6576,5.5."),
     lens: str = typer.Option(
-        "", help="Main lens: FOCAL,F_NUMBER,DISTANCE (mm; to the working plane), e.g. 200,4,1000."
+        "", help="Main lens: FOCAL,F_NUMBER,DISTANCE (mm; to the working plane), such as 200,4,1000."
     ),
     objective: str = typer.Option("", help="Objective: MAGNIFICATION,NA,INDEX of the medium, for example 20,0.5,1."),
     array: str = typer.Option("", help="Lenslets: hexagonal or square."),
@@ -46,7 +46,7 @@ def stated(
     ),
     wavelength: str = typer.Option("", help="Wavelength (nm)."),
     others: list[str] | None = typer.Option(
-        None, "--set", help="Any other value as PATH=VALUE, e.g. sensor.full_well_e=20000; may be repeated."
+        None, "--set", help="Any other value as PATH=VALUE, such as sensor.full_well_e=20000; may be repeated."
     ),
 ) -> dict[str, Any]:
     """Return the values of the options by path; empty options are left out.

@@ -76,7 +76,7 @@ def coding(
     monte_carlo: int = typer.Option(
         0, min=0, help="Number of simulated series of frames on which the gain is also measured; 0: none."
     ),
-    display: str | None = typer.Option(None, help="Display to check: COLUMNSxROWS@PITCH in µm, e.g. 1920x1080@8."),
+    display: str | None = typer.Option(None, help="Display to check: COLUMNSxROWS@PITCH in µm, such as 1920x1080@8."),
     patterns: Path | None = typer.Option(
         None, help="With --display: folder for the frames to show (code_000.png …) and code.npy."
     ),
@@ -121,7 +121,7 @@ def coding(
     rng, first = np.random.default_rng(seed), read_as("--at", read_position, at)
     lit = code_matrix(code, points, frames=frames, density=density, rng=rng)
     if patterns is not None and screen is None:
-        raise InputError.expected("display", "a display for --patterns", "none", "add --display, e.g. 1920x1080@8")
+        raise InputError.expected("display", "a display for --patterns", "none", "add --display, such as 1920x1080@8")
     files = [] if patterns is None else code_files(patterns, len(lit))
     check_outputs(files, source, sensor, force=force)
     if Path(source).suffix.lower() in MATRICES:

@@ -55,7 +55,7 @@ def demosaic(
     frame: Path = typer.Argument(help="Frame of a colour mosaic: RAW, TIFF, PNG, NPY …"),
     *,
     out: Path = typer.Option(..., "--out", "-o", help="File for red, green and blue (float32 TIFF)."),
-    pattern: str | None = typer.Option(None, help="Colour filter pattern, e.g. GRBG; default: from the RAW file."),
+    pattern: str | None = typer.Option(None, help="Colour filter pattern, such as GRBG; default: from the RAW file."),
     route: str = typer.Option("spatial", help="spatial or fourier."),
     filter: str | None = typer.Option(
         None,
@@ -81,7 +81,7 @@ def demosaic(
     recorded = read_recorded(frame, page)
     mosaic = pattern or recorded.filters
     if not mosaic:
-        raise InputError.expected(f"colour filters of {frame}", "a pattern", "none", "give --pattern, e.g. GRBG")
+        raise InputError.expected(f"colour filters of {frame}", "a pattern", "none", "give --pattern, such as GRBG")
     level, array = recorded.level(dark), cfa(mosaic)
     _check_recovered(array)
     light = interpolated(without_black_level(recorded.raw, level), frame, mask, cfa=mosaic)

@@ -8,7 +8,7 @@ from lfcal.base import InputError
 from lfcal.cli._console import print_json
 from lfcal.cli._options import JsonOption
 
-WHERE = "run `python -m benchmarks` in the source folder from which uv or pip installed lfcal"
+WHERE = "run `python -m benchmarks` in a checkout of lfcal"
 
 
 def command(name: str = typer.Argument("", help="Name of a benchmark."), json: JsonOption = False) -> None:

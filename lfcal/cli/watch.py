@@ -1,4 +1,4 @@
-"""``lfcal watch``: check for each frame of a series whether H still holds."""
+"""``lfcal watch``: check for each frame of a series whether H is still valid."""
 
 from __future__ import annotations
 

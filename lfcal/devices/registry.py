@@ -186,7 +186,7 @@ def open_rig(
         return Rig(rig.camera, carrier.stage, rig.light or carrier.light, rig.time, others)
     if not backend.has_stage:
         raise InputError.expected(
-            "stage", f"one for the camera of {backend.name}", "none", "choose a backend for the stage, e.g. sim"
+            "stage", f"one for the camera of {backend.name}", "none", "choose a backend for the stage, such as sim"
         )
     return _open(backend, plan, dict(options or {}))
 

@@ -302,11 +302,13 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
             "make the plan without resampling (lfcal plan without --resample)",
         )
     if any(n % step for n in plan.period):
+        rows, columns = (math.lcm(n, step) for n in plan.period)
         raise InputError.expected(
             f"period of channel {channel}",
-            f"a multiple of {step} pixels, which is the period of the colour filter",
+            f"a multiple of {step} pixels along each axis, because the colour filter repeats after {step} pixels",
             f"{plan.period[0]} x {plan.period[1]} pixels",
-            f"plan a scan of {step} lenslets along the axis that does not fit, so that it ends on the same colour",
+            f'set "period" in plan.json to [{rows}, {columns}], which is a whole number of periods along each axis, '
+            "and record the scan again",
         )
     # the first positions whose image is nearest to a pixel of the colour; halves are rounded down, as in cutouts
     first = [(r0 - math.ceil(a - 0.5)) % step for r0, a in zip(phase, plan.anchor, strict=True)]

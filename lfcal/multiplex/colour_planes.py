@@ -85,7 +85,7 @@ def read_planes(path: Path, reading: ColourReading) -> Planes:
             f"colour of {path}",
             "a colour frame or mosaic",
             "a grey frame",
-            "leave the channel out (--channel), or state the colour filter (--cfa, e.g. GRBG)",
+            "leave the channel out (--channel), or state the colour filter (--cfa, such as GRBG)",
         )
     return {"": _plane(path, reading, None)}
 

@@ -132,7 +132,7 @@ def interleave(frames: Sequence[ArrayLike], side: tuple[int, int]) -> NDArray[np
     arrays = [np.asarray(frame) for frame in frames]
     shapes = {a.shape for a in arrays}
     if len(arrays) != rows * columns or len(shapes) != 1 or arrays[0].ndim != 2:
-        wanted = f"{rows * columns} frames of one shape"
+        wanted = f"{rows * columns} frames of the same shape"
         raise InputError.expected(
             "frames to interleave",
             wanted,

@@ -96,7 +96,7 @@ def _bands(text: str) -> Modulator:
         if what not in BAND_TABLES or what in tables or not table:
             wanted = any_of(f"{name}=FILE.csv" for name in BAND_TABLES)
             raise InputError.expected(
-                "tables of the bands", wanted, repr(words)[:60], "give each table once, separated by commas"
+                "spectra of the bands", wanted, repr(words)[:60], "give each file once, separated by commas"
             )
         tables[what] = _spectra(table)
     tables.setdefault("efficiency", shipped_spectra("silicon"))

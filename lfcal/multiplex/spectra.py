@@ -99,7 +99,7 @@ class Spectra:
                 f"wavelengths of {', '.join(self.names)}"[:60],
                 f"{low:g} … {high:g} nm",
                 got,
-                "choose bands within the wavelengths of the table",
+                "choose wavelengths within this range",
             )
         return np.stack([np.interp(wanted, self.wavelengths_nm, row) for row in self.values])
 
@@ -160,7 +160,7 @@ def shipped_spectra(name: str) -> Spectra:
     """
     if name not in TABLES:
         raise InputError.expected(
-            "table", any_of(TABLES), repr(name), "choose one of these, or read your own table with read_spectra"
+            "included spectra", any_of(TABLES), repr(name), "choose one of these, or read a file with read_spectra"
         )
     return read_spectra(FOLDER / f"{name}.csv")
 
@@ -370,7 +370,7 @@ def _one_curve(curve: Spectra | None, waves: Array, what: str, most: float = np.
     values: Array = curve.on(waves.ravel()).reshape(waves.shape)
     if values.min() < 0 or values.max() > most or not values.any():
         reported = f"{values.min():.3g} … {values.max():.3g}"
-        raise InputError.expected(what, f"values from 0 to {most:g}, not all zero", reported, "correct the table")
+        raise InputError.expected(what, f"values from 0 to {most:g}, not all zero", reported, "correct the curve")
     return values
 
 

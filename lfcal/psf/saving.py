@@ -213,7 +213,7 @@ def iter_save_regions(
     Raises
     ------
     InputError
-        If ``matrices`` is empty, or a name contains a slash.
+        If ``matrices`` is empty, or a name is empty, a single dot, or contains a slash.
 
     Examples
     --------
@@ -223,13 +223,12 @@ def iter_save_regions(
     >>> [step.count for step in iter_save_regions({"centre": H, "edge": H}, "field.h5")]
     ['0 of 2', '1 of 2', '2 of 2']
     """
-    if not matrices or any(not name or "/" in name or name == "." for name in matrices):
-        raise InputError.expected(
-            "regions of the field",
-            "at least one region, and names without /",
-            list(matrices) or "none",
-            "rename or add regions",
-        )
+    if not matrices:
+        raise InputError.expected("regions of the field", "at least one region", "none", "give the H of each region")
+    for name in matrices:
+        if name in ("", ".") or "/" in name:
+            wanted = "a name that is not empty or a single dot, and contains no /"
+            raise InputError.expected("region of the field", wanted, repr(name), "rename the region")
     sources: dict[str, tuple[PlaneSource, Stored]] = {}
     for name, matrix in matrices.items():
         planes = MatrixPlanes(matrix)

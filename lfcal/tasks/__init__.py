@@ -8,7 +8,7 @@
 - ``reconstruct``: light-field frames to volumes, or the expected time and memory
 - ``simulate``: a camera to H or frames
 - ``target_frames``, ``cameras``, ``matrices``: inputs as tasks open them
-- ``watch``: whether H still holds for ordinary frames
+- ``watch``: whether H is still valid for ordinary frames
 - ``acquire``: recording of scans, regions and targets, for planned positions or until H is accurate enough
 - ``plan``, ``plan_fit``, ``plan_target``: scans, positions for a fit, frames of a target
 - ``outputs``: rules for output files

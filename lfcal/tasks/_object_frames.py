@@ -54,7 +54,7 @@ def windows_field(use: str) -> int | None:
         f"Number of windows of the sensor {use}, at most 5.",
         at_least=1,
         at_most=5,
-        empty="one, or five of a large sensor",
+        empty="one; five for a large sensor",
         more=True,
     )
 

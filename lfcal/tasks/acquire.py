@@ -149,7 +149,7 @@ class _Acquire(Task):
     )
     bracket: str | tuple[float, ...] | None = opt(
         None,
-        "Exposures at each position, as multiples of the planned exposure (e.g. 1,0.25). They are merged into one "
+        "Exposures at each position, as multiples of the planned exposure, such as 1,0.25. They are merged into one "
         "frame of high dynamic range.",
         label="Exposure bracket",
         empty="1",
@@ -615,7 +615,7 @@ class AcquireUntil(_AcquireScan):
     input_words: ClassVar[str] = "a scan until H is good enough (--until-error)"
 
     until_error: float = required(
-        "Record, fit and choose the next positions until the error of H is at most this value, e.g. 0.5%.",
+        "Record, fit and choose the next positions until the error of H is at most this value, such as 0.5%.",
         label="Error of H",
         read=read_share,
     )

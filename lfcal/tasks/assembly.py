@@ -279,13 +279,13 @@ class Assemble(AssembleRegions):
     manifest: Path | None = opt(
         None, "Manifest or list of the frames (.csv, .tsv, .txt, .json).", file="in", empty="stored with the frames"
     )
-    pattern: str = opt("", "Take positions from file names, e.g. 'z{z}_y{y}_x{x}.png'.", label="File names")
+    pattern: str = opt("", "Take positions from file names, such as 'z{z}_y{y}_x{x}.png'.", label="File names")
     order: str = opt(
         "", "Take positions from the order of file names: serpentine or raster.", choices=("serpentine", "raster")
     )
     columns: str = opt(
         "",
-        "Contents of the columns of a list, e.g. file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
+        "Contents of the columns of a list, such as file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
         empty="inferred from the names of the columns",
         more=True,
     )
@@ -525,7 +525,7 @@ def open_planes(values: Mapping[str, Any], workers: int) -> AssembledPlanes:
 
 
 def _no_other(colour: str) -> Frames:
-    raise AssertionError(f"frames of {colour} are open")
+    raise AssertionError(f"frames of {colour} are not open: this process assembles one channel only")
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

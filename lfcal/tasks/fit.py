@@ -103,7 +103,7 @@ class _Fit(Task):
 
     sources: tuple[Path, ...] = required(
         "H file (of which only recorded positions are used), recorded session, folder of frames, or file of "
-        "many frames. Several sources are regions of the field of one camera.",
+        "many frames. If several sources are given, each is one region of the field of the same camera.",
         argument=True,
         file="in",
     )
@@ -159,7 +159,7 @@ class FitTarget(_Fit):
     input_words: ClassVar[str] = "frames of a target"
 
     plan: Path | None = opt(None, "Plan of the target (.json).", short="-p", file="in", empty="stored with the frames")
-    regions: str = opt("", "Write H of ROWSxCOLUMNS regions to one file, e.g. 3x3.", empty="one region")
+    regions: str = opt("", "Write H of ROWSxCOLUMNS regions, such as 3x3, to one file.", empty="one region")
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
     def files(self, way: str) -> tuple[Path, ...]:

@@ -97,7 +97,7 @@ class Recalibrate(Task):
         read=read_unknowns,
         more=True,
     )
-    windows: int | None = windows_field("in which the frames are explained")
+    windows: int | None = windows_field("to which the camera is fitted")
     noise: tuple[float, float] | None = noise_field("as stated by the frames")
     orientation: str = turn_field()
     channel: str = channel_field()

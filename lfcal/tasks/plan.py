@@ -102,7 +102,7 @@ class _Plan(PlanTask):
     order: str = opt("serpentine", "Order of the positions.", choices=("serpentine", "raster"), more=True)
     stage: str = opt(
         "+x,+y,+z",
-        "Stage axes that move the image right and down, and the source away from the camera, e.g. +x,-y,+z.",
+        "Stage axes that move the image right and down, and the source away from the camera, such as +x,-y,+z.",
         label="Stage axes",
         more=True,
     )
@@ -238,7 +238,7 @@ class PlanRecorded(_Plan):
     frames: Path | None = opt(None, "Folder of the frames in the list.", file="in", empty="the folder of the list")
     columns: str = opt(
         "",
-        "Contents of the columns of the list, e.g. file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
+        "Contents of the columns of the list, such as file=Name,y_um=PosY,x_um=PosX,exposure_ms=Exp.",
         empty="inferred from the names of the columns",
         more=True,
     )

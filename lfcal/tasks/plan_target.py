@@ -83,7 +83,9 @@ class _PlanTarget(PlanTask):
         at_least=1,
         empty="no limit",
     )
-    regions: str = opt("", "Regions of the field to cover, ROWSxCOLUMNS over the sensor, e.g. 3x3.", empty="one region")
+    regions: str = opt(
+        "", "Regions of the field to cover, ROWSxCOLUMNS over the sensor, such as 3x3.", empty="one region"
+    )
     signal: float | None = opt(
         None,
         "Signal in the brightest pixel of a single point. With it, lfcal predicts whether coded frames, in which "

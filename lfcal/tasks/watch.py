@@ -1,4 +1,4 @@
-"""Ask for each frame of a series whether H still holds."""
+"""Ask for each frame of a series whether H is still valid."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Watched(TaskResult):
 
 @record
 class Watch(Task):
-    """Check for each frame of a series whether H still holds.
+    """Check for each frame of a series whether H is still valid.
 
     The frames may show any structured objects within the depth planes of H. For each frame, lfcal measures the shift of
     the array and the change of the gap, with their uncertainty. H is not changed. Exit code 1: H is no longer valid, or

@@ -123,11 +123,27 @@ def test_bad_values_are_refused_in_one_line(values: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(
     ("terms", "told"),
-    [((-1000.0,), "an area shrunk to"), ((-1e7,), "reverses their order")],
+    [
+        ((-200.0,), r"less than 0\.1 of its size, got one that shrinks an area to 0\.04"),
+        ((-400.0,), "got one that reverses their order"),
+        ((-1000.0,), "got one that reverses their order"),
+        ((-1e7,), "got one that reverses their order"),
+    ],
 )
 def test_what_turns_lenslets_over_is_told_from_what_shrinks_them(terms: tuple[float, ...], told: str) -> None:
     with pytest.raises(InputError, match=told):
         LatticeDistortion("radial", (0.0, 0.0), 1000.0, (terms,))
+
+
+def test_terms_that_overflow_are_named() -> None:
+    with pytest.raises(InputError, match="got terms too large to evaluate"):
+        LatticeDistortion("radial", (0.0, 0.0), 1e-300, ((1e15,),))
+
+
+def test_positions_that_are_not_finite_are_told_from_distant_ones() -> None:
+    distortion = LatticeDistortion("radial", (0.0, 0.0), 1000.0, ((-3.0,),))
+    with pytest.raises(InputError, match="expected finite numbers, got NaN or infinity in 2 of them"):
+        distortion.invert([[np.nan, 1.0], [3.0, 4.0], [np.inf, 0.0]])
 
 
 # -- the lattice that carries it ---------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -118,8 +119,16 @@ def test_the_camera_of_a_colour_has_its_lattice_where_it_is(name: str) -> None:
 
 def test_what_has_no_colours() -> None:
     source = ArraySource(np.zeros((1, *SENSOR), np.uint16), [(0, 0, 0)])
-    with pytest.raises(InputError, match="period of channel R: expected a multiple of 2 pixels"):
-        colour_scan(source, plan_of((5, 6)), "R")
+    odd = plan_of((5, 6))
+    with pytest.raises(InputError, match="period of channel R: expected a multiple of 2 pixels") as caught:
+        colour_scan(source, odd, "R")
+    assert "5 x 6 pixels" in str(caught.value)
+    # the remedy works: the plan is changed as the message says
+    found = re.search(r'set "period" in plan\.json to (\[\d+, \d+\])', str(caught.value))
+    assert found is not None and found[1] == "[10, 6]"
+    plan = ScanPlan.from_json(json.dumps(json.loads(odd.to_json()) | {"period": json.loads(found[1])}))
+    scan = colour_scan(source, plan, "R")
+    assert scan is not None and scan.plan.period == (5, 3)
     camera = preset("bench")
     camera = replace(camera, sensor=replace(camera.sensor, cfa=CFA))
     plan = ScanPlan.for_camera(camera, depths_um=[0.0], cutout=5, resample=True)

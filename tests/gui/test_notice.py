@@ -28,3 +28,15 @@ def test_a_message_without_room_is_opened_whole(qtbot: QtBot) -> None:
     assert "name.h5: expected an HDF5 " in QLabel.text(notice.label), "the reason counts more than the path"
     assert words.isVisible() and words.text() == WHY and words.height() >= words.heightForWidth(words.width())
     words.window().close()
+
+
+def test_the_second_button_says_what_it_does(qtbot: QtBot) -> None:
+    root = QWidget()
+    qtbot.addWidget(root)
+    notice = Notice(root)
+    notice.offer(
+        "Dark frames", "Continue", lambda: None, stay="Skip", tip="Go on", stay_tip="Record without dark frames"
+    )
+    assert (notice.leave.text(), notice.leave.toolTip()) == ("Skip", "Record without dark frames")
+    notice.offer("Removed", "Undo", lambda: None, stay="Leave it", tip="Restore the plan")
+    assert notice.leave.toolTip() == "Hide this message without any change"

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import re
 import zlib
 from pathlib import Path
 
@@ -348,8 +349,12 @@ def test_regions_of_the_field_share_a_file(tmp_path: Path) -> None:
         np.testing.assert_array_equal(H.recorded, corner.recorded)
     with pytest.raises(InputError, match="region: expected centre or corner, got 'edge'"):
         open_psf(path, region="edge")
-    with pytest.raises(InputError, match="regions of the field"):
+    with pytest.raises(InputError, match="region of the field"):
         save_regions({"a/b": centre}, tmp_path / "bad.h5")
+    for name in ("", "."):
+        told = f"region of the field: expected a name .*, got {re.escape(repr(name))}; rename"
+        with pytest.raises(InputError, match=told):
+            save_regions({"centre": centre, name: centre}, tmp_path / "bad.h5")
     assert not (tmp_path / "bad.h5").exists()
 
 

@@ -156,7 +156,7 @@ def test_a_larger_cell_needs_no_finer_table():
 def test_tables_of_cells_have_a_size_that_memory_holds():
     # cells of 126 µm on samples of 0.25 µm: 16632 a side with a fineness fixed at 16, 4 GB
     assert 2 * 363 * math.sqrt(2) * fineness(363 * math.sqrt(2)) < MAX_TABLE
-    with pytest.raises(InputError, match=r"table of a lenslet.*at most 6000 samples on each side"):
+    with pytest.raises(InputError, match=r"sampled transmission of a lenslet.*at most 6000 samples on each side"):
         polygon_table(turned_square(30.0, 0.2), 0.01, 21.0)
 
 

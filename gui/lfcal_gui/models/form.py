@@ -180,7 +180,7 @@ def _field(row: FieldRow) -> Field:
     kind = "choice" if choices else "text" if opt.read or row.many else KINDS.get(row.kind, "text")
     share = opt.read is read_share
     notes = [part for part in ("0.03 or 3 %" if share else opt.unit, opt.range_words) if part]
-    tip = opt.help + (f" ({'; '.join(notes)})" if notes else "")
+    tip = f"{opt.help.removesuffix('.')} ({'; '.join(notes)})." if notes else opt.help
     empty = opt.empty or ("" if row.default is MISSING else text_in_form(row, row.default))
     return Field(
         row.name,

@@ -44,7 +44,7 @@ class AravisBackend:
     has_stage = False
     options: Mapping[str, str] = {
         "camera": "ID or network address of the camera; the only one found by default",
-        "format": "pixel format, e.g. Mono8, Mono12p, BayerRG16; the camera's present format by default",
+        "format": "pixel format, such as Mono8, Mono12p or BayerRG16; the camera's current format by default",
         "trigger": "software or none; by default software if the camera supports it",
         "packet_size": "bytes per network packet (GigE Vision)",
         "fake": "1 also finds Aravis's built-in fake camera",

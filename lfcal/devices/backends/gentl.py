@@ -44,7 +44,7 @@ class GenTLBackend:
     options: Mapping[str, str] = {
         "cti": "GenTL producer file (.cti) of the camera manufacturer; 'virtual' for the one included in genicam",
         "camera": "number of the camera in the producer's list, from 0, or its serial number",
-        "format": "pixel format, e.g. Mono8, Mono12p, BayerRG16; the camera's present format by default",
+        "format": "pixel format, such as Mono8, Mono12p or BayerRG16; the camera's current format by default",
         "set": "Feature=value separated by ';', settings to apply before the session",
         "trigger": "software or none; by default software if the camera supports it",
     }

@@ -213,7 +213,9 @@ class SimCamera:
             self._time.jump(-86400.0)
         if "times out" in active:
             self._time.sleep(timeout_s)
-            raise FrameTimeout(f"simulated camera: no frame in {timeout_s:g} s; check the trigger")
+            raise FrameTimeout(
+                f"simulated camera: no frame in {timeout_s:g} s because of the simulated fault 'times out'; try again"
+            )
         if "stale" in active and self._last is not None:
             return self._last
         self._exposure = self._taken(active)
@@ -322,4 +324,6 @@ class SimCamera:
 
     def _check_connected(self) -> None:
         if self._lost:
-            raise DeviceLost("simulated camera: no answer; check cable and power")
+            raise DeviceLost(
+                "simulated camera: connection lost because of the simulated fault 'vanishes'; connect again"
+            )

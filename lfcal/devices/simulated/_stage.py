@@ -132,7 +132,7 @@ class SimStage:
         if any(not lo <= t <= hi for t, (lo, hi) in zip(target, self.limits, strict=True)):
             raise StageError.expected("stage", f"a target within {self.limits} µm", target, "correct the plan")
         if "move fails" in active:
-            raise StageError("simulated stage: the controller refused the move; try again")
+            raise StageError("simulated stage: move refused because of the simulated fault 'move fails'; try again")
         here = self.position()
         # ringing stays within the backlash and does not move the source
         self._true = self._follow(here if self._time.monotonic() < self._ends else self._settled())
@@ -217,7 +217,9 @@ class SimStage:
     def _check_connected(self, vanishes: bool) -> None:
         self._lost = self._lost or vanishes
         if self._lost:
-            raise DeviceLost("simulated stage: no answer; check cable and power")
+            raise DeviceLost(
+                "simulated stage: connection lost because of the simulated fault 'stage vanishes'; connect again"
+            )
 
 
 def _between(a: Point, b: Point, share: float) -> Point:

@@ -120,12 +120,12 @@ class SimBackend:
         "backlash": "backlash of each axis (µm)",
         "drift": "creep of each axis after arrival (µm/s)",
         "limits": "travel of the stage, x0:x1,y0:y1,z0:z1 (µm)",
-        "axes": "actual stage axes for image right, down and away, e.g. -x,+y,+z",
-        "faults": "faults to inject: kind@call[*times] separated by ';', e.g. 'times out@5*2;stale@9'",
+        "axes": "actual stage axes for image right, down and away, such as -x,+y,+z",
+        "faults": "faults to inject: kind@call[*times] separated by ';', such as 'times out@5*2;stale@9'",
         "automatic": "settings of the camera that cannot be switched off: any of ExposureAuto, GainAuto, Gamma",
         "seed": "random seed of the camera's noise",
         "target": "JSON file of a target, or of a target's plan, in front of the camera instead of a point",
-        "brightness": "relative spread of the brightness of the target's holes, e.g. 0.1",
+        "brightness": "relative spread of the brightness of the target's holes, such as 0.1",
     }
 
     def probe(self) -> str:

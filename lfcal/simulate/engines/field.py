@@ -188,7 +188,7 @@ def _side(length: float, dx: float) -> int:
     n = 2 * math.ceil(length / (2 * dx) + 4)
     if n > MAX_SAMPLES:
         raise InputError.expected(
-            "field table",
+            "sampled field of the main lens",
             f"at most {MAX_SAMPLES} samples on each side",
             n,
             "use a smaller cutout, or the level geometric",

@@ -210,7 +210,8 @@ class GridPlane:
         rows, columns = ((c - 1) * self.per_px + self._n for c in count)
         if max(rows, columns) > MAX_SIDE:
             got, remedy = f"{rows} x {columns}", "choose another level"
-            raise InputError.expected("table of the array", f"at most {MAX_SIDE} samples on each side", got, remedy)
+            limit = f"at most {MAX_SIDE} samples on each side"
+            raise InputError.expected("sampled transmission of the lenslet array", limit, got, remedy)
         top, left = ((f * self.per_px - self._n // 2 + self._between) * dx for f in first)
         array = np.zeros((rows, columns), self._dtype)
         reach = (half + 1) * dx

@@ -233,7 +233,7 @@ def _table_side(step: float, reach: float) -> int:
     n = 2 * math.ceil(reach / step) + 3
     if n > MAX_TABLE:
         raise InputError.expected(
-            "transmission table of a lenslet",
+            "sampled transmission of a lenslet",
             f"at most {MAX_TABLE} samples on each side",
             n,
             "use fewer samples or nodes per pixel, or the level geometric",

@@ -121,7 +121,15 @@ class Page(BasePage):
             return
         answer, skip = recorder.cover.answer, recorder.cover.skippable
         leave = (lambda: answer(skip=True)) if skip else None
-        self.notice.offer(words, "Continue", answer, leave, stay="Skip", tip="Continue the recording")
+        self.notice.offer(
+            words,
+            "Continue",
+            answer,
+            leave,
+            stay="Skip",
+            tip="Continue the recording",
+            stay_tip="Record without dark frames",
+        )
         self.notice.leave.setVisible(skip)
         self.context.message.emit(words)
 
@@ -166,7 +174,15 @@ class Page(BasePage):
             self.setup.when_connected(self.redo)
             forget = partial(self.setup.when_connected, None)
             tip = "Connect the devices chosen in Record > Rig, and record these positions again"
-            self.notice.offer(words, "Connect", self.setup.connect_devices, forget, stay="Not now", tip=tip)
+            self.notice.offer(
+                words,
+                "Connect",
+                self.setup.connect_devices,
+                forget,
+                stay="Not now",
+                tip=tip,
+                stay_tip="Hide this message. Nothing is recorded when you connect the devices",
+            )
         else:
             self.notice.clear()
             self.record.start(redo=True)

@@ -157,7 +157,8 @@ class RecordPanel(QWidget):
         self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
         self.map_words = ElidedLabel(role="hint")
         self.map_words.setToolTip(
-            "What the map shows. Frames of a target cover a part of the phases; a fit of the optics gives the others"
+            "Quantity that the map shows. Frames of a target record only some of the phases; a fit of the optics "
+            "predicts the others"
         )
         widget = QWidget()
         column_of(line(self.quantity, self.map_words, stretch=1), of=widget, spacing=4)

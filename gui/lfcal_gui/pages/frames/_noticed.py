@@ -7,9 +7,11 @@ from collections.abc import Callable
 from lfcal.frames import ORIENTATIONS
 from lfcal.psf import FoundOrientation
 from lfcal_gui.context import Context
-from lfcal_gui.notice import Notice
+from lfcal_gui.notice import UNCHANGED, Notice
 from lfcal_gui.pages.frames.model import Opened
 from lfcal_gui.pages.frames.orientation import advice, other_sensor
+
+LEFT = "Use the frames as they are, and do not check their orientation. Undo (Ctrl+Z) reverts it"
 
 
 class Noticed:
@@ -48,11 +50,23 @@ class Noticed:
             button = f"Turn upright ({advised.apply})" if turns else "Keep orientation"
             tip = "Turn all frames in this way" if turns else "Use the frames as they are"
             self.notice.offer(
-                words, button, lambda: self._set(advised.apply), leave, tip=f"{tip}. Undo (Ctrl+Z) reverts it"
+                words,
+                button,
+                lambda: self._set(advised.apply),
+                leave,
+                tip=f"{tip}. Undo (Ctrl+Z) reverts it",
+                stay_tip=LEFT if leave else UNCHANGED,
             )
         else:
             tip = "Open Set up, to correct the axes of the stage or the plan"
-            self.notice.offer(words, "Plan", lambda: self.context.go.emit("setup", None), leave, tip=tip)
+            self.notice.offer(
+                words,
+                "Plan",
+                lambda: self.context.go.emit("setup", None),
+                leave,
+                tip=tip,
+                stay_tip=LEFT if leave else UNCHANGED,
+            )
 
     def _show_note(self, words: str) -> None:
         self.context.message.emit(words)

@@ -158,7 +158,7 @@ class ChecksView(QWidget):
         self.every.toggled.connect(self.every_toggled.emit)
         tip = "Camera, session, number of patterns and time of the inspection"
         self.form = FoldedForm(more=FIELDS, title="Inspection settings", tip=tip, framed=True)
-        folder = button("Fit folder …", "Compare with the camera of a saved fit", self.folder_asked.emit)
+        folder = button("Choose saved fit …", "Compare with the camera of a saved fit", self.folder_asked.emit)
         for part in (folder, self.every):
             self.form.fold_line(part)
         return self.form

@@ -143,7 +143,7 @@ class ChoicesPanel(QWidget):
         self.use.setText(offer.use_words(settings.positions))
         editor = self.form.editor("noise")
         assert isinstance(editor, QLineEdit)
-        editor.setPlaceholderText("needed" if offer.noise is None else self.form.fields["noise"].empty)
+        editor.setPlaceholderText("required" if offer.noise is None else self.form.fields["noise"].empty)
         _say(self.start, *offer.camera_words(settings, project.camera, project.plan))
         _say(self.noise, *offer.noise_words(settings))
 

@@ -14,7 +14,6 @@ from lfcal.base import InputError, any_of, check_number
 from lfcal.frames.formats import image_suffixes
 from lfcal.multiplex import (
     CFA_PATTERNS,
-    FILTERS,
     GRAMMAR,
     MASKS,
     SPATIAL_FILTERS,
@@ -59,8 +58,8 @@ FIELDS = (
         "pattern",
         "Custom pattern",
         kind="text",
-        tip=f"Letters of {''.join(FILTERS)} by rows, such as GRBG or "
-        "RGB/GBR: R G B, C = G + B, M = R + B, Y = R + G, W = all, E = emerald (as C)",
+        tip="Letters of the filters, row by row, with rows separated by a slash (RGB/GBR); a square pattern "
+        "needs no slash (GRBG). R, G, B; C = G + B, M = R + B, Y = R + G, W = all, E = emerald (as C)",
     ),
     Field("mask", "Mask", kind="choice", choices=_named(MASKS), tip="Mask or lenslets that modulate the light field"),
     Field(
@@ -70,7 +69,7 @@ FIELDS = (
         f"Pixels and views along a side, up to {MAX_SIZE}; MURA: odd primes, sum of sinusoids: odd",
         kind="int",
     ),
-    Field("written", "Expression", kind="text", tip=f"Any modulator: {GRAMMAR}"),
+    Field("written", "Expression", kind="text", tip=f"Modulator as an expression, such as {GRAMMAR}"),
     Field(
         "reference_written",
         "Reference",
@@ -160,7 +159,7 @@ FIELDS = (
         kind="text",
         empty="auto",
         tip=".npy (N, rows, columns): transmission of each sample at each pixel of the frame, for masks that do not "
-        "repeat; empty: those of the modulator",
+        "repeat. Empty: those of the modulator",
         group="Reconstruction",
         file="Arrays (*.npy)",
     ),
@@ -168,7 +167,7 @@ FIELDS = (
         "spacing",
         "Node spacing",
         "px",
-        "Distance between grid nodes of the general route, 0.5 or more; empty: from the number of measuring pixels",
+        "Distance between grid nodes of the general route, 0.5 or more. Empty: from the number of measuring pixels",
         optional=True,
         empty="auto",
         group="Reconstruction",

@@ -55,7 +55,7 @@ ROWS = {one.key: one for one in fields_of(Reconstruct)}
 
 def _short(key: str, empty: str) -> Field:
     """Return a field of the task with the meaning of an empty value in its tooltip, because the field is short."""
-    return replace(ROWS[key], empty=empty, tip=f"{ROWS[key].tip}; empty: {ROWS[key].empty}")
+    return replace(ROWS[key], empty=empty, tip=f"{ROWS[key].tip.rstrip('.')}. Empty: {ROWS[key].empty}")
 
 
 CHECKED = tuple(
@@ -119,7 +119,7 @@ FIELDS: tuple[Field, ...] = (
         "margin",
         "Margin",
         "px",
-        "Number of pixels by which the volume extends beyond the light field, for light from outside; empty: automatic",
+        "Number of pixels by which the volume extends beyond the light field, for light from outside. Empty: automatic",
         kind="int",
         optional=True,
         empty="auto",
@@ -147,7 +147,7 @@ FIELDS: tuple[Field, ...] = (
         "region",
         "Region",
         "px",
-        "First row, first column, rows and columns of the light field; empty: all of it",
+        "First row, first column, rows and columns of the light field. Empty: all of it",
         kind="floats",
         empty="all",
     ),
@@ -155,7 +155,7 @@ FIELDS: tuple[Field, ...] = (
         "anchor",
         "Anchor",
         "px",
-        "Row and column at which position (0, 0) of H is imaged; empty: the anchor of H",
+        "Row and column at which position (0, 0) of H is imaged. Empty: the anchor of H",
         kind="floats",
         empty="of H",
     ),

@@ -78,7 +78,7 @@ def test_a_fault_is_injected_into_the_connected_simulator(page: Page, context: C
     faults.add.click()
     assert "move 1 from now" in faults.hint.text() and not AcquireSettings.of(context.state).to_dict().get("faults")
     station.move((2.0, 0.0, 0.0))
-    with pytest.raises(StageError, match="refused the move"):
+    with pytest.raises(StageError, match="move refused because of the simulated fault"):
         station.move((3.0, 0.0, 0.0))
     station.move((4.0, 0.0, 0.0))
     faults.kind.setCurrentIndex(faults.kind.findData("too warm"))
