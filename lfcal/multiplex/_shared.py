@@ -5,7 +5,7 @@ from __future__ import annotations
 from lfcal.multiplex._sensor_noise import black_level_map
 from lfcal.multiplex.code_display import code_files, save_code
 from lfcal.multiplex.coding import CODES
-from lfcal.multiplex.colour_filters import FILTERS, parse_pattern
+from lfcal.multiplex.colour_filters import parse_pattern
 from lfcal.multiplex.colour_planes import (
     CHANNELS,
     ColourReading,
@@ -41,7 +41,6 @@ __all__ = [
     "CHANNELS",
     "CODES",
     "FIGURES",
-    "FILTERS",
     "GRAMMAR",
     "MATRIX_SUFFIXES",
     "SPATIAL_FILTERS",
