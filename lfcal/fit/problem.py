@@ -110,14 +110,20 @@ class Problem:
     def point(
         self, u: F8, local: Local, sampling: Sampling, *, lamps: F8 | None = None, doubtful: bool = False
     ) -> Point:
-        """Return the point at the vector ``u``, after computing its predictions."""
+        """Return the point at the vector ``u``, after computing its predictions.
+
+        ``lamps`` ``(n,)`` is the relative change of the lamp's brightness at each pattern. None: no change.
+        """
         model = self.model(u, local.offsets_px, sampling)
         return self.weigh(u, local, model, sampling, lamps=lamps, doubtful=doubtful)
 
     def weigh(
         self, u: F8, local: Local, model: F4, sampling: Sampling, *, lamps: F8 | None = None, doubtful: bool = False
     ) -> Point:
-        """Return the point at the vector ``u`` for predictions ``model`` ``(n, m)`` that are already known."""
+        """Return the point at the vector ``u`` for predictions ``model`` ``(n, m)`` that are already known.
+
+        ``lamps`` ``(n,)`` is the relative change of the lamp's brightness at each pattern. None: no change.
+        """
         own = np.zeros(len(self.measured)) if lamps is None else lamps
         error = _error(sampling, local)
         levels = levels_of(self.measured, model, own, doubtful=doubtful, error=error)

@@ -166,13 +166,15 @@ def as_described(
 
 
 def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
-    """Fit a few patterns to check whether the description is wrong; progress counts derivatives.
+    """Fit a few patterns under other assumptions about the description, such as mirrored axes or reversed depths.
+
+    Progress counts derivatives.
 
     Raises
     ------
     InputError
-        If one answer explains the patterns much better than the description; the message states this answer and its
-        remedy.
+        If one of these assumptions explains the patterns much better than the description; the message states it and
+        its remedy.
     """
     few = _few(problem)
     plain = yield from _tried(few, core, "as described", most=3)

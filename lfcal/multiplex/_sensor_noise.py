@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_number
+from lfcal.base import InputError, array_words, check_number
 from lfcal.camera import Sensor
 
 __all__ = ["SensorNoise", "black_level_map", "pixel_weights", "sensor_noise", "without_black_level"]
@@ -43,7 +43,7 @@ def black_level_map(levels: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.flo
         raise InputError.expected(
             "black level",
             "a number, or the square array of numbers of a pattern's period",
-            f"shape {values.shape}",
+            array_words(values),
             "give one of these",
         )
     if values.size == 1:

@@ -135,7 +135,7 @@ def interpolated(
 
     lost = lost_pixels(image, path, mask, origin)
     if lost.any():
-        note(f"{path.name}: {int(lost.sum())} pixels without a value are interpolated")
+        note(f"{path.name}: interpolated pixels (masked, or without a finite value): {int(lost.sum())}")
         image = np.where(lost, np.float32(np.nan), image)
         repair_nan(image, (0, 0), np.zeros(3), _square(cfa))
         # the middle of a large hole has no neighbours

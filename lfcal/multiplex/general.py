@@ -269,9 +269,13 @@ def _transmissions(given: ArrayLike | Modulator, shape: tuple[int, int] | None) 
     if np.asarray(given).dtype.kind not in "uifb":
         raise InputError.expected("transmissions", "real numbers", np.asarray(given).dtype, "give real numbers")
     array = np.asarray(given, float)
-    if array.ndim != 3 or not array.size or not np.isfinite(array).all() or np.abs(array).max() > MAX_SHARE:
+    if array.ndim != 3 or not array.size:
+        raise InputError.expected("transmissions", "shape (N, rows, columns)", array.shape, "give one plane per sample")
+    if not np.isfinite(array).all():
+        raise InputError.expected("transmissions", "finite numbers", "NaN or infinity", "correct the values")
+    if (largest := np.abs(array).max()) > MAX_SHARE:
         raise InputError.expected(
-            "transmissions", "finite numbers of shape (N, rows, columns)", array.shape, "give one plane per sample"
+            "transmissions", f"magnitudes up to {MAX_SHARE:g}", f"{largest:g}", "give fractions of the light"
         )
     if not array.any():
         raise InputError.expected("transmissions", "some light", "only zeros", "give transmissions above 0")

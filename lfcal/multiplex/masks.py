@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_choice, check_number, check_tuple
+from lfcal.base import InputError, array_words, check_choice, check_number, check_tuple
 from lfcal.multiplex.modulator import MAX_SAMPLES, Modulator
 
 __all__ = [
@@ -191,7 +191,7 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
         raise InputError.expected(
             "mask",
             "rows and columns of transmissions from 0 to 1",
-            _range_words(values),
+            array_words(values),
             "give one transmission per pixel of the mask",
         )
     if values.size > MAX_SAMPLES:
@@ -240,12 +240,6 @@ def cell_overlap(distance: ArrayLike, blur: float) -> Array:
     # the integral of the triangle 1 - |t| up to each end
     upper, lower = (0.5 + e - np.sign(e) * e * e / 2 for e in ends)
     return np.asarray((upper - lower) / blur)
-
-
-def _range_words(values: Array) -> str:
-    if values.ndim != 2 or not values.size or not np.isfinite(values).all():
-        return f"shape {values.shape}"
-    return f"{values.min():.3g} … {values.max():.3g}"
 
 
 def shadow_shift_px(distance_um: float, view_step: float, pixel_um: float) -> float:

@@ -150,5 +150,5 @@ def _side(shape: tuple[int, ...]) -> tuple[int, int]:
         return shape[0], shape[1]
     side = math.isqrt(shape[0])
     if side * side != shape[0]:
-        raise ValueError(f'{shape[0]} pixels do not fill a square: give "side", or an array (rows, columns, N)')
+        raise ValueError(f'{shape[0]} pixels, which do not fill a square; give "side", or an array (rows, columns, N)')
     return side, side

@@ -101,7 +101,7 @@ class Modulator:
             if array.shape != wanted or not np.isfinite(array).all():
                 got = array.shape if array.shape != wanted else "NaN or infinity"
                 raise InputError.expected(
-                    f"{what} basis of {self.name}", f"finite values {wanted}", got, "correct the array"
+                    f"{what} basis of {self.name}", f"finite values of shape {wanted}", got, "correct the array"
                 )
             array.setflags(write=False)
             object.__setattr__(self, what, array)

@@ -43,7 +43,7 @@ class RecordedFrame(NamedTuple):
         lost = lost_pixels(self.raw, self.path, mask)
         missing = int(np.count_nonzero(~np.isfinite(self.raw)))
         if missing:
-            note(f"{self.path.name}: {missing} pixels without a value are left out")
+            note(f"{self.path.name}: excluded pixels (without a finite value): {missing}")
         if sensor is None:
             return np.where(lost, 0.0, 1.0) if missing or mask is not None else None
         return pixel_weights(self.filled, sensor, dead=lost, black_level=level, **how)

@@ -77,8 +77,8 @@ class Spectra:
                 "give the wavelengths in increasing order",
             )
         if values.shape != (len(self.names), len(waves)) or not np.isfinite(values).all():
-            wanted = f"finite values {(len(self.names), len(waves))}"
-            raise InputError.expected("spectra", wanted, array_words(values), "give one row per name")
+            wanted = f"finite values of shape {(len(self.names), len(waves))}"
+            raise InputError.expected("spectra", wanted, array_words(values), "give one row of numbers per name")
         for name, array in (("wavelengths_nm", waves), ("values", values)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -346,8 +346,10 @@ def _samples(seen: Array, edges: Array, basis: ArrayLike | None) -> tuple[Array,
         middles = (edges[1:] + edges[:-1]) / 2
         return seen.T, tuple(f"{middle:.0f} nm" if len(edges) < 60 else f"{middle:.1f} nm" for middle in middles), width
     table = np.asarray(basis, float)
-    if table.ndim != 2 or len(table) != len(width) or not np.isfinite(table).all() or not table.size:
+    if table.ndim != 2 or len(table) != len(width) or not table.size:
         raise InputError.expected("basis of spectra", f"shape ({len(width)}, N)", table.shape, "give one row per band")
+    if not np.isfinite(table).all():
+        raise InputError.expected("basis of spectra", "finite numbers", "NaN or infinity", "correct the values")
     light = np.linalg.lstsq(table, width, rcond=None)[0]
     return (seen @ table).T, tuple(f"coefficient {k} nm" for k in range(table.shape[1])), light
 

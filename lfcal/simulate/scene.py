@@ -93,7 +93,10 @@ MAX_ORDER = 40
 
 
 def check_wavefront(terms: Iterable[tuple[int, int, float]]) -> None:
-    """Raise `InputError` if a term ``(n, m, waves)`` is not a Zernike polynomial with a finite coefficient."""
+    """Raise `InputError` unless each term ``(n, m, waves)`` is a Zernike polynomial with a finite coefficient.
+
+    The order n must be at most 40 (`MAX_ORDER`).
+    """
     for n, m, waves in terms:
         check_number("wavefront coefficient (waves)", waves)
         check_number("order of a Zernike term", n, at_least=0, at_most=MAX_ORDER)

@@ -55,12 +55,12 @@ def refined_basis(pixels: Array, basis: Array) -> Array:
                 found[k] = np.median(away[close], axis=0)
     near = [(np.linalg.norm(away - b, axis=1) < OFF * np.linalg.norm(b)).sum() for b in found]
     if len(pixels) > 1 and not any(near):
-        apart = np.linalg.norm(basis, axis=1)
+        apart = " or ".join(dict.fromkeys(f"{length:.1f}" for length in np.linalg.norm(basis, axis=1)))
         nearest = np.asarray(tree.query(pixels, 2)[0])[:, 1]
         raise InputError.expected(
-            "distance between neighbouring points in the frame",
-            f"{apart[0]:.1f} or {apart[1]:.1f} px, with a rotation of at most 15°",
-            f"{np.median(nearest):.1f} px",
+            "lattice of the points in the frame",
+            f"neighbours at {apart} px within 15° of the expected directions",
+            f"none; the typical distance of the nearest neighbour is {np.median(nearest):.1f} px",
             "check the pitch, the depth and the rotation of the target",
         )
     return found

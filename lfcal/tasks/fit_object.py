@@ -85,12 +85,11 @@ class PredictObject(Task):
         if volume.shape != (planes, *shot.values.shape):
             wanted = f"{(planes, *shot.values.shape)}, the planes of H and the pixels of the frame"
             raise InputError.expected(f"{self.scene}, volume", wanted, f"shape {volume.shape}", "resample the volume")
-        if not np.isfinite(volume).all() or not volume.any():
+        if not np.isfinite(volume).all():
+            raise InputError.expected(f"{self.scene}, volume", "finite values", "NaN or infinity", "correct the volume")
+        if not volume.any():
             raise InputError.expected(
-                f"{self.scene}, volume",
-                "finite values, not all zero",
-                "NaN, infinity, or only zeros",
-                "correct the volume",
+                f"{self.scene}, volume", "a value other than 0", "only zeros", "give another volume"
             )
         return shot, volume
 

@@ -43,7 +43,7 @@ def test_demosaic_interpolates_nan_and_masked_pixels(lfcal: Callable[..., Run], 
     (tmp_path / "mask.csv").write_text("".join(f"{row},{column}\n" for row, column in lost))
     command = ("multiplex", "demosaic", tmp_path / "frame.tif", "-o", tmp_path / "rgb.tif", "--pattern", pattern)
     done = lfcal(*command, "--mask", tmp_path / "mask.csv", "--force")
-    assert done.code == 0 and "7 pixels without a value are interpolated" in done.err, done.err
+    assert done.code == 0 and "interpolated pixels (masked, or without a finite value): 7\n" in done.err, done.err
     np.testing.assert_allclose(tifffile.imread(tmp_path / "rgb.tif"), light, rtol=1e-4)
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((4, 4), np.uint8))
     refused = lfcal(*command, "--mask", tmp_path / "small.png", "--force")
@@ -57,7 +57,7 @@ def test_recover_leaves_out_nan_and_listed_pixels(lfcal: Callable[..., Run], tmp
     (tmp_path / "mask.csv").write_text("30,31\n")
     command = ("multiplex", "recover", tmp_path / "frame.tif", "--modulator", "nd:1", "-o", tmp_path / "found.tif")
     done = lfcal(*command, "--mask", tmp_path / "mask.csv")
-    assert done.code == 0 and "2 pixels without a value are left out" in done.err, done.err
+    assert done.code == 0 and "excluded pixels (without a finite value): 2\n" in done.err, done.err
     np.testing.assert_allclose(tifffile.imread(tmp_path / "found.tif"), 900, rtol=1e-5)
     plain = lfcal(*command, "--force", "--json").json
     assert plain["pixels_left_out"] == pytest.approx(2 / frame.size)

@@ -153,6 +153,18 @@ def test_few_filters_tell_smooth_spectra() -> None:
     np.testing.assert_allclose(basis @ found, spectrum, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("basis", "message"),
+    [
+        (np.ones((3, 2)), r"basis of spectra: expected shape \(4, N\), got \(3, 2\); give one row per band"),
+        (np.full((4, 2), np.nan), "basis of spectra: expected finite numbers, got NaN or infinity; correct the values"),
+    ],
+)
+def test_a_basis_of_another_shape_or_with_nan_is_refused(basis: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=f"^{message}$"):
+        spectral_array("RG/GB", 4, basis=basis)
+
+
 def test_the_paper_s_filters_are_three_bands() -> None:
     """Ideal filters over three bands are `cfa`."""
     ideal = Spectra(
@@ -313,6 +325,8 @@ def test_matrices_of_users(tmp_path: Path) -> None:
     for name in (*bad, *more, "e.npy", "f.npy", "g.npy"):
         with pytest.raises(FileFormatError, match=name):
             load_modulator(tmp_path / name)
+    with pytest.raises(FileFormatError, match="got 3 pixels, which do not fill a square; give"):
+        load_modulator(tmp_path / "e.npy")
     with pytest.raises(StorageError, match=r"none\.npy"):
         load_modulator(tmp_path / "none.npy")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -247,8 +248,14 @@ def test_general_route_of_periodic_modulators_and_dead_pixels() -> None:
     for bad in ({"spacing": 0.1}, {"spacing": 2.0, "smoothness": -1.0}, {"spacing": 2.0, "tolerance": 0.0}):
         with pytest.raises(InputError):
             demultiplex_generally(np.ones((8, 8)), np.ones((2, 8, 8)), **bad)
-    for shares in (np.ones((2, 7, 8)), np.zeros((2, 8, 8)), np.ones((8, 8))):
-        with pytest.raises(InputError, match="transmissions"):
+    for shares, message in (
+        (np.ones((2, 7, 8)), "shape (N, 8, 8)"),
+        (np.zeros((2, 8, 8)), "some light"),
+        (np.ones((8, 8)), "shape (N, rows, columns)"),
+        (np.full((2, 8, 8), np.nan), "finite numbers, got NaN or infinity"),
+        (np.full((2, 8, 8), 1e7), "magnitudes up to 1e+06, got 1e+07"),
+    ):
+        with pytest.raises(InputError, match=re.escape(f"transmissions: expected {message}")):
             demultiplex_generally(np.ones((8, 8)), shares, 2.0)
 
 

@@ -76,9 +76,16 @@ def test_f_number_withstands_one_wrong_diameter_and_the_edge_blur():
     assert abs(through_zero - 4.8) > 0.05
 
 
-@pytest.mark.parametrize("shifts", [[1.0], [2.0, 2.0], [1.0, math.nan]])
-def test_f_number_needs_two_depths(shifts):
-    with pytest.raises(InputError, match="two or more depths"):
+@pytest.mark.parametrize(
+    ("shifts", "message"),
+    [
+        ([1.0], "expected one diameter for each of two or more depths, got 1 diameters and 1 depths"),
+        ([2.0, 2.0], "expected two or more different depths, got equal depths"),
+        ([1.0, math.nan], "expected finite numbers, got NaN or infinity"),
+    ],
+)
+def test_f_number_needs_two_depths(shifts, message):
+    with pytest.raises(InputError, match=message):
         working_f_number([10.0] * len(shifts), shifts, 5.5)
 
 

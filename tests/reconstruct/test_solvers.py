@@ -316,6 +316,22 @@ def test_an_image_of_another_size_is_refused(scene):
         SolverChoice("magic")
 
 
+@pytest.mark.parametrize(
+    ("columns", "settings", "message"),
+    [
+        (3, {}, r"image: expected shape \(1, 7\), got \(1, 3\); crop the image to the shape of the projector"),
+        (7, {"iterations": 0}, "iterations: expected at least 1, got 0; correct this value"),
+        (7, {"damping": -0.5}, "damping: expected at least 0, got -0.5; correct this value"),
+    ],
+)
+def test_conjugate_gradients_name_the_argument_that_is_out_of_range(
+    columns: int, settings: dict[str, Any], message: str
+) -> None:
+    P = Projector(np.array([1, 2, 1]).reshape(1, 1, 1, 1, 3) / 4, (1, 7))
+    with pytest.raises(InputError, match=f"^{message}$"):
+        conjugate_gradient(P, np.ones((1, columns)), **settings)
+
+
 @pytest.mark.parametrize("name", [solver.name for solver in SOLVERS])
 @pytest.mark.parametrize("level", [0.0, -1.0])
 def test_a_matrix_without_light_is_refused(name: str, level: float) -> None:

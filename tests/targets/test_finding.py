@@ -206,7 +206,9 @@ def test_frames_without_points_and_other_lattices_are_refused() -> None:
     dark = np.full(CAMERA.sensor.shape, 64.0) + np.random.default_rng(0).normal(0, 2, CAMERA.sensor.shape)
     with pytest.raises(InputError, match="none"):
         found(dark, array())
-    with pytest.raises(InputError, match="pitch"):
+    with pytest.raises(
+        InputError, match=r"neighbours at \d+\.\d px within 15° of .*, got none; .* nearest neighbour is \d+\.\d px"
+    ):
         found(drawn(array(5, 5, 80.0), CAMERA, Z), array(9, 9, 48.0))
     with pytest.raises(InputError, match="480"):
         found(dark[:100], array())

@@ -114,15 +114,17 @@ def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFil
         file = RecordingFile(path)
         got = file.layout
         if (got.count, got.shape, got.dtype) != made.frames:
-            fault = f"{got.count} frames of {got.shape} {got.dtype}, not those of this session"
+            fault = f"it contains {got.count} frames of {got.shape} {got.dtype}, not those of this session"
         elif got.attributes.get("session") != identity:
-            fault = "one of another session"
+            fault = "the file belongs to another session"
     except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
         fault = _in_sentence(" ".join(str(error).split()).removeprefix(f"{path}: "))
         size = path.stat().st_size if path.is_file() else 0
         file = recovered(path, made) if size else None
         if file is not None:
-            fault = f"cut short: {size} of {made.size} bytes" if size < made.size else "its header is damaged"
+            fault = (
+                f"the file is cut short: {size} of {made.size} bytes" if size < made.size else "its header is damaged"
+            )
     # from another session, unless it was read at the offsets of this session's frames
     if fault and file is not None and file.layout is not made.layout:
         file.close()
@@ -232,8 +234,8 @@ class RecordedFile:
         """Raise `FileFormatError` if the file itself is damaged or missing."""
         if self.fault:
             raise FileFormatError(
-                f"{self._path}: {self.fault}; copy the file again, or leave out lost frames (--skip-damaged), which "
-                "lfcal verify lists"
+                f"{self._path}: {self.fault}; copy the file again, or leave out the lost frames (--skip-damaged); "
+                "lfcal verify lists them"
             )
 
     def read(self, slot: int) -> NDArray[Any]:

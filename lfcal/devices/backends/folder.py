@@ -126,10 +126,15 @@ class _Camera(CameraFacts):
             raise IncompleteFrame(
                 f"{self._folder}: a file remained unreadable ({trouble}); check the program that writes the files"
             )
-        message = f"{self._folder}: no file {self._pattern} for request {self._number} in {self._wait:g} s"
+        message = (
+            f"{self._folder}: no file matching {self._pattern!r} appeared for request {self._number} within "
+            f"{deadline - started:.4g} s; check the program that writes the files"
+        )
         if "{number" in self._pattern:
-            raise FrameTimeout(f"{message}; check the program that writes the files")
-        raise DeviceLost(f"{message}; a late file could be mistaken for the next, so use {{number}} in the pattern")
+            raise FrameTimeout(message)
+        raise DeviceLost(
+            f"{message}, and use {{number}} in the pattern, so that a late file cannot be mistaken for the next one"
+        )
 
     def close(self) -> None:
         """Remove the request file."""

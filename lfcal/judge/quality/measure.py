@@ -154,9 +154,11 @@ class PlaneMeasures:
     positions
         Source positions measured from spots and centroids.
     continuity
-        Seam and unusual frames; None for another scan order, in which neighbours are not adjacent.
+        Seam and unusual frames. None if the scan did not run in the planned order, because adjacent positions of H are
+        then not adjacent in space.
     sample
-        Some of the patterns without their dark pixels, for comparison with other planes.
+        Values of up to 16 patterns above the floor of dark pixels, 0 in dark pixels, as one vector; for comparison with
+        other planes.
 
     Examples
     --------

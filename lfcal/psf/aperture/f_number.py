@@ -81,13 +81,19 @@ def working_f_number(
     """
     a = np.asarray(image_shifts_um, float).ravel()
     d = np.asarray(diameters_px, float).ravel() * pixel_um
-    if a.shape != d.shape or a.size < 2 or np.ptp(a) == 0 or not np.isfinite([a, d]).all():
+    if a.shape != d.shape or a.size < 2:
         raise InputError.expected(
             "diameters over depth",
-            "one finite diameter for each of two or more depths",
+            "one diameter for each of two or more depths",
             f"{d.size} diameters and {a.size} depths",
-            "give one diameter for each plane, and planes of different depths",
+            "give one diameter for each plane",
         )
+    if not np.isfinite([a, d]).all():
+        remedy = "leave out the planes without a finite diameter or depth"
+        raise InputError.expected("diameters over depth", "finite numbers", "NaN or infinity", remedy)
+    if np.ptp(a) == 0:
+        remedy = "give planes of different depths"
+        raise InputError.expected("diameters over depth", "two or more different depths", "equal depths", remedy)
     # with the sign of a, planes on both sides of the native plane lie on one line
     signed = d * np.where(a < 0, -1.0, 1.0)
     weight = np.ones(a.size)

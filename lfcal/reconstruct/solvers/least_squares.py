@@ -137,13 +137,14 @@ conjugate_gradient = drained(
 
 
 def _check(P: Projector, data: Measurement, iterations: int, damping: float) -> None:
-    if data.image.shape != P.image_shape or iterations < 1 or damping < 0:
+    if data.image.shape != P.image_shape:
         raise InputError.expected(
-            "image shape, iterations, damping",
-            f"{P.image_shape}, at least 1, at least 0",
-            f"{data.image.shape}, {iterations}, {damping}",
-            "correct the value that is outside its limits",
+            "image", f"shape {P.image_shape}", data.image.shape, "crop the image to the shape of the projector"
         )
+    if iterations < 1:
+        raise InputError.expected("iterations", "at least 1", iterations, "correct this value")
+    if damping < 0:
+        raise InputError.expected("damping", "at least 0", damping, "correct this value")
 
 
 def _start(P: Projector, data: Measurement) -> SolverState:

@@ -363,7 +363,10 @@ class PupilOutlook(Outlook):
         return share * sum(radii) / len(radii) / self.pixel_um
 
     def blurred(self, rms_px: float, floor_px: float = 0.0) -> float:
-        """Return the relative L1 change of the image if every spot is blurred by ``rms_px`` (rms along each axis)."""
+        """Return the relative L1 change of the image if every spot is blurred by ``rms_px`` (rms along each axis).
+
+        ``floor_px`` is an rms width (px) added in quadrature to every spot width, because pixels do not resolve it.
+        """
         total = 0.0
         for width, fringes in zip(self.widths_px, self.fresnel_lenslets, strict=True):
             w, n = math.hypot(width, floor_px), self.resolved * fringes

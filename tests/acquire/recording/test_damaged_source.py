@@ -128,7 +128,9 @@ def test_what_a_short_or_lost_file_held_is_left_out(sessions: dict[str, Path], t
     path = folder / "recording.h5"
     whole = path.read_bytes()
     cut(path, len(whole) - 4096)
-    with pytest.raises(FileFormatError, match=r"recording\.h5: cut short: \d+ of \d+ bytes; .* lfcal verify lists"):
+    with pytest.raises(
+        FileFormatError, match=r"recording\.h5: the file is cut short: \d+ of \d+ bytes; .* lfcal verify lists"
+    ):
         assemble(folder)
     report = assemble(folder, skip=True)
     assert 1 <= len(report.missing) <= 6 and report.missing[-1] == Position(2, 2, 2)

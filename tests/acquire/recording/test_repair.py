@@ -240,7 +240,7 @@ def test_a_file_of_which_all_was_recorded_again_stands_in_nobodys_way(
     folder = copy_of(sessions[how], tmp_path)
     (folder / "recording.h5").write_bytes(b"rotten to the core")
     with pytest.raises(
-        FileFormatError, match=r"recording\.h5: .*copy the file again, or leave out lost frames \(--skip-damaged\)"
+        FileFormatError, match=r"recording\.h5: .*copy the file again, or leave out the lost frames \(--skip-damaged\)"
     ):
         matrix(folder)
     everywhere = [Position(z, y, x) for z, y, x in np.ndindex(*PLAN.shape[:3])]

@@ -102,7 +102,7 @@ def test_a_file_cut_short_names_what_is_lost(sessions: dict[str, Path], tmp_path
     layout = read_layout(path)
     cut(path, layout.frames_at + int(kept * layout.frame_bytes))
     report = verify(folder)
-    assert report.files[0].fault.startswith("cut short: ")
+    assert report.files[0].fault.startswith("the file is cut short: ")
     assert [d.slot for d in report.damaged] == list(range(int(kept), 27))
     assert {d.what for d in report.damaged} == {"lost"}
 
@@ -147,7 +147,7 @@ def test_the_file_of_another_session_is_named(sessions: dict[str, Path], tmp_pat
     folder = copy_of(sessions["in place"], tmp_path)
     record(tmp_path / "other", PLAN, rig_for(PLAN), FULL)
     shutil.copy(tmp_path / "other" / "recording.h5", folder / "recording.h5")
-    assert verify(folder).files[0].fault == "one of another session"
+    assert verify(folder).files[0].fault == "the file belongs to another session"
 
 
 def test_what_was_never_taken_is_told_from_what_is_damaged(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ class MultiplexPictures(QWidget):
             self.right.addItem(text, key)
         self.right.setAccessibleName("Third image")
         self.right.setToolTip(
-            "Image below on the left: the difference between the results of the spatial and the Fourier route, or the "
+            "Bottom-left image: the difference between the results of the spatial and the Fourier route, or the "
             "true scene. The true scene is unknown for recorded frames"
         )
         self.right.currentIndexChanged.connect(lambda _: self.right_chosen.emit(self.right.currentData()))

@@ -53,7 +53,7 @@ class SessionsPanel(QTabWidget):
         self.setDocumentMode(True)
         self.trend = TrendPanel()
         self.pair_table = RowsTable(PAIR, 0)
-        self.pair_table.setAccessibleName("Facts of both sessions")
+        self.pair_table.setAccessibleName("Details of both results")
         self.pair_stack = self._pair()
         for (tab, title), tip in zip(
             ((self._gallery(), "Gallery"), (self.trend, "Over time"), (self.pair_stack, "Compare")), TIPS, strict=True
