@@ -248,6 +248,17 @@ class Themed(Protocol):
         ...
 
 
+def _set_fields(palette: QPalette, theme: Theme) -> None:
+    """Give spin boxes and lists the edges of ``theme``; Fusion draws them 1.4 times darker than the window's colour."""
+    roles, off = QPalette.ColorRole, QPalette.ColorGroup.Disabled
+    palette.setColor(roles.Window, QColor(theme.edge).lighter(140))
+    palette.setColor(off, roles.Window, QColor(theme.line).lighter(140))
+    for role in (roles.Base, roles.Button):
+        palette.setColor(off, role, QColor(theme.window))
+    for kind in ("QAbstractSpinBox", "QComboBox"):
+        QApplication.setPalette(palette, kind)
+
+
 def apply_theme(app: QApplication, theme: Theme) -> None:
     """Give the whole application the palette of ``theme``; its style sheet is taken by the parts of a window.
 
@@ -288,10 +299,4 @@ def apply_theme(app: QApplication, theme: Theme) -> None:
     for role in (roles.Text, roles.WindowText, roles.ButtonText):
         palette.setColor(off, role, QColor(theme.muted))
     app.setPalette(palette)
-    # Fusion draws their edges 1.4 times darker than the colour of the window
-    palette.setColor(roles.Window, QColor(theme.edge).lighter(140))
-    palette.setColor(off, roles.Window, QColor(theme.line).lighter(140))
-    for role in (roles.Base, roles.Button):
-        palette.setColor(off, role, QColor(theme.window))
-    for kind in ("QAbstractSpinBox", "QComboBox"):
-        QApplication.setPalette(palette, kind)
+    _set_fields(palette, theme)
