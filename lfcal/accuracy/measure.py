@@ -101,7 +101,7 @@ class _Run:
             if not started and found.seconds is None:
                 return ""
         else:
-            words = f", during: {found.stage}"
+            words = f", during: {found.stage}" if started else " before any setting was measured"
         if self.elapsed + ahead <= latest:
             return ""
         if isinstance(found, AccuracyStep) and not started:

@@ -308,7 +308,7 @@ def first_pixel(sensor: Sequence[int], shape: Sequence[int], origin: tuple[int, 
             return 0, 0
         raise InputError.expected(
             "frame",
-            f"the {_by(sensor)} pixels of the sensor",
+            f"the {_by(sensor)} of the sensor",
             _by((rows, columns)),
             "give a whole frame, or the sensor row and column of its first pixel (--origin ROW,COLUMN)",
         )
@@ -316,7 +316,7 @@ def first_pixel(sensor: Sequence[int], shape: Sequence[int], origin: tuple[int, 
     if top + rows > sensor[0] or left + columns > sensor[1]:
         raise InputError.expected(
             "frame",
-            f"a part of the {_by(sensor)} pixels of the sensor",
+            f"a part of the {_by(sensor)} of the sensor",
             f"{_by((rows, columns))} starting at row {top}, column {left}",
             "correct its origin, or choose the camera that recorded it",
         )
@@ -324,7 +324,7 @@ def first_pixel(sensor: Sequence[int], shape: Sequence[int], origin: tuple[int, 
 
 
 def _by(shape: Sequence[int]) -> str:
-    return f"{shape[0]} x {shape[1]}"
+    return f"{shape[0]} rows and {shape[1]} columns"
 
 
 def type_lattice(lattice: FrameLattice, type_of: TypeOf, lens_type: int) -> TypeLattice:

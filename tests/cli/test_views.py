@@ -82,7 +82,7 @@ def test_views_of_a_described_camera_alone(lfcal: Any, files: Path, tmp_path: Pa
 def test_a_part_of_the_sensor_needs_its_place(lfcal: Any, files: Path) -> None:
     given = ("views", files / "part.tif", "--camera", files / "camera.json", "--json")
     refused = lfcal(*given)
-    assert refused.code == 2 and "330 x 400 pixels of the sensor, got 200 x 260" in refused.err
+    assert refused.code == 2 and "330 rows and 400 columns of the sensor, got 200 rows and 260 columns" in refused.err
     whole = json.loads(lfcal("views", files / "field.tif", *given[2:]).out)
     for more in ((), ("--white", files / "white.tif")):
         part = json.loads(lfcal(*given, *more, "--origin", "30,40").out)

@@ -42,9 +42,9 @@ class MeasuredCurves:
         return {part: curve for (key, part), (curve, _) in list(self.curves.items()) if key == subject}
 
     def took(self, subject: object, part: str) -> str:
-        """Return the duration of a measurement as text; empty if it was not measured."""
-        found = self.curves.get((subject, part))
-        return "" if found is None else f"measured in {format_seconds(found[1])}"
+        """Return the duration of a measurement as text; empty if nothing was measured."""
+        curve, seconds = self.curves.get((subject, part), (None, 0.0))
+        return f"measured in {format_seconds(seconds)}" if curve is not None and curve.points else ""
 
     def put(self, subject: object, curve: Curve, seconds: float) -> None:
         """Store a curve as the newest."""

@@ -90,13 +90,13 @@ class RegionNumbers:
     total: float
     centre: Place | None
 
-    def words(self) -> str:
-        """Return the statistics as text, one item per line."""
+    def words(self, quantity: str) -> str:
+        """Return the statistics of ``quantity`` (with its unit) as text, one item per line."""
         height, width = self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
         lines = [
-            f"{height} × {width} px, rows {self.rows[0]} to {self.rows[1] - 1}, "
+            f"{width} × {height} px, rows {self.rows[0]} to {self.rows[1] - 1}, "
             f"columns {self.columns[0]} to {self.columns[1] - 1}",
-            f"mean {self.mean:.5g}, standard deviation {self.deviation:.4g}",
+            f"{quantity}: mean {self.mean:.5g}, standard deviation {self.deviation:.4g}",
             f"smallest {self.low:.5g}, largest {self.high:.5g}, sum {self.total:.6g}",
         ]
         if self.centre is not None:

@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent
 from PySide6.QtWidgets import QDialog, QLabel, QVBoxLayout
 
-from lfcal_gui.models import line_profile, region_numbers
+from lfcal_gui.models import line_profile, minus, region_numbers
 from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets.cards import heading
 from lfcal_gui.widgets.contrast import Contrast
@@ -94,7 +94,8 @@ class Measuring(QDialog):
         rows = ((place.y() - row) / step, (place.y() + size.y() - row) / step)
         columns = ((place.x() - column) / step, (place.x() + size.x() - column) / step)
         numbers = region_numbers(image, rows, columns)
-        self.region_words.setText("no pixel in the rectangle" if numbers is None else numbers.words())
+        words = "no pixel in the rectangle" if numbers is None else numbers.words(self.view.quantity)
+        self.region_words.setText(minus(words))
 
     def apply_theme(self) -> None:
         """Take the colours of the theme in use."""

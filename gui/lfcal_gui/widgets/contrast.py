@@ -149,12 +149,12 @@ class Contrast(QWidget):
         font = painter.font()
         font.setPixelSize(11)
         painter.setFont(font)
-        painter.fillRect(strip, QColor(theme.canvas))
         if len(self._counts):
             self._paint_histogram(painter, strip)
         low, high = (self._x_of(value) for value in self.levels)
         picture = self.picture
         if picture.values is not None:
+            painter.fillRect(strip, QColor(theme.canvas))
             colours = ramp(picture.display, self.levels, 256)
             painter.drawImage(QRectF(low, strip.top(), max(1.0, high - low), STRIP), colours)
             painter.fillRect(QRectF(high, strip.top(), strip.right() - high, STRIP), colours.pixelColor(255, 0))
@@ -162,7 +162,7 @@ class Contrast(QWidget):
             self._paint_handles(painter, strip, (low, high))
         painter.setPen(QColor(theme.muted))
         middle = QRectF(strip.left(), strip.bottom(), strip.width(), NUMBERS)
-        if picture.values is None or high - low > 0.5 * strip.width():
+        if picture.values is not None and high - low > 0.5 * strip.width():
             painter.drawText(middle, Qt.AlignmentFlag.AlignCenter, picture.quantity)
         if self.hasFocus():
             painter.setPen(QPen(QColor(theme.accent), 2))

@@ -219,7 +219,7 @@ class CostCurve(LinePlot):
             taken.append(self._place_label(taken, curve))
         for k in order[len(marked) :] if len(points) <= MOST_NAMED else ():
             cost, area = self._area_of(k, at, reach[k], taken + line, curve)
-            if not cost:
+            if cost < 1e-3:  # sums of areas are rounded
                 taken.append(area)
                 self._write_name(points[k], area)
 

@@ -38,12 +38,14 @@ def test_a_peak_that_does_not_fall_to_half_has_no_width() -> None:
 
 def test_a_region_has_the_numbers_of_its_pixels() -> None:
     image = np.random.default_rng(1).random((20, 30)) * 1000
-    part = image[4:9, 10:15]
-    found = region_numbers(image, (3.2, 8.4), (9.5, 14.0))
-    assert found is not None and (found.rows, found.columns) == ((4, 9), (10, 15))
+    part = image[4:9, 10:16]
+    found = region_numbers(image, (3.2, 8.4), (9.5, 15.0))
+    assert found is not None and (found.rows, found.columns) == ((4, 9), (10, 16))
     assert (found.mean, found.deviation) == (pytest.approx(part.mean()), pytest.approx(part.std()))
     assert (found.low, found.high, found.total) == (part.min(), part.max(), pytest.approx(part.sum()))
-    assert "5 × 5 px, rows 4 to 8, columns 10 to 14" in found.words()
+    size, statistics = found.words("light (counts)").splitlines()[:2]
+    assert size == "6 × 5 px, rows 4 to 8, columns 10 to 15", "width × height, as of a frame"
+    assert statistics.startswith(f"light (counts): mean {part.mean():.5g}, ")
     assert region_numbers(image, (-5, -1), (0, 5)) is None and region_numbers(image, (3.1, 3.9), (0, 5)) is None
 
 
@@ -53,7 +55,7 @@ def test_the_centroid_is_where_the_light_is() -> None:
     found = region_numbers(image, (0, 8), (0, 8))
     assert found is not None and found.centre == (pytest.approx(2.75), pytest.approx(5.0))
     flat = region_numbers(np.ones((3, 3)), (0, 2), (0, 2))
-    assert flat is not None and flat.centre is None and "centroid" not in flat.words()
+    assert flat is not None and flat.centre is None and "centroid" not in flat.words("light")
 
 
 def test_a_histogram_leaves_out_what_is_no_number() -> None:

@@ -118,6 +118,9 @@ def test_without_a_picture_nothing_can_be_chosen(bar: Contrast, qtbot: QtBot) ->
     bar.picture.set_shot(None)
     qtbot.waitUntil(lambda: not bar._timer.isActive(), timeout=GUARD_MS)
     assert not bar.isEnabled()
+    drawn = bar.grab().toImage()
+    colours = {drawn.pixel(x, y) for x in range(drawn.width()) for y in range(drawn.height())}
+    assert len(colours) == 1, "a strip without a picture looks like an image that is dark"
     bar.leave_out_tails()
     bar.repaint()
     bar.picture.set_shot(Shot(np.full((2, 2), 5.0)))

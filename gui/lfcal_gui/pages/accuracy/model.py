@@ -82,7 +82,9 @@ def words_of(curve: Curve | None, error: float, *, running: bool, in_use: CostPo
     if curve is None:
         return ("measuring …" if running else "Not measured yet: press Measure."), ""
     if not curve.points:
-        return ("measuring the reference …" if running else f"Not measured: {curve.stopped or 'stopped'}"), ""
+        longer = "; increase the time per measurement" if curve.stopped.startswith(("ended after", "not begun")) else ""
+        reason = f"Not measured: {curve.stopped or 'stopped'}{longer}"
+        return ("measuring the reference …" if running else reason), ""
     state = "measuring …" if running else curve.stopped
     how = [f"Measured by: {curve.truth}.", *curve.notes, state]
     answer = curve.answer(error)

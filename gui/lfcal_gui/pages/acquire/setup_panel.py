@@ -173,9 +173,9 @@ class SetupPanel(QWidget):
             view.setFixedHeight(PAIR)
             view.blank.words = NO_FRAME
             pictures.addWidget(view, 1)
-        self.correlation, self.near_words = ElidedLabel(), wrapped()
+        self.correlation, self.near_words = QLabel(), wrapped()
         self.correlation.setToolTip(
-            "Normalised correlation of the two images; 1 for the same pattern at any brightness"
+            "Normalised correlation of the two images; 100 % for the same pattern at any brightness"
         )
         nearest = "Move the stage to the nearest plane of the plan, where a pattern is expected"
         self.go = button("", nearest, lambda: self.plane_asked.emit(self._nearest))
@@ -188,7 +188,7 @@ class SetupPanel(QWidget):
         )
         for label in (self.numbers, self.spot):
             label.setTextFormat(Qt.TextFormat.RichText)
-        head = line(heading("Measured and expected"), self.correlation, stretch=0)
+        head = line(heading("Seen and expected"), self.correlation, stretch=0)
         head.addStrut(20)
         widget = QWidget()
         column_of(head, pictures, line(self.near_words, self.go, stretch=0), of=widget)

@@ -79,6 +79,8 @@ def test_words_say_what_to_do_and_why_there_is_nothing() -> None:
     assert words_of(None, 0.01, running=False)[0] == "Not measured yet: press Measure."
     assert words_of(curve(), 0.01, running=True)[0] == "measuring the reference …"
     assert words_of(curve(stopped="no camera"), 0.01, running=False)[0] == "Not measured: no camera"
+    late = words_of(curve(stopped="not begun: reference takes about 20 s"), 0.01, running=False)[0]
+    assert late == "Not measured: not begun: reference takes about 20 s; increase the time per measurement"
     answer, how = words_of(curve(point(0.1, 1.0), stopped="ended after 10 s"), 0.2, running=False)
     assert answer == "An error of 20 % costs 1.0 s: point 1 (10 %)"
     assert how == "Measured by: the values.\na note\nended after 10 s"
@@ -106,6 +108,8 @@ def test_h_is_measured_and_closed(tmp_path: Path) -> None:
     curves = kept.of(subject_of(state, "psf"))
     assert len(curves["storage"].points) == 10 and list(curves) == ["storage", "lattice"]
     assert "H of an unknown camera" in curves["lattice"].stopped
+    took = {part: kept.took(subject_of(state, "psf"), part) for part in curves}
+    assert took["storage"].startswith("measured in ") and not took["lattice"], "nothing was measured"
 
 
 def test_closed_at_any_record_it_keeps_what_it_has() -> None:

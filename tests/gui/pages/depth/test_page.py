@@ -164,8 +164,8 @@ def test_map_and_points_are_saved_with_their_command(
 
 
 MISSING: dict[str, dict[str, Any]] = {
-    "frame: expected the 170 x 190 pixels of the sensor, got 140 x 160": {"name": "part.tif"},
-    "the 1200 x 1200 pixels of the sensor, got 170 x 190": {"camera": preset("flfm_20x05")},
+    "frame: expected the 170 rows and 190 columns of the sensor, got 140 rows and 160 columns": {"name": "part.tif"},
+    "the 1200 rows and 1200 columns of the sensor, got 170 rows and 190 columns": {"camera": preset("flfm_20x05")},
     "expected a camera, a white image or a lattice file, got none": {"use_camera": False},
 }
 
