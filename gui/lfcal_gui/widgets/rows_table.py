@@ -5,10 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QLocale, QPoint, Qt
 from PySide6.QtGui import QColor, QKeyEvent, QKeySequence, QResizeEvent
-from PySide6.QtWidgets import QAbstractItemView, QApplication, QHeaderView, QMenu, QTableWidget, QTableWidgetItem
+from PySide6.QtWidgets import (
+    QAbstractItemView,
+    QApplication,
+    QHeaderView,
+    QMenu,
+    QStyledItemDelegate,
+    QTableWidget,
+    QTableWidgetItem,
+)
 
+from lfcal_gui.models import minus
 from lfcal_gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
 
 ROW_PX, ROOMY_PX = 26, 480
@@ -30,6 +39,14 @@ class Cell(QTableWidgetItem):
         if one is None or two is None:
             return self.text().lower() < other.text().lower()
         return (math.isnan(one), one) < (math.isnan(two), two)
+
+
+class MinusSigns(QStyledItemDelegate):
+    """Draws negative numbers with minus signs; copied cells keep their hyphens."""
+
+    def displayText(self, value: object, locale: QLocale | QLocale.Language) -> str:
+        """Return what is drawn for the text of a cell."""
+        return minus(super().displayText(value, locale))
 
 
 class RowsTable(QTableWidget):
@@ -71,6 +88,7 @@ class RowsTable(QTableWidget):
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.setWordWrap(False)
+        self.setItemDelegate(MinusSigns(self))
         self.setTabKeyNavigation(False)  # Tab leaves the table
         self.setToolTip("Click a header to sort; Ctrl+C copies the selected rows, or all of them")
         top = self.horizontalHeader()

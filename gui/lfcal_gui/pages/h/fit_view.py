@@ -218,7 +218,7 @@ class FitPictures(QWidget):
         self._found: FoundFit | None = None
         self.place: Place | None = None
         """The position (z, y, x) that is shown."""
-        self.words = ""
+        self.words = ("", "")
         """Where the pattern is, what became of it, and how well it is explained."""
         self.measured, self.model = Picture(legend=False), Picture(legend=False)
         self.residual = Picture("residual (σ of the noise)", legend=False)
@@ -236,7 +236,7 @@ class FitPictures(QWidget):
         """Show the patterns of a fit, from the first. None: nothing, and nothing of the fit is kept."""
         if found is self._found:
             return
-        self._found, self.place, self.words = found, None, ""
+        self._found, self.place, self.words = found, None, ("", "")
         for view in self.views:
             view.set_shot(None)
 

@@ -66,6 +66,9 @@ RANK = {"bad": 0, "fair": 1, "unknown": 2, "good": 3}
 REPEAT = "repeat"
 """Rating of a check that is good except for positions to record again."""
 
+YES_NO = "yes / no"
+"""Unit of maps whose values are 0 or 1."""
+
 ERRORS = ("position", "step")
 """Metrics that give the error of a position, in order of preference: from its position, from its neighbours."""
 
@@ -336,7 +339,10 @@ def _metric_map(metric: Metric, z: int, ringed: NDArray[Any]) -> PositionMap | N
     if values is None or not np.isfinite(values).any():
         return None
     unit = metric.spec.map_unit or metric.spec.unit
-    return PositionMap(metric.spec.title, values, unit, ringed=ringed, name=metric.key)
+    found = PositionMap(metric.spec.title, values, unit, ringed=ringed, name=metric.key)
+    if unit != YES_NO:
+        return found
+    return replace(found, levels=(0.0, 1.0), note=f"{np.count_nonzero(values > 0)} in this plane")
 
 
 # -- the whole ---------------------------------------------------------------------------------------------

@@ -413,14 +413,15 @@ def _title(name: str) -> str:
     return typeset(GROUPS.get(name).title) if name in GROUPS else name
 
 
-def place_words(found: FoundFit, place: Place) -> str:
-    """Return position, fate and χ² of a pattern as text."""
+def place_words(found: FoundFit, place: Place) -> tuple[str, str]:
+    """Return position, fate and χ² of a pattern as text; then fate and χ² alone."""
     z, y, x = place
     depth = found.measured.plan.depths_um[z]
     camera = found.fit.camera
     virtual = f", v = {camera.virtual_depth(depth):.2f}" if camera.has_lattice else ""
     at = f"z = {format_length(depth)}{virtual}; y {y}, x {x}"
-    return f"{at}: {found.fate(place)}, χ² {found.chi2[place]:.3g}"
+    brief = f"{found.fate(place)}, χ² {found.chi2[place]:.3g}"
+    return f"{at}: {brief}", brief
 
 
 def chi2_map(found: FoundFit, z: int) -> PositionMap | None:

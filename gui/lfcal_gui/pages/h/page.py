@@ -524,7 +524,7 @@ class Page(BasePage):
     def _show_picture(self) -> None:
         if self.intent.view == "fit" and "fitting" in self.__dict__:
             self.panel.fitted.show_place((self.intent.z, self.intent.y, self.intent.x))
-            self.panel.readout.setText(self.panel.fitted.words)
+            self.panel.readout.setText(*self.panel.fitted.words)
             return
         if self.plane is None:
             return

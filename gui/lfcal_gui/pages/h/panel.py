@@ -48,6 +48,7 @@ from lfcal_gui.widgets import (
     PlaneTile,
     Strip,
     VerdictCard,
+    WrappedLabel,
     button,
     card,
     clear,
@@ -107,7 +108,7 @@ class Apertures(QDialog):
 
 
 HOVER = "Point at a pixel of H to see its HT. Click to keep it."
-HOVER_BRIEF = "Point at H to see HT; click to keep"
+HOVER_BRIEF = "Point at H to see HT"
 Levels = tuple[float, float] | None
 
 NO_LINE = np.empty((0, 2))
@@ -246,12 +247,11 @@ class HPanel(QWidget):
 
     def _position(self) -> QWidget:
         self.map_title, self.map_range = ElidedLabel(sentence=True), QLabel()
-        self.place_label, self.position_label = QLabel(), ElidedLabel()
+        self.place_label, self.position_label = WrappedLabel(), ElidedLabel()
         self.map_range.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.map_title.setProperty("role", "heading")
         for label in (self.map_range, self.place_label, self.position_label):
             label.setProperty("role", "hint")
-        self.place_label.setWordWrap(True)
         self.frame_button = button("Frame", "Show the recorded frame of this position", self.frame_asked.emit, "tight")
         self.map = PeriodMap()
         self.map.chosen.connect(lambda y, x: self.asked.emit({"y": y, "x": x}))

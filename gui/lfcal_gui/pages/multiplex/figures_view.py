@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QCheckBox, QGridLayout, QLabel, QStackedWidget, QV
 
 from lfcal.multiplex import FIGURES, GainCurves, GainMap, PaperFigure, PaperPanel, camera_chi2, gain_map, paper_figure
 from lfcal_gui.context import Context
-from lfcal_gui.models import Shot, unbroken
+from lfcal_gui.models import Shot, capital, typeset
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets import (
@@ -21,6 +21,7 @@ from lfcal_gui.widgets import (
     ElidedLabel,
     LinePlot,
     Picture,
+    WrappedLabel,
     card,
     choice_box,
     line,
@@ -89,11 +90,9 @@ class FiguresView(QWidget):
         self.grid.setSpacing(6)
         self.cards, self.heads, self.views, self.numbers = [], [], [], []
         for _ in range(MOST):
-            head, words = QLabel(""), QLabel("")
+            head, words = WrappedLabel(""), WrappedLabel("", role="hint")
             for label in (head, words):
-                label.setWordWrap(True)
                 label.setMinimumWidth(60)
-            words.setProperty("role", "hint")
             words.setAlignment(Qt.AlignmentFlag.AlignTop)
             frame, column = card(head)
             frame.setParent(widget)
@@ -197,8 +196,8 @@ class FiguresView(QWidget):
         for k, panel in enumerate(found.panels):
             self.grid.addWidget(self.cards[k], k // found.columns, k % found.columns)
             self.grid.setRowStretch(k // found.columns, 1)
-            self.heads[k].setText(panel.title)
-            self.numbers[k].setText(unbroken(panel.numbers))
+            self.heads[k].setText(capital(panel.title))
+            self.numbers[k].setText(panel.numbers)
             self._show_panel(self.views[k], panel)
             self.cards[k].show()
 
@@ -213,7 +212,7 @@ class FiguresView(QWidget):
     def _show_curves(self, k: int, title: str, curves: GainCurves) -> None:
         plot, named = self.curves[k], []
         plot.clear()
-        self.curve_heads[k].setText(title)
+        self.curve_heads[k].setText(capital(typeset(title)))
         for n, (name, gains) in enumerate(zip(curves.names, curves.gains, strict=True)):
             tone, text = LINES[n % len(LINES)], name.replace("_", " ")
             plot.set_curve(text, curves.chi2, gains, colour=tone)

@@ -26,7 +26,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from lfcal_gui.models import Shot
+from lfcal_gui.models import Shot, unbroken
 from lfcal_gui.pages.multiplex._pictures import MultiplexPictures
 from lfcal_gui.pages.multiplex.figures_view import FiguresView
 from lfcal_gui.pages.multiplex.model import BASIC, FIELDS, ModulatorPicture, MultiplexSettings, used_by, why_unused
@@ -267,7 +267,7 @@ class MultiplexPanel(QWidget):
         kind = "" if picture.real else ", real part"
         shapes = ((SIGMA, picture.sigma), (PI, picture.pi))
         for label, (name, array) in zip(self.titles[2:], shapes, strict=True):
-            label.setText(f"{name}, {array.shape[0]} × {array.shape[1]}{kind}")
+            label.setText(unbroken(f"{name}, {array.shape[0]} × {array.shape[1]}{kind}"))
         self.titles[0].setText(f"Pattern of {picture.name.replace('_', ' ')}")
 
     def show_refusal(self, words: str) -> None:

@@ -261,8 +261,7 @@ class Solving:
             return ""
         last, truth = self.history[-1], self.truth
         lines = [
-            f"{self.state.iteration} iterations in {format_seconds(last.seconds)}",
-            f"misfit {100 * last.residual:.3g} % of the image",
+            f"{self.state.iteration} iterations in {format_seconds(last.seconds)}, misfit {100 * last.residual:.3g} %"
         ]
         if math.isfinite(self.chi2):
             lines.append(f"chi2 per pixel {self.chi2:.3g}")

@@ -26,6 +26,7 @@ from lfcal_gui.pages.reconstruct._volume_view import VolumeView
 from lfcal_gui.pages.reconstruct.model import BASIC, DEVICE, FIELDS, NO_DEVICE, ReconstructSettings, used_by
 from lfcal_gui.widgets import (
     INSPECTOR,
+    LINES,
     CostCurve,
     ElidedLabel,
     Folded,
@@ -43,6 +44,7 @@ from lfcal_gui.widgets import (
     row_of,
     scrolling,
     set_role,
+    shown_tone,
 )
 
 NOT_BY_ITSELF = "It cannot hold out pixels, so it ends after the number of iterations."
@@ -71,6 +73,9 @@ GO = {
 
 PLOT, CURVE = 120, 240
 """Heights of charts in the inspector (px)."""
+
+MISFIT, TRUTH = "misfit", "error relative to the truth"
+"""Names of the curves of a reconstruction."""
 
 
 class ReconstructPanel(QWidget):
@@ -148,6 +153,10 @@ class ReconstructPanel(QWidget):
         )
         self.misfit = _plot("misfit (%)", tip)
         column.addWidget(self.misfit)
+        self.key = WrappedLabel(rich=True, role="hint")
+        self.key.setProperty("size", "caption")
+        self.key.hide()
+        column.addWidget(self.key)
         self._fill_more()
         column.addWidget(self.more)
         self.go = QPushButton("Reconstruct")
@@ -263,6 +272,7 @@ class ReconstructPanel(QWidget):
         self.view.set_volume(None)
         for plot in self._plots:
             plot.clear()
+        self.key.hide()
         self.show_status("", None)
         self.show_took("")
 
@@ -272,10 +282,12 @@ class ReconstructPanel(QWidget):
         symbol = "o" if len(at) < 3 else None
         for plot in self._plots:
             plot.clear()
-        self.misfit.set_curve("misfit", at, [100 * record.residual for record in history], symbol=symbol)
+        self.misfit.set_curve(MISFIT, at, [100 * record.residual for record in history], symbol=symbol)
         if errors:
             known = [100 * error for error in errors]
-            self.misfit.set_curve("error relative to the truth", at[-len(known) :], known, symbol=symbol, dashed=True)
+            self.misfit.set_curve(TRUTH, at[-len(known) :], known, symbol=symbol, dashed=True)
+        self._name_curves()
+        self.key.setVisible(bool(errors))
         self.misfit.set_labels("iteration", "error (%)" if errors else "misfit (%)")
         values = [record.likelihood / max(1, pixels) for record in history]
         self.likelihood.set_curve("likelihood", at, values, symbol=symbol)
@@ -300,6 +312,12 @@ class ReconstructPanel(QWidget):
         curve = self.__dict__.get("curve")
         for widget in (self.view, *self._plots, *(() if curve is None else (curve,))):
             widget.apply_theme()
+        self._name_curves()
+
+    def _name_curves(self) -> None:
+        marks = (("━", LINES[0], MISFIT), ("┅", LINES[1], TRUTH))
+        words = [f"<span style='color:{shown_tone(tone)}'>{mark}</span>&nbsp;{name}" for mark, tone, name in marks]
+        self.key.setText(" &nbsp; ".join(words))
 
 
 def _plot(label: str, tip: str) -> LinePlot:

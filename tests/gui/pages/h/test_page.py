@@ -136,6 +136,7 @@ def test_the_inspector_is_whole(
     qtbot.waitUntil(whole, timeout=GUARD_MS)
     (area,) = (one for one in page.panel.inspector.findChildren(QScrollArea) if one.isVisible())
     assert area.verticalScrollBar().maximum() == 0 and page.panel.inspector.width() == wide
+    assert "−26.02" in QLabel.text(page.panel.place_label), "with a minus sign, as under the pictures of the planes"
     last = page.panel.profile.parentWidget()
     while last.parentWidget() is not area.widget():
         last = last.parentWidget()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,6 @@ from lfcal.multiplex.noise import camera_chi2
 from lfcal.multiplex.paper import paper_figure
 from lfcal.multiplex.scenes import colour_edges
 from lfcal_gui.context import Context
-from lfcal_gui.models import unbroken
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.page import Page
 from lfcal_gui.pages.multiplex.panel import NAME, NO_MODULATOR
@@ -265,7 +265,9 @@ def test_figures_of_the_paper(
     settle(page, qtbot)
     shown = page.panel.figures
     wanted = paper_figure(7)
-    assert "PG Dragonfly" in shown.status.text() and shown.numbers[5].text() == unbroken(wanted.panels[5].numbers)
+    assert "PG Dragonfly" in shown.status.text() and shown.numbers[5].text() == wanted.panels[5].numbers
+    drawn = [QLabel.text(shown.numbers[k]) for k in (0, 7)]
+    assert "−" in drawn[0] and not any(re.search(r"\s-\d", words) for words in drawn)
     np.testing.assert_array_equal(shown.views[5].values, wanted.panels[5].image)
     assert not any(card.isHidden() for card in shown.cards)
     shown.own.click()
@@ -275,9 +277,14 @@ def test_figures_of_the_paper(
         shown.figure.setCurrentIndex(shown.figure.findData(str(number)))
         settle(page, qtbot)
         assert sum(not card.isHidden() for card in shown.cards) == visible and not shown.own.isEnabled()
+        assert all(head.text()[:1] == head.text()[:1].upper() for head in shown.heads[:visible])
     shown.figure.setCurrentIndex(shown.figure.findData("6"))
     settle(page, qtbot)
     assert shown.stack.currentIndex() == 1 and "MURA" in shown.curves[1]._curves
+    assert [head.text() for head in shown.curve_heads] == [
+        "Colour filter arrays compared with Bayer",
+        "Light-field modulators of 5 × 5 compared with a pinhole",
+    ]
     assert shown.markers[0].value() == pytest.approx(np.log10(camera_chi2(context.state.camera.sensor)))
     for theme in (DARK, LIGHT):
         apply_theme(qapp, theme)

@@ -112,6 +112,8 @@ def test_a_made_light_field_is_reconstructed_and_judged(
     assert len(x) == 10 and y[-1] < y[0] / 20 and (y < 1.1 * np.minimum.accumulate(y)).all()
     _, errors = page.panel.misfit._curves["error relative to the truth"].getData()
     assert len(errors) == 10 and errors[-1] == pytest.approx(100 * first.errors[-1]) and errors[-1] < errors[0]
+    key = page.panel.key
+    assert not key.isHidden() and all(name in key.text() for name in page.panel.misfit._curves), "which curve is which"
     idle(context.jobs, qtbot)
     truth = page.panel.view.looks[1]
     assert page.synthetic is not None and truth.isVisibleTo(page) and truth.prepared is not None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QLocale
 from pytestqt.qtbot import QtBot
 
 from lfcal.base.progress import Work, drain
@@ -92,7 +93,9 @@ def test_a_second_h_is_chosen_and_compared(page: Page, qtbot: QtBot, tmp_path: P
     assert "%" in panel.verdict.text() and "24 positions of 2 planes" in panel.notes.text()
     assert panel.table.rowCount() == 3, "all, and each plane"
     cells = [panel.table.item(1, k).text() for k in range(6)]  # type: ignore[union-attr]
-    assert cells[0] == "0: -2 mm" and cells[4] == "+0.300, -0.200"
+    drawn = panel.table.itemDelegate().displayText(cells[0], QLocale())
+    assert drawn == "0: −2 mm" and "0: -2 mm" in panel.table.text(), "drawn with a minus sign, copied with a hyphen"
+    assert cells[4] == "+0.300, -0.200"
     # where they differ most is shown first, both at the light of the plane of H
     assert panel.worst.itemData(0) == (1, 2, 3) and place_of(page) == (1, 2, 3)
     page.panel.view_buttons["Difference"].click()

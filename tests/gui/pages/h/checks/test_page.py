@@ -57,6 +57,7 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
     view.table.choose(missing)
     assert "What to do" in listed[missing].words and view.words.text()
     assert page.intent.z == 1, "the plane that it concerns is shown"
+    assert page.panel.map_range.text() == "1 in this plane", "it was: 0 to 1 yes / no"
     mapped = [one for one in every if map_of(found, one, 1) is not None]
     assert mapped and map_of(found, mapped[0], 99) is None
     view.redo.click()

@@ -218,7 +218,8 @@ def test_a_pattern_that_was_left_out_is_shown_all_the_same(found_outlier: FoundF
     sigma = np.sqrt(64.0 + np.maximum(found_outlier.model[place], 0))
     assert np.sqrt(np.mean(((right - found_outlier.model[place]) / sigma) ** 2)) < 1.3
     assert found_outlier.chi2[place] > 10 and found_outlier.worst() == place
-    assert "left out, χ²" in place_words(found_outlier, place)
+    whole, brief = place_words(found_outlier, place)
+    assert brief.startswith("left out, χ²") and whole.endswith(brief), "χ² was cut in a narrow header"
     (finding,) = [one for one in findings_of(found_outlier.fit) if one.place is not None]
     assert finding.place == place and "chi²" in finding.text
     assert "1 left out as outliers" in detail_of(found_outlier)
