@@ -71,7 +71,7 @@ GO = {
 }
 """What the button does, by what it is."""
 
-PLOT, CURVE = 120, 240
+PLOT, CURVE = 117, 240
 """Heights of charts in the inspector (px)."""
 
 MISFIT, TRUTH = "misfit", "error relative to the truth"
