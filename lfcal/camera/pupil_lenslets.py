@@ -29,7 +29,7 @@ class NoLatticeError(InputError, AttributeError):
             name,
             "a camera with a periodic lenslet array",
             got,
-            "choose another camera, because lenslets in a pupil plane form no lattice",
+            "choose a camera whose lenslets form a lattice",
         )
 
 
@@ -78,7 +78,7 @@ class PupilLenslets:
     >>> lenslets.pitch_um
     Traceback (most recent call last):
     lfcal.camera.pupil_lenslets.NoLatticeError: lenslet pitch: expected a camera with a periodic lenslet array, got
-    ... this property does not exist for others
+    ... choose a camera whose lenslets form a lattice
     """
 
     lens_centres_um: tuple[tuple[float, float], ...]

@@ -356,7 +356,20 @@ class ReconstructSeries(Reconstruct):
 
 @record
 class ReconstructBars(_ReconstructTo):
-    """Reconstruct the volume behind a light-field frame with error bars of its voxels and of sums over regions."""
+    """Reconstruct the volume behind a light-field frame with error bars of its voxels and of sums over regions.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tifffile
+    >>> from lfcal.reconstruct import BootstrapSettings, RlSolver
+    >>> from lfcal.tasks import ReconstructBars
+    >>> tifffile.imwrite("frame.tif", np.random.default_rng(0).poisson(50, (48, 48)).astype(np.uint16))
+    >>> settings = {"solver": RlSolver(iterations=3, gain=1.0), "bootstrap": BootstrapSettings(replicates=3)}
+    >>> (made,) = ReconstructBars(psf="H.h5", frames="frame.tif", out="volume.tif", **settings).run()
+    >>> print([file.name for file in made.files])
+    ['volume.tif', 'volume_sigma.tif', 'volume_kappa.tif', 'volume_resolution.tif']
+    """
 
     input_words: ClassVar[str] = "a frame with error bars"
 

@@ -251,7 +251,7 @@ def test_patterns_of_a_session_without_darks(tmp_path: Path, black: float) -> No
 def test_frames_of_unknown_noise_are_not_fitted(tmp_path: Path) -> None:
     only = [Position(0, y, x) for y in (0, 9) for x in (0, 9, 20)]
     record(tmp_path / "s", PLAN, rig_for(PLAN), replace(OPTIONS, bracket=(1.0, 0.5)), only=only)
-    with pytest.raises(InputError, match="noise of the frames: expected a variance, got none"):
+    with pytest.raises(InputError, match="noise of the frames: expected a known variance, got none"):
         drain(iter_session_patterns(tmp_path / "s"))
 
 

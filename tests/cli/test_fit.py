@@ -302,7 +302,7 @@ def simulated(plan: ScanPlan, index: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("words", "what"),
     [
-        (("--unknowns", "gap"), "--unknowns: expected auto or groups of unknowns, got gap; the groups are geometry"),
+        (("--unknowns", "gap"), "--unknowns: expected auto or groups of unknowns, got gap; choose from geometry"),
         (("--unknowns", ","), "--unknowns: expected auto or groups"),
         (("--unknowns", "geometry,specimen"), "got specimen, which needs the effect index_mismatch"),
         (("--noise", "64"), "--noise: expected CONSTANT,SLOPE of the variance of a sample, got '64'"),

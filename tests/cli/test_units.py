@@ -300,7 +300,7 @@ def test_a_run_that_failed_before_its_first_unit_leaves_nothing(
 ) -> None:
     tifffile.imwrite(place / "frame.tif", np.full((30, 31), 50, np.uint16))
     monkeypatch.setattr(
-        "lfcal.reconstruct._frame_units._tool_for", lambda *_: (_ for _ in ()).throw(StorageError("gone"))
+        "lfcal.reconstruct._frame_units.tool_for", lambda *_: (_ for _ in ()).throw(StorageError("gone"))
     )
     run = lfcal("reconstruct", "H.h5", "frame.tif", "-n", 1, "--executor", "threads", "-o", "v.tif")
     assert run.code == 2 and run.err == "lfcal: gone\n" and not parts_folder(place / "v.tif").exists()

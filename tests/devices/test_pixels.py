@@ -129,5 +129,7 @@ def test_bit_depth_follows_the_format(name: str, bits: int, stored: int) -> None
 
 @pytest.mark.parametrize("name", ["RGB8", "YUV422_8", "Mono1p", "Mono32", "Mono14p", "BayerXY8", "Mono12c3a32p", ""])
 def test_other_formats_get_a_message_that_names_the_supported_ones(name: str) -> None:
-    with pytest.raises(InputError, match=r"Cam 7: expected Mono or Bayer .* 10p, 12p, .*12Packed, got .*; choose"):
+    with pytest.raises(
+        InputError, match=r"Cam 7: expected Mono or Bayer .* 10p, 12p, .*12Packed, got .*; set the device"
+    ):
         PixelFormat.named(name, "Cam 7")

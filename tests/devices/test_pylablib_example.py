@@ -96,7 +96,7 @@ class Motor:
 
 @pytest.fixture
 def backend(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Yield the backend of the package, beside a pylablib with one maker."""
+    """Yield the backend of the package, with a pylablib of one maker."""
     monkeypatch.setattr(Motor, "made", {})
     maker = types.SimpleNamespace(Camera=Camera, Motor=Motor)
     for name, module in (("pylablib", types.SimpleNamespace(__version__="1.4")), ("pylablib.devices.Maker", maker)):

@@ -152,9 +152,9 @@ def test_what_does_not_suffice_is_refused_with_one_message():
     camera, light = camera_of(), simulated()
     with pytest.raises(InputError, match="at least 3 planes in the z stack of a point, got 2; record more planes"):
         fit_camera(measured(camera, light[:2], depths=DEPTHS[:2]), unknowns=ASKED)
-    with pytest.raises(InputError, match=r"move by 2 px or more, got a range of 0\.04 µm; record planes farther apart"):
+    with pytest.raises(InputError, match=r"move by 2 px or more, got a range of 0\.04 µm, .*; record planes farther"):
         fit_camera(measured(camera, light, depths=(-0.02, -0.01, 0.0, 0.01, 0.02)), unknowns=ASKED)
-    with pytest.raises(InputError, match=r"sign of the depths.*change the sign of the depths"):
+    with pytest.raises(InputError, match=r"sign of the depths.*reverse the sign of the depths"):
         fit_camera(measured(camera, light[::-1]), unknowns=ASKED)
     dark = replace(measured(camera, light), patterns=measured(camera, 0 * light + 1e-9, peak=1e-9).patterns)
     with pytest.raises(InputError, match="light of the patterns: expected more light than noise"):
@@ -162,7 +162,7 @@ def test_what_does_not_suffice_is_refused_with_one_message():
     elsewhere = camera_of([*CENTRES.tolist(), (-480.0, 500.0)])
     with pytest.raises(
         InputError,
-        match=r"lenslet at \(-480, 500\) µm: .* got 0 of 5 planes; correct the lenslet centres of the camera",
+        match=r"lenslet at \(-480, 500\) µm: .* got light in 0 of 5 planes; correct the lenslet centres of the camera",
     ):
         fit_camera(measured(elsewhere, light), unknowns=ASKED)
 
@@ -179,7 +179,7 @@ def test_the_reason_of_invalid_pixels_is_named():
     ):
         given = measured(camera, light, valid=~invalid)
         given = replace(given, patterns=(12e3 * values / light.max()).astype(np.float32))
-        with pytest.raises(InputError, match=rf"lenslet at .* got [01] of 5 planes; {words}"):
+        with pytest.raises(InputError, match=rf"lenslet at .* got light in [01] of 5 planes; {words}"):
             fit_camera(given, unknowns=ASKED)
 
 

@@ -18,7 +18,7 @@ def put_in(name: str, strength: float) -> Values:
 def test_values_that_end_are_told_with_their_ceiling() -> None:
     found = faults_of(put_in("saturation", 0.5))
     assert next(iter(found)) == "saturated" and "not_linear" not in found
-    assert float(found["saturated"].detail.split(" at ")[1].split()[0]) == pytest.approx(PEAK / 2, rel=1e-3)
+    assert float(found["saturated"].detail.split(" exceed ")[1].split()[0]) == pytest.approx(PEAK / 2, rel=1e-3)
 
 
 def test_values_that_end_are_told_where_a_white_image_divided_the_ceiling() -> None:
@@ -26,7 +26,7 @@ def test_values_that_end_are_told_where_a_white_image_divided_the_ceiling() -> N
     fall = np.linspace(0.97, 1.02, sensor(1.0).shape[1], dtype=np.float32)
     found = faults_of(scaled(put_in("saturation", 0.5), sensor(1.0) / fall))
     assert next(iter(found)) == "saturated" and not {"pupil", "bad_pixels", "not_linear"} & set(found)
-    assert float(found["saturated"].detail.split(" at ")[1].split()[0]) == pytest.approx(PEAK / 2, rel=0.04)
+    assert float(found["saturated"].detail.split(" exceed ")[1].split()[0]) == pytest.approx(PEAK / 2, rel=0.04)
 
 
 def test_light_that_falls_over_the_field_is_no_ceiling() -> None:

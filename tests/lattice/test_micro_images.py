@@ -63,9 +63,9 @@ def test_a_part_of_the_sensor_is_the_sensor_s_part() -> None:
 
 def test_frames_that_do_not_lie_on_the_sensor_are_refused_with_the_numbers() -> None:
     camera = camera_of("square")
-    with pytest.raises(InputError, match=r"330 x 400 pixels.*got 150 x 170.*--origin ROW,COLUMN"):
+    with pytest.raises(InputError, match=r"330 rows and 400 columns.*got 150 rows and 170 columns.*--origin"):
         lattice_of(camera, (150, 170))
-    with pytest.raises(InputError, match=r"150 x 170 starting at row 200, column 0"):
+    with pytest.raises(InputError, match=r"150 rows and 170 columns starting at row 200, column 0"):
         lattice_of(camera, (150, 170), (200, 0))
     for origin in ((-1, 0), (0, 0.5)):
         with pytest.raises(InputError, match="origin"):
@@ -97,7 +97,7 @@ def test_the_lenslets_of_a_type_are_a_lattice(step: int) -> None:
 
 def test_a_lattice_without_types_has_none() -> None:
     camera = camera_of("square")
-    with pytest.raises(InputError, match="three lens types"):
+    with pytest.raises(InputError, match="a hexagonal lattice with a lens type 1, got a square lattice"):
         type_lattice(lattice_of(camera), camera.lattice.type_of, 1)
 
 

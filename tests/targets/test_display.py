@@ -116,7 +116,7 @@ def test_groups_are_filled_up_by_repeats(plan: TargetPlan) -> None:
         assert column == beside and again - row == pytest.approx(-period if row > 0 else period, abs=unit / 2 + 1e-9)
     up = coded_plan(replace(plan, offsets_px=(((5.0, 0.0), (0.0, 3.0)),)), CODE, DISPLAY.pixel_um)
     assert up.offsets_px[0][2][0] < 0
-    with pytest.raises(InputError, match="shown together"):
+    with pytest.raises(InputError, match="at least 4 offsets in plane 0, got 3 offsets"):
         coded_plan(plan, s_matrix(7), DISPLAY.pixel_um)
     with pytest.raises(InputError, match="groups of 3"):
         lit_by(CODE, 4)
