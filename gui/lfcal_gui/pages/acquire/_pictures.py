@@ -131,6 +131,7 @@ def _log(values: np.ndarray) -> np.ndarray:
 
 SUM = "Depth-plane sum"
 NOTHING = "Nothing recorded in this plane yet."
+NO_RESIDUAL = "Not measured with a target."
 NO_SUM = "Each frame of a target shows many positions. The sum is available after assembling."
 
 CURVES = {"energy": "Energy (counts)", "residual": "Residual (px)", "saturated": "Saturated (px)"}
@@ -212,6 +213,7 @@ class RecordPictures(QWidget):
         self._reading = picture.reading
         self._title_sum()
         self.depth_sum.blank.words = NO_SUM if picture.covered else picture.reading.capitalize() or NOTHING
+        self.curves["residual"].blank.words = NO_RESIDUAL if picture.covered else "Nothing recorded yet."
         seen = picture.depth_sum / 1e3 if picture.depth_sum.any() else None
         self.depth_sum.set_shot(Shot(seen, name="depth_sum"))
         for k, (key, (x, y)) in enumerate(picture.curves.items()):

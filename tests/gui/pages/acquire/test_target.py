@@ -97,6 +97,7 @@ def test_a_target_is_recorded_while_its_phases_fill_the_map(
     share = 100 * (plan.shown(0) > 0).mean()
     assert 0 < share < 100 and panel.map_words.text() == f"{share:.0f} % of the phases are covered"
     assert len(panel.pictures.curves["energy"].plot.items) == 1
+    assert panel.pictures.curves["residual"].blank.words == "Not measured with a target."
     assert not panel.buttons["fit"].isEnabled() and "lfcal fit" in panel.why.text()
 
     page.record.after.assemble(str(tmp_path / "H.h5"))
