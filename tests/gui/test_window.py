@@ -222,6 +222,7 @@ def controls(page: QWidget) -> list[QWidget]:
 
 SAFE = (
     "…",
+    "Open the sample",
     "Assemble",
     "Compute H",
     "ladder",
