@@ -157,7 +157,7 @@ def test_a_fourier_microscope(lfcal: Any, fourier: Path, tmp_path: Path) -> None
     for more, word in (
         (("--method", "micro-images"), "method: expected none for a Fourier"),
         (("--lattice", fourier / "camera.json"), "lattice: expected none for a Fourier"),
-        (("--origin", "300,300"), "a part of the 400 x 400 pixels"),
+        (("--origin", "300,300"), "a part of the 400 rows and 400 columns"),
     ):
         refused = lfcal("depth", *given, *more, "-o", tmp_path / "no.tif")
         assert refused.code == 2 and word in refused.err and not (tmp_path / "no.tif").exists(), refused.err
