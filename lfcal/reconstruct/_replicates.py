@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from lfcal.base import Clock, Work
 from lfcal.reconstruct.margin import widened
 from lfcal.reconstruct.projectors import Projector
-from lfcal.reconstruct.solvers import SolverChoice, iter_solve
+from lfcal.reconstruct.solvers import Reconstruction, SolverChoice, iter_solve
 
 __all__ = ["Imaging", "ObjectModel", "Replicates", "SampleNoise", "blurred"]
 
@@ -183,9 +183,9 @@ class Replicates:
         quiet = P.denoised() if choice.denoise else P
         return cls(quiet, replace(choice, margin=0), frame, trust, imaging)
 
-    def iter_volume(
+    def iter_run(
         self, clock: Clock, done: int, note: str, image: ArrayLike | None = None, P: Projector | None = None
-    ) -> Work[NDArray[Any]]:
+    ) -> Work[Reconstruction]:
         """Reconstruct an ``image`` (None: the frame) with ``P`` (None: that of the frame).
 
         The returned volume includes the margin. ``done`` is the number of iterations of earlier runs, for the records
@@ -197,8 +197,8 @@ class Replicates:
             try:
                 record = next(work)
             except StopIteration as stop:
-                volume: NDArray[Any] = stop.value.volume
-                return volume
+                result: Reconstruction = stop.value
+                return result
             yield clock.at(done + record.done, note)
 
     def iter_noise(self, clock: Clock, done: int, volume: NDArray[Any]) -> Work[tuple[SampleNoise, tuple[str, ...]]]:
@@ -215,8 +215,8 @@ class Replicates:
         rng = np.random.default_rng(0)
         frame = first.sampled(np.maximum(self.P.forward(volume), 0), rng)
         frame[~np.isfinite(self.image)] = np.nan
-        fitted = yield from self.iter_volume(clock, done, "noise of the frame", frame)
-        factor = first.slope / self._measured(frame, fitted).slope
+        fitted = yield from self.iter_run(clock, done, "noise of the frame", frame)
+        factor = first.slope / self._measured(frame, fitted.volume).slope
         background = self.choice.background
         slope = first.slope * factor
         floor = slope * background + self.choice.read_noise**2
@@ -236,7 +236,7 @@ class Replicates:
         Parameters
         ----------
         clock, done
-            As in `iter_volume`.
+            As in `iter_run`.
         model
             Model of the objects.
         noise
@@ -265,5 +265,6 @@ class Replicates:
         for k, frame in enumerate(frames):
             frame[bad] = np.nan
             note = f"replicate {key[1] + 1}" + (" without noise" if k else "")
-            found.append((yield from self.iter_volume(clock, done + k * self.choice.iterations, note, frame, P)))
+            made = yield from self.iter_run(clock, done + k * self.choice.iterations, note, frame, P)
+            found.append(made.volume)
         return [found[0], drawn, *found[1:]]

@@ -21,7 +21,7 @@ from lfcal.psf import voxel_um
 from lfcal.reconstruct._frame_units import device_for, device_hints, tool_for
 from lfcal.reconstruct._replicates import ObjectModel, Replicates, SampleNoise
 from lfcal.reconstruct.error_bars import ErrorBars, ErrorSums, check_bars, check_labels, without_noise
-from lfcal.reconstruct.frame_files import read_frame
+from lfcal.reconstruct.frame_files import read_frame, targets_of
 from lfcal.reconstruct.frame_run import FrameRun, memory_for
 from lfcal.reconstruct.margin import cropped
 from lfcal.reconstruct.optics import SharedOptics
@@ -77,6 +77,7 @@ def iter_bars(
         If the iterations stop automatically, or the labels do not fit the volume.
     """
     check_bars(run.choice)
+    targets_of(run.frames, out, None)  # checks the type of the file before anything is computed
     if len(run.frames) > 1:
         raise InputError.expected(
             "frames for error bars", "one frame", f"{len(run.frames)} frames", "reconstruct them one by one"
@@ -135,9 +136,10 @@ def do_volume(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[Non
     """Reconstruct the frame, as the task of a unit; the file contains the volume with its margin, and the noise."""
     runs = yield from _iter_runs(arguments, workers)
     clock = Clock("volume", (1 if SampleNoise.of(runs.choice) else 2) * runs.choice.iterations)
-    volume = yield from runs.iter_volume(clock, 0, "")
-    noise, notes = yield from runs.iter_noise(clock, runs.choice.iterations, volume)
-    save_volume(out, volume, details={"noise": asdict(noise), "notes": notes, "method": runs.P.method})
+    made = yield from runs.iter_run(clock, 0, "")
+    noise, notes = yield from runs.iter_noise(clock, runs.choice.iterations, made.volume)
+    details = {"noise": asdict(noise), "notes": (*made.notes, *notes), "method": runs.P.method}
+    save_volume(out, made.volume, details=details)
 
 
 def do_replicate(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:

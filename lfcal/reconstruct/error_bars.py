@@ -374,7 +374,8 @@ def iter_error_bars(
     nz, rows, columns = P.volume_shape
     regions = check_labels(labels, (nz, rows - 2 * choice.margin, columns - 2 * choice.margin))
     clock = Clock("error bars", choice.iterations * runs_of(choice, own, regions is not None))
-    volume = yield from runs.iter_volume(clock, 0, "volume")
+    result = yield from runs.iter_run(clock, 0, "volume")
+    volume = result.volume
     model = ObjectModel.of(volume, own.contrast)
     noise, notes = yield from runs.iter_noise(clock, choice.iterations, volume)
     sums = ErrorSums(cropped(volume, choice.margin), cropped(model.mean, choice.margin), regions)
@@ -384,7 +385,7 @@ def iter_error_bars(
         found = yield from runs.iter_replicate(clock, done, model, noise, (own.seed, k), quiet=quiet)
         sums.add(*(cropped(one, choice.margin) for one in found))
         done += (1 + quiet) * choice.iterations
-    return sums.result(notes)
+    return sums.result((*result.notes, *notes))
 
 
 error_bars = drained(

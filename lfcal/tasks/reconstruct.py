@@ -124,17 +124,21 @@ class Reconstructed(TaskResult):
 
 @dataclass(frozen=True)
 class ReconstructedBars(TaskResult):
-    """Volume with error bars, and its files: the volume, its maps, and the table of regions."""
+    """Volume with error bars, and its files: the volume, its maps, and the table of regions.
+
+    ``tested`` states whether the tests of the intervals apply to the solver and the replicates.
+    """
 
     bars: ErrorBars
     files: tuple[Path, ...]
+    tested: bool
 
     def _values(self) -> dict[str, Any]:
         regions = [
             {**asdict(one), "interval_68": one.interval(0.6827), "interval_95": one.interval(0.95)}
             for one in self.bars.regions
         ]
-        known = {"replicates": self.bars.replicates, "unknown": float(self.bars.unknown.mean())}
+        known = {"replicates": self.bars.replicates, "unknown": float(self.bars.unknown.mean()), "tested": self.tested}
         return {"files": self.files, **known, "notes": self.bars.notes, "regions": regions}
 
 
@@ -406,7 +410,7 @@ class ReconstructBars(_ReconstructTo):
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ReconstructedBars, ...]]:
         """Reconstruct the frame, and then the replicates."""
-        from lfcal.reconstruct import bar_outputs, iter_bars, runs_of
+        from lfcal.reconstruct import iter_bars, runs_of
         from lfcal.work import RunChoice
 
         how = run or RunSettings()
@@ -420,7 +424,10 @@ class ReconstructBars(_ReconstructTo):
             choice = how.choice(self.out, seconds, "one by one") or here
             details = with_task(self, *found.matrices)
             made = yield from iter_bars(found, self.out, self.bootstrap, self.labels, choice, details)
-        return (ReconstructedBars(made, bar_outputs(self.out, regions=self.labels is not None)),)
+        default, own = type(self).__dataclass_fields__["solver"].default, self.solver
+        tested = own.name == default.name and own.iterations == default.iterations
+        tested &= self.bootstrap.contrast == BootstrapSettings().contrast and self.bootstrap.replicates >= 10
+        return (ReconstructedBars(made, self.files("out"), tested),)
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:

@@ -58,7 +58,7 @@ def test_maps_and_sums_are_those_of_python(lfcal: Run, place: Path, tmp_path: Pa
         found = [float(row[key]) for key in ("sum", "sigma", "sigma_noise", "low_95", "high_95")]
         np.testing.assert_allclose(found, [one.total, one.sigma, one.noise, low, high], rtol=1e-3)
         assert f"{one.total:,.0f}" in done.out
-    assert "3 replicates" in done.out and "95 % intervals contained the true value" in done.out
+    assert "3 replicates" in done.out and "Intervals were tested only with 60 iterations of rl-nesterov" in done.out
 
 
 def test_other_executors_formats_and_ways_agree(lfcal: Run, place: Path, tmp_path: Path) -> None:
@@ -121,16 +121,30 @@ def test_a_stopped_run_continues(lfcal: Run, place: Path, tmp_path: Path, monkey
         (("--voxel", 2), "--voxel"),
         (("--replicates", 2), "--replicates"),
         (("--labels", "frame.tif", "--margin", 0), "labels of regions"),
+        (("-o", "v.jpg"), "volume file: expected .tif, .tiff"),
     ],
 )
 def test_settings_that_do_not_apply_are_refused(
     lfcal: Run, place: Path, tmp_path: Path, words: tuple[object, ...], expected: str
 ) -> None:
-    given = [place / "small.tif" if word == "frame.tif" else word for word in words]
+    places = {"frame.tif": place / "small.tif", "v.jpg": tmp_path / "v.jpg"}
+    given = [places.get(str(word), word) for word in words]
     tifffile.imwrite(place / "small.tif", np.ones((3, 3), np.uint8))
     done = lfcal("reconstruct", place / "H.h5", place / "frame.tif", "-o", tmp_path / "v.tif", "--bars", *given)
     assert done.code == 2 and expected in done.err, done.err
     assert not list(tmp_path.iterdir())
+
+
+def test_the_tests_of_intervals_are_quoted_for_the_default_settings(lfcal: Run, place: Path, tmp_path: Path) -> None:
+    frame = tifffile.imread(place / "frame.tif").astype(np.float32)
+    frame[3, 4:6] = np.nan
+    tifffile.imwrite(tmp_path / "frame.tif", frame)
+    words = ("reconstruct", place / "H.h5", tmp_path / "frame.tif", "-o", tmp_path / "v.npy", "--bars", "--gain", 1)
+    done = lfcal(*words, "--margin", 0)
+    assert done.code == 0 and "95 % intervals contained the true value" in done.out
+    assert "note: 2 non-finite pixels were left out" in done.err
+    json_words = (*words[:4], tmp_path / "w.npy", *words[5:], "--replicates", 9, "--json")
+    assert json.loads(lfcal(*json_words).out)["tested"] is False
 
 
 def test_options_of_error_bars_need_bars(lfcal: Run, place: Path, tmp_path: Path) -> None:
