@@ -299,8 +299,7 @@ def _plan(planes: int = 1) -> Any:
     from lfcal.simulate import sample_session
 
     plan = ScanPlan.from_json((sample_session() / "plan.json").read_text(encoding="utf-8"))
-    exposure = 4 * plan.exposures[0]  # light enough for a simulated camera without a white image
-    return replace(plan, depths_um=plan.depths_um[:planes], exposure_s=exposure, settle_s=0.0)
+    return replace(plan, depths_um=plan.depths_um[:planes], exposure_s=plan.exposures[:planes], settle_s=0.0)
 
 
 def _planned(hand: Hand) -> None:
