@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, InputError, Work, drained
+from lfcal.base import Clock, InputError, Work, check_number, drained
 from lfcal.reconstruct._replicates import Imaging, ObjectModel, Replicates, SampleNoise, blurred
 from lfcal.reconstruct.margin import cropped
 from lfcal.reconstruct.projectors import Projector
@@ -59,9 +59,16 @@ small. A larger weight makes the bars of isolated bright voxels too long.
 
 
 def student(level: float, count: int) -> float:
-    """Return the factor of sigma for the interval of probability ``level``, with sigma from ``count`` replicates."""
+    """Return the factor of sigma for the interval of probability ``level``, with sigma from ``count`` replicates.
+
+    Raises
+    ------
+    InputError
+        If the level is not between 0 and 1.
+    """
     from scipy.special import stdtrit
 
+    check_number("probability of an interval", level, above=0, below=1)
     return float(stdtrit(count, 0.5 + level / 2))
 
 
@@ -225,8 +232,10 @@ class ErrorSums:
     """
 
     def __init__(self, volume: NDArray[Any], mean: NDArray[Any], labels: NDArray[np.int64] | None) -> None:
-        self._volume, self._mean, self._labels = volume, mean, labels
-        self._squares = np.zeros(volume.shape, np.float32)
+        self._volume, self._mean = volume, mean
+        # numbered without gaps, because labels may be as large as 32 bits allow
+        self._names, found = np.unique(np.zeros(1) if labels is None else labels, return_inverse=True)
+        self._labels = None if labels is None else found.reshape(volume.shape)
         self._errors = [np.zeros(volume.shape, np.float32) for _ in BLURS]
         self._details = [np.zeros(volume.shape, np.float32) for _ in BLURS]
         self._regions: list[NDArray[np.float64]] = []
@@ -248,7 +257,6 @@ class ErrorSums:
             Reconstruction of the same object from a frame without noise. None: not computed.
         """
         error = np.asarray(made, np.float32) - drawn
-        self._squares += error**2
         detail = drawn - self._mean
         for k, width in enumerate(BLURS):
             self._errors[k] += blurred(error, width) ** 2
@@ -258,7 +266,7 @@ class ErrorSums:
             self._quiet.append(self._sums(np.asarray(made, np.float32) - quiet))
 
     def _sums(self, volume: NDArray[Any]) -> NDArray[np.float64]:
-        """Return the sums of ``volume`` over the regions, by label from 0."""
+        """Return the sums of ``volume`` over the regions, in the order of their labels."""
         if self._labels is None:
             return np.zeros(0)
         return np.bincount(self._labels.ravel(), volume.ravel()).astype(np.float64)
@@ -289,7 +297,7 @@ class ErrorSums:
 
         n = self.count
         # relative to the expected object, neighbours have similar variances
-        variance = self._squares / n / np.maximum(self._mean, np.finfo(np.float32).tiny) ** 2
+        variance = self._errors[0] / n / np.maximum(self._mean, np.finfo(np.float32).tiny) ** 2
         # the mean logarithm of the variance of n samples is too low by this
         bias = float(digamma(n / 2)) - math.log(n / 2)
         near = np.exp(blurred(np.log(np.maximum(variance, 1e-12)), NEAR) - bias)
@@ -302,20 +310,12 @@ class ErrorSums:
         sigmas = np.sqrt(np.mean(np.square(self._regions), axis=0))
         noises = np.sqrt(np.mean(np.square(self._quiet), axis=0)) if self._quiet else np.full(len(totals), np.nan)
         found = []
-        for label in np.flatnonzero(counts):
+        for k, label in enumerate(self._names):
             if label:
-                planes = np.flatnonzero((self._labels == label).any(axis=(1, 2)))
-                found.append(
-                    RegionSum(
-                        int(label),
-                        (int(planes[0]), int(planes[-1])),
-                        int(counts[label]),
-                        float(totals[label]),
-                        float(sigmas[label]),
-                        float(noises[label]),
-                        self.count,
-                    )
-                )
+                planes = np.flatnonzero((self._labels == k).any(axis=(1, 2)))
+                ends = int(planes[0]), int(planes[-1])
+                total, sigma, noise = (float(values[k]) for values in (totals, sigmas, noises))
+                found.append(RegionSum(int(label), ends, int(counts[k]), total, sigma, noise, self.count))
         return tuple(found)
 
 

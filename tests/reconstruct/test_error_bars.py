@@ -205,6 +205,20 @@ def test_the_margin_and_missing_pixels_change_only_what_they_concern(P: Projecto
     assert (other.sigma != bars.sigma).any()
 
 
+def test_labels_may_be_large_and_levels_are_probabilities(P: Projector) -> None:
+    frame = np.random.default_rng(1).poisson(P.forward(drawn("shell", 3, 2)) * 100 + 10.0)
+    labels = np.zeros(SHAPE, np.uint32)
+    labels[30:40, 30:40], labels[50:60, 20:30] = 4_000_000_000, 7
+    choice, settings = replace(CHOICE, iterations=3), BootstrapSettings(replicates=3)
+    bars = error_bars(P, frame, choice, settings, labels=labels)
+    assert [(one.label, one.voxels) for one in bars.regions] == [(7, 200), (4_000_000_000, 200)]
+    for one in bars.regions:
+        assert one.total == pytest.approx(bars.volume[:, labels == one.label].sum(), rel=1e-5)
+    for level in (0.0, 1.0, 95, float("nan")):
+        with pytest.raises(InputError, match="probability of an interval"):
+            bars.interval(level)
+
+
 def test_synthetic_objects_are_rougher_than_the_volume_and_equally_bright() -> None:
     volume = gaussian_filter(np.random.default_rng(1).random((2, 60, 60)), 2).astype(np.float32)
     model = ObjectModel.of(volume, 0.9)
