@@ -26,7 +26,7 @@ from lfcal.reconstruct.frame_run import FrameRun, memory_for
 from lfcal.reconstruct.margin import cropped
 from lfcal.reconstruct.optics import SharedOptics
 from lfcal.reconstruct.solvers import SolverChoice
-from lfcal.reconstruct.volumes import VolumeFacts, load_volume, save_volume, write_volumes
+from lfcal.reconstruct.volumes import VolumeFacts, load_labels, load_volume, save_volume, write_volumes
 from lfcal.records import BootstrapSettings
 from lfcal.work import RunChoice, Unit, file_name, iter_begun, iter_made, parts_folder
 
@@ -83,7 +83,7 @@ def iter_bars(
             "frames for error bars", "one frame", f"{len(run.frames)} frames", "reconstruct them one by one"
         )
     shape = (len(run.matrices[0]), *run.shape)
-    regions = check_labels(None if labels is None else load_volume(labels), shape)
+    regions = check_labels(None if labels is None else load_labels(labels, _depths(run)), shape)
     first, others = bar_units(run, out, settings, regions is not None, how)
     title = f"error bars of {out.name}"
     # a run of the first unit alone would delete finished replicates
@@ -201,9 +201,14 @@ def _iter_joined(
     made.append(bars)
 
 
+def _depths(run: FrameRun) -> NDArray[np.float64] | None:
+    """Return the depths that the files state (µm); None if unknown."""
+    return run.projector.depths if run.projector.camera is not None else None
+
+
 def _write(bars: ErrorBars, run: FrameRun, out: Path, details: Mapping[str, Any]) -> None:
     """Write volume, maps and table; the volume, for which all others exist, is the last."""
-    depths = run.projector.depths if run.projector.camera is not None else None
+    depths = _depths(run)
     sides = voxel_um(run.matrices[0])
     paths = bar_outputs(out, regions=bool(bars.regions))
     if bars.regions:

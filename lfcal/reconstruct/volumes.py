@@ -49,6 +49,7 @@ __all__ = [
     "VOLUME_FORMAT",
     "VolumeFacts",
     "check_suffix",
+    "load_labels",
     "load_volume",
     "open_ome_zarr",
     "save_volume",
@@ -88,6 +89,9 @@ VERSION = "0.4"
 
 LFCAL_KEY = "lfcal"
 """Attribute of the folder for metadata outside the layout: depth of every plane, and details."""
+
+MOST_LABELS = 1 << 24
+"""Largest label of a region: the largest integer up to which float32 represents all."""
 
 STORED = "stored_planes"
 """Entry of the details: index in the volume of each plane of the file. Without it, both have the same order."""
@@ -574,6 +578,31 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     with understood(source, "metadata of a volume", "copy the file again"):
         stored = _stored(source)
         return volume if stored is None else volume[_original(stored, len(volume))]
+
+
+def load_labels(path: str | os.PathLike[str], depths_um: NDArray[np.float64] | None) -> NDArray[np.float32]:
+    """Read labels ``(nz, Y, X)`` that were drawn on a volume with planes at ``depths_um`` (µm; None: unknown).
+
+    A stack that another program wrote as TIFF or OME-Zarr has the planes from the smallest depth to the largest, like
+    the volume on which it was drawn; they are returned in the order of ``depths_um``.
+
+    Raises
+    ------
+    InputError
+        If a label is too large to be stored exactly.
+    FileFormatError, StorageError
+        If the file does not contain such labels.
+    """
+    source, found = Path(path), load_volume(path)
+    if float(np.max(found, initial=0)) > MOST_LABELS:
+        got = f"{float(found.max()):.10g}"
+        raise InputError.expected(
+            f"labels in {source}", f"numbers up to {MOST_LABELS}", got, "number the regions from 1"
+        )
+    drawn = source.suffix.lower() in (".tif", ".tiff", ".zarr") and _stored(source) is None
+    if drawn and depths_um is not None and len(found) == len(depths_um):
+        return found[np.argsort(np.argsort(depths_um, kind="stable"))]
+    return found
 
 
 def _stored(source: Path) -> Any:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from lfcal.base.errors import InputError
 from lfcal.camera import Camera, ScanPlan, preset
 from lfcal.psf import Facts, PSFMatrix
-from lfcal.reconstruct import BootstrapSettings, Projector, SolverChoice, error_bars
+from lfcal.reconstruct import BootstrapSettings, Projector, SolverChoice, error_bars, save_volume
 from lfcal.reconstruct._replicates import ObjectModel, SampleNoise
+from lfcal.reconstruct.volumes import load_labels
 from lfcal.simulate import simulate_psf
 
 SHAPE = (77, 77)
@@ -217,6 +220,27 @@ def test_labels_may_be_large_and_levels_are_probabilities(P: Projector) -> None:
     for level in (0.0, 1.0, 95, float("nan")):
         with pytest.raises(InputError, match="probability of an interval"):
             bars.interval(level)
+
+
+@pytest.mark.parametrize("suffix", [".tif", ".npy", ".ome.tif"])
+def test_labels_belong_to_the_planes_on_which_they_were_drawn(tmp_path: Path, suffix: str) -> None:
+    """Files of TIFF have planes by increasing depth, so labels drawn there have, too."""
+    depths = np.array([-100.0, -300.0, -200.0])
+    volume = np.arange(3.0)[:, None, None] * np.ones((3, 4, 5)) + 1
+    save_volume(tmp_path / f"v{suffix}", volume, depths_um=depths)
+    if suffix == ".npy":
+        stored = np.load(tmp_path / "v.npy")
+        np.save(tmp_path / "drawn.npy", stored)
+    else:
+        stored = tifffile.imread(tmp_path / f"v{suffix}")
+        tifffile.imwrite(tmp_path / f"drawn{suffix}", stored.astype(np.uint16), photometric="minisblack")
+    found = load_labels(tmp_path / f"drawn{suffix}", depths)
+    np.testing.assert_array_equal(found, volume)
+    np.testing.assert_array_equal(load_labels(tmp_path / f"v{suffix}", depths), volume)
+    np.testing.assert_array_equal(load_labels(tmp_path / f"drawn{suffix}", None), stored)
+    np.save(tmp_path / "large.npy", stored * 2**30)
+    with pytest.raises(InputError, match="numbers up to 16777216"):
+        load_labels(tmp_path / "large.npy", depths)
 
 
 def test_synthetic_objects_are_rougher_than_the_volume_and_equally_bright() -> None:
