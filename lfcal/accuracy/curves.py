@@ -134,13 +134,19 @@ class Curve:
         return min(self.points, key=lambda point: (point.error, point.cost), default=None)
 
     def cheapest(self, error: float) -> CostPoint | None:
-        """Return the cheapest point with an error of at most ``error`` (relative); None if there is none."""
+        """Return the cheapest point with a relative error of at most ``error``; None if there is none.
+
+        Raises `InputError` unless ``error`` is above 0.
+        """
         check_number("requested error (a fraction)", error, above=0, remedy="0.01 is 1 %")
         good = (point for point in self.points if point.error <= error)
         return min(good, key=lambda point: (point.cost, point.error), default=None)
 
     def error_text(self, error: float, *others: float) -> str:
-        """Return an error in per cent, with enough digits to differ from the points' errors and from ``others``."""
+        """Return a relative error as text in per cent.
+
+        It has enough digits to be distinguished from the errors of the points and from the relative errors ``others``.
+        """
         return format_share(error, (*others, *(point.error for point in self.points)))
 
     def answer(self, error: float) -> str:
@@ -179,7 +185,10 @@ def marked(points: Iterable[CostPoint]) -> tuple[CostPoint, ...]:
 
 
 def marks_of(point: CostPoint, chosen: CostPoint | None) -> tuple[str, ...]:
-    """Return the marks of a point, of "chosen", "in use" and "efficient"; ``chosen`` is the chosen point, or None."""
+    """Return which of the marks "chosen", "in use" and "efficient" apply to ``point``.
+
+    ``chosen`` is the chosen point; None: no point is chosen.
+    """
     marks = {"chosen": point is chosen, "in use": point.in_use, "efficient": point.efficient}
     return tuple(word for word, true in marks.items() if true)
 

@@ -32,16 +32,16 @@ def draw_curves(
 ) -> None:
     """Plot the curves that have points in one figure, each in a log-log panel with the Pareto front as a line.
 
-    Points are labelled where the labels do not overlap. A square marks the point that is in use.
+    Points are labelled where the labels do not overlap. A square marks the point with `CostPoint.in_use`.
 
     Parameters
     ----------
     curves
-        The curves.
+        Curves to plot; those without points are left out.
     path
         Image file to write; its suffix determines the format, such as ``.png``.
     title
-        Title of the figure.
+        Title of the figure; empty: none.
     error
         Requested relative error (0.01 is 1 %). It is drawn as a line in each panel, with a star at the cheapest point
         that reaches it. None: not drawn.

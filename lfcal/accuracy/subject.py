@@ -148,7 +148,10 @@ class Subject:
 
     # -- samples ---------------------------------------------------------------------------------------
     def iter_sample(self, planes: int) -> Work[Sample]:
-        """Return a sample of at most ``planes`` planes from the middle of H; repeated calls return the same object."""
+        """Return a sample of at most ``planes`` planes from the middle of H; repeated calls return the same object.
+
+        Raises `InputError` if these planes contain no light.
+        """
         count = min(planes, self.shape[0])
         if count not in self._samples:
             made = self._read(count) if self.matrix is not None else self._simulated(count)
@@ -158,7 +161,10 @@ class Subject:
         return self._samples[count]
 
     def iter_patterns(self) -> Work[Patterns]:
-        """Return patterns of the middle plane, spread over the period; repeated calls return the same object."""
+        """Return patterns of the middle plane, spread over the period; repeated calls return the same object.
+
+        Raises `InputError` if they contain no light.
+        """
         if not self._patterns:
             yield Clock("patterns", 1).at(0)
             _, ny, nx, nt, ns = self.shape
@@ -227,7 +233,10 @@ class Subject:
 
 
 def reference_seconds(plan: ScanPlan, z: int, tolerance: float) -> float:
-    """Return the estimated time (s) to simulate a position of plane ``z`` as reference, to within a factor of 3."""
+    """Return the estimated time (s) to simulate one position of plane ``z`` at the reference level.
+
+    ``tolerance`` is the relative error allowed to the simulation. The estimate is correct to within a factor of 3.
+    """
     return REFERENCE * few_seconds(outlook_of(plan, z), "reference", tolerance, 1)
 
 

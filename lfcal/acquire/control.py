@@ -88,7 +88,7 @@ class Control:
         return Aborted("aborted: the stage was stopped; acknowledged frames are safe")
 
     def wait(self, seconds: float) -> None:
-        """Wait until a request arrives, at most ``seconds`` of real time."""
+        """Wait until a resume, stop or abort is requested, at most ``seconds`` of real time."""
         self._wake.wait(seconds)
 
     def sleep(self, seconds: float, time: TimeSource) -> None:

@@ -42,7 +42,7 @@ class EarlierRuns:
         Shape of the grid of positions, ``(nz, ny, nx)``. For a target: ``(nz, 1, n)`` with the largest number n of
         frames in a plane.
     recordings
-        Names of the files, oldest first.
+        Names of the recordings in the session's folder, oldest first.
     """
 
     flat: NDArray[np.intp]
@@ -113,16 +113,16 @@ class _Frames:
 
 
 class EarlierFrames:
-    """Reader of earlier runs, which passes their records to ``quality`` and sums the frames of the displayed plane.
+    """Reader of earlier runs that passes their records to ``quality``, and sums the frames of the displayed plane.
 
-    Records are read first, then the frames of the displayed plane for at most ``seconds``, in an order spread over the
-    period. Sums of several planes are cached up to `MEMORY` bytes. `want` and `read` may be called from different
-    threads.
+    Records are read first. For a `LiveQuality`, the frames of the displayed plane follow for at most ``seconds``, in an
+    order spread over the period. Sums of several planes are cached up to `MEMORY` bytes. `want` and `read` may be
+    called from different threads.
 
     Parameters
     ----------
     folder, quality
-        Folder of the session, and the object that receives its records and frames.
+        Folder of the session, and the object that receives its records.
     known
         Frames recorded by earlier runs; None if there are none.
     seconds, clock
@@ -158,7 +158,7 @@ class EarlierFrames:
         return self._sums.get(z)
 
     def read(self, z: int, going: Callable[[], bool] = lambda: True) -> None:
-        """Read the frames of plane ``z`` until all are read, another plane is requested, or ``going`` returns False.
+        """Read the frames of plane ``z``, until ``going`` returns False or another plane is requested.
 
         Raises
         ------

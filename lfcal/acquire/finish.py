@@ -76,14 +76,14 @@ def iter_assemble_session(
 
 
 class Packed(NamedTuple):
-    """Result of compressing a session: the number of bytes saved, and a message for each file left unchanged."""
+    """Result of compressing a session: the number of bytes saved, and a message for each damaged file."""
 
     bytes_gained: int
     left: tuple[str, ...]
 
 
 def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
-    """Compress all finished recordings of a session; return the number of bytes saved, and the files left unchanged.
+    """Compress all finished recordings of a session; return the number of bytes saved, and the damaged files.
 
     A recording with missing or damaged frames is not changed, so that it can be resumed. ``folder`` is that of the
     session, and ``workers`` the number of threads (None: all processors).
@@ -124,12 +124,15 @@ def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:
     """Replace a recording by a chunked, compressed HDF5 file; return the number of bytes saved.
 
     Every frame is checked against its CRC-32. Recordings that are already packed, or lack frames, are not changed. Each
-    chunk contains one frame, compressed with gzip at level 1 and the shuffle and fletcher32 filters.
+    chunk contains one frame, compressed with gzip at level 1 and the shuffle and fletcher32 filters. ``workers`` is the
+    number of threads (None: all processors).
 
     Raises
     ------
     FileFormatError
         If a frame is damaged; the message names it, and the recording is not changed.
+    StorageError
+        If the disk is too small for a second copy, or cannot be written.
     """
     before = path.stat().st_size
     with RecordingFile(path) as source:

@@ -50,12 +50,12 @@ def frame_grid(plan: FramePlan) -> tuple[int, int, int]:
 
 
 def frame_positions(plan: FramePlan) -> NDArray[np.int64]:
-    """Return the positions (z, 0, k) of a session's frames on the grid of `frame_grid`, ``(frames, 3)``, in order."""
+    """Return the positions (z, 0, k) of all frames on the grid of `frame_grid`, ``(frames, 3)`` in recording order."""
     return np.array([(z, 0, k) for z, k in plan.frames], np.int64).reshape(-1, 3)
 
 
 def read_frame_plan(data: Mapping[str, Any]) -> FramePlan:
-    """Return the plan described by an entry of a session's file; raises `FileFormatError` if it is not valid."""
+    """Return the plan described by ``data``, from `FramePlan.to_dict`; raises `FileFormatError` if it is not valid."""
     from lfcal.targets import TargetPlan  # slow to import, and not needed for single points
 
     return TargetPlan.from_dict(data)

@@ -23,7 +23,7 @@ def check_light(rig: Rig) -> None:
 
 
 class Lighting:
-    """Switch of the light, operated only when necessary, because a lamp that stays on is more stable.
+    """Switch for the light, used only when necessary, because a lamp that stays on is more stable.
 
     Parameters
     ----------

@@ -50,7 +50,10 @@ UNSURE = 0.25
 
 
 def alarm(kind: str, size: float, words: str) -> list[Finding]:
-    """Return one finding if ``size`` exceeds the limit of its kind, else none; ``words`` reads "fault: remedy"."""
+    """Return a list with one finding if ``size`` exceeds the limit of its ``kind``, else an empty list.
+
+    ``kind`` and the unit of ``size`` are those of `LIMITS`, and ``words`` reads "fault: remedy".
+    """
     if not size > LIMITS[kind]:
         return []
     what, _, remedy = words.partition(": ")
@@ -74,8 +77,8 @@ class QualityState:
     saturated
         Number of saturated pixels in each cutout, ``(nz, ny, nx)``.
     depth_sums
-        Sum of the cutouts minus their background in each plane, over the positions recorded so far (counts). The shape
-        is ``(nz, nt, ns)``, or ``(1, nt, ns)`` for a single plane.
+        Sum of the frames minus their background in each plane, over the positions recorded in this run (counts). The
+        shape is ``(nz, rows, columns)``, or ``(1, rows, columns)`` for a single plane.
     lamp
         Time since the start, summed over all recordings without pauses (s), and light (counts) of each reference frame,
         ``(n, 2)``.

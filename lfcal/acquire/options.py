@@ -40,8 +40,9 @@ class Options:
         the dark frames; without them, H contains the sensor's dark level. Dark frames require a light source that can
         be switched off.
     reference_every
-        Number of positions after which a reference frame at a fixed position is taken, and also at the start and the
-        end (0: none). Reference frames show the drift of the lamp. The default adds 1 % to the number of frames.
+        Number of positions recorded between two reference frames of a fixed position (0: none). The first is taken at
+        the start, and the last at the end. Reference frames show the drift of the lamp. The default adds 1 % to the
+        number of frames.
     controls
         Number of control frames per plane and direction, for the check of periodicity (0: none). Their displacements
         are whole periods, from one period up to the edge of the field.

@@ -26,13 +26,13 @@ class LiveFrame:
     roi
         Region of the sensor that ``data`` shows (px).
     cutout
-        Region of the sensor that is stored, within `roi` (px); None in the live view.
+        Part of `roi` that is stored, in sensor coordinates (px); None in the live view.
     position
         Position (z, y, x) in the plan; None if the frame has none.
     saturated
         Number of saturated pixels in ``data``.
     what
-        Kind of the frame, for display: ``"position"``, ``"dark"``, ``"live"`` …
+        Kind of the frame: ``"position"``, ``"dark"``, ``"reference"``, ``"control"`` or ``"live"``.
     """
 
     data: NDArray[Any]

@@ -57,7 +57,7 @@ class RecordedNeighbour(NamedTuple):
 
 
 def recorded_neighbours(folder: Path, todo: NDArray[np.bool_]) -> list[RecordedNeighbour]:
-    """Return trusted frames next to the positions of ``todo`` ``(nz, ny, nx)``, at most `ENOUGH` of them.
+    """Return trusted frames next to the True positions of ``todo`` ``(nz, ny, nx)``, at most `ENOUGH` of them.
 
     Unreadable frames are skipped.
     """
@@ -224,7 +224,7 @@ class Attempts:
         Raises
         ------
         DeviceError
-            If a device fails more often than is allowed.
+            If a device fails more often than `Options.retries` allows.
         SuspectFrame
             If a doubt remains and the options request a stop.
         """

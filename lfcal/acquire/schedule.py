@@ -68,7 +68,7 @@ def blocks_of(
     Raises
     ------
     InputError
-        If ``redo`` is outside the plan, or no control frame fits on the sensor.
+        If ``redo`` is empty or outside the plan, or no control frame fits on the sensor.
     """
     nz, ny, nx = plan.shape[:3]
     middle = (nz // 2, ny // 2, nx // 2)
@@ -97,7 +97,8 @@ def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | N
     Raises
     ------
     InputError
-        If the plan has no such frame, or an option applies only to single points.
+        If the plan has no frames or not those of ``redo``, ``redo`` is empty, or an option applies only to single
+        points.
     """
     if options.order != "plan" or options.controls:
         named = "order" if options.order != "plan" else "controls"
@@ -135,8 +136,8 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
     """Return all N positions of the plan as an array ``(N, 3)`` of indices (z, y, x), coarse grids first.
 
     The first pass visits every plane on a grid with a pitch of up to 16 positions. Each later pass visits the remaining
-    points of a grid twice as fine. With a pitch of 16, all planes are recorded coarsely after about 1/256
-    of the positions. Within a pass, the order is that of the plan.
+    points of a grid twice as fine. With a pitch of 16, all planes are recorded coarsely after about 1/256 of the
+    positions. Within a pass, the order is that of the plan.
 
     Examples
     --------
@@ -365,7 +366,7 @@ class Schedule:
         Raises
         ------
         InputError
-            If a stored frame would extend beyond the sensor, or ``redo`` is outside the plan.
+            If a stored frame would extend beyond the sensor, or ``redo`` is empty or outside the plan.
         """
         found = _Joined.of(blocks_of(plan, options, redo, only))
         shape = window_shape(plan, options)

@@ -140,7 +140,8 @@ def iter_record(
     InputError, StorageError
         If the session cannot start; nothing has moved, and no files are left.
     InputError, DeviceError, Cancelled
-        If the check of the stage fails (`lfcal.acquire.setup.iter_stage_check`); no files are left.
+        If the check of the stage fails (`lfcal.acquire.setup.iter_stage_check`), or if, on resuming, the last recorded
+        position looks different. A new session leaves no files.
     AcquisitionStopped
         If the session had to end early; it can be resumed.
 

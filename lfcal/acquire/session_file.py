@@ -75,8 +75,9 @@ def optics_of(rig: Rig) -> str:
 class Devices:
     """Names of the devices of a session, and properties and settings that the camera reports.
 
-    ``optics`` states how frames of the simulator were computed: ``"pattern"``, or a level of `lfcal.simulate`. It is
-    empty for real frames, and for sessions of older versions.
+    ``sensor_shape`` is (rows, columns), and ``max_value`` the sample value of a saturated pixel (counts). ``optics``
+    states how frames of the simulator were computed: ``"pattern"``, or a level of `lfcal.simulate`. It is empty for
+    real frames, and for sessions of older versions.
 
     ``settings`` maps the names of the settings by which the camera may change samples to their values at the start.
     ``automatic`` lists the settings with which samples are not proportional to light.
@@ -124,8 +125,9 @@ class Devices:
 class Run:
     """One run of a recording.
 
-    ``started`` and ``ended`` are ISO 8601 times, and ``how`` states how the run ended. ``acknowledged`` is the number
-    of positions whose frames are on disk, and ``seconds`` the duration without pauses.
+    ``started`` and ``ended`` are ISO 8601 times. ``how`` states how the run ended: ``"complete"``, ``"stopped"``,
+    ``"aborted"``, ``"failed"`` (with the error as ``message``) or ``"interrupted"``. ``acknowledged`` is the number of
+    positions whose frames are on disk, and ``seconds`` the duration without pauses (s).
 
     ``recording`` is the number of the recording; -1: not stored by an older version. ``stage`` is the result of the
     stage check before the run, or why it was skipped; empty: not stored by an older version.
@@ -268,7 +270,10 @@ class SessionFile:
 
     @classmethod
     def read(cls, folder: Path) -> SessionFile:
-        """Read the session in ``folder``; raises `FileFormatError` if there is none or it is damaged."""
+        """Read the session in ``folder``.
+
+        Raises `StorageError` if there is none, and `FileFormatError` if it is damaged.
+        """
         path = folder / NAME
         if not path.exists():
             raise StorageError.expected(str(folder), "a session folder", f"no {NAME} in it", "check the path")

@@ -70,14 +70,14 @@ def iter_stills(
     folder, kind
         Folder of the session, and kind of the frames: ``"white"`` or ``"dark"``.
     light
-        Light to switch off for dark frames, and on again afterwards.
+        Light to switch off for dark frames, and on again afterwards. None: no light is switched.
 
     Raises
     ------
     InputError
         If white frames are dim, saturated or not lit everywhere, or dark frames are not dark.
     StorageError
-        If the files cannot be written; no frame was taken.
+        If the files cannot be written; this is checked before the first frame.
     """
     files = still_files(folder, kind)
     for path in files:

@@ -47,7 +47,10 @@ class Bound:
 
     @classmethod
     def parse(cls, text: str) -> Bound:
-        """Return the bound that the text ``GAUGE=LOW:HIGH`` describes; LOW or HIGH may be omitted."""
+        """Return the bound that the text ``GAUGE=LOW:HIGH`` describes; LOW or HIGH may be omitted.
+
+        Raises `InputError` if the text has another form, or LOW is not below HIGH.
+        """
         name, sign, span = text.rpartition("=")
         low, colon, high = span.partition(":")
         try:
@@ -106,7 +109,7 @@ class Suspender:
     Raises
     ------
     InputError
-        If a gauge does not exist; the error is raised on construction.
+        If a bound names neither a gauge of the rig nor an existing file.
 
     Examples
     --------

@@ -46,10 +46,11 @@ def check_number(
     integer: bool = False,
     remedy: str = "correct this value",
 ) -> None:
-    """Raise `InputError` unless ``value`` is a finite number within the bounds and at most `MAX_NUMBER`.
+    """Raise `InputError` unless ``value`` is a finite number within the bounds.
 
-    It must be larger than ``above`` and smaller than ``below`` (None: no bound), and whole if ``integer`` is set.
-    ``what`` names the value in the message, which ends with ``remedy``.
+    The bounds ``above`` and ``below`` themselves are not allowed, ``at_least`` and ``at_most`` are. If a side has no
+    bound, the limit is `MAX_NUMBER` or its negative. With ``integer``, the number must be whole. ``what`` names the
+    value in the message, which ends with ``remedy``.
     """
     # plain types first: checking abstract ones takes as long as everything else. A bool is an Integral in Python.
     plain = isinstance(value, int if integer else (float, int))
@@ -97,7 +98,7 @@ def check_commas(what: str, text: str, *, whole: bool = False, several: bool = F
 
 
 def check_length(what: str, value_um: object, **bounds: Any) -> None:
-    """Raise `InputError` unless ``value_um`` is a length within ``bounds``; by default, a length of at least 1e-9 µm.
+    """Raise `InputError` unless ``value_um`` is a length within the ``bounds`` of `check_number` (default: >= 1e-9 µm).
 
     The limits are far from any real instrument. Beyond them, squares of lengths and of their ratios overflow.
     """

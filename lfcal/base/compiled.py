@@ -168,7 +168,7 @@ class Kernel(Generic[P, R]):
 
 @contextmanager
 def sparing_kernels() -> Iterator[None]:
-    """Context of a command, in which small work is done without kernels that have never been compiled.
+    """Context in which a command does small work without kernels that have never been compiled.
 
     A first run then takes about as long as a later one. The results are the same to within rounding errors.
     `Kernel.spared` decides for each kernel.
@@ -366,7 +366,7 @@ def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:
 
 
 def kernel_input(values: NDArray[Any]) -> NDArray[Any]:
-    """Return values as a contiguous array that cannot be written, copied only if necessary.
+    """Return ``values`` as a read-only, contiguous array, which is a copy only if necessary.
 
     numba compiles a kernel again for each kind of array. An input is therefore always passed in this form, no matter
     whether the caller owns it.

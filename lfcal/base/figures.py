@@ -63,7 +63,7 @@ def figure(width: float = 6.4, height: float = 4.0, dpi: int = 130) -> Iterator[
 
 
 def save_figure(fig: Figure, path: str | os.PathLike[str], *, colours: int = 0) -> None:
-    """Write ``fig`` atomically as a PNG, or in the format of the suffix.
+    """Write ``fig`` atomically, in the format of the suffix of ``path``; without a suffix, as a PNG.
 
     ``colours`` limits the number of colours in a PNG (at most 256), which makes the file several times smaller; 0: no
     limit.

@@ -101,9 +101,10 @@ def system_error(error: OSError | RuntimeError) -> int | None:
 
 
 def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
-    """Raise `StorageError` unless the disk of ``folder`` has ``nbytes`` free, plus 1 %.
+    """Raise `StorageError` unless the disk of ``folder`` has ``nbytes`` free, plus 1 % and 1 MiB.
 
-    A chunked HDF5 write to a full disk can crash the process, so the space is checked first.
+    A chunked HDF5 write to a full disk can crash the process, so the space is checked first. ``what`` names the file in
+    the message.
     """
     probe = folder.absolute()
     # the folder may not exist yet: use the disk of its nearest parent

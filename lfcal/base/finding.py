@@ -103,7 +103,7 @@ class Finding:
 
     @property
     def line(self) -> str:
-        """Line of text with the value, limit, description and remedy."""
+        """Line of text with the kind, value, limit, description and remedy."""
         value = "" if math.isnan(self.size) else f"{self.size:.3g} (limit {self.limit:g}): "
         return f"{self.kind}: {value}{self.what}: {self.remedy}"
 

@@ -49,7 +49,11 @@ def check_zarr() -> ModuleType:
 
 @contextmanager
 def understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
-    """Convert errors of the disk to `StorageError`, and all others to `FileFormatError`."""
+    """Convert errors of the disk to `StorageError`, and all others to `FileFormatError`.
+
+    ``source`` is the folder that is read. ``wanted`` and ``remedy`` state in the message what was expected and what to
+    do.
+    """
     try:
         yield
     except LfcalError:
@@ -63,6 +67,9 @@ def understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
 
 def ome_images(source: Path, name: str = "") -> tuple[list[Image], dict[str, Any]]:
     """Return the images of an OME-Zarr in their order, and the attributes of the folder.
+
+    Each image is a pair: the zarr array of full resolution, which is not read yet, and its metadata (empty for a plain
+    array).
 
     Parameters
     ----------

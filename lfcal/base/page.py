@@ -79,7 +79,8 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 def html_page(name: str, title: str, kind: str, sections: Iterable[str], footer: str) -> str:
     """Return an HTML page without scripts or external links; ``sections`` contain HTML.
 
-    ``name`` is the main heading, ``title`` the title of the document, and ``kind`` a phrase shown below the heading.
+    ``name`` is the main heading, ``title`` the title of the document, ``kind`` a phrase shown below the heading, and
+    ``footer`` the text at the end.
     """
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return (
@@ -133,7 +134,7 @@ def html_paragraphs(lines: Iterable[str]) -> str:
 
 
 def add_html_section(page: Path, added: str) -> None:
-    """Add a section at the end of a page made by `html_page`, or replace the one with the same heading."""
+    """Add the section ``added`` at the end of a page made by `html_page`, or replace that with the same heading."""
     body, footer, rest = page.read_text(encoding="utf-8").rpartition("\n<footer>")
     before, there, after = body.partition("\n" + added.partition("\n")[0])
     body = before + after.partition("</section>")[2] if there else body

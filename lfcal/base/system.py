@@ -186,7 +186,7 @@ _NOT_IN_NAMES = frozenset('<>:"|?*')
 
 
 def name_refused(path: Path) -> str:
-    """Return the reason why Windows would refuse a file name or treat it as a device; empty on other systems."""
+    """Return why Windows refuses a file name or treats it as a device; empty if it does not, and on other systems."""
     if sys.platform != "win32":
         return ""
     for part in path.parts[1:] if path.anchor else path.parts:

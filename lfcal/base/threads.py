@@ -61,7 +61,9 @@ _VARIABLES = (
 
 
 def worker_count(workers: int | None = None) -> int:
-    """Return ``workers``, or the value of the environment variable `WORKERS`, or the number of available processors.
+    """Return ``workers``, at least 1; if it is None, the value of `WORKERS`, or else the number of processors.
+
+    `WORKERS` is an environment variable.
 
     Raises
     ------

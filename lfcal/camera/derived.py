@@ -50,7 +50,8 @@ class Derived:
     label, text
         Name of the quantity, and its value and unit as text.
     value
-        Value in ``unit``; a tuple contains (y, x), or the near and the far limit.
+        Value in ``unit``. A tuple contains (y, x), except (x, y) for the type-0 micro-image, or the depths at the near
+        limit, in focus and at the far limit.
     unit
         Unit of ``value``, as in the camera description; it may differ from that in ``text``.
     assumed

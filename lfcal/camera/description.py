@@ -224,7 +224,8 @@ class Camera:
         """Return the lateral step in object space (µm) that moves the image by one pixel, at the depth ``z_um`` (µm).
 
         For a main lens, the chief ray is traced from the object through the centre of the lens to the sensor. The
-        period of the pattern is then exactly that of the micro-images at every depth.
+        period of the pattern is then exactly that of the micro-images at every depth. `InputError` is raised if the
+        depth is not beyond the front focal plane of the main lens.
         """
         if isinstance(self.optics, Microscope):
             return self.sensor.pixel_um / self.magnification
@@ -250,7 +251,10 @@ class Camera:
         return self.image_shift_um(z_um) / self.lattice.gap_um
 
     def depth_of(self, virtual_depth: float) -> float:
-        """Return the object depth z (µm) of a virtual depth; the inverse of `virtual_depth`."""
+        """Return the object depth z (µm) of a virtual depth; the inverse of `virtual_depth`.
+
+        Raises `InputError` if no object is imaged to that virtual depth.
+        """
         self._check_lattice("virtual depth")
         a = virtual_depth * self.lattice.gap_um
         if isinstance(self.optics, Microscope):

@@ -143,6 +143,12 @@ class LatticeDistortion:
         Coefficients in the unit of the lattice: two tuples for the polynomial (along x and along y), one for the radial
         model.
 
+    Raises
+    ------
+    InputError
+        If the number of terms is wrong, or the distortion reverses the order of lenslets or shrinks an area to less
+        than 0.1 of its size.
+
     Examples
     --------
     >>> from lfcal.camera import LatticeDistortion

@@ -62,7 +62,8 @@ class LensType:
         """Return the lens type that is in focus at the virtual depth v: 1/f = (1 - 1/v) / gap.
 
         ``gap_um`` is the distance from the lenslets to the sensor (µm). A virtual depth of ``math.inf`` means that the
-        lenslets are focused at infinity (f = gap), as in a light-field microscope.
+        lenslets are focused at infinity (f = gap), as in a light-field microscope. Virtual depths from 0 to 1 raise
+        `InputError`.
         """
         # lenslet equation 1/f = 1/B - 1/a with a = v B: between 0 and 1 the focal length would be negative
         if virtual_depth in (0, 1) or 0 < virtual_depth < 1:

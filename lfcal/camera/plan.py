@@ -572,7 +572,7 @@ class HalfCell:
     residual_px: tuple[float, float]
 
     def partners(self, positions: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the positions ``(n, 3)`` that have the same patterns as ``positions``, half a period away."""
+        """Return the positions (z, y, x), ``(n, 3)``, half a period away from ``positions``, with the same patterns."""
         out = positions.copy()
         out[:, 1:] = (positions[:, 1:] + self.shift) % self.period
         return out

@@ -149,6 +149,8 @@ def _names(kind: Any) -> frozenset[str]:
 def has_value(camera: Camera, path: str) -> bool:
     """Return whether the description of ``camera`` has a value at ``path``.
 
+    Values that are displayed only if they differ from their default count as missing if they do not.
+
     Examples
     --------
     >>> from lfcal.camera import has_value, preset

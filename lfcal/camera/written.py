@@ -22,7 +22,8 @@ NUMBER = re.compile(r"\s*([-+]?(?:inf|[0-9.]+(?:[eE][-+]?\d+)?))\s*([a-zµ°]*)\
 def read_camera_value(path: str, text: str) -> Any:
     """Return the value at ``path`` that ``text`` states.
 
-    Lengths are in µm unless they have a unit (nm, mm, m), angles in rad unless they end in deg.
+    Lengths are in µm unless they have a unit (nm, mm, m), and angles in rad unless they end in deg. Several values are
+    separated by commas, and the centres of lenslets by semicolons.
     """
     known = [quantity.path for quantity in QUANTITIES] + ["lattice.focus"]
     if path not in known:
@@ -123,7 +124,10 @@ def read_values(text: str, paths: tuple[str, ...], units: tuple[str, ...], shape
 
 
 def read_pitch(text: str, pixel_um: float | None) -> float:
-    """Return a pitch in µm from a text such as ``125um``, ``125`` (µm) or ``31.7px``."""
+    """Return a pitch in µm from a text such as ``125um``, ``125`` (µm) or ``31.7px``.
+
+    ``pixel_um`` is the pixel pitch (µm). If it is None, a pitch in pixels raises `InputError`.
+    """
     if not text.strip().endswith("px"):
         return read_length(text, "µm", "--pitch")
     if pixel_um is None:

@@ -250,7 +250,7 @@ def iter_adaptive(
     ------
     InputError
         If the noise of the frames would be unknown, if the session to continue is that of a complete scan, or if no
-        such camera explains the patterns.
+        camera of this kind explains the patterns.
     AcquisitionStopped
         If recording had to end early; it can be resumed.
 

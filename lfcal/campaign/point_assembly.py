@@ -26,7 +26,9 @@ __all__ = ["PointFrames", "iter_assemble_points", "shown_positions", "target_fac
 def shown_positions(
     points: Points, tolerance_px: float | None = None, *, resampled: bool = False
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the plan position ``(n, 3)`` that each point shows (-1: none) and the deviation ``(n, 2)`` in pixels.
+    """Return the plan position (z, y, x) that each point shows, ``(n, 3)`` (-1: none), and its deviation.
+
+    The deviation (row, column) has the shape ``(n, 2)`` (px).
 
     A point shows a position if its phase in the array's period matches. Its chief ray must also have the same offset
     from the nearest pixel centre as that of the position. Both conditions are needed because the period is not a whole
@@ -38,7 +40,7 @@ def shown_positions(
     points
         Points found in the frames.
     tolerance_px
-        Largest deviation of phase and chief ray along rows and along columns. None: that of the plan.
+        Largest deviation of phase and chief ray along rows and along columns (px). None: that of the plan.
     resampled
         Whether patterns are shifted by the fraction of a pixel between chief ray and pixel centre. In this case, only
         the phase must match, and the deviation is that fraction. The pixels must be fine enough to sample all details
@@ -177,7 +179,10 @@ def target_facts(points: Points) -> dict[str, Any]:
     ``crosstalk`` is the largest fraction of light from neighbours in a cutout. It is the plan's value for equally
     bright holes, multiplied by the largest ratio of a neighbour's brightness to that of the point. ``stage_px`` is the
     rms deviation of frames from the planned positions, and ``pose_rms_px`` that of the holes' images from the lattice
-    (pixels). ``doubtful`` is the fraction of uncertain labels.
+    (pixels). ``doubtful`` is the fraction of uncertain labels, and ``missing`` the largest number of missing holes in a
+    frame. ``brightness_spread`` is the robust relative standard deviation of the holes' brightness. ``pose``,
+    ``pose_sigma``, ``scale`` and ``distortion`` are results of the first frame, and ``mistakes`` lists deviations from
+    the target's description.
     """
     found = list(points.found.values())
     confidence = np.concatenate([one.confidence for one in found])
@@ -246,7 +251,7 @@ def iter_assemble_points(
     plan
         The target with its planned positions.
     out
-        H file.
+        Path of the H file to write.
     settings
         As in `lfcal.psf.iter_assemble_plan`; positions without a point remain empty. If the pixels are fine enough,
         patterns are resampled to whole pixels, by default with band-limited interpolation.

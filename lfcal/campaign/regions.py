@@ -74,7 +74,7 @@ def read_regions(folder: Path) -> RegionPlan:
 
 
 def first_begun(folder: Path) -> Path | None:
-    """Return the folder of the first region with a recording, which contains the session's options, or None."""
+    """Return the folder of the first region with a recording, with the session's options; None if there is none."""
     return next((folder / n for n in read_regions(folder).names if (folder / n / NAME).exists()), None)
 
 

@@ -33,7 +33,7 @@ EQUALLY_GOOD = 1.25
 
 @dataclass(frozen=True, eq=False)
 class SeenPattern:
-    """A frame without its background, the index of its plane, and the centre of its light (row, column)."""
+    """A frame without its background, the index of its plane, and the centre of its light (row, column) (px)."""
 
     frame: NDArray[np.float32]
     z: int
@@ -103,7 +103,8 @@ def seen_patterns(
 def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFrames | None:
     """Return the orientations in which patterns match the camera.
 
-    The result is None if they match as delivered, or in no orientation.
+    The result is None if they match as delivered or in no orientation, or if the position of the lattice is only
+    assumed.
 
     Parameters
     ----------

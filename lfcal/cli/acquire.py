@@ -51,7 +51,7 @@ def show(made: tuple[RecordedSession | PlannedSession]) -> None:
 
 
 def show_coverage(facts: Mapping[str, Any]) -> None:
-    """Print which positions the frames of a target's session show."""
+    """Print which positions the frames of a target's session show; ``facts`` is from `CoverageState.to_dict`."""
     shown = ", ".join(format_share(share) for share in facts["coverage_of_planes"])
     typer.echo(
         f"  phases shown if the target is placed as planned: {shown}; {facts['mean_repeats']:.2f} times on average"

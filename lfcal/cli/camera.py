@@ -64,7 +64,11 @@ def as_json(camera: Camera) -> dict[str, Any]:
 
 
 def save_camera(camera: Camera, out: Path | None, *inputs: Path | str | None, force: bool, json: bool) -> None:
-    """Write ``camera`` if requested, and report which values were read and which are assumed."""
+    """Write ``camera`` to ``out``, unless that is None, and print its values and which of them are assumed.
+
+    An existing file is replaced only with ``force``, and never one of ``inputs``. With ``json``, the values are printed
+    as JSON.
+    """
     derived_of(camera)  # a camera that allows no calculation is refused before it is written
     if out is not None:
         check_output(out, *inputs, force=force)

@@ -51,7 +51,7 @@ def command(
 
 
 def frame_shape(path: Path) -> tuple[int, int]:
-    """Return rows and columns of an image file."""
+    """Return the shape (rows, columns) of the image in a file (px)."""
     from lfcal.frames import open_image
 
     image = open_image(path)

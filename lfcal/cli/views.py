@@ -35,7 +35,12 @@ class GivenLattice:
 
 @dataclass(frozen=True)
 class ViewedFrame:
-    """A frame and its white image by colour, with the lattice and its source, lens types, dark lenslets and radius."""
+    """A frame by colour, with all that is needed to extract views from it.
+
+    ``source`` describes the origin of ``lattice``. ``type_of`` returns the lens types (None: a single type), and
+    ``missing`` contains the indices (q, r) of dark lenslets. ``white`` is the white image by colour. If it is None, all
+    pixels within ``radius_px`` (px) of a micro-image centre have equal weight.
+    """
 
     planes: Planes
     lattice: FrameLattice

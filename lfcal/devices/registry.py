@@ -145,14 +145,15 @@ def _probed(backend: Backend) -> BackendStatus:
 def open_rig(
     plan: ScanPlan, backend: str | Backend, options: Mapping[str, str] | None = None, *, stage: str = ""
 ) -> Rig:
-    """Open the devices of ``backend`` for ``plan``; with ``stage``, the name of a backend, use the stage of that one.
+    """Open the devices of ``backend`` for ``plan``; if ``stage`` names another backend, its stage is used.
 
-    The keys of ``options`` for the stage's backend begin with its name, such as ``micromanager.config``.
+    ``options`` maps option names to texts. Names of options for the stage's backend begin with its name, such as
+    ``micromanager.config``.
 
     Raises
     ------
     InputError
-        If an option is unknown, or no stage is given and the backend has none.
+        If an option is unknown, or the backend of the stage has no stage.
     DeviceError
         If a device is missing.
 
@@ -247,6 +248,8 @@ def number_option(
 
 def limits_option(options: Mapping[str, str], key: str = "limits") -> Limits | None:
     """Return the stage's limits (µm) from the text ``x0:x1,y0:y1,z0:z1`` in ``options[key]``; None if it is missing.
+
+    Raises `InputError` if the text has another form, or an upper limit is not above the lower one.
 
     Examples
     --------

@@ -102,8 +102,9 @@ class Says(Protocol):
 def compared_with(expected: Says, frame: NewFrame, at: LocatedPattern, noise: tuple[float, float]) -> Compared:
     """Compare a frame with its prediction at the best-fit gain, background and position of the source.
 
-    ``noise`` is the constant and the slope of the variance of a sample, as in `NewFrame`. `InputError` is raised if the
-    frame has fewer than nine usable samples, or no light above its noise.
+    ``at`` is the position of H to which ``expected`` belongs, and ``noise`` the constant and the slope of the variance
+    of a sample, as in `NewFrame`. `InputError` is raised if the frame has fewer than nine usable samples, or no light
+    above its noise.
     """
     raw, there = window_of(frame, at.row, at.column, expected.noise.shape)
     data, good = raw.astype(np.float64), there & expected.valid

@@ -224,7 +224,7 @@ class PositionDesign:
         return np.concatenate([self.fitted, self.held_out])
 
     def enough_for(self, error: float) -> CurvePoint | None:
-        """Return the first point of the curve whose expected error is at most ``error``, or None."""
+        """Return the first point of the curve whose expected error is at most ``error``; None if there is none."""
         return next((point for point in self.curve if point.error <= error), None)
 
 

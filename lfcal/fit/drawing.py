@@ -40,7 +40,7 @@ class FitResiduals:
         Mean square of the residuals of each plane ``(nz,)``; NaN without a measurement.
     by_type
         Mean square of the residuals of the pixels behind each lens type or, in a Fourier light-field microscope, behind
-        each lenslet.
+        each lenslet, ``(types,)``.
     maps
         Mean square of the residuals over the patterns of each plane ``(nz, nt, ns)``; NaN without a measurement.
     type_name

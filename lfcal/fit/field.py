@@ -305,7 +305,8 @@ def iter_fit_field(
     Raises
     ------
     InputError
-        If the regions belong to different cameras, no such camera explains the patterns, or there are too few patterns.
+        If the regions belong to different cameras, the camera has no periodic array, no such camera explains the
+        patterns, or there are too few patterns.
     """
     described = camera or next(iter(patterns.values())).plan.camera
     if not described.has_lattice:

@@ -37,7 +37,7 @@ class WrittenField(NamedTuple):
 
 
 def field_outputs(folder: Path, names: Iterable[str]) -> list[Path]:
-    """Return the paths of all files that a fit of several regions writes to ``folder``."""
+    """Return the paths of all files that a fit of the regions ``names`` writes to ``folder``."""
     files = [folder / name for name in (CAMERA, EFFECTS, FIELD)]
     files += field_report_files(folder / REPORT)
     return [*files, *(path for name in names for path in fit_outputs(folder / name))]

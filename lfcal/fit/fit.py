@@ -254,6 +254,9 @@ def iter_retrieved(
 ) -> Work[Finished]:
     """Return the result of a problem at its best-fit point.
 
+    The result contains the problem without outliers, the point, the names of the fitted groups, the derivatives, and
+    the outliers.
+
     Parameters
     ----------
     problem
@@ -323,7 +326,7 @@ def problem_of(measured: Measured, setup: Setup, groups: Sequence[str], workers:
 
 
 def groups_of(unknowns: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of the groups to fit, and of those to try in addition."""
+    """Return the names of the groups to fit, and of those to try in addition; ``unknowns`` is as in `fit_camera`."""
     if isinstance(unknowns, str):
         if unknowns != "auto":
             names = any_of(GROUPS.names())

@@ -69,7 +69,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 
 
 def iris_diameter_px(camera: Camera, z_um: float) -> float:
-    """Return the diameter (pixels) of a circle with the area of the iris's shadow on the sensor.
+    """Return the diameter (px) of a circle with the area of the iris's shadow, for a source at depth ``z_um`` (µm).
 
     Without the lenslets, a ray through the point p of the iris would meet the sensor at ``p (a - B)/(b + a)``, relative
     to the chief ray. Here p is measured from the centre of the iris (µm), a is the distance from the lenslet array to
@@ -78,7 +78,7 @@ def iris_diameter_px(camera: Camera, z_um: float) -> float:
     Raises
     ------
     InputError
-        If the camera has no main lens, or the plane at that depth is in focus.
+        If the camera has no main lens, or the shadow is smaller than a lenslet.
     """
     optics = camera.optics
     if not isinstance(optics, MainLens):

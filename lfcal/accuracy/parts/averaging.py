@@ -67,7 +67,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 
 
 def dark_level(camera: Camera) -> float:
-    """Return the mean sample value of dark frames.
+    """Return the mean sample value of simulated dark frames of ``camera`` (counts).
 
     If the black level is below the noise, negative values are clipped to zero, and the mean exceeds the black level.
     """
@@ -118,7 +118,7 @@ def expected_noise(light_e: NDArray[np.float32], noise: Noise, electrons_per_cou
     """Return the mean absolute error of the mean of ``count`` frames, relative to the mean of ``light_e`` (electrons).
 
     The mean of n values with normal noise of variance v has the mean absolute error ``sqrt(2 v / (pi n))``. With few
-    electrons, the noise is not normal, and the result is approximate.
+    electrons, the noise is not normal, and the result is approximate. ``noise`` is that of a single frame (counts).
     """
     counts = light_e.astype(np.float64) / electrons_per_count
     variance = float(noise.constant) + float(noise.slope) * counts

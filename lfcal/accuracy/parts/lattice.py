@@ -76,7 +76,7 @@ def _diameter_px(camera: Camera) -> float:
 
 
 def white_discs(camera: Camera) -> NDArray[np.float32]:
-    """Return an evenly lit frame with a maximum of 1: a disc with soft edges around each lenslet's centre."""
+    """Return a white image ``(rows, columns)`` with values from 0 to 1: a disc with soft edges behind each lenslet."""
     true, (rows, columns) = lattice_of(camera), camera.sensor.shape
     radius = _diameter_px(camera) / 2
     out = np.empty((rows, columns), np.float32)

@@ -58,7 +58,7 @@ class PointByPoint:
     anchor
         Pixel (row, column) onto which position (0, 0) is imaged.
     shape
-        Rows and columns of the image.
+        Shape (rows, columns) of the image (px).
     """
 
     H: PSFMatrix

@@ -80,7 +80,7 @@ def _half(patterns: Patterns) -> CostPoint:
 
 
 def relative_error(found: NDArray[Any], true: NDArray[Any]) -> float:
-    """Return the sum of absolute differences divided by the sum of absolute true values; 0 if both are zero."""
+    """Return the sum of absolute differences divided by the sum of absolute true values; 0 if the latter is zero."""
     total = float(np.abs(true).sum(dtype=np.float64))
     off = float(np.abs(np.asarray(found, np.float64) - true).sum())
     return off / total if total > 0 else 0.0

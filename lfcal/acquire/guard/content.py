@@ -86,7 +86,7 @@ class Repeats:
         raws
             Exposures ``(rows, columns)``, of the same region of the sensor in all frames.
         floor
-            Samples above this value are light (counts).
+            Sample value above which a sample counts as light (counts).
         """
         doubt, samples = NO_DOUBT, []
         for raw in raws:
@@ -107,9 +107,9 @@ class Repeats:
     def kept(self, position: Position, frame: NDArray[Any], noise: float, floor: float) -> Doubt:
         """Compare a frame with those stored by earlier runs of the session, and return the findings.
 
-        Earlier runs stored only checksums of cutouts, which move with the source. Frames without ``noise`` (standard
-        deviation of a pixel, counts) are therefore not compared: those of different positions may be equal. Samples
-        above ``floor`` are light (counts).
+        Only the checksums of these frames are known. Their cutouts move with the source, so that noise-free frames of
+        different positions may be equal. A frame is therefore compared only if ``noise``, the standard deviation of a
+        pixel (counts), is above 0. Samples above ``floor`` (counts) count as light.
         """
         if not self._recorded or noise <= 0:
             return NO_DOUBT
@@ -373,7 +373,7 @@ class ContentGuard:
     recorded
         See `Repeats`.
     whole
-        Whether frames cover the whole sensor and show many points; such frames differ in the positions of light but
+        Whether frames cover the whole sensor and show many points; such frames differ in the positions of the light but
         have similar sums.
     """
 
@@ -415,7 +415,10 @@ class ContentGuard:
         return CheckedFrame(now, doubt, samples)
 
     def know(self, position: Position, frame: NDArray[Any], saturated: int, exposure_s: float) -> MeasuredFrame:
-        """Accept a frame that an earlier run of the session recorded, and return its measurements."""
+        """Accept a frame that an earlier run of the session recorded, and return its measurements.
+
+        ``saturated`` is its number of saturated pixels, and ``exposure_s`` its exposure time (s).
+        """
         now = measured(frame, saturated, self.sensor)
         self._neighbours.accept(position, now, exposure_s, self._pitch(position))
         self._any = True

@@ -21,7 +21,10 @@ NOTE_BYTES, LONGEST = 2000, 400
 
 
 class FolderLock:
-    """Lock of a session folder that excludes other programs; the system releases it when the process ends."""
+    """Lock of a session folder that excludes other programs; the system releases it when the process ends.
+
+    Raises `StorageError` if another program holds the lock, or the folder cannot be written.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / LOCK
@@ -98,7 +101,7 @@ class DiskGuard:
     """Guard that checks the free disk space every few seconds.
 
     The recording itself reserves its space beforehand. This check is for file systems that do not keep a reservation
-    (compressing, copy-on-write, network), and for other files that are written.
+    (compressing, copy-on-write, network), and for other files that fill the disk.
 
     Parameters
     ----------
@@ -116,7 +119,10 @@ class DiskGuard:
         self._why = ""
 
     def __call__(self) -> str:
-        """Return the reason why the session should pause; empty if there is none."""
+        """Return the reason why the session should pause; empty if there is none.
+
+        Raises `StorageError` if the folder no longer exists.
+        """
         now = time.monotonic()
         if now >= self._next:
             self._next = now + self._every

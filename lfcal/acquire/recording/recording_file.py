@@ -115,7 +115,7 @@ class RecordingJournal:
     Parameters
     ----------
     path
-        An existing recording that has not been repacked; see `create`.
+        An existing recording; see `create`. `StorageError` is raised if it was repacked.
     """
 
     def __init__(self, path: Path) -> None:
@@ -134,6 +134,8 @@ class RecordingJournal:
         cls, path: Path, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]
     ) -> RecordingJournal:
         """Create a recording for ``count`` frames of ``shape`` and ``dtype``, reserve its disk space, and open it.
+
+        ``shape`` is ``(rows, columns)``, and ``attributes`` are written to the HDF5 file.
 
         If the disk is too small, `StorageError` is raised and no file is left.
         """
@@ -158,7 +160,8 @@ class RecordingJournal:
     def put(self, slot: int, frame: NDArray[Any], note: Note, sequence: int) -> None:
         """Hand ``frame`` and its record to the operating system; they are safe after the next `sync`.
 
-        ``frame`` is ``(h, w)`` of the recording's dtype. Raises `StorageError` if the frame cannot be written.
+        ``frame`` has the shape and dtype of the recording, and ``sequence`` is its number in the session. Raises
+        `StorageError` if the frame cannot be written.
         """
         layout = self.layout
         if frame.shape != layout.shape or frame.dtype != layout.dtype or not 0 <= slot < layout.count:
@@ -280,7 +283,7 @@ class RecordingFile:
         self.taken: NDArray[np.bool_] = intact(self.records)
 
     def read(self, slot: int) -> NDArray[Any]:
-        """Return frame ``slot`` as a new array; raises `FileFormatError` if it differs from what was recorded."""
+        """Return frame ``slot`` as a new array; raises `FileFormatError` if it is damaged or was not recorded."""
         frame = self._frame(slot)
         if (
             frame is None

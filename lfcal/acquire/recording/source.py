@@ -294,7 +294,7 @@ class RecordingSource(Frames):
     def samples(self, index: int, region: Region | None = None) -> Samples:
         """Return the samples of frame ``index``, or of the part of it in ``region``, with their validity and noise.
 
-        For a frame merged from several exposures, the number of saturated pixels is taken from its record.
+        For a frame computed from several exposures, the number of saturated pixels is taken from its record.
         """
         # means of several exposures have no single level of saturation
         if self.dtype.kind != "f":
@@ -423,11 +423,11 @@ def _devices(devices: Devices) -> dict[str, Any]:
 class TargetRecording(RecordingSource):
     """Frame source for the frames of a session with a target that are safe on disk, in the plan's order.
 
-    In a complete session, frame ``k`` is frame ``k`` of the plan; otherwise, `frames` states the plane and the offset
-    number of each frame. The ``points`` of each frame are the positions nearest to its holes at the planned pose, in
-    the order of ``target.points(plane, offset)``. The actual pose of the target is found in the frames. ``metadata``
-    contains the ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to the entries of
-    every session.
+    In a complete session, frame ``k`` is frame ``k`` of the plan; otherwise, `frames` states which frames were
+    recorded. The ``points`` of each frame are the positions nearest to its holes at the planned pose, in the order of
+    `TargetPlan.points` for the offsets that the frame shows. The actual pose of the target is found in the frames.
+    ``metadata`` contains the ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to the
+    entries of every session.
 
     Parameters
     ----------
@@ -462,7 +462,7 @@ class TargetRecording(RecordingSource):
 
     @cached_property
     def frames(self) -> tuple[tuple[int, int], ...]:
-        """Pairs (plane index, offset number), one for each recorded frame, as in `TargetPlan.frames`."""
+        """Pairs (plane index, frame number within the plane), one for each recorded frame."""
         _, _, most = self.session.grid
         return tuple((flat // most, flat % most) for flat in self._flat.tolist())
 

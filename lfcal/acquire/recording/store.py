@@ -60,7 +60,10 @@ class Store:
         *,
         reserve: int = 0,
     ) -> Store:
-        """Create the files of recording ``run`` for frames of ``dtype``; ``reserve`` bytes stay free on disk."""
+        """Create the files of recording ``run`` for frames of ``dtype``, with the HDF5 ``attributes``.
+
+        Raises `StorageError` unless ``reserve`` bytes stay free on the disk; no files are left then.
+        """
         plans = files_of(schedule, dtype)
         require_space(folder, recording_bytes(schedule, dtype) + reserve, what="the recording and its reserve")
         opened: dict[Kind, RecordingJournal] = {}
@@ -88,7 +91,7 @@ class Store:
     ) -> Store:
         """Open the files of recording ``run`` to continue it; ``damaged`` returns the slots of a file to take again.
 
-        Raises `FileFormatError` if they belong to a session other than ``identity``.
+        Raises `FileFormatError` if they belong to a session other than ``identity``, or have frames of another layout.
         """
         opened: dict[Kind, RecordingJournal] = {}
         taken: dict[Kind, NDArray[np.bool_]] = {}

@@ -55,8 +55,8 @@ def iter_exposures(
     """Measure a suitable exposure time (s) for every plane, from frames at four positions within one period.
 
     Nothing is recorded, and the stage returns to its previous position. The positions are a corner and the middle of a
-    period cell, and the middles of two of its sides. At the returned exposure time, the peak of the brightest one is at
-    the fraction ``target`` of the range from the black level to saturation.
+    period cell, and the middles of two of its sides. At the returned exposure time, the peak at the brightest position
+    is at the fraction ``target`` of the range from the black level to saturation.
 
     Parameters
     ----------

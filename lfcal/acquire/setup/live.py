@@ -57,7 +57,7 @@ class Levels:
         return int(np.flatnonzero(self.histogram)[-1])
 
     def quantile(self, share: float) -> int:
-        """Return the lowest sample value (counts) that at least the fraction ``share`` of pixels does not exceed."""
+        """Return the lowest sample value (counts) that at least the fraction ``share`` of the pixels do not exceed."""
         total = np.cumsum(self.histogram)  # exact for whole numbers, without a sorted copy of the frame
         return int(np.searchsorted(total, share * total[-1]))
 
@@ -144,7 +144,7 @@ def iter_live(
     plan: ScanPlan | None = None,
     timeout_s: float = 5.0,
 ) -> Generator[LiveState, float | None, None]:
-    """Take frames of the whole sensor until ``control`` stops; put each into ``preview`` and yield its measurements.
+    """Take frames of the whole sensor until a stop is requested; put each into ``preview``, and yield its measurements.
 
     ``send`` a number to the generator to change the exposure time (s). A missing or incomplete frame is reported in
     `LiveState.trouble`, and the view continues.

@@ -54,8 +54,8 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     Raises
     ------
     InputError
-        If the magnification is the same at all depths. A telecentric system has no such axis; if its image moves, a
-        stage axis is tilted.
+        If there are too few positions or planes, or the magnification is the same at all depths. A telecentric system
+        has no such axis; if its image moves, a stage axis is tilted.
 
     Examples
     --------
@@ -121,7 +121,8 @@ def iter_optical_axis(
     Raises
     ------
     InputError
-        If there are fewer than two planes; nothing was moved.
+        If there are fewer than two planes (nothing was moved), there is no light, or the axis cannot be computed
+        (`find_optical_axis`).
 
     Examples
     --------

@@ -69,6 +69,7 @@ class StageCheck:
         Fits of the image's motion in the first plane and, if there are several planes, in the last.
     repeat_px
         RMS deviation of the image, per axis, from its mean position over several visits to one stage position (px).
+        NaN: not measured.
     depth
         Measured movement in depth compared with the plan. None: not measured.
     notes

@@ -295,12 +295,13 @@ def room(plan: ScanPlan) -> NDArray[np.intp]:
 def places_about(
     plan: ScanPlan, z: int, limits: Limits, overshoot_um: tuple[float, float, float]
 ) -> NDArray[np.float64]:
-    """Return five stage positions ``(5, 3)`` (µm): the middle of a period in plane ``z``, and a rectangle around it.
+    """Return five stage positions (x, y, z), ``(5, 3)`` (µm): the middle of a period, and a rectangle around it.
 
     The corners are whole periods away from the middle, so that the pattern of the lenslets is the same there. The
     distance is three periods, or a tenth of the sensor if that is more. They are closer if the period was rounded, or
     if the cutout would leave the sensor or the stage would leave its travel. If the cutout cannot move by a whole
-    period on the sensor, the corners are one period away.
+    period on the sensor, the corners are one period away. ``z`` is the index of the depth plane, ``limits`` the travel
+    of the stage, and ``overshoot_um`` as in `Motion` (µm).
 
     Raises
     ------

@@ -17,7 +17,7 @@ def has_codecs() -> bool:
 
 
 def require_codecs(what: str) -> None:
-    """Raise `InputError` if ``what`` is compressed by a codec that is not installed."""
+    """Raise `InputError` unless hdf5plugin is installed, whose codecs the data named ``what`` require."""
     if not has_codecs():
         raise InputError.expected(
             what,

@@ -214,6 +214,11 @@ class H5File:
             Whether to reject NaN and infinity.
         at_most
             Largest accepted magnitude; NaN is rejected as well. None: no limit.
+
+        Raises
+        ------
+        FileFormatError
+            If there is no such dataset, or it has another shape, kind or range.
         """
         data = self.dataset(name, max_bytes=1 << 32)
         if data.dtype.kind not in kinds or (shape is not None and data.shape != shape):

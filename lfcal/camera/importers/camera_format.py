@@ -103,7 +103,10 @@ def required(entries: Mapping[str, Any], name: str, what: str) -> Any:
 
 
 def number(entries: Mapping[str, Any], name: str, what: str, scale: float = 1.0) -> float | None:
-    """Return the number in the entry ``name`` times ``scale``; None if the entry is missing or null."""
+    """Return the number in the entry ``name`` times ``scale``; None if the entry is missing or null.
+
+    Raises `FileFormatError`, which names ``what``, if the entry is not a finite number.
+    """
     value = entries.get(name)
     if value is None:
         return None
@@ -158,7 +161,7 @@ def read_camera(path: str | os.PathLike[str], options: ImportOptions | None = No
 
 
 def import_camera(path: str | os.PathLike[str], options: ImportOptions | None = None) -> Imported:
-    """Return the camera described by a file, with every value marked as stated, derived or assumed, and notes.
+    """Return the camera described by a file, with a mark for the origin of every value, and notes.
 
     Parameters
     ----------

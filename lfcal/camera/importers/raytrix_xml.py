@@ -72,6 +72,8 @@ def read_raytrix_xml(
     ------
     FileFormatError
         If the file is not such a calibration file, or an entry is missing or is not a number.
+    InputError
+        If the number of ``focus_depths`` is not that of the lens types.
     UnsafeFileError
         If the file declares entities or a document type, or is too large.
     StorageError
@@ -224,7 +226,7 @@ def entry_of(parent: ElementTree.Element, tag: str, source: Path) -> ElementTree
 
 
 def number_of(parent: ElementTree.Element, tag: str, units: str | None, source: Path) -> float:
-    """Return the number in the element ``tag``; if the element states units, they must be ``units``."""
+    """Return the number in the element ``tag``; if the element states units, they must be ``units`` (None: any)."""
     entry = entry_of(parent, tag, source)
     if units is not None:
         _check_units(entry, units, source)
@@ -251,14 +253,17 @@ def _check_units(entry: ElementTree.Element, units: str, source: Path) -> None:
 
 
 def pair_of(parent: ElementTree.Element, tag: str, units: str, source: Path) -> NDArray[np.float64]:
-    """Return the vector (x, y) in the element ``tag``."""
+    """Return the vector (x, y) in the element ``tag``; if the element states units, they must be ``units``."""
     entry = entry_of(parent, tag, source)
     _check_units(entry, units, source)
     return np.array([number_of(entry, axis, None, source) for axis in ("x", "y")])
 
 
 def lens_types(root: ElementTree.Element, source: Path) -> tuple[NDArray[np.float64], tuple[tuple[float, float], ...]]:
-    """Return the offsets ``(n, 2)`` of the lens types (in lens diameters, y up) and their depth ranges, by id."""
+    """Return the offsets (x, y) of the lens types, ``(n, 2)``, and their depth ranges (near, far), in the order of ids.
+
+    Offsets are in lens diameters with y up, and depth ranges are virtual depths.
+    """
     found = {entry.get("id", ""): entry for entry in root.findall("lens_type")}
     names = [str(k) for k in range(len(found))]
     if len(found) not in (1, 3) or sorted(found) != names or len(root.findall("lens_type")) != len(found):
@@ -276,7 +281,10 @@ def lens_types(root: ElementTree.Element, source: Path) -> tuple[NDArray[np.floa
 def placement(
     root: ElementTree.Element, diameter: float, offsets: NDArray[np.float64], source: Path
 ) -> tuple[float, tuple[float, float], int]:
-    """Return the rotation (rad), the offset (x, y) of a type-0 lens (px, y down), and the step of types along a row."""
+    """Return the rotation (rad), the offset (x, y) of a type-0 lens (px, y down), and the step of types along a row.
+
+    ``diameter`` is the distance between micro-images (px), and ``offsets`` are those of `lens_types`.
+    """
     # unit vectors at 60 or 120 degrees
     base = np.array([pair_of(root, f"lens_base_{axis}", "lens", source) for axis in "xy"])
     if abs(np.linalg.norm(base, axis=1) - 1).max() > 0.01 or abs(abs(base[0] @ base[1]) - 0.5) > 0.01:
