@@ -36,10 +36,15 @@ def ask_target(
 
 
 def with_suffix(path: str, kind: str) -> str:
-    """Return ``path`` with the first suffix of a kind such as ``"TIFF (*.tif *.tiff)"`` unless it has one itself."""
+    """Return ``path`` with the first suffix of a kind such as ``"TIFF (*.tif *.tiff)"`` unless it has one itself.
+
+    A name that ends like that suffix takes it whole: ``scan.json`` becomes ``scan.useq.json``.
+    """
     own = Path(path).suffix
     offered = re.findall(r"\*(\.[\w.]+)", kind)
     # "H_0.5um" has no file suffix
+    if own and offered and own not in offered and offered[0].endswith(own) and not path.endswith(offered[0]):
+        return path.removesuffix(own) + offered[0]
     if (own and re.fullmatch(r"\.[A-Za-z][A-Za-z0-9]{1,5}", own)) or not offered:
         return path
     return path + str(offered[0])

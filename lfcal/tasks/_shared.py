@@ -25,6 +25,7 @@ from lfcal.tasks.fit_validate import Validated
 from lfcal.tasks.inspect import InspectedMatrix
 from lfcal.tasks.matrices import check_mat_files, open_matrix
 from lfcal.tasks.outputs import check_output, check_outputs
+from lfcal.tasks.plan import PLAN_FORMATS, plan_text
 from lfcal.tasks.plan_fit import PositionsPlanned
 from lfcal.tasks.plan_target import TargetPlanned
 from lfcal.tasks.planned import WITHOUT_READOUT, Planned, planned_scan
@@ -42,6 +43,7 @@ __all__ = [
     "OF_NOISE",
     "OF_RAW_NOISE",
     "OF_WEIGHTS",
+    "PLAN_FORMATS",
     "WITHOUT_READOUT",
     "Assembled",
     "AssemblyRun",
@@ -84,6 +86,7 @@ __all__ = [
     "most_taken",
     "note_assumed",
     "open_matrix",
+    "plan_text",
     "planned_scan",
     "task_set",
     "words_of",

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import FileFormatError, InputError, StorageError, Work, note, warn
+from lfcal.base import FileFormatError, InputError, StorageError, Work, note, warn, write_text
 from lfcal.records import (
     check_planes,
     opt,
@@ -33,7 +33,34 @@ if TYPE_CHECKING:
     from lfcal.camera import Camera, ScanPlan
     from lfcal.frames.lists import Listing
 
-__all__ = ["PLAN", "PlanRecorded", "PlanRegions", "PlanScan"]
+__all__ = ["PLAN", "PLAN_FORMATS", "PlanRecorded", "PlanRegions", "PlanScan", "plan_text"]
+
+
+PLAN_FORMATS = {
+    "plan": ("Plan", ".json", ""),
+    "csv": ("Table of stage positions", ".csv", "stage_table"),
+    "useq": ("Sequence of useq-schema", ".useq.json", "useq_sequence"),
+}
+"""Title, usual suffix and function of `lfcal.camera` of each format of a plan file; the plan itself needs none."""
+
+
+def plan_text(plan: ScanPlan, written_as: str, positions: NDArray[np.intp] | None = None) -> str:
+    """Return the content of a plan file, in one of `PLAN_FORMATS`.
+
+    A file for another program contains the ``positions`` ``(n, 3)`` as (z, y, x). None: all.
+
+    Raises
+    ------
+    InputError
+        If the format cannot describe the plan.
+    """
+    writer = PLAN_FORMATS[written_as][2]
+    if not writer:
+        return plan.to_json()
+    from lfcal import camera
+
+    text: str = getattr(camera, writer)(plan, positions)
+    return text
 
 
 def _exposures(text: str) -> float | tuple[float, ...]:
@@ -367,7 +394,7 @@ class PlanScan(_PlanOfCamera):
         "positions, or a sequence of useq-schema.",
         label="File format",
         flag="--as",
-        choices=("plan", "csv", "useq"),
+        choices=tuple(PLAN_FORMATS),
         needs=("out", ""),
         more=True,
     )
@@ -376,10 +403,7 @@ class PlanScan(_PlanOfCamera):
         if self.out is None or self.written_as == "plan":
             super()._write(plan, positions)
             return
-        from lfcal.base import write_text
-        from lfcal.camera import stage_table, useq_sequence
-
-        write_text(self.out, (useq_sequence if self.written_as == "useq" else stage_table)(plan, positions))
+        write_text(self.out, plan_text(plan, self.written_as, positions))
         note(f"{self.out.name} is for another program; to assemble H, write the plan too (lfcal plan … -o plan.json)")
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:

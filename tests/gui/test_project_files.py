@@ -298,6 +298,9 @@ def test_a_file_that_changed_on_the_disk_is_asked_about(window: MainWindow, tmp_
         ("/a/H_0.5um", "TIFF (*.tif *.tiff)", "/a/H_0.5um.tif"),
         ("/a/v1.2", "Project (*.lfcal)", "/a/v1.2.lfcal"),
         ("/a/H", "All files (*)", "/a/H"),
+        ("/a/plan.json", "Sequence (*.useq.json)", "/a/plan.useq.json"),
+        ("/a/plan.useq.json", "Sequence (*.useq.json)", "/a/plan.useq.json"),
+        ("/a/plan.json", "Plan (*.json);;Sequence (*.useq.json)", "/a/plan.json"),
     ],
 )
 def test_names_take_the_suffix_of_the_chosen_kind(typed: str, kind: str, path: str) -> None:

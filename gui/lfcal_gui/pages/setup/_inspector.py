@@ -61,7 +61,7 @@ BUTTONS = {
     "again": ("Open …", "Replace this plan by a saved plan (.json) of a scan or of a target"),
     "save_plan": (
         "Save …",
-        "Save this plan as JSON, to open it again or to use it with lfcal acquire and lfcal assemble",
+        "Save this plan as JSON, for lfcal acquire and lfcal assemble, or its stage positions for another program",
     ),
     "default": ("Default", "Replace this plan by the plan derived from the geometry of the camera"),
     "target": (

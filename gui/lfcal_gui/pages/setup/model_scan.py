@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from lfcal.base import InputError, LfcalError, check_cutout
 from lfcal.camera import Camera, ScanPlan, half_cell, moved_onto_sensor
 from lfcal.records import rows
-from lfcal.tasks import PlanScan
+from lfcal.tasks import PLAN_FORMATS, PlanScan, plan_text
 from lfcal_gui.models import CAMERA_FILE, UNKNOWN, Field, fields_of, shown_of
 
 PATH_POINTS = 6000
@@ -27,6 +27,9 @@ BASIC_OF_SCAN = ("virtual_depths", "depths", "cutout", "exposure")
 
 ROWS = {row.name: row for row in rows(PlanScan)}
 PLANES = ("depths", "virtual_depths")
+
+SAVED = ";;".join(f"{title} (*{suffix})" for title, suffix, _ in PLAN_FORMATS.values())
+"""Formats of a plan file, for a file dialog."""
 
 
 def default_plan(camera: Camera) -> ScanPlan:
@@ -65,9 +68,16 @@ def _values(plan: ScanPlan) -> dict[str, Any]:
     }
 
 
+def format_of(path: str | Path) -> str:
+    """Return the format in which a plan is saved as ``path``, by its suffix; ``"plan"`` for an unknown one."""
+    found = [(len(suffix), name) for name, (_, suffix, _) in PLAN_FORMATS.items() if str(path).lower().endswith(suffix)]
+    return max(found, default=(0, "plan"))[1]
+
+
 def scan_task(plan: ScanPlan, out: str = "plan.json", **changed: Any) -> PlanScan:
-    """Return the task that makes ``plan`` from its camera, with some values ``changed``."""
-    return PlanScan(**{"camera": CAMERA_FILE, "out": Path(out), **_values(plan), **changed})
+    """Return the task that makes ``plan`` from its camera, with some values ``changed``; see `format_of`."""
+    own = {"camera": CAMERA_FILE, "out": Path(out), "written_as": format_of(out), **_values(plan)}
+    return PlanScan(**{**own, **changed})
 
 
 def values_of(plan: ScanPlan) -> dict[str, Any]:
@@ -166,6 +176,26 @@ def list_text(positions: NDArray[np.intp]) -> str:
 def list_beside(path: str | Path) -> Path:
     """Return the path of the list of positions next to the plan file."""
     return Path(path).with_name(f"{Path(path).stem}_positions.json")
+
+
+def plan_files(plan: ScanPlan, half: NDArray[np.intp] | None, path: str | Path) -> dict[Path, Callable[[], str]]:
+    """Return what makes the text of each file that is saved; ``half``: the positions of a half-cell scan.
+
+    The suffix of ``path`` determines the format. Making the text of one that cannot describe the plan raises
+    `InputError`.
+    """
+    name = format_of(path)
+    # a plan does not list the positions
+    listed = {list_beside(path): partial(list_text, half)} if half is not None and name == "plan" else {}
+    return {Path(path): partial(plan_text, plan, name, half), **listed}
+
+
+def saved_words(files: Iterable[Path]) -> str:
+    """Return what was saved: a file, and perhaps a list of positions."""
+    path, *listed = files
+    if format_of(path) != "plan":
+        return f"stage positions saved as {path}; save the plan too (.json), because H is assembled with it"
+    return f"plan saved as {path}" + "".join(f", and {one.name} for Positions in Record > Rig" for one in listed)
 
 
 def scan_path(plan: ScanPlan, positions: NDArray[np.intp] | None = None) -> NDArray[np.float64]:

@@ -29,8 +29,15 @@ from lfcal_gui.pages.setup.model import (
     weighed_key,
 )
 from lfcal_gui.pages.setup.model_picture import expected_light, light_key
+from lfcal_gui.pages.setup.model_scan import (
+    SAVED,
+    default_plan,
+    half_of,
+    moved,
+    plan_files,
+    saved_words,
+)
 from lfcal_gui.pages.setup.model_scan import apply_change as change_plan
-from lfcal_gui.pages.setup.model_scan import default_plan, half_of, list_beside, list_text, moved
 from lfcal_gui.pages.setup.model_target import OF_SCAN, PlannedTarget, PlanSettings, read_plan, refused_setting
 from lfcal_gui.pages.setup.panel import VIEWS, PlanningPanel
 from lfcal_gui.pages.setup.step import camera_step, scan_step
@@ -539,7 +546,7 @@ class Page(BasePage):
         self.target.show_opened(found)
 
     def save_plan(self, path: str = "") -> None:
-        """Write the plan as JSON."""
+        """Write the plan, or its stage positions for another program, in the format of the suffix."""
         state, plan = self.context.state, self.context.state.plan
         if plan is None:
             self.refuse("there is no plan to save; make or open one first")
@@ -549,19 +556,13 @@ class Page(BasePage):
         except LfcalError as error:
             self.refuse(str(error))
             return
-
-        def files(target: str | Path) -> dict[Path, str]:
-            """Return what is written, by file."""
-            listed = {} if half is None else {list_beside(target): list_text(half)}
-            return {Path(target): plan.to_json(), **listed}
-
-        path = path or ask_target(self, "Save plan", "plan.json", "Plans (*.json)", lambda target: list(files(target)))
-        if path and all(write_file(self, str(file), _writing(text)) for file, text in files(path).items()):
+        path = path or ask_target(self, "Save plan", "plan", SAVED, lambda to: list(plan_files(plan, half, to)))
+        files = plan_files(plan, half, path) if path else {}
+        if files and all(write_file(self, str(file), _writing(make)) for file, make in files.items()):
             self.context.history.add(
                 self.context.taken("setup", f"Save plan {Path(path).name}", path, lambda: scan_step(state, path))
             )
-            chosen = "" if half is None else f", and {list_beside(path).name} for Positions in Record > Rig"
-            self.context.message.emit(f"plan saved as {path}{chosen}")
+            self.context.message.emit(saved_words(files))
 
 
 def _iter_checked(camera: Camera, white: Path, dark: Path | None) -> Work[Checked]:
@@ -586,8 +587,8 @@ def _refused_half(plan: ScanPlan) -> str:
     return ""
 
 
-def _writing(text: str) -> Callable[[Path], object]:
-    return lambda part: part.write_text(text, encoding="utf-8")
+def _writing(make: Callable[[], str]) -> Callable[[Path], object]:
+    return lambda part: part.write_text(make(), encoding="utf-8")
 
 
 def _is_plan(path: str) -> bool:

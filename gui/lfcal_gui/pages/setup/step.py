@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from lfcal.tasks import PLAN_FORMATS
 from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, CommandStep, ProjectState, needed_plan
-from lfcal_gui.pages.setup.model_scan import half_of, is_usual, list_beside, scan_task
+from lfcal_gui.pages.setup.model_scan import format_of, half_of, is_usual, list_beside, scan_task
 from lfcal_gui.pages.setup.model_target import PlanSettings, target_task
 
 
@@ -39,7 +40,7 @@ def scan_step(project: ProjectState, out: str = "") -> CommandStep:
     half: dict[str, Any] = {}
     if settings.half_cell:
         half_of(plan)  # refused before anything is copied
-        half = {"half_cell": True, "list_file": list_beside(out)}
+        half = {"half_cell": True} | ({"list_file": list_beside(out)} if format_of(out) == "plan" else {})
     task = scan_task(plan, out, speed=settings.speed, frame_rate=settings.frame_rate, **half)
     files = ((CAMERA_FILE, project.camera.to_json()), (PLAN_FILE, plan.to_json()))
     found = CommandStep.of(task, files)
@@ -49,19 +50,21 @@ def scan_step(project: ProjectState, out: str = "") -> CommandStep:
 
 
 def _as_it_is(out: str, *, half: bool) -> str:
+    writer = PLAN_FORMATS[format_of(out)][2]
+    names = ["Forecast", "ScanPlan", *(["half_cell"] if half else []), *([writer] if writer else [])]
+    text = f"{writer}(plan{', positions' * half})" if writer else "plan.to_json()"
     listed = f"""
 from lfcal.acquire import RedoList
-from lfcal.camera import half_cell
 
-positions = half_cell(plan).half(plan)
 RedoList.of(positions.tolist()).write(Path({str(list_beside(out))!r}))
 """
+    chosen = "positions = half_cell(plan).half(plan)\n"
     return f"""
-from lfcal.camera import Forecast, ScanPlan
+from lfcal.camera import {", ".join(names)}
 
 plan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
-Path({out!r}).write_text(plan.to_json(), encoding="utf-8")
-{listed if half else ""}print(Forecast.of(plan{", positions=positions" * half}))
+{chosen if half else ""}Path({out!r}).write_text({text}, encoding="utf-8")
+{listed if half and not writer else ""}print(Forecast.of(plan{", positions=positions" * half}))
 """
 
 

@@ -4,10 +4,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
+from PySide6.QtWidgets import QFileDialog, QMessageBox
 from pytestqt.qtbot import QtBot
 
 from lfcal.acquire import RedoList
-from lfcal.camera import ScanPlan, preset
+from lfcal.camera import ScanPlan, StageAxes, preset, stage_table, useq_sequence
+from lfcal_gui.pages.setup.model_scan import ROWS, half_of
+from lfcal_gui.pages.setup.model_target import PlanSettings
+from lfcal_gui.pages.setup.step import scan_step
 from lfcal_gui.window import MainWindow
 from tests.camera.test_plan import camera_of
 from tests.gui.waiting import idle
@@ -47,6 +52,51 @@ def test_plan_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Non
     page.open_plan(str(tmp_path / "plan.json"))
     idle(window.jobs, qtbot)
     assert window.project.state.camera == preset("bench")
+
+
+@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize("name", ["csv", "useq"])
+def test_stage_positions_are_saved_for_other_programs(
+    window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, half: bool
+) -> None:
+    """Each format of the command is offered by *Save …*; the file is that of the command, and so is the copied one."""
+    (tmp_path / "saved").mkdir()
+    monkeypatch.chdir(tmp_path / "saved")
+    plan = ScanPlan.for_camera(camera_of((6.0, 12.0), 1), virtual_depths=(3.0,), cutout=31)
+    plan = replace(plan, stage=StageAxes(origin_um=(1.0, 2.0, 3.0)))
+    settings = PlanSettings(half_cell=half).into(window.project.state)
+    window.project.update("plan", camera=plan.camera, plan=plan, settings=settings)
+    page: Any = window.page("setup")
+    offered: list[str] = []
+
+    def typed(*given: Any) -> tuple[str, str]:
+        offered.extend(given[3].split(";;"))
+        return str(Path.cwd() / given[2]), next(kind for kind in offered if name in kind)
+
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", typed)
+    said: list[str] = []
+    page.context.message.connect(said.append)
+    page.save_plan()
+    assert len(offered) == len(ROWS["written_as"].opt.choices)
+    (made,) = Path.cwd().iterdir()
+    assert "save the plan too" in said[-1] and made.name in said[-1]
+    places = half_of(plan) if half else None
+    assert made.read_text() == {"csv": stage_table, "useq": useq_sequence}[name](plan, places)
+    exec(scan_step(window.project.state, made.name.replace("plan", "copied")).script(), {})
+    (copied,) = Path.cwd().glob("copied*")
+    assert copied.read_text() == made.read_text()
+
+
+def test_a_plan_that_a_format_cannot_describe_is_refused(
+    window: MainWindow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(QMessageBox, "warning", lambda *given: said.append(given[2]))
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0, 4.0), exposure_s=(0.01, 0.02))
+    window.project.update("plan", camera=plan.camera, plan=plan)
+    page: Any = window.page("setup")
+    page.save_plan(str(tmp_path / "plan.useq.json"))
+    assert "one for all planes" in said[-1] and not list(tmp_path.glob("plan*"))
 
 
 def test_a_half_cell_scan_is_shown_and_saved_with_its_positions(
