@@ -129,8 +129,9 @@ def model_uncertainty(model: F4, share: float) -> F4:
 class RecordedPatterns:
     """The recorded patterns of a scan, read when they are needed.
 
-    ``read`` is a function that returns the pattern at a position (z, y, x), ``(nt, ns)``, and the mask of its valid
-    samples.
+    ``counts`` is the number of recorded frames at each position, ``(nz, ny, nx)``. ``noise`` contains the constant and
+    the slope of the variance of a sample, ``(nz, ny, nx, 2)``. ``read`` is a function that returns the pattern at a
+    position (z, y, x), ``(nt, ns)``, and the mask of its valid samples.
     """
 
     counts: NDArray[np.uint16]
@@ -188,9 +189,9 @@ def _check_scan(planned: ScanPlan, shape: tuple[int, ...], depths: ArrayLike, an
 def iter_plane_data(
     fit: Fitted, recorded: RecordedPatterns, z: int, model: F4, workers: int | None
 ) -> Work[tuple[PlaneResiduals, Facts]]:
-    """Return the model and residuals of plane ``z``, and a mask of the positions with residuals.
+    """Return the residuals of plane ``z`` from its ``model`` ``(ny, nx, nt, ns)``, and facts on its positions.
 
-    Outliers count as not recorded. Progress counts patterns.
+    In the residuals, outliers count as not recorded. Progress counts patterns.
     """
     counts = recorded.counts[z]
     residual, precision = np.zeros_like(model), np.zeros_like(model)

@@ -196,7 +196,8 @@ def measured_of(
     most
         Largest number of patterns to use, evenly spread over the positions. None: all.
     held_out
-        Fraction of the patterns to hold out, evenly spread over each plane, or the positions (z, y, x) to hold out.
+        Fraction of the patterns to hold out, evenly spread over each plane, or the positions (z, y, x) to hold out. If
+        none or all of the patterns are at such positions, the default fraction is held out.
 
     Raises
     ------

@@ -122,7 +122,7 @@ class ModelError:
 
 
 def chi_square(point: Point, keep: NDArray[np.bool_], unknowns: int) -> ChiSquare:
-    """Return chi² of the patterns ``keep``, from which a number of ``unknowns`` was fitted."""
+    """Return chi² of the patterns that the mask ``keep`` selects; ``unknowns`` is the number of fitted unknowns."""
     seen = point.seen.of(keep)
     good = (seen.inverse > 0) & ~seen.outlying
     size = np.abs(seen.residual[good], dtype=np.float64)

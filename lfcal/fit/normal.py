@@ -106,7 +106,7 @@ def normal_equations(
     planes: NDArray[np.intp],
     local: Local,
 ) -> Normal:
-    """Return the normal equations of patterns in the given ``planes``; ``model`` ``(n, m)`` has unit gain.
+    """Return the normal equations of n patterns in ``planes`` ``(n,)``; ``model`` ``(n, m)`` has unit gain.
 
     The equations include the priors of the unknowns of each pattern, but not those of the shared unknowns.
     """

@@ -236,7 +236,7 @@ class Vector:
     Raises
     ------
     InputError
-        If a group does not exist.
+        If a group does not exist, or two unknowns have the same name.
     """
 
     def __init__(self, setup: Setup, frame: ScanScales, groups: Sequence[str]) -> None:
@@ -262,7 +262,10 @@ class Vector:
         return {one.name: one.value(float(v)) - one.start for one, v in zip(self.unknowns, u, strict=True)}
 
     def at(self, changes: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the vector for ``changes`` of unknowns from their start, by name; all others are at their start."""
+        """Return the vector for ``changes`` of unknowns from their start, by name; all others are at their start.
+
+        Changes of unknowns whose square is fitted are ignored, and the vector is limited to the bounds.
+        """
         u = np.array([changes.get(one.name, 0.0) / one.scale for one in self.unknowns])
         return self.clipped(np.where([one.squared for one in self.unknowns], 0.0, u))
 

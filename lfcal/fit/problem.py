@@ -161,9 +161,9 @@ class Problem:
     ) -> Work[Columns]:
         """Compute the derivatives for the unknowns ``which`` and, if ``displaced``, for the displacements of sources.
 
-        Derivatives are finite differences at the coarse sampling. Progress counts derivatives. With ``both``,
-        differences are central; this is the default except at coarse points. One-sided differences contain a curvature
-        of a few percent, which makes degenerate unknowns appear distinguishable.
+        Derivatives are finite differences at the coarse sampling. Progress counts derivatives and shows ``note``. With
+        ``both``, differences are central; this is the default except at coarse points. One-sided differences contain a
+        curvature of a few percent, which makes degenerate unknowns appear distinguishable.
         """
         central = point.sampling != Fineness.coarse if both is None else both
         tasks: list[tuple[str, int]] = [("shared", int(k)) for k in which]

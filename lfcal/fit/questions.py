@@ -160,7 +160,9 @@ def as_described(
 ) -> Work[Point]:
     """Return the point at which the ``core`` groups are fitted, starting from the description or from ``start``.
 
-    ``start`` is a vector of unknowns. ``local`` are the unknowns of single patterns. None: there are none.
+    ``start`` is a vector of unknowns, and ``local`` contains the unknowns of single patterns (None: there are none).
+    ``record_round`` creates a progress record of each round (None: no records), and ``note`` names the stage in the
+    progress.
     """
     return (yield from _tried(problem, core, note, most=4, record_round=record_round, start=start, local=local))
 

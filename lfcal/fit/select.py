@@ -29,7 +29,8 @@ STEPS = 6
 class GroupSelection:
     """Sums of squares of fitted and held-out patterns, as quadratic forms of all unknowns about a point.
 
-    ``samples`` is the number of held-out samples, and so the sum that noise alone would contribute.
+    If no patterns are held out, the fitted ones take their place. ``samples`` is the number of held-out samples, and so
+    the sum that noise alone would contribute.
     """
 
     def __init__(self, problem: Problem, point: Point, columns: Columns) -> None:

@@ -165,7 +165,7 @@ def with_given(effects: Sequence[Effect], settings: Mapping[str, str], given: Se
     Raises
     ------
     InputError
-        If an effect does not act on the light of a response.
+        If an effect does not exist, or does not act on the light of a response.
     """
     found = {effect.name: effect for effect in effects}
     found |= {effect.name: effect for effect in given}

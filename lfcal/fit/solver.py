@@ -66,7 +66,8 @@ def stepped(
 ) -> tuple[Point, float, float]:
     """Return the first point that is better than ``point``, the next damping, and the improvement.
 
-    If no better point is found, ``point`` and an improvement of 0 are returned.
+    ``damping`` is that of the first trial; it is raised until a trial is better. If no better point is found, ``point``
+    and an improvement of 0 are returned.
     """
     normal = problem.normal(columns, point, problem.fitted)
     matrix, gradient = with_prior(problem, normal, point.u)
@@ -85,7 +86,7 @@ def stepped(
 
 
 def moved(problem: Problem, point: Point, normal: Normal, used: NDArray[np.intp], step: F8, count: int) -> Point | None:
-    """Return the point after a step, or None if no such camera is possible.
+    """Return the point after a step; None if no such camera is possible.
 
     ``step`` contains the ``count`` unknowns with the indices ``used``, then gains and backgrounds. The unknowns of
     single patterns are updated as well.
@@ -126,8 +127,8 @@ def descend(
     """Return the point reached by descending until a step gains less than the fraction ``enough`` of the loss.
 
     Only the unknowns ``which`` change, in at most ``most`` rounds. ``columns`` are known derivatives for the first
-    round. The last derivatives are also returned. Progress counts derivatives; the result of ``record_round`` is
-    yielded at the end of each round.
+    round. The last derivatives are also returned. Progress counts derivatives and shows ``note``; the result of
+    ``record_round`` is yielded at the end of each round.
     """
     damping, known = 1e-3, columns
     for turn in range(most):

@@ -15,6 +15,8 @@ def held_out_rows(
 ) -> NDArray[np.intp]:
     """Return the rows of ``count`` positions in ``index`` ``(n, 3)`` that represent all others, to be held out.
 
+    The columns of ``index`` are z, y and x. Positions ``earlier`` ``(m, 3)`` count as chosen but are not returned.
+
     Positions that are far apart in the period may differ by an integer number of lenslets. Their patterns are then
     equal, and test a model at only one position relative to a lenslet. The chosen positions are therefore also far
     apart relative to the lenslets.

@@ -65,7 +65,7 @@ class StoredFit:
         Gain of each plane ``(nz,)`` in the units of the data, interpolated between neighbours for planes without a
         pattern.
     error
-        Stated relative error (L2) of the model.
+        Relative error (L2) of the model, including that of its computation.
     positions
         Positions (z, y, x) that were fitted, held out, or excluded with a reason.
     fitted_planes
@@ -245,6 +245,11 @@ class Filler:
         The scan that is assembled.
     workers
         Number of threads. None: all processors.
+
+    Raises
+    ------
+    InputError
+        If the fit is that of another scan.
     """
 
     def __init__(self, fit: StoredFit, plan: ScanPlan, workers: int | None = None) -> None:

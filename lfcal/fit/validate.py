@@ -59,7 +59,7 @@ class PointError:
     z, y, x
         Position of the point in its scan.
     place_px
-        Row and column of the image of the source on the sensor.
+        Row and column of the image of the source on the sensor (px).
     field
         Distance from the middle of the sensor along rows or columns, whichever is larger, as a fraction of half the
         sensor's size; 1 at the edge.
@@ -130,7 +130,7 @@ class Validation:
         return self.points[-1].field - self.points[0].field > WIDE
 
     def worse(self, *, periodic: bool) -> bool:
-        """Return whether the error at the edges is clearly larger than in the middle."""
+        """Return whether the error at the edges is clearly larger than in the middle; ``periodic`` is as in `error`."""
         inner, outer = self.error(self.middle, periodic=periodic), self.error(self.edges, periodic=periodic)
         significant = outer.squared - inner.squared > SIGNIFICANCE * math.hypot(
             outer.squared_sigma, inner.squared_sigma
@@ -279,7 +279,8 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
     noise
         Constant and slope of the variance of a sample, as in `NewFrame`.
     cutout
-        Size of the cutout of H; a border of half this size is not compared.
+        Size ``(rows, columns)`` of the cutout of H (px). A border of half this size, but at most a third of the frame,
+        is not compared.
 
     Raises
     ------
@@ -358,7 +359,7 @@ def iter_write_validation(
 
 
 def draw_validation(found: Validation, path: str | os.PathLike[str]) -> None:
-    """Draw the error of every withheld point over the sensor, and by its distance from the middle of the sensor."""
+    """Draw the error of every held-out point over the sensor, and by its distance from the middle of the sensor."""
     errors = np.array([_shown(one.model.error) for one in found.points])
     with figure(9.6, 3.4) as fig:
         places, line = fig.subplots(1, 2)

@@ -54,7 +54,15 @@ def find_shift(source: FrameSource) -> int:
 
 
 def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
-    """Return the number of bits to shift down, as stated in ``text`` or found for ``"auto"``, and a note or ``""``."""
+    """Return the number of bits to shift down, as stated in ``text`` or found for ``"auto"``, and a note or ``""``.
+
+    With ``"0"``, the note warns if the samples appear to be left-aligned.
+
+    Raises
+    ------
+    InputError
+        If ``text`` is neither a number nor ``"auto"``, or if, with ``"auto"``, only some frames are left-aligned.
+    """
     if text != "auto":
         try:
             bits = int(text)
@@ -74,7 +82,13 @@ def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
 
 
 def shifted(values: NDArray[Any], bits: int, what: str) -> NDArray[Any]:
-    """Return integer ``values`` shifted down by ``bits``; raises `InputError` if the dropped bits are not zero."""
+    """Return integer ``values`` shifted down by ``bits``; ``what`` is their name in error messages.
+
+    Raises
+    ------
+    InputError
+        If the values are not integers, or the dropped bits are not zero.
+    """
     if values.dtype.kind not in "iu":
         raise InputError.expected(f"{what}, samples to shift", "integers", values.dtype, "leave the shift out")
     if np.any(values & values.dtype.type((1 << bits) - 1)):
@@ -86,7 +100,10 @@ def shifted(values: NDArray[Any], bits: int, what: str) -> NDArray[Any]:
 
 
 class ShiftedSource(SourceView):
-    """A source whose left-aligned samples are shifted down by ``bits``, to the values of the camera's converter."""
+    """View of a source whose left-aligned samples are shifted down by ``bits`` to the values of the camera's converter.
+
+    The shift is 1 … 15 bits.
+    """
 
     def __init__(self, source: FrameSource, bits: int) -> None:
         super().__init__(source)

@@ -192,7 +192,7 @@ class BalancedSource(SourceView):
     def samples(self, index: int, region: Region | None = None) -> Samples:
         """Return the balanced samples of frame ``index``, or of the part of it in ``region``.
 
-        Saturation is determined from the values before balancing.
+        Saturation is determined from the values before balancing. The noise of balanced samples is not stated.
         """
         return self.source.samples(index, region)._replace(values=self.read(index, region), noise=None)
 
@@ -280,9 +280,9 @@ def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan
     """Return the part of a mosaic's scan that ``channel`` records; None if ``plan`` is already the channel's plan.
 
     A step that moves the image by one pixel of the mosaic moves it by half a pixel of a Bayer channel. H needs steps of
-    whole pixels, so each channel uses a quarter of the positions: those whose image is centred on one of its pixels.
-    The light pattern repeats after one cell of the lenslet array, but on the same colour only if the cell is an even
-    number of pixels. Otherwise two cells must be scanned.
+    whole pixels, so each channel of a Bayer pattern uses a quarter of the positions: those whose image is centred on
+    one of its pixels. The light pattern repeats after one cell of the lenslet array, but on the same colour only if the
+    cell is an even number of pixels. Otherwise two cells must be scanned.
 
     Raises
     ------
@@ -344,7 +344,13 @@ def _camera(plan: ScanPlan, phase: tuple[int, int], step: int) -> Any:
 
 
 class ThinnedSource(SourceView):
-    """The frames at the positions that belong to one colour, with the position numbers of that colour's plan."""
+    """View of the frames at the positions that belong to one colour, with the position numbers of that colour's plan.
+
+    Raises
+    ------
+    InputError
+        If there are no such frames.
+    """
 
     def __init__(self, source: FrameSource, scan: ColourScan) -> None:
         super().__init__(source)

@@ -47,8 +47,8 @@ class CorrectionChain:
     Attributes
     ----------
     steps
-        Sequence of `PixelMask`, `Dark`, `White`, `Defects`, `Background` and `Exposure` objects, in the order of
-        application.
+        Sequence of `PixelMask`, `Dark` or `DarkSet`, `White`, `Defects`, `Background` and `Exposure` objects, in the
+        order of application.
     saturation
         Raw sample value at which a pixel is saturated (counts). None: the value in the frames' metadata.
 
@@ -247,7 +247,13 @@ class CorrectionChain:
         return None if white is None else white.gain[region].astype(np.float64)
 
     def dark_at(self, exposure_s: float | None) -> Dark | None:
-        """Return the `Dark` step for frames with the exposure time ``exposure_s`` (s); None without a dark step."""
+        """Return the `Dark` step for frames with the exposure time ``exposure_s`` (s); None without a dark step.
+
+        Raises
+        ------
+        InputError
+            If there is no dark step for this exposure time, as in `DarkSet.at`.
+        """
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         return None if found is None else found.at(exposure_s)
 

@@ -31,7 +31,8 @@ class Defects:
     Attributes
     ----------
     pixels
-        Row and column of each defect on the sensor, ``(n, 2)``.
+        Row and column of each defect on the sensor, ``(n, 2)``. They are sorted in row-major order, and duplicates are
+        removed.
     shape
         Shape ``(rows, columns)`` of the sensor (px).
     cfa
@@ -39,8 +40,9 @@ class Defects:
     kinds
         Kind of each defect: ``"hot"``, ``"dead"``, ``"stuck"`` or ``"listed"``; empty if unknown.
     neighbours, margin
-        Row and column of up to m neighbours used for each defect, ``(n, m, 2)``, padded with -1; and the largest
-        distance of a neighbour (px). Both are computed.
+        Row and column of up to m neighbours used for each defect, ``(n, m, 2)``, padded with -1; and the width of the
+        margin needed around a region to repair it (px), which is the largest distance of a neighbour plus one period of
+        the pattern. Both are computed.
 
     Raises
     ------

@@ -119,7 +119,7 @@ def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: Correction
 def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shift: int = 0) -> NDArray[np.float32]:
     """Return the mean of all pages of an image file, or of all images in a folder, ``(rows, columns)`` float32.
 
-    Integer samples are shifted down by ``shift`` bits first.
+    ``colour`` is as in `open_image`. Samples are shifted down by ``shift`` bits first, if it is not 0.
 
     Raises
     ------
@@ -130,7 +130,15 @@ def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shi
 
 
 def first_image(path: str | os.PathLike[str]) -> Path:
-    """Return ``path`` if it is a file, or the first image in the folder ``path``, in the order of names."""
+    """Return ``path`` if it is a file, or the first image in the folder ``path``, in the order of names.
+
+    Raises
+    ------
+    InputError
+        If the folder contains no image.
+    StorageError
+        If ``path`` does not exist.
+    """
     return _images(Path(path))[0]
 
 

@@ -191,7 +191,13 @@ class Dark:
         return self
 
     def part(self, region: Region) -> NDArray[np.float32] | None:
-        """Return the values of ``frame`` in a sensor region; raises `InputError` if ``frame`` does not cover it."""
+        """Return the values of ``frame`` in a sensor region; None if ``frame`` is None.
+
+        Raises
+        ------
+        InputError
+            If ``frame`` does not cover the region.
+        """
         if self.frame is None:
             return None
         inside = moved(region, (-self.origin[0], -self.origin[1]))
@@ -235,7 +241,13 @@ class DarkSet:
         return next(iter(self.darks.values())).shape
 
     def at(self, exposure_s: float | None) -> Dark:
-        """Return the dark step for the exposure time ``exposure_s`` (s); raises `InputError` if none is within 1 %."""
+        """Return the dark step for the exposure time ``exposure_s`` (s); a single one also if the time is unknown.
+
+        Raises
+        ------
+        InputError
+            If no exposure time is within 1 % of it, or it is None and there are several.
+        """
         if exposure_s is None:
             # a single dark is used for frames without a stated exposure; among several, any choice could be wrong
             if len(self.darks) == 1:
@@ -266,6 +278,11 @@ def white_gain(
     """Return the factors that flatten the white image ``light``, and a mask of the pixels limited to ``1 / floor``.
 
     ``light`` is first divided by its 99th percentile, separately for each position of the pattern ``cfa``.
+
+    Raises
+    ------
+    InputError
+        If this percentile is not positive.
     """
     relative = np.empty_like(light)
     for rows, columns in phases(cfa):
