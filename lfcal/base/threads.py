@@ -87,7 +87,7 @@ def worker_count(workers: int | None = None) -> int:
 
 @contextmanager
 def bounded_threads(workers: int | None = None) -> Iterator[int]:
-    """Context that limits everything inside it to at most `worker_count` threads; yields this number.
+    """Context manager that limits everything inside it to at most `worker_count` threads; yields this number.
 
     The limit applies to this library's pools, to child processes, and to other libraries. The limit is set in loaded
     libraries by a call, and in libraries loaded later by environment variables. A smaller limit that the user has set

@@ -65,7 +65,7 @@ class LimitError(StageError, InputError):
 
 
 class driver_errors:
-    """Context that converts errors of a driver to a `DeviceError` with the name of ``device``.
+    """Context manager that converts errors of a driver to a `DeviceError` with the name of ``device``.
 
     Drivers raise errors of their libraries, such as RuntimeError, or an OSError of the USB bus. An OSError, or a
     StorageError of a device that works with files, would otherwise be mistaken for an error of the recording's disk.

@@ -22,7 +22,7 @@ BLOCK = 64
 
 @contextmanager
 def frame_errors(label: str, position: Position) -> Iterator[None]:
-    """Context that adds the name and position of a frame, and a remedy, to the error if the frame is unreadable."""
+    """Context manager that adds ``label``, ``position`` and a remedy to the error that an unreadable frame raises."""
     try:
         yield
     except (FileFormatError, StorageError) as error:
@@ -45,7 +45,7 @@ class SelectedSource(SourceView):
         self._left_out = left_out
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the frames, including those ``left_out``."""
+        """Return the metadata ``known``, with the frames that the view omits in ``left_out``."""
         return replace(known, left_out=self._left_out)
 
     def __len__(self) -> int:

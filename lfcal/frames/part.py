@@ -65,7 +65,10 @@ def parse_roi(value: Any) -> tuple[int, int, int, int] | None:
 
 
 def stated_origin(roi: tuple[int, int, int, int] | None, shape: Place) -> Place | None:
-    """Return (row, column) of the first pixel of a camera's region; None if ``shape`` is not that of the region."""
+    """Return (row, column) of the first pixel of a camera's region ``roi`` (column, row, width, height; px).
+
+    None if ``roi`` is None or ``shape`` is not that of the region.
+    """
     if roi is None or (roi[3], roi[2]) != shape:
         return None
     return roi[1], roi[0]
@@ -88,7 +91,10 @@ def is_part_of_sensor(shape: Place, camera: Camera) -> bool:
 
 
 def check_inside(origin: Place, shape: Place, sensor: Place) -> None:
-    """Raise `InputError` unless frames of ``shape`` fit on the sensor, upright or turned by 90 degrees."""
+    """Raise `InputError` unless frames of ``shape`` at ``origin`` fit on the sensor, upright or turned by 90 degrees.
+
+    ``origin`` is the position of their first pixel. All arguments are (row, column) or (rows, columns) in px.
+    """
     if any(all(o + n <= size for o, n, size in zip(origin, shape, one, strict=True)) for one in (sensor, sensor[::-1])):
         return
     raise InputError.expected(
@@ -111,7 +117,11 @@ def check_stated(source: FrameSource, camera: Camera) -> None:
 
 
 def part_refusal(shape: Place, sensor: Place, origin: Sequence[float] | None, why: str) -> InputError:
-    """Return the error for frames of a part of the sensor whose position was not stated."""
+    """Return the error for frames of a part of the sensor whose position was not stated.
+
+    ``origin`` is the likely position (row, column) of their first pixel (px). None: unknown. ``why`` is the clause of
+    the message that states how it was found.
+    """
     got, words = f"{shape[0]} x {shape[1]} px", "ROW,COLUMN"
     if origin is not None:
         row, column = (max(0, math.floor(n + 0.5)) for n in origin)

@@ -509,7 +509,7 @@ def observed(values: NDArray[Any], saturation: float | None, noise: Noise | None
 
 
 def masked(found: Samples, mask: NDArray[np.bool_]) -> Samples:
-    """Return the samples, in which those where ``mask`` is false are marked as invalid and not counted as saturated."""
+    """Return ``found`` with the samples outside ``mask`` marked as invalid and not counted as saturated."""
     if found.valid is None:
         return found if mask.all() else found._replace(valid=np.array(mask))
     count = None if found.saturated is None else int(np.count_nonzero(mask & ~found.valid))

@@ -41,6 +41,8 @@ MODEL = slice(2, 5)
 class Figures:
     """Differences between patterns ``a`` of one H and patterns ``b`` of the other; NaN if nothing could be compared.
 
+    ``|x|`` is the L2 norm of all values.
+
     Attributes
     ----------
     nrmse
@@ -436,9 +438,9 @@ def _more_like(both: Pair) -> list[int | None]:
 
 
 def centroids(patterns: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return the centroids ``(n, 2)`` (row, column) of patterns ``(n, nt ns)`` of ``shape`` ``(nt, ns)``.
+    """Return the centroids ``(n, 2)`` (row, column; px) of patterns ``(n, nt ns)`` of ``shape`` ``(nt, ns)``.
 
-    Values below the fraction `FLOOR` of the peak of a pattern are ignored.
+    Before, the fraction `FLOOR` of its peak is subtracted from each pattern, and negative values are set to 0.
     """
     above = np.maximum(patterns - FLOOR * patterns.max(1, keepdims=True), 0).reshape(-1, *shape)
     total = above.sum((1, 2))

@@ -81,7 +81,10 @@ def fitted_setup(folder: Path, matrix: PSFMatrix) -> Setup:
 
 
 def behind(matrix: PSFMatrix, index: NDArray[np.intp]) -> Behind | None:
-    """Return the camera of an H, compared with its patterns at ``index`` ``(n, 3)``; None if H states no camera."""
+    """Return the camera of an H, compared with its patterns at ``index`` ``(n, 3)``.
+
+    None if H states no camera with a lattice, or if the patterns of that camera cannot be computed.
+    """
     try:
         plan = plan_of(matrix)
         # metrics that compare H with its camera know only lattices
@@ -147,7 +150,7 @@ class ExpectedPattern:
     matrix, z, y, x
         H, and the position in it.
     camera
-        The camera of H, if it explains H. None: interpolate between neighbouring positions of H.
+        The camera of H. If it is None or does not explain H, neighbouring positions of H are interpolated.
     """
 
     def __init__(self, matrix: PSFMatrix, z: int, y: int, x: int, camera: Behind | None) -> None:

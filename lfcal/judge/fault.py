@@ -29,7 +29,10 @@ Repair = Callable[[NDArray[np.intp], F4], F4]
 
 
 def adding(own: NDArray[np.intp], light: F4 | F8) -> Repair:
-    """Return a function that adds ``light`` ``(n, nt, ns)`` to patterns at the positions ``own`` ``(n, 3)``."""
+    """Return a function that adds ``light`` ``(n, nt, ns)`` to patterns at exactly the positions ``own`` ``(n, 3)``.
+
+    It returns patterns at any other set of positions unchanged.
+    """
     missing = np.asarray(light, np.float32)
     return lambda index, patterns: patterns + missing if np.array_equal(index, own) else patterns
 
@@ -149,7 +152,7 @@ class FoundFault:
 
     @property
     def confidence(self) -> float:
-        """Probability (0 to 1) that the fault is not due to chance, for Gaussian noise and all positions examined."""
+        """Probability (0 to 1) that the fault is not due to chance, for Gaussian noise and 10,000 independent tests."""
         return max(0.0, 1.0 - 1e4 * math.erfc(self.sigmas / math.sqrt(2)))
 
 

@@ -277,8 +277,8 @@ def iter_inspection(
     setup
         Setup with the camera of a fit. None: the camera stated in H.
     seconds
-        Time limit of the comparison (s). If it is reached, the comparison ends, and the verdict states that H was not
-        fully examined.
+        Time limit of the comparison (s); 0: no comparison. If it is reached, the comparison ends, and the verdict
+        states that H was not fully examined.
     patterns
         Number of patterns to compare, in addition to those that the metrics find unusual.
 

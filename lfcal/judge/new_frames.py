@@ -102,7 +102,10 @@ def _of_file(H: PSFMatrix, view: FrameSource, k: int) -> NewFrame:
 def new_frame(
     view: FrameSource, k: int, label: str, place: tuple[float, float] | None = None, plane: int | None = None
 ) -> NewFrame:
-    """Return frame ``k`` of a corrected view, with its noise and the ``place`` and ``plane`` of its source if known."""
+    """Return frame ``k`` of a corrected view, with its noise and the position of its source.
+
+    ``label`` is the name of the frame for messages. ``place`` (row, column; px) and ``plane`` are those of `NewFrame`.
+    """
     samples = view.samples(k)
     noise = None
     if samples.noise is not None:

@@ -96,8 +96,8 @@ class Course:
     jumps
         Changes between consecutive sessions that exceed the limit.
     worse, better
-        Whether a parameter has changed or the newest rating is worse than the previous known one, and whether it is
-        better.
+        Whether a parameter has changed or the newest rating is worse than the previous known rating, and whether the
+        newest rating is better.
     """
 
     name: str
@@ -233,7 +233,8 @@ def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS
     Raises
     ------
     InputError
-        If there are fewer than two sessions, or fits belong to several cameras or have the same time.
+        If there are fewer than two sessions, there are both fits and inspections, or fits belong to several cameras or
+        have the same time.
     """
     check_number("threshold of an alarm (standard deviations)", sigmas, above=0)
     fits = [one for one in sessions if isinstance(one, DatedFit)]
@@ -451,8 +452,8 @@ def _slope(times: Sequence[datetime], points: Sequence[CoursePoint]) -> tuple[fl
 def draw_trend(found: Trend, path: str | os.PathLike[str]) -> None:
     """Draw values over time, with their standard deviations and limits where these are known.
 
-    All parameters are drawn, in grey where they are not compared. Of metrics and faults, only those that are not always
-    good are drawn; if there are none, the first ones are.
+    All parameters are drawn, in grey where they are not compared. Of metrics and faults, at most `MOST_PANELS` are
+    drawn: those that are not always good or, if there are none, the first ones.
     """
     shown = [one for one in found.courses if one.notable or one.group not in ("metric", "fault")]
     if isinstance(found.sessions[-1], DatedInspection):

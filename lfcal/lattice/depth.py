@@ -122,7 +122,7 @@ def iter_depth_map(
         Smallest and largest slope to consider (see `sensor_slope`). None: those of the camera's lenslets, or the limits
         of the method without a camera.
     radius_px
-        Radius of the micro-images (px). None: 0.45 times the pitch.
+        Radius of the micro-images (px). None: 0.45 times the smaller of pitch and row pitch.
     workers
         Number of threads. None: one for each available CPU core.
 

@@ -61,7 +61,7 @@ def save_depth(path: Path, found: DepthMap) -> None:
 
 
 def save_points(path: Path, found: DepthMap) -> int:
-    """Write the points of known depth (`DepthMap.points`) and their brightness to a PLY file; return their number.
+    """Write the points of known depth (`DepthMap.points`) with light and confidence to a PLY file; return their number.
 
     Examples
     --------

@@ -43,7 +43,10 @@ FORECAST_PLANES = 3
 
 
 class ElementalLenses(NamedTuple):
-    """Lenslets as (row, column) relative to the optical axis: centres, and displacement per slope, ``(n, 2)`` (px)."""
+    """Elemental images: centres relative to the optical axis, and displacements per unit of slope.
+
+    Both are ``(n, 2)`` as (row, column), in px.
+    """
 
     centres: Array
     moves: Array

@@ -246,7 +246,7 @@ def outline_of(places: Array) -> Array:
 
 
 def within_outline(places: Array, outline: Array) -> NDArray[np.bool_]:
-    """Return a mask ``(n,)`` of the points ``places`` ``(n, 2)`` that are within or on a convex ``outline``."""
+    """Return a mask ``(n,)`` of the points ``places`` ``(n, 2)`` that are at most 1 px outside a convex ``outline``."""
     side = np.roll(outline, -1, axis=0) - outline
     away = places[:, None] - outline
     turn = side[:, 0] * away[..., 1] - side[:, 1] * away[..., 0]

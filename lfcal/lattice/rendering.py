@@ -154,7 +154,7 @@ def render(
 
 
 def check_slopes(slopes: Sequence[float]) -> None:
-    """Raise `InputError` if `render` does not support the slope of every plane."""
+    """Raise `InputError` unless `render` supports the slope of every plane."""
     for slope in slopes:
         check_number("slope", slope, at_least=-1e3, at_most=1e3)
         if abs(slope) < MIN_SLOPE:

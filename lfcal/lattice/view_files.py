@@ -24,7 +24,7 @@ TOTAL = ("all_in_focus.tif", "all_in_focus.png", "slopes.tif")
 
 
 def view_names(label: str) -> list[str]:
-    """Return the names of the files that `save_views` writes."""
+    """Return the names of the files that `save_views` writes: stack, mosaic and central view."""
     return [f"views{label}.tif", f"views{label}.png", f"central_view{label}.png"]
 
 
@@ -34,10 +34,11 @@ def stack_names(label: str, slopes: tuple[float, ...]) -> list[str]:
 
 
 def save_views(out: Path, label: str, colours: list[Views], times: int) -> None:
-    """Write all views as a stack ``(v, u, y, x)`` (t, z, y, x in ImageJ) and as a mosaic, and the central view.
+    """Write a stack of all views ``(v, u, y, x)``, a mosaic of every second view, and the central view.
 
-    ``label`` is part of the names of the files in the folder ``out``. ``colours`` contains the views of each colour
-    channel, and ``times`` is the factor by which the central view is enlarged.
+    In ImageJ, the axes of the stack are (t, z, y, x). ``label`` is part of the names of the files in the folder
+    ``out``. ``colours`` contains the views of each colour channel, and ``times`` is the factor by which the central
+    view is enlarged.
     """
     stack, mosaic, central = (out / name for name in view_names(label))
     images = _joined([np.where(one.mask, one.images, np.float32(np.nan)) for one in colours], 2)

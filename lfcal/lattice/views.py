@@ -129,7 +129,7 @@ def extract_views(
     dark
         Dark frame, or dark level (counts), to subtract from both frames.
     radius_px
-        Radius of the micro-images (px). None: 0.45 times the pitch.
+        Radius of the micro-images (px). None: 0.45 times the smaller of pitch and row pitch.
     axes, full, missing, raster
         As in `view_grid`: direction of the rows of a view, whether to return the complete field with a mask, lenslets
         without light, and the lattice that defines the positions of the samples. Without ``full``, the largest box is

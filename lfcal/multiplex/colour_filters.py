@@ -44,12 +44,14 @@ MAX_SIDE = 16
 
 
 def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS) -> list[str]:
-    """Return the rows of a pattern: a name in `CFA_PATTERNS`, rows separated by slashes, or the letters of a square.
+    """Return the letters of the filters in each row of a pattern.
+
+    The pattern is a name in `CFA_PATTERNS`, rows separated by slashes, or the letters of a square in row-major order.
 
     Raises
     ------
     InputError
-        If a letter is not a filter, or the rows have different lengths.
+        If a letter is not a filter, the rows have different lengths, or the pattern is too large.
     """
     if not isinstance(pattern, str):
         raise InputError.expected(

@@ -34,9 +34,12 @@ Planes = dict[str, "NDArray[np.float32]"]
 
 @dataclass(frozen=True)
 class ColourReading:
-    """Settings for reading frames: colour channel, pattern of colour filters, dark frame, and origin.
+    """Settings for reading frames.
 
-    The ``origin`` is the sensor position (row, column) of the first pixel. None: the frames show the whole sensor.
+    ``channel`` is one of `CHANNELS`, and ``cfa`` is the pattern of colour filters (empty: that of the file). ``dark``
+    is a dark frame, or a folder of them; None: no dark frame. ``origin`` is the sensor position (row, column) of the
+    first pixel. None: the frames show the whole sensor. With ``repair``, pixels that are not finite or that the file
+    ``mask`` marks are interpolated.
 
     With ``repair``, pixels that are not finite, and those that the file ``mask`` marks, are interpolated.
     """
@@ -208,7 +211,7 @@ def read_white(
     mask: Path | None = None,
     origin: tuple[int, int] | None = None,
 ) -> NDArray[np.float32]:
-    """Return a white image ``(rows, columns)`` minus its dark frame: grey, one colour, or the mean of a mosaic.
+    """Return a white image ``(rows, columns)`` minus its dark frame: grey, the ``channel``, or the mean of all colours.
 
     Pixels that are not finite, and those that the file ``mask`` marks, are interpolated. ``origin`` is the sensor
     position (row, column) of the first pixel.

@@ -51,8 +51,8 @@ def demultiplex(
     filter
         Interpolation of the spatial route: ``"nearest"``, ``"linear"``, ``"cubic"``, ``"lanczos"``, ``"sinc"``
         (periodic) or ``"bilateral"`` (edge-preserving, guided by the mean over a super-pixel). Colour filter arrays
-        also have the demosaicing methods ``"lmmse"`` and ``"directional"``, which ignore ``rcond``. None:
-        `default_filter`.
+        also have the demosaicing methods ``"lmmse"`` and ``"directional"``, which do not accept ``rcond``. None:
+        ``"linear"`` with ``weights``, ``"cubic"`` with ``rcond``, else `default_filter`.
     samples
         Number of output samples in a super-pixel along each axis, one number or (rows, columns). None: one for each
         pixel for colours, one for each lenslet or mask period for light fields.
@@ -204,7 +204,8 @@ def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
     Raises
     ------
     InputError
-        If the frame is smaller than a super-pixel of ``side`` (rows, columns) pixels.
+        If the frame is not a two-dimensional array of finite numbers, or is smaller than a super-pixel of ``side``
+        (rows, columns) pixels.
     """
     image = np.asarray(frame)
     if image.ndim != 2 or image.dtype.kind not in "uif":

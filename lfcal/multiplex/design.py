@@ -74,8 +74,8 @@ def with_crosstalk(modulator: Modulator, share: float) -> Modulator:
     Parameters
     ----------
     modulator
-        Modulator; pixels at the border of its super-pixel exchange light with the next super-pixel. With lenslets, only
-        pixels of the same cell exchange light.
+        Modulator; pixels at the border of its super-pixel exchange light with the next super-pixel. With lenslets,
+        light from a neighbouring cell is treated as light of the same cell.
     share
         Fraction of a pixel's light or charge that it loses, 0 to 0.5; a quarter of it reaches each of the four
         neighbours.

@@ -256,7 +256,10 @@ def mosaic_picture(frame: ArrayLike, modulator: Modulator) -> Image:
 
 
 def log_spectrum(frame: ArrayLike) -> Image:
-    """Return log10 of a frame's amplitude spectrum relative to its peak, with zero frequency in the middle."""
+    """Return log10 of a frame's amplitude spectrum relative to its peak, with zero frequency in the middle.
+
+    The frame is multiplied by a Hann window. Values are at least -6.
+    """
     image = np.asarray(frame, float)
     # a window, because the frame's edges would draw a bright cross through the spectrum
     window = np.hanning(image.shape[0])[:, None] * np.hanning(image.shape[1])
@@ -356,7 +359,7 @@ SIGNALS = 25
 def save_coding(
     gain: CodingGain, patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, path: str | os.PathLike[str]
 ) -> None:
-    """Write plots of a code's gain: for each pixel of the middle point's pattern, and against the light of a point."""
+    """Write plots of a code's gain: for each pixel of the middle point's pattern, and as a function of its light."""
     light = np.asarray(patterns, float)
     middle = len(light) // 2
     with figure(12.0, 6.8) as fig:

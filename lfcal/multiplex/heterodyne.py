@@ -162,11 +162,12 @@ def _vectors(lattice: MicroImageLattice) -> tuple[Array, Array, Array]:
 def lattice_by_spectrum(
     frame: NDArray[Any], lattice: MicroImageLattice, modulator: Modulator, places: Array, rcond: float | None = None
 ) -> Array:
-    """Return the samples ``(N, n)`` at ``places`` by theorem 2: spectral tiles about each g_k are decorrelated.
+    """Return the samples ``(N, n)`` at ``places`` by theorem 2, which decorrelates tiles of the spectrum.
 
-    ``places`` ``(n, 2)`` are positions (row, column) on the frame; ``rcond`` is as in `demultiplex_lattice`. The method
-    takes one Fourier transform of the frame and one for each pixel of the super-pixel. It assumes that the frame is
-    periodic, so samples within two super-pixels of a border depend on the opposite border.
+    Each tile surrounds one harmonic of the lattice. ``places`` ``(n, 2)`` are positions (row, column) on the frame;
+    ``rcond`` is as in `demultiplex_lattice`. The method takes one Fourier transform of the frame and one for each pixel
+    of the super-pixel. It assumes that the frame is periodic, so samples within two super-pixels of a border depend on
+    the opposite border.
     """
     from scipy import fft
 

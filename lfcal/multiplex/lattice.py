@@ -432,8 +432,8 @@ def demultiplex_lattice(
         a super-pixel.
     filter
         Interpolation of the spatial route: ``"nearest"``, ``"linear"`` or ``"cubic"`` between pixels, as if all
-        channels of a super-pixel were recorded at its centre. With ``"sinc"``, between super-pixels, with each channel
-        at its actual position.
+        channels of a super-pixel were recorded at its centre. ``"sinc"`` interpolates between super-pixels, with each
+        channel at its actual position.
     rcond
         Singular values of `Modulator.matrix` up to this fraction of the largest one count as zero. None:
         `default_rcond`.

@@ -132,7 +132,7 @@ def _sinusoids(p: int) -> Array:
 
 
 def dirichlet_minimum(p: int) -> float:
-    """Return the minimum of D(x) = sin(pi x)/sin(pi x/p) over real x, for odd ``p`` (1 for p = 1)."""
+    """Return the minimum of D(x) = sin(pi x)/sin(pi x/p) over real x, for odd ``p``; 0 for p = 1."""
     if p == 1:
         return 0.0
     from scipy.optimize import minimize_scalar

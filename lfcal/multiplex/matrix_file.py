@@ -71,7 +71,8 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
 def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
     """Write a modulator to a file that `load_modulator` can read; a failed write leaves no partial file.
 
-    A ``.json`` file contains all attributes, a ``.npy`` file only the transmissions ``(rows, columns, N)``.
+    A ``.json`` file contains the matrix and all attributes except the bases, a ``.npy`` file only the transmissions
+    ``(rows, columns, N)``.
 
     Raises
     ------

@@ -93,7 +93,7 @@ def _rows(angles: NDArray[np.float64], contrast: float, plates: NDArray[np.float
 
 
 def degree_of_polarisation(stokes: ArrayLike) -> NDArray[np.float64]:
-    """Return the degree of polarisation (0 to 1) for Stokes parameters ``(3, ...)`` or ``(4, ...)``; 0 if S0 is 0.
+    """Return the degree of polarisation (0 to 1) for Stokes parameters ``(3, ...)`` or ``(4, ...)``; 0 if S0 <= 0.
 
     Examples
     --------

@@ -277,6 +277,8 @@ def modulation_transfer(
 ) -> Transfer:
     """Return the modulation transfer of a modulator, measured with sine waves that are equal in all samples.
 
+    The waves modulate the unmodulated light, so samples that are 0 in `Modulator.light` contain no wave.
+
     Parameters
     ----------
     modulator

@@ -37,8 +37,9 @@ class RecordedFrame(NamedTuple):
     def weights(self, level: Any, sensor: Sensor | None, mask: Path | None, **how: Any) -> NDArray[Any] | None:
         """Return the weight ``(rows, columns)`` of each pixel; None if all weights are equal.
 
-        Pixels that are not finite, and those that the file ``mask`` marks, have the weight 0. ``level`` is the black
-        level (counts). ``how`` contains further options of `lfcal.multiplex.pixel_weights`.
+        Pixels that are not finite, and those that the file ``mask`` marks, have the weight 0. The weights of the others
+        are inverse variances for the noise of ``sensor``; None: 1. ``level`` is the black level (counts). ``how``
+        contains further options of `lfcal.multiplex.pixel_weights`.
         """
         lost = lost_pixels(self.raw, self.path, mask)
         missing = int(np.count_nonzero(~np.isfinite(self.raw)))

@@ -18,6 +18,8 @@ DEPTHS = (-0.8, -0.3, 0.2, 0.7)
 def filament_light_field(views: int, cells: tuple[int, int], rng: np.random.Generator) -> Array:
     """Return a light field of curved filaments in four layers, sampled at every pixel ``(views^2, rows, columns)``.
 
+    The largest value is 1/views^2.
+
     Parameters
     ----------
     views

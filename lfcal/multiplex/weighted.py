@@ -169,7 +169,7 @@ def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | N
     """Return the weighted least-squares samples ``(N, n)`` and their variances from channels ``(K, n)`` at n positions.
 
     If the weighted equations do not have full rank, the result has the least norm; every sample that depends on
-    unmeasured parts then has infinite variance.
+    unmeasured parts then has infinite variance. ``rcond`` is as in `reconstruct_weighted`.
     """
     inverse, lost = weighted_inverse(matrix, weights, rcond)
     found = np.einsum("pij,pj->ip", inverse, (weights * values).T @ matrix)
@@ -181,7 +181,7 @@ def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | N
 def weighted_inverse(matrix: Array, weights: Array, rcond: float | None = None) -> tuple[Array, NDArray[np.bool_]]:
     """Return ``(A^T W A)^+`` ``(n, N, N)`` for the weights ``(K, n)`` at n positions, and a mask of lost samples.
 
-    The mask ``(n, N)`` marks samples that depend on unmeasured parts.
+    The mask ``(n, N)`` marks samples that depend on unmeasured parts. ``rcond`` is as in `reconstruct_weighted`.
     """
     count = matrix.shape[1]
     pairs = (matrix[:, :, None] * matrix[:, None, :]).reshape(len(matrix), -1)

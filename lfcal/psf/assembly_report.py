@@ -40,7 +40,7 @@ class AssemblyReport:
     spread
         Median relative rms difference between repeated frames of a position; None without repeated frames.
     left_out
-        Damaged frames and dark frames that were not used.
+        Damaged frames, including dark frames, that were not used.
     orientation
         Orientation of the recorded frames, which assembly corrected by flipping or turning them: a key of
         `lfcal.frames.orientation.ORIENTATIONS`.

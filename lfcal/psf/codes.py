@@ -203,7 +203,10 @@ def _write_sparse(group: Any, pattern: NDArray[Any]) -> Any:
 def iter_write_npz(
     matrix: PSFMatrix, path: Path, *, include_transpose: bool, compress: bool, quality: str
 ) -> Work[Path]:
-    """Write the lens-centred ``H``, and optionally its transpose ``Ht``, as (z, y, x, t, s) to an ``.npz`` file."""
+    """Write the lens-centred ``H``, and optionally its transpose ``Ht``, as (z, y, x, t, s) to an ``.npz`` file.
+
+    The file also contains the depths of the planes (µm), if known, and ``quality``, a text about the quality of H.
+    """
     written = _written(matrix)
     views = {"H": written, **({"Ht": written.T} if include_transpose else {})}
     require_space(path.parent, len(views) * matrix.nbytes, what=path.name)

@@ -90,7 +90,7 @@ class PlaneSource:
         z
             Index of the plane.
         zeros
-            Function that returns an array of zeros to compute into, for sources without an array.
+            Function that returns an array of zeros to fill; sources that already have an array do not call it.
         workers
             Number of threads. None: one for each available CPU core.
         alone

@@ -440,7 +440,10 @@ _KINDS = {
 
 
 def facts_in(file: H5File, prefix: str, shape: tuple[int, ...], provenance: Mapping[str, Any]) -> Facts:
-    """Return the facts that the file states about the positions of its matrix."""
+    """Return the facts that the file states about the positions of its matrix of ``shape``.
+
+    ``prefix`` is the path of its group, and ``provenance`` its provenance.
+    """
     names = [entry.name for entry in fields(Facts) if prefix + entry.name in file]
     found = {name: file.values(prefix + name, kinds=_KINDS[name]) for name in names}
     if _check_format(file) == 1 and "saturated" in found and not provenance.get("corrections"):

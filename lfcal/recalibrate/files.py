@@ -49,7 +49,7 @@ def recalibration_outputs(folder: Path, *, with_h: bool = True) -> tuple[Path, .
 def iter_write_recalibration(
     found: Recalibration, folder: Path, known: Mapping[str, Any], *, with_h: bool = True, workers: int | None = None
 ) -> Work[tuple[Path, ...]]:
-    """Write the files of a recalibration to ``folder``; if it was not accepted, none.
+    """Write the files of a recalibration to ``folder``, and return their paths; none if it was not accepted.
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ class WindowModel:
         self._voxels = every_voxel(self.plan, halves=contents.halves)
 
     def patterns(self, setup: Setup, sampling: Sampling, voxels: Voxels | None = None) -> VoxelPatterns:
-        """Return the patterns of ``voxels``. None: of all."""
+        """Return the patterns of ``voxels`` (None: all) for the camera in ``setup``, computed with ``sampling``."""
         own = self._voxels if voxels is None else voxels
         order = np.argsort(self._planned)
         known, errors = np.array(self._planned)[order], np.array(setup.depth_errors_um)[order]
@@ -97,11 +97,14 @@ class WindowModel:
         return patterns_at(replace(setup, depth_errors_um=moved), self.plan, own, sampling, self.workers)
 
     def scenes(self, patterns: VoxelPatterns, iterations: int) -> list[SceneEstimate]:
-        """Return the estimated object of each frame."""
+        """Return the object of each frame, estimated in a number of ``iterations``."""
         return [estimate_scene(patterns, frame, self.fields, iterations) for frame in self.frames]
 
     def score(self, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate], derivatives: F4) -> Score:
-        """Return the score of all frames together, given the ``derivatives`` of their expected values."""
+        """Return the score of all frames together.
+
+        ``derivatives`` are those of their expected values with respect to the unknowns, ``(k, frames, rows, columns)``.
+        """
         parts = zip(self.frames, scenes, np.moveaxis(derivatives, 1, 0), strict=True)
         scores = [score_of(patterns, frame, scene, own, self.fields) for frame, scene, own in parts]
         return sum(scores, Score.none(len(derivatives)))

@@ -209,7 +209,7 @@ Save = Callable[[str, "NDArray[Any] | None", Mapping[str, Any]], None]
 """Function of the name of a frame, its volume (None: there is none), and its details."""
 
 Saved = Callable[[], AbstractContextManager[Save]]
-"""Context that provides a `Save` function; files of several volumes are complete at its end."""
+"""Context manager that provides a `Save` function; files of several volumes are complete at its end."""
 
 
 def targets_of(frames: Sequence[FrameFile], out: Path, suffix: str | None) -> dict[str, Path]:

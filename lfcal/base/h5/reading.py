@@ -614,7 +614,7 @@ _OF_THE_DISK = {errno.EIO, errno.EACCES, errno.EPERM, errno.ESTALE, errno.ENODEV
 
 
 class damage:
-    """Context that converts all errors of h5py on damaged data to a `FileFormatError` that contains ``where``.
+    """Context manager that converts all errors of h5py on damaged data to a `FileFormatError` that contains ``where``.
 
     h5py raises KeyError, RuntimeError, OSError, TypeError, ValueError, OverflowError and UnicodeError.
     """

@@ -421,7 +421,7 @@ class Exposure:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """None: the step applies to frames of any shape."""
+        """Always None, because the step applies to frames of any shape."""
         return None
 
     def factor(self, exposure_s: float | None) -> float:
@@ -473,9 +473,10 @@ def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
 
 
 def fit_plane(rows: NDArray[Any], columns: NDArray[Any], values: NDArray[Any], *, rounds: int = 4) -> Plane:
-    """Return ``(p0, p1, p2)`` of the plane ``p0 + p1 row + p2 column`` that is fitted to ``values``.
+    """Return ``(p0, p1, p2)`` of the plane ``p0 + p1 row + p2 column`` fitted to ``values`` at (``rows``, ``columns``).
 
-    Values farther than 3 robust standard deviations from the plane are excluded, in at most ``rounds`` rounds.
+    The three arrays are one-dimensional. The fit is repeated up to ``rounds`` times without the values that are farther
+    than 3 robust standard deviations from the plane.
     """
     design = np.stack([np.ones(rows.size), rows, columns], axis=1).astype(np.float64)
     values = values.astype(np.float64)
@@ -536,7 +537,7 @@ class Background:
 
     @property
     def shape(self) -> tuple[int, int] | None:
-        """None: the step applies to frames of any shape."""
+        """Always None, because the step applies to frames of any shape."""
         return None
 
     @property

@@ -36,7 +36,7 @@ REMEDY = "record RAW, or TIFF with LZW, deflate or no compression"
 
 
 def codec_fact(name: str, *, lossless: bool = True) -> dict[str, Any]:
-    """Return the value of the entry ``codec`` in the metadata of a frame source."""
+    """Return the metadata entry ``codec``: the ``name`` of a compression scheme, and whether it is ``lossless``."""
     return {"name": name, "lossless": lossless}
 
 
@@ -52,7 +52,7 @@ def check_tiff_codec(path: Path, compression: int, stored: Callable[[], bytes], 
     stored
         Function that returns the first bytes of compressed data; called only for schemes that may be lossless or lossy.
     whole
-        Whether samples are integers, so that compression with errors below one half is lossless.
+        Whether samples are integers, so that compression with errors of at most one half is lossless.
 
     Raises
     ------

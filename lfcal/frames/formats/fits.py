@@ -30,10 +30,10 @@ _TYPES = {8: "u1", 16: ">i2", 32: ">i4", 64: ">i8", -32: ">f4", -64: ">f8"}
 
 
 class FitsImage(ImageFile):
-    """An array in a FITS file, with axes (row, column), (frame, row, column) or (z, y, x, row, column).
+    """The first array in a FITS file with axes (row, column), (frame, row, column) or (z, y, x, row, column).
 
     Samples are ``BZERO + BSCALE x`` for the stored value x, or NaN where x is ``BLANK``. Rows keep the order of the
-    file. ``EXPTIME`` is the exposure (s). The format is that of FITS Standard 4.0 (IAU FITS Working Group 2018).
+    file. ``EXPTIME`` is the exposure time (s). The format is that of FITS Standard 4.0 (IAU FITS Working Group 2018).
 
     Raises
     ------

@@ -126,7 +126,11 @@ class Format:
 
 @contextmanager
 def decoding(path: Path, kind: str) -> Iterator[None]:
-    """Context that converts any error of a decoder to a one-line `FileFormatError` with the ``path`` of the file."""
+    """Context manager that converts any error of a decoder to a one-line `FileFormatError` with the ``path``.
+
+    ``kind`` is the name of the format. Errors of lfcal and `MemoryError` pass unchanged, and errors of the operating
+    system become a `StorageError`.
+    """
     try:
         yield
     except (LfcalError, MemoryError):
@@ -190,7 +194,10 @@ def check_samples(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
 
 
 def check_grey(path: Path, components: int, colour: str | None, bits: int) -> None:
-    """Raise `FileFormatError` unless an image is grey, or ``colour`` selects a component of a colour image."""
+    """Raise `FileFormatError` unless an image is grey, or ``colour`` selects a component of a colour image.
+
+    The image has ``components`` samples of ``bits`` bits per pixel.
+    """
     if components == 1 or (components in (3, 4) and colour is not None):
         return
     raise FileFormatError.expected(
@@ -223,12 +230,12 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
     Parameters
     ----------
     path
-        Path of the file; for HDF5, the dataset may be appended: ``scan.h5::/entry/data/data``.
+        Path of the file. For a format with several datasets, one may be appended: ``scan.h5::/entry/data/data``.
     colour
         ``"R"``, ``"G"`` or ``"B"``: component to use from a lossless colour image. If None, a colour image raises an
         error, because the camera has processed its samples.
     dataset
-        Path of the stack in an HDF5 file, as in `Hdf5Image`.
+        Path of the stack in an HDF5 file or of the image in an OME-Zarr, or channel of an NDTiff. None: the only one.
 
     Raises
     ------

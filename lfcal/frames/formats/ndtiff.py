@@ -46,14 +46,16 @@ class _Entry:
 
 
 class NDTiffImage(ImageFile):
-    """The images of an NDTiff folder as pages, in the order of acquisition; of repeated ones, the last counts.
+    """The images of an NDTiff folder as pages, in the order of acquisition.
+
+    If an image was recorded several times, only the last version is read.
 
     Parameters
     ----------
     path
         The index, ``NDTiff.index``.
     channel
-        Name of the channel to read; needed if there are several.
+        Name of the channel to read; required if there are several.
 
     Raises
     ------

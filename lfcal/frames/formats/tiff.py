@@ -35,7 +35,7 @@ def count_pages(path: Path) -> int:
     Raises
     ------
     FileFormatError
-        If the chain points beyond the end of the file, or back to an earlier page.
+        If there is no page, or the chain points beyond the end of the file or back to an earlier page.
     """
     with storage_errors(path), path.open("rb") as file:
         size = path.stat().st_size
@@ -84,7 +84,7 @@ def _damaged(path: Path, reason: str) -> FileFormatError:
 
 
 class TiffImage(ImageFile):
-    """A TIFF file of grey pages (8, 16 or 32 bits, or float), or one component of its colour pages.
+    """A TIFF file of grey pages (integers of at least 8 bits, or floats), or one component of its colour pages.
 
     ``raw`` is true if the tags of a DNG require processing that only the camera RAW reader performs.
     """

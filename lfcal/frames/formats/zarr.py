@@ -16,7 +16,7 @@ __all__ = ["ZarrImage"]
 
 
 class ZarrImage(ImageFile):
-    """The images of an OME-Zarr as pages, image by image and with the last axis before (y, x) fastest.
+    """The images of an OME-Zarr as pages, image by image; within an image, the last axis before (y, x) varies fastest.
 
     Parameters
     ----------

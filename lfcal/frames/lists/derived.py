@@ -35,10 +35,10 @@ def plan_of_list(
 ) -> tuple[ScanPlan, tuple[str, ...]]:
     """Return the plan with the positions of a list, and notes on what was found, one line each.
 
-    The period is the number of steps. With ``read``, the axes and the anchor are determined from the light in some
-    frames; otherwise they come from the camera's period and ``stage``. Depths are found from the steps in the list:
-    with a main lens, the step that moves the image by one pixel is longer for planes farther away. The steps of a
-    microscope are equal in all planes, so its working plane is assumed to be at the stage's zero. See
+    The period is the number of positions along each lateral axis. With ``read``, the axes and the anchor are determined
+    from the light in some frames; otherwise they come from the camera's period and ``stage``. Depths are found from the
+    steps in the list: with a main lens, the step that moves the image by one pixel is longer for planes farther away.
+    The steps of a microscope are equal in all planes, so its working plane is assumed to be at the stage's zero. See
     `lfcal.frames.lists._depths`.
 
     Parameters
@@ -50,7 +50,8 @@ def plan_of_list(
     read
         Function that returns the frame in row k of the list, ``(rows, columns)``.
     stage
-        Known stage axes; if the light determines the axes, only their signs are used.
+        Known stage axes. None: the defaults of `StageAxes`. If the light determines the lateral axes, only ``away`` is
+        used. If the numbers of positions determine them, only the signs are used.
     depths_um
         Depths of the planes (µm) from the nearest to the farthest, if they are known more accurately.
     part

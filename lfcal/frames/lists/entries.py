@@ -28,7 +28,10 @@ __all__ = ["files_below", "find_files", "located", "manifest_of"]
 
 
 def located(listing: Listing, root: Path) -> Listing:
-    """Return the list with the paths of its files below ``root``; rows that name the same file become its pages."""
+    """Return the list with the paths of its files below ``root``.
+
+    If the list states no pages, the rows that name the same file are taken as its pages, in order.
+    """
     files, notes = find_files(listing, root)
     pages = listing.pages
     if not any(pages) and len(set(files)) < len(files):

@@ -109,7 +109,10 @@ def _darks(listing: Listing, root: Path) -> dict[str, Any]:
 
 
 def any_listing(path: Path, columns: str = "") -> Listing:
-    """Return the frames listed in a table, in Micro-Manager's metadata, or in an image file with stage coordinates."""
+    """Return the frames listed in a table, in Micro-Manager's metadata, or in an image file with stage coordinates.
+
+    ``columns`` assigns the columns of a table, as in `read_listing`.
+    """
     if path.name.endswith("metadata.txt"):
         return read_micromanager(path)[0]
     path = (container_in(path) if path.is_dir() else None) or path

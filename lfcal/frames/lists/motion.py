@@ -68,7 +68,10 @@ class CentroidMotion:
         return (order[0], sense[0]), (order[1], sense[1])
 
     def on_sensor(self, part: Part, sensor: tuple[int, int]) -> CentroidMotion:
-        """Return the motion in pixels of the upright sensor, given the ``part`` of it that the frames show."""
+        """Return the motion in pixels of the upright sensor.
+
+        ``sensor`` is its shape (rows, columns), and ``part`` is the part of it that the frames show.
+        """
         turn = named_orientation(part.turn)
         first = np.array(part.origin)
         last = first + turn.inverse.shape(self.shape) - 1
@@ -89,7 +92,7 @@ class Part(NamedTuple):
 
 
 def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.intp]:
-    """Return the indices of up to ``count`` positions, each as far as possible from the previous ones."""
+    """Return which rows of ``index`` ``(N, 2)`` are up to ``count`` positions that are as far apart as possible."""
     chosen = [int(np.argmin(index.sum(axis=1)))]
     distance = np.full(len(index), np.inf)
     while len(chosen) < min(count, len(index)):

@@ -52,7 +52,7 @@ class Table:
     lines
         Line number in the file of each row, from 1.
     separator
-        Name of the separator: tab, semicolon, vertical bar, comma or blanks.
+        Name of the separator: ``"tab"``, ``"semicolon"``, ``"bar"``, ``"comma"``, ``"blanks"``, or another character.
     decimal
         Decimal sign of the file, ``"."`` or ``","``.
     header
@@ -315,7 +315,7 @@ def _sorted_out(
 
 
 def columns_in_words(columns: tuple[Column, ...]) -> str:
-    """Return the assignment found, in the form of the option ``--columns``."""
+    """Return the assignment of columns for messages, such as ``"file=Name, y=PosY (mm)"``."""
     return ", ".join(map(str, columns))
 
 

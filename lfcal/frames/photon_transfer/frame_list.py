@@ -74,6 +74,8 @@ class CalibrationFrame:
 def find_frames(path: Path) -> tuple[list[CalibrationFrame], dict[str, Any]]:
     """Return the frames of an image file, of a folder or of its subfolders, and the facts that their files state.
 
+    The facts are ``cfa``, ``bit_depth`` and ``black_level``, as in `FrameMetadata`; unknown ones are missing.
+
     Frames are in the natural order of their names. The exposure is read from the file (``exposure_s``). If it is not
     there, it is read from the name of the file or its folder, such as ``flat_10ms_3.tif`` or ``0.5s/``.
 

@@ -80,7 +80,7 @@ class Compression(Fault):
     explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if neighbouring samples differ more across the edges of blocks than within blocks.
+        """Yield a fault if samples differ more across the edges of blocks than within, or blocks lack fine structure.
 
         Nothing is yielded if all frames were stored without loss, or were computed.
         """

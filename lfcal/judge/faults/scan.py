@@ -46,7 +46,11 @@ DARK = 0.25
 
 
 class Moved(NamedTuple):
-    """Coefficients of a displacement by row, column and scan direction, standard deviations, and residuals ``(n,)``."""
+    """Robust fit of a displacement: coefficients with standard deviations, and residuals ``(n,)`` (px).
+
+    The coefficients are ``by_row`` and ``by_column`` (px per position), and ``by_direction`` (px), the difference
+    between odd and even rows.
+    """
 
     terms: dict[str, tuple[float, float]]
     left: F8
@@ -154,7 +158,7 @@ class BacklashFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("backlash",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if every other row is displaced."""
+        """Yield a fault for each direction, along rows or columns, in which every other row is displaced."""
         for name, along in (("source_x", "the rows"), ("source_y", "the columns")):
             value, sigma = _fitted(evidence, name).terms["by_direction"]
             if abs(value) > SURE * sigma and abs(value) > WORTH_PX:
@@ -237,7 +241,10 @@ class FrameShift(Fault):
     settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault for the sharpest jump of the displacements of the cutouts in the order of the scan."""
+        """Yield a fault for each direction in which cutouts are displaced, down or across.
+
+        It is the sharpest jump of the displacements in the order of the scan, or else their median over all cutouts.
+        """
         for name, along in (("window_y", "down"), ("window_x", "across")):
             values, sigmas = evidence.column(name)
             step: SeriesJump | None = sharpest_step(scan_order(evidence.index), values, np.hypot(sigmas, FLOOR_PX))

@@ -95,7 +95,10 @@ def shifted(axis: int, offsets: F8) -> Repair:
 
 
 def lit(axis: int, gains: F8, shape: tuple[int, ...]) -> PutIn:
-    """Return a function that multiplies the light on each sensor row (``axis`` 0) or column (1) by its gain."""
+    """Return a function that multiplies the light on each sensor row (``axis`` 0) or column (1) by its gain.
+
+    ``shape`` is that of the scanned part of the sensor (rows, columns).
+    """
     image = np.ones(shape) * (gains[:, None] if axis == 0 else gains)
     return lambda patch: patch.light * patch.seen(image)
 

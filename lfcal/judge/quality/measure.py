@@ -88,7 +88,7 @@ class PlaneContext:
 
     @property
     def corner_tail(self) -> float:
-        """Light in a dark pixel from the tails of the patterns, relative to the energy of a pattern; 0 if unknown."""
+        """Largest expected light in a dark pixel from the tails of a pattern, relative to its energy; 0 if unknown."""
         if self.expected is None or not self.expected.any():
             return 0.0
         corners = dark_corners(self.expected[None, None].astype(np.float32)).background
@@ -220,7 +220,10 @@ class PlaneMeasures:
 def iter_measure(
     patterns: NDArray[np.float32], context: PlaneContext, clock: Clock, done: int, workers: int | None = None
 ) -> Work[PlaneMeasures]:
-    """Measure the patterns ``(ny, nx, nt, ns)`` of a plane; yields `PASSES` progress records after ``done``."""
+    """Measure the patterns ``(ny, nx, nt, ns)`` of the plane that ``context`` describes.
+
+    ``clock`` counts `PASSES` steps for the plane, after the ``done`` steps of the planes before it.
+    """
     dark = darkness(patterns)
     yield clock.at(done + 1)
     table = PatternTable.of(patterns, dark, workers)

@@ -107,7 +107,8 @@ class CostModel:
     Attributes
     ----------
     at_bad
-        Cost of a value at the limit ``bad`` of `Limits`; the cost is proportional to the value.
+        Cost of a value at the limit ``bad`` of `Limits`. The cost is proportional to the value, or inversely
+        proportional if higher values are better.
     worst
         Largest possible cost.
     per_frame
@@ -316,7 +317,7 @@ class Metric:
 
     @property
     def cost_text(self) -> str:
-        """Cost as text: a dash if it is zero or unknown, and "typical" after a cost that was not measured."""
+        """Cost as text. If it was not measured, "typical" is added, or it is a dash if it is zero or unknown."""
         if self.measured:
             return f"{self.cost:.3f}"
         return f"{self.cost:.2g} typical" if self.cost > 0 else "—"

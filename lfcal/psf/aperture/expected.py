@@ -12,7 +12,7 @@ __all__ = ["expected_aperture", "footprint_px"]
 
 
 def footprint_px(camera: Camera | None, pixel_scale: tuple[float, float] = (1.0, 1.0)) -> float:
-    """Return the width over which a lenslet spreads the light of a defocused point (px); 0 without a camera.
+    """Return the width over which a lenslet spreads the light of a defocused point (px); 0 without a lenslet lattice.
 
     A lenslet displaces a ray that passes it at the distance e from its centre by ``e B/f`` on the sensor. B is the
     distance of the sensor from the lenslets, and f is the shortest focal length of the lens types. ``pixel_scale`` is

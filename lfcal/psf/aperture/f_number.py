@@ -51,7 +51,7 @@ def working_f_number(
 
     A line is fitted to sign(a) D as a function of a, the distance of the image behind the lenslets. Planes on both
     sides of the native plane, where a = 0, then have the same slope. Neither a constant error of the depths nor the
-    blur of the edge affects the slope. Diameters that deviate by more than three times the median deviation have a
+    blur of the edge affects the slope. Diameters that deviate by more than three robust standard deviations have a
     lower weight.
 
     Parameters

@@ -194,7 +194,10 @@ def _count(found: OutlineFit, verdict: EdgeVerdict) -> CountFit:
 
 
 def curvature_error(fit: OutlineFit, edge: Edge, unit: float) -> float:
-    """Return the standard error of the blades' curvature, from the noise of the edge and from its blur."""
+    """Return the standard error of the blades' curvature, from the noise and the blur of the edge; NaN without blades.
+
+    ``unit`` is the factor by which variances of the fit are multiplied, its chi-square per degree of freedom.
+    """
     if not fit.blades:
         return math.nan
     noise = float(fit.covariance[CURVATURE, CURVATURE]) * unit
