@@ -158,8 +158,9 @@ class Goodness(NamedTuple):
 def goodness(patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, fields: F4, seed: int = 0) -> Goodness:
     """Return the goodness of fit of a frame.
 
-    What the volume and the dark field can change is projected out of the residual, and of white noise that is drawn to
-    find the expected value.
+    Components that changes of the volume or the dark fields can explain are projected out of the residual. The expected
+    value follows from simulated white noise with the same components projected out. ``seed`` is that of the noise; the
+    other parameters are those of `score_of`.
     """
     weight = frame.inverse_variance(scene.expected)
     images = _residual_and_noise(frame, scene, weight, seed)
@@ -171,7 +172,7 @@ def score_and_goodness(
 ) -> tuple[Score, Goodness]:
     """Return the score of a frame, and the goodness of fit after the step that the score proposes.
 
-    Both need one projection. Parameters are those of `score_of`; ``seed`` is that of the noise.
+    Both share one projection. The parameters are those of `score_of`; ``seed`` is that of the noise, as in `goodness`.
     """
     weight = frame.inverse_variance(scene.expected)
     images = _residual_and_noise(frame, scene, weight, seed)

@@ -74,9 +74,10 @@ def iter_watch(
     times
         Time of each frame; None: unknown.
     noise
-        Variance of a sample without light (counts²), and its increase per count of signal; None: as the frames state.
+        Variance of a sample without light (counts²), and its increase per count of signal; None: as stated by the
+        frames.
     rate
-        Probability of a false alarm in each test if H is valid.
+        Probability of a false alarm in each test if H is valid; above 0 and below 0.5.
     mean
         Number of consecutive frames to average before each test.
     contents
@@ -94,7 +95,8 @@ def iter_watch(
     Raises
     ------
     InputError
-        If no frame can be used, or the quiet frames are too few.
+        If no frame can be used, the quiet frames are too few, ``rate`` or ``mean`` is out of range, or the camera has
+        no lenslet lattice.
 
     Examples
     --------

@@ -19,12 +19,12 @@ NAMES = ("watch.csv", "watch.json", "watch.png")
 
 
 def watch_outputs(folder: Path) -> tuple[Path, ...]:
-    """Return the paths of the files that `write_watch` writes to ``folder``."""
+    """Return the paths of the table, the numbers and the plot that `write_watch` writes to ``folder``."""
     return tuple(folder / name for name in NAMES)
 
 
 def write_watch(found: DriftWatch, folder: Path) -> tuple[Path, ...]:
-    """Write table, numbers and plot of a watched series to ``folder``, and return the paths.
+    """Write the table, the numbers and the plot of a watched series to ``folder``, and return their paths.
 
     Raises
     ------

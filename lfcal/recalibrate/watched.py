@@ -113,11 +113,12 @@ class DriftWatch:
     moved
         Whether any of the means, or the mean of all frames, differs from the calibration.
     values, sigmas
-        Weighted mean drift of all used frames, or of the frames in ``significant`` means if there are any.
+        Weighted mean drift of all used frames, or of the frames in ``significant`` means if there are any, and its
+        standard deviations; units as in `WatchedFrame`.
     trends
         Trends of the three drifts; empty for fewer than three frames.
     rate
-        Probability of an alarm for each mean while H is valid; also that of the verdict.
+        Probability of a false alarm for each mean while H is valid. The probability of a false verdict is the same.
     threshold
         Threshold of T².
     noise_stated
@@ -153,7 +154,7 @@ class DriftWatch:
 
     @property
     def holds(self) -> bool | None:
-        """Whether H is still valid; None: H does not explain half of the frames, and their drift is unknown."""
+        """Whether H is still valid; None if no drift is found, but H leaves half of the frames or more unexplained."""
         if self.moved:
             return False
         measured = sum(one.goodness is not None for one in self.frames)

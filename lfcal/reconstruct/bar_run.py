@@ -37,7 +37,7 @@ MAPS = ("sigma", "kappa", "resolution")
 
 
 def bar_outputs(out: Path, *, regions: bool) -> tuple[Path, ...]:
-    """Return the paths of the volume ``out``, of its `MAPS`, and of the table of ``regions``, if there are some."""
+    """Return the paths of the volume ``out``, of its `MAPS` and, with ``regions``, of the table of regions."""
     suffix = (
         "".join(out.suffixes[-2:]) if out.name.lower().endswith((".ome.tif", ".ome.tiff", ".ome.zarr")) else out.suffix
     )
@@ -54,7 +54,7 @@ def iter_bars(
     how: RunChoice,
     details: Mapping[str, Any],
 ) -> Work[ErrorBars]:
-    """Reconstruct the frame of ``run`` with error bars, and write the files of `bar_outputs`.
+    """Reconstruct the frame of ``run`` with error bars, write the files of `bar_outputs`, and return the `ErrorBars`.
 
     Parameters
     ----------
@@ -67,14 +67,14 @@ def iter_bars(
     labels
         Image or stack of labels of regions, as in `iter_error_bars`. None: no regions.
     how
-        Executor of the runs, and treatment of runs left by an earlier one.
+        Executor of the work units, and treatment of results left by an earlier run.
     details
-        Additional entries of all files.
+        Additional metadata to store in all files.
 
     Raises
     ------
     InputError
-        If the iterations stop automatically, or the labels do not fit the volume.
+        If there are several frames, the iterations stop automatically, or the labels do not fit the volume.
     """
     check_bars(run.choice)
     targets_of(run.frames, out, None)  # checks the type of the file before anything is computed
@@ -98,7 +98,7 @@ def iter_bars(
 def bar_units(
     run: FrameRun, out: Path, settings: BootstrapSettings, regions: bool, how: RunChoice
 ) -> tuple[Unit, list[Unit]]:
-    """Return the unit of the volume, and those of the replicates, which read its file."""
+    """Return the work unit of the volume, and the units of the replicates, which read the file of the volume."""
     share = 1 if how.executor == "threads" else worker_count(how.workers)
     hints = {
         "memory": memory_for(run, share),
@@ -133,7 +133,7 @@ def bar_units(
 
 
 def do_volume(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Reconstruct the frame, as the task of a unit; the file contains the volume with its margin, and the noise."""
+    """Reconstruct the frame, as the task of a work unit; ``out`` stores the volume with its margin, and the noise."""
     runs = yield from _iter_runs(arguments, workers)
     clock = Clock("volume", (1 if SampleNoise.of(runs.choice) else 2) * runs.choice.iterations)
     made = yield from runs.iter_run(clock, 0, "")
@@ -143,9 +143,10 @@ def do_volume(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[Non
 
 
 def do_replicate(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Reconstruct a replicate, as the task of a unit.
+    """Reconstruct a replicate, as the task of a work unit.
 
-    The file contains reconstruction, object, and reconstruction without noise, if requested, one after another.
+    ``out`` stores the reconstruction, the object and, if requested, the reconstruction without noise, one after
+    another.
     """
     runs = yield from _iter_runs(arguments, workers)
     volume = load_volume(arguments["volume"])

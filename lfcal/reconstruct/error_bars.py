@@ -59,7 +59,10 @@ small. A larger weight makes the bars of isolated bright voxels too long.
 
 
 def student(level: float, count: int) -> float:
-    """Return the factor of sigma for the interval of probability ``level``, with sigma from ``count`` replicates.
+    """Return the factor by which sigma is multiplied for an interval of probability ``level``.
+
+    It is the quantile of Student's t distribution with ``count`` degrees of freedom, for a sigma that is estimated from
+    ``count`` replicates.
 
     Raises
     ------
@@ -104,7 +107,7 @@ class RegionSum:
     replicates: int
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Return the interval that contains the true sum with probability ``level`` (0 to 1); at least 0."""
+        """Return the ends of the interval that contains the true sum with probability ``level``; both at least 0."""
         half = student(level, self.replicates) * self.sigma
         return max(0.0, self.total - half), max(0.0, self.total + half)
 
@@ -153,18 +156,18 @@ class ErrorBars:
     notes: tuple[str, ...] = ()
 
     def interval(self, level: float = 0.95) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return lower and upper ends, ``(nz, Y, X)`` each, of intervals with probability ``level``; at least 0."""
+        """Return lower and upper ends ``(nz, Y, X)`` of the intervals of probability ``level`` (0 to 1), at least 0."""
         half = np.float32(student(level, self.replicates)) * self.sigma
         return np.maximum(self.volume - half, 0), np.maximum(self.volume + half, 0)
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
-        """Voxels about whose details nothing is known, ``(nz, Y, X)``."""
+        """Mask ``(nz, Y, X)``, True at voxels whose `kappa` exceeds `UNKNOWN`: nothing is known about their details."""
         return self.kappa > UNKNOWN
 
 
 def check_bars(choice: SolverChoice) -> None:
-    """Raise `InputError` if runs with ``choice`` stop by their data, because replicates would stop at other times."""
+    """Raise `InputError` unless ``choice`` fixes the number of iterations, which must be equal for all replicates."""
     if choice.auto or choice.tolerance > 0:
         setting, given = ("iterations", "auto") if choice.auto else ("tolerance", str(choice.tolerance))
         raise InputError.expected(
@@ -180,12 +183,12 @@ USUAL = SolverChoice("rl-nesterov", iterations=60)
 
 
 def check_labels(labels: ArrayLike | None, shape: tuple[int, int, int]) -> NDArray[np.int64] | None:
-    """Return ``labels`` for every voxel of a volume of ``shape`` ``(nz, Y, X)``; labels ``(Y, X)`` hold in all planes.
+    """Return ``labels`` for every voxel of a volume of ``shape`` ``(nz, Y, X)``; labels ``(Y, X)`` apply to all planes.
 
     Raises
     ------
     InputError
-        If the labels are no integers of at least 0, have another shape, or label no voxel.
+        If the labels are not integers of at least 0, have another shape, or label no voxel.
     """
     if labels is None:
         return None
@@ -208,12 +211,12 @@ def check_labels(labels: ArrayLike | None, shape: tuple[int, int, int]) -> NDArr
 
 
 def without_noise(k: int) -> bool:
-    """Return whether replicate ``k``, from 0, is also reconstructed without noise when there are regions."""
+    """Return whether replicate ``k`` (from 0) is also reconstructed without noise if there are regions."""
     return k % 3 == 0
 
 
 def runs_of(choice: SolverChoice, settings: BootstrapSettings, regions: bool) -> int:
-    """Return the number of reconstructions for error bars, including those of the frame and for unknown noise."""
+    """Return the number of reconstructions for error bars: of the frame, of replicates, and one for unknown noise."""
     quiet = sum(map(without_noise, range(settings.replicates))) if regions else 0
     return (1 if SampleNoise.of(choice) else 2) + settings.replicates + quiet
 
@@ -329,16 +332,16 @@ def iter_error_bars(
     labels: ArrayLike | None = None,
     imaging: Imaging | None = None,
 ) -> Work[ErrorBars]:
-    """Reconstruct ``image`` with the uncertainty of every voxel and of the sums over labelled regions.
+    """Reconstruct ``image``; return `ErrorBars` for every voxel and for the sums over labelled regions.
 
-    The cost is that of one reconstruction of ``choice`` for the volume, and one for each replicate. With ``labels``,
-    every third replicate is also reconstructed without noise, to find its contribution.
+    The number of reconstructions is one for the volume, one for each replicate, and one more if the noise is unknown.
+    With ``labels``, every third replicate is also reconstructed without noise, to find the contribution of the noise.
 
     Parameters
     ----------
     P
         Projector of H for the shape of the image, extended by the margin of ``choice`` on each side. If the noise of H
-        is known, each replicate is reconstructed with an H with other noise.
+        is known, each replicate is reconstructed with an H whose noise is simulated again.
     image
         Image ``(Y, X)`` in counts.
     choice
@@ -352,7 +355,8 @@ def iter_error_bars(
         Label of every voxel, ``(nz, Y, X)`` or ``(Y, X)`` for all planes: positive integers inside of regions, else 0.
     imaging
         Function that returns the projector of an H drawn from its uncertainty with a random generator, such as that of
-        a camera drawn from the covariance of a fit; it images one replicate. None: ``P`` images all replicates.
+        a camera drawn from the covariance of a fit. This projector images one replicate. None: ``P`` images all
+        replicates.
 
     Raises
     ------

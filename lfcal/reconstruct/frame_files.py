@@ -254,7 +254,7 @@ def saving(
     targets
         File of each frame's volume, by the frame's name.
     details
-        Additional entries of all files.
+        Additional metadata to store in all files.
     shape
         Shape ``(nz, Y, X)`` of a written volume.
     grid

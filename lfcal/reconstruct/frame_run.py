@@ -155,7 +155,7 @@ class FrameRun:
         out
             Path of the result; the results of finished frames are stored next to it until the run is complete.
         details
-            Additional entries of all files.
+            Additional metadata to store in all files.
         run
             Where and how to run the work units, one per frame. None: run in this thread.
         """

@@ -22,7 +22,7 @@ def usual_margin(period: tuple[int, int], cutout: tuple[int, int], shape: tuple[
 
     Two periods include most of the light that reaches a frame of ``shape`` from outside. The edges of the volume then
     have the correct brightness; without a margin, they are 1.3 times as bright. The margin is limited to half the
-    cutout and to an eighth of the frame; a margin of an eighth increases the computing time by half.
+    cutout and to an eighth of the longer side of the frame; a margin of an eighth increases the computing time by half.
     """
     return max(0, min(2 * max(period), (max(cutout) - 1) // 2, max(shape) // 8))
 
@@ -33,7 +33,13 @@ def widened(array: ArrayLike, margin: int, fill: float = 0.0) -> NDArray[Any]:
 
 
 def widened_start(volume: ArrayLike, margin: int, wanted: tuple[int, int, int]) -> NDArray[Any]:
-    """Return an initial volume of shape ``wanted`` ``(nz, Y, X)``; if it has no margin, its border is repeated."""
+    """Return an initial volume of shape ``wanted`` ``(nz, Y, X)``; a missing margin is filled with border values.
+
+    Raises
+    ------
+    InputError
+        If the volume has neither this shape nor that without the margin.
+    """
     start = np.asarray(volume)
     if start.shape == wanted:
         return start

@@ -46,7 +46,13 @@ PHANTOMS = ("points", "vesicle", "plume")
 
 
 def points(shape: Shape, positions: Iterable[tuple[int, int, int]], brightness: float = 1.0) -> NDArray[np.float64]:
-    """Return a volume of ``shape`` ``(nz, Y, X)``, dark except for ``brightness`` at ``positions`` (z, y, x)."""
+    """Return a volume of ``shape`` ``(nz, Y, X)`` that is zero except for ``brightness`` at ``positions`` (z, y, x).
+
+    Raises
+    ------
+    InputError
+        If a position is outside the volume.
+    """
     volume = np.zeros(shape)
     for position in positions:
         if not all(0 <= p < n for p, n in zip(position, shape, strict=True)):
@@ -122,6 +128,11 @@ def phantom(name: str, shape: Shape, seed: int = 0) -> NDArray[np.float64]:
     """Return the phantom ``"points"``, ``"vesicle"`` or ``"plume"``, a volume of ``shape`` ``(nz, Y, X)``.
 
     Details are scaled to the shape. ``seed`` is the random seed of the points and of the plume.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown.
     """
     if name == "points":
         rng = np.random.default_rng(seed)

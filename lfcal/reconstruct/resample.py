@@ -229,7 +229,7 @@ class Resampling:
 
         ``workers`` is the number of threads (None: all processors). Light is conserved: values are multiplied by the
         area of a pixel of the result in the frame. Pixels of the result outside the frame are 0. Pixels of the result
-        that depend on a NaN or infinite pixel are NaN.
+        near a NaN or infinite pixel of the frame are NaN, as in `inside`.
         """
         from scipy.ndimage import distance_transform_edt, map_coordinates, spline_filter
 
@@ -265,7 +265,7 @@ class Resampling:
         """Return the weights (0 or 1) of the pixels of the result, ``(rows, columns)``.
 
         They are 1 inside a frame of ``shape``. With a ``mask`` of that shape, they are 1 only where the mask is True at
-        all pixels of the frame that contribute.
+        the four surrounding pixels of the frame.
         """
         rows, columns = np.mgrid[: self.shape[0], : self.shape[1]]
         row, column = self.places(rows, columns)
@@ -302,8 +302,8 @@ def resampling_for(
     """Return the map that resamples frames of ``shape`` to the period of ``H``; None if they can be used unchanged.
 
     Frames can be used unchanged if the lattice drifts by at most `MOST_DRIFT` (px) over the frame, if the lattice is
-    unknown, or if ``light_field`` states so. Create the projector with the map's ``shape`` and
-    ``anchor(lattice_anchor_of(H))``.
+    unknown, or if ``placed`` is not empty. If ``light_field`` states whether to resample, that applies. Create the
+    projector with the map's ``shape`` and ``anchor(lattice_anchor_of(H))``.
 
     Parameters
     ----------
@@ -364,7 +364,13 @@ def _known_resampling(
 
 
 def resampling_of(H: Any, light_field: LightFieldSettings) -> Resampling:
-    """Return the map from frames to H's period, based on a measured lattice, the white image, or H's camera."""
+    """Return the map from frames to H's period, from the measured lattice, else the white image, else H's camera.
+
+    Raises
+    ------
+    InputError
+        If none of them is known, or the lattice is not of the kind of H's camera.
+    """
     from lfcal.frames.corrections import read_average
     from lfcal.lattice import fit_lattice, load_lattice
 

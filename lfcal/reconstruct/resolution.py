@@ -116,7 +116,7 @@ def iter_two_point(
     seed: int | None = 0,
     limit: float = RAYLEIGH_DIP,
 ) -> Work[tuple[TwoPoint, ...]]:
-    """Measure the resolution in each plane by reconstructing pairs of points along x.
+    """Reconstruct pairs of points along x in each plane, and return a `TwoPoint` for each plane.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def iter_two_point(
     seed
         Seed of the Poisson noise. None: no noise.
     limit
-        Largest dip, as in `TwoPoint.dips`, of points that count as resolved (0.735: the Rayleigh criterion).
+        Points count as resolved if their dip (see `TwoPoint.dips`) is below this limit (0.735: the Rayleigh criterion).
 
     Examples
     --------

@@ -105,7 +105,7 @@ def iter_series(
     warm: bool = False,
     missing: Callable[[str], None] | None = None,
 ) -> Work[tuple[FrameResult, ...]]:
-    """Reconstruct each frame, and pass the result to ``save``.
+    """Reconstruct each frame, pass the result to ``save``, and return a `FrameResult` for each.
 
     If one of several frames is damaged or has no light, its `FrameResult` states the reason, and the run continues with
     the next frame. Progress is counted in iterations over the entire series.
@@ -125,7 +125,7 @@ def iter_series(
     weights
         Weight of each pixel, ``(Y, X)``, not negative, for all frames. None: 1.
     warm
-        Whether to start each frame from the volume of the previous one, which needs fewer iterations if the object
+        Whether to start each frame from the volume of the previous one. Fewer iterations are then needed if the object
         hardly changes between frames. With multiplicative solvers, voxels that became zero stay zero.
     missing
         Function that is called with the name of each frame without a volume, instead of ``save``.

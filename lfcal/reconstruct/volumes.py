@@ -583,8 +583,8 @@ def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
 def load_labels(path: str | os.PathLike[str], depths_um: NDArray[np.float64] | None) -> NDArray[np.float32]:
     """Read labels ``(nz, Y, X)`` that were drawn on a volume with planes at ``depths_um`` (µm; None: unknown).
 
-    A stack that another program wrote as TIFF or OME-Zarr has the planes from the smallest depth to the largest, like
-    the volume on which it was drawn; they are returned in the order of ``depths_um``.
+    A stack that another program wrote as TIFF or OME-Zarr has its planes in ascending order of depth, like the volume
+    on which it was drawn. The planes are returned in the order of ``depths_um``.
 
     Raises
     ------

@@ -384,7 +384,7 @@ _KNOWN: dict[type, tuple[FieldRow, ...]] = {}
 
 
 def rows(kind: type) -> tuple[FieldRow, ...]:
-    """Return the fields of the record class ``kind`` and of its nested records, in order."""
+    """Return the fields of the record class ``kind`` and of its nested records, in the order of declaration."""
     if kind not in _KNOWN:  # a dictionary, because mypy does not know that the type is hashable
         _KNOWN[kind] = tuple(_rows(kind, (), "", ()))
     return _KNOWN[kind]
@@ -485,7 +485,7 @@ def check_record(whole: Any) -> None:
 
 
 def check_needs(known: tuple[FieldRow, ...], values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
-    """Raise `InputError` for the first value that has no effect because another field is not set.
+    """Raise `InputError` for the first value that has no effect because of the value of another field.
 
     ``values`` maps field names to values. A value equal to its default counts as not set, unless the chosen kind of
     record lacks the field.

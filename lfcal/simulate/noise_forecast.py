@@ -193,7 +193,7 @@ class ScanChoice:
 
 
 def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Forecast) -> tuple[ScanChoice, ...]:
-    """Return combinations of exposure and averaging for a plan, fastest first, including those of the plan itself.
+    """Return combinations of exposure and averaging for a plan, fastest first, including that of the plan itself.
 
     Shorter exposures are faster, but the brightest pixel then reaches a smaller fraction of the full well, because the
     source is equally bright. The longest exposure is that at which the brightest pixel reaches 0.8 of the full well

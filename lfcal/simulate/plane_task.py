@@ -69,7 +69,7 @@ def tolerance_for(effects: object, tolerance: float | None) -> float:
 
 
 def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float | None) -> Budget:
-    """Return the budget for the given effects, the effects that a selection has on, or those that ``"auto"`` selects.
+    """Return the budget for the given effects, for those that a selection contains, or for those of ``"auto"``.
 
     For given effects, the error of omitted effects is 0. ``tolerance`` is as in `tolerance_for`.
     """
@@ -141,7 +141,7 @@ class PlaneTask:
     sampling: Sampling | None
 
     def compute(self, out: NDArray[np.float32], workers: int | None) -> Work[Computed]:
-        """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, which must contain zeros."""
+        """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, which must contain zeros; return its `Computed`."""
         begun, cpu, meter, count = time.perf_counter(), time.process_time(), Meter(), worker_count(workers)
         with meter.running():
             response = PlaneResponse(

@@ -61,7 +61,7 @@ class Pass:
 def passes_for(tolerance: float, level: str = "auto") -> tuple[Pass, ...]:
     """Return the passes for a tolerance: first rays, then tolerances that decrease by factors of about 3.
 
-    All passes except the last are fast.
+    All passes except the last are fast. For the level ``"geometric"``, there is one pass.
     """
     check_number("tolerance", tolerance, above=0, at_most=4, remedy="0.03 is usual")
     if level == "geometric":
@@ -84,7 +84,7 @@ def iter_refine_psf(
     on_pass: Callable[[PSFMatrix], None] | None = None,
     run: RunChoice | None = None,
 ) -> Work[PSFMatrix]:
-    """Simulate H with increasing accuracy in several passes, and write each result to a file.
+    """Simulate H with increasing accuracy in several passes, write each result to a file, and return the last H.
 
     After each pass, a complete H replaces the previous one atomically. The file states the error that each plane
     reached. Progress is counted in source rows. Closing the generator stops the simulation; the result of the last

@@ -89,11 +89,11 @@ class PlaneResponse:
 
     @property
     def sampling_used(self) -> dict[str, Any] | None:
-        """Return the sampling of the engines created so far, as plain JSON types; None if no engine ran."""
+        """Sampling of the engines created so far, as plain JSON types; None if no engine was created."""
         return None if self.settled is None else asdict(self.settled)
 
     def record(self) -> dict[str, Any]:
-        """Return the engine that ran, its sampling, and the samples on a side of its grids, as plain JSON types."""
+        """Return the name of the ``engine`` that ran, its ``sampling`` and its ``grid_side``, as plain JSON types."""
         used = next(iter(self._engines.values()), None)
         level = self.level if used is None else used.level
         # the name that the level has in commands

@@ -295,12 +295,13 @@ class Scene:
         Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position, on the sensor's scale; the pixels do not move.
         None: no displacement.
     image_map
-        Displacement of every image from its paraxial position, as a function of that position on the sensor, after
-        offsets.
+        Displacement of every image from its paraxial position, as a linear function of that position on the sensor,
+        after offsets: for dy and for dx, the constant (µm) and the factors of y and x. None: no displacement.
     tilt
         Tilt (y, x) of the array: increase of the gap per µm from the middle of the period.
     defects
-        Lenslets with lower transmission, by their position in ``lattice`` (rows r, columns q).
+        Lenslets with lower transmission: tuples of the row r and the column q in ``lattice``, and the fraction of light
+        transmitted.
     lenslet_waves
         Spherical aberration W040 of the lenslets (waves), at the rim of the clear diameter.
     type_waves
@@ -501,7 +502,7 @@ class Scene:
         return math.inf if near == 0 else 1.0 - self.reduced_gap_um / near - self.lens_curvature(kind)
 
     def nearest_pixel(self, y_um: float, x_um: float) -> tuple[int, int]:
-        """Return the pixel (row, column), relative to source position (0, 0), that a chief ray meets."""
+        """Return the pixel (row, column) of a chief ray's sensor point (µm), relative to source position (0, 0)."""
         # floor(v + 0.5) instead of round(), so that halves are always rounded up
         return math.floor(y_um / self.row_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
 

@@ -55,7 +55,7 @@ class Simulation(PlaneSource):
         self.header = header_of(plan, {**self.provenance(), **(provenance or {})})
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Compute plane ``z`` and yield the progress in rows."""
+        """Compute and return plane ``z``, yielding the progress in rows; see `PlaneSource.iter_plane`."""
         return (yield from TaskPlane(self.task(z)).iter_plane(z, zeros, workers, alone=alone))
 
     def reopening(self, z: int, stored: Stored) -> Reopening | None:
@@ -90,13 +90,13 @@ class TaskPlane(PlaneSource):
         self.task, self.header = task, header_of(task.plan, {})
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Compute the plane and yield the progress in rows."""
+        """Compute and return the plane, yielding the progress in rows; see `PlaneSource.iter_plane`."""
         plan, values = self.task.plan, zeros()
         made = yield from self.task.compute(values, workers)
         return Plane(values, Facts.of(plan.period, plan.cutout, error=made.error), simulated=made.record)
 
     def reopening(self, z: int, stored: Stored) -> Reopening:
-        """Return the plane's task as plain lists and numbers."""
+        """Return the description from which another process can compute the plane, as plain JSON types."""
         task, stepped = self.task, stored.store_tolerance is not None
         values = {
             "plan": task.plan.to_dict(),

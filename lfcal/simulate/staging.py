@@ -63,7 +63,8 @@ def scene_of(
     z_um, virtual_depth
         Object depth of the plane (µm), or its virtual depth; without either, the native plane.
     cutout, period
-        Pixels ``(nt, ns)`` of a response, and source positions ``(ny, nx)``. None: the camera's period, rounded.
+        Pixels ``(nt, ns)`` of a response, and number of source positions ``(ny, nx)``; as the period, None means that
+        of the camera, rounded.
     anchor_px
         Source position (0, 0), (y, x) in pixels relative to the centre of a type-0 micro-image.
     gap_um
@@ -150,7 +151,7 @@ def outlook_of(plan: ScanPlan, z: int, *, peak: float = 0.8) -> Outlook:
 
 
 def origin_of(plan: ScanPlan) -> tuple[int, int, float, float]:
-    """Return the pixel (row, column) of position (0, 0), and its chief ray's offset from the pixel's centre (px)."""
+    """Return the pixel (row, column) of position (0, 0), and the offset (y, x) of its chief ray from it (px)."""
     row, column = (math.ceil(v - 0.5) for v in plan.anchor)
     return row, column, plan.anchor[0] - row, plan.anchor[1] - column
 

@@ -92,7 +92,7 @@ def parse_display(text: str) -> Display | None:
 
 
 def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = None) -> Work[TargetPlan]:
-    """Plan which pixels of a display are lit in each frame, so that few frames show all phases of a scan.
+    """Return a plan of the display pixels to light in each frame, so that few frames show all phases of a scan.
 
     Points and offsets are whole pixels of the display. If the image of a pixel is large compared with the tolerance,
     some phases cannot be shown; `TargetPlan.coverage` returns the fraction shown. ``wishes`` are the limits for the

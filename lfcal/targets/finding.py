@@ -37,6 +37,8 @@ NEAR = 0.3
 def refined_basis(pixels: Array, basis: Array) -> Array:
     """Return the two lattice vectors ``(2, 2)`` of the spots that are closest to the expected vectors ``basis``.
 
+    Vectors and the positions ``pixels`` ``(n, 2)`` of the spots are (row, column) in px.
+
     Raises
     ------
     InputError
@@ -69,7 +71,8 @@ def refined_basis(pixels: Array, basis: Array) -> Array:
 def lattice_labels(pixels: Array, basis: Array) -> tuple[Index, NDArray[np.bool_]]:
     """Return the lattice positions ``(n, 2)`` of spots, and a mask of the spots that have one.
 
-    Each spot is labelled relative to a labelled neighbour, the most certain step first, so that labels follow tilt and
+    The positions ``pixels`` ``(n, 2)`` of the spots and the lattice vectors ``basis`` are (row, column) in px. Each
+    spot is labelled relative to a labelled neighbour, the most certain step first, so that labels follow tilt and
     distortion. Spots between lattice positions, or at an occupied one, have no label.
     """
     n = len(pixels)
@@ -152,7 +155,7 @@ class Match:
 
     @property
     def score(self) -> int:
-        """Score of the agreement between spots and holes; larger is better."""
+        """Score of the agreement between spots and holes, ``hits - misses - 2 extra``; larger is better."""
         return self.hits - self.misses - 2 * self.extra
 
 

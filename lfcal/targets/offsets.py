@@ -92,11 +92,11 @@ class OffsetSearch:
         add_squares(self.counts, self.corner[positions].reshape(-1, 2), SIDE, weight)
 
     def remove(self, positions: Index) -> None:
-        """Remove positions from the counts, because they have been shown."""
+        """Remove the positions that have been shown, given by their row-major indices, from the counts."""
         self._add(positions, -1)
 
     def best(self, missing: NDArray[np.bool_]) -> tuple[Array, Index]:
-        """Return the offset (rows, columns; pixels) that shows the most missing positions, and these positions."""
+        """Return the offset (rows, columns; pixels) that shows the most missing positions, and the indices of these."""
         flat = self.counts.reshape(-1)
         best, shown, left = np.zeros(2), np.zeros(0, np.intp), TRIED
         level = int(flat.max())
@@ -202,7 +202,7 @@ class Covering:
 
 
 def iter_cover(phases: Phases, images: HoleImages, tolerance_px: float, *, most: int | None = None) -> Work[Covering]:
-    """Return few offsets, within one period, with which a target shows every phase that it can show.
+    """Return a `Covering` of few offsets, within one period, with which a target shows every phase that it can show.
 
     If all columns have the same row phases, and all rows the same column phases, the axes are separable: all
     combinations of a few row offsets and column offsets show all phases. Otherwise, or if this requires many frames,

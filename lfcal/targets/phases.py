@@ -66,7 +66,7 @@ class Phases:
         return self.plan.period[0] * self.plan.period[1]
 
     def cells(self, pixels: ArrayLike) -> Array:
-        """Return sensor pixels ``(..., 2)`` as cells (y, x) from the anchor."""
+        """Return the positions of sensor pixels ``(..., 2)`` relative to the anchor, (y, x) in cells."""
         camera = self.plan.camera
         index = self.lattice.lenslet_at(camera.sensor_um(pixels))
         start = self.lattice.lenslet_at(camera.sensor_um(self.plan.anchor))

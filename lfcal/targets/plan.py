@@ -356,7 +356,7 @@ class TargetPlan:
 
     @classmethod
     def from_json(cls, text: str) -> TargetPlan:
-        """Return the plan described by JSON ``text``."""
+        """Return the plan described by JSON ``text``; the errors are those of `from_dict`."""
         return cls.from_dict(parse_json(text, "plan of a target"))
 
 

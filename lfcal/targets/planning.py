@@ -63,12 +63,13 @@ class Proposal:
 
 
 def proposed_axis(phases: Phases, axis: int, least_px: float, tolerance_px: float) -> Proposal:
-    """Return the pitch of images along an axis that needs the fewest frames; of equals, the one with the most holes.
+    """Return the pitch of images along ``axis`` that needs the fewest frames; of equals, the one with the most holes.
 
     Holes that are p pixels apart, p an integer, show the phases 0, p, 2p … modulo the period, and all phases if p and
     the period have no common divisor. The array's period is not an integer, so each cycle leaves a residual. The pitch
     is therefore a whole number of periods plus a few whole pixels (a vernier). Neighbouring holes show equally spaced
-    phases, and a target covers the period at most once.
+    phases, and a target covers the period at most once. ``axis`` is 0 for rows or 1 for columns; the other arguments
+    are as in `proposed_target`.
     """
     plan, length, count = phases.plan, float(phases.period[axis]), phases.plan.period[axis]
     # offsets extend half a period in either direction, plus a pixel for rounding
@@ -101,7 +102,8 @@ def proposed_target(
     """Return the array of holes, parallel to the sensor, that shows all phases of plane ``z`` with the fewest frames.
 
     The pitches of its rows and columns differ: the period of a hexagonal array is wider than high by an irrational
-    factor, and no single pitch suits both.
+    factor, and no single pitch suits both. The second result contains the `Proposal` for the rows and that for the
+    columns.
 
     Parameters
     ----------
@@ -351,7 +353,7 @@ def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: flo
 
 
 def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) -> Work[TargetPlan]:
-    """Plan positions of ``target`` at which its holes show all phases of ``scan`` in few frames.
+    """Return a plan of the positions of ``target`` at which its holes show all phases of ``scan`` in few frames.
 
     Each plane is planned separately, because its magnification differs. The stated pose is assumed to be exact; for an
     uncertain pose, see `shown_within`. ``wishes`` are the limits for the plan (None: the defaults).

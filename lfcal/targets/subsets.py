@@ -61,7 +61,7 @@ def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64
 
 
 def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | None = None) -> CodingVerdict | None:
-    """Return whether showing coded sums of frames reduces noise; None if frames are too few or there is one hole.
+    """Return a verdict on whether showing coded sums of frames reduces noise; None for one hole or too few frames.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class MatrixTask(Task):
     mat_order: str = mat_order_field(needs=("", ".mat"))
 
     def opened(self) -> PSFMatrix:
-        """Open H, and report how a file of another code was read."""
+        """Open H, and report how a file written by other software was read."""
         return open_matrix(self.source, mat_order=self.mat_order)
 
 
@@ -89,7 +89,7 @@ def with_task(task: Task, *matrices: PSFMatrix) -> dict[str, Any]:
 
 
 def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: bool = False) -> PSFMatrix:
-    """Open an H file, and report how a file of another code was read.
+    """Open an H file, and report how a file written by other software was read.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def open_matrix(path: Path, *, region: str = "", mat_order: str = "", quiet: boo
 
 
 def note_opened(matrix: PSFMatrix) -> None:
-    """Report how the file of H was read, if another code wrote it."""
+    """Report how the file of H was read, if other software wrote it."""
     from lfcal.psf import opening_notes
 
     for one in opening_notes(matrix):

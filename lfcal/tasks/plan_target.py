@@ -37,7 +37,7 @@ class TargetPlanned(Planned):
     """The plan of a target, compared with the scan of a single point.
 
     ``verdict`` states whether showing the points of several frames at once, in coded frames, reduces noise. None: there
-    are too few frames.
+    are too few frames or holes.
     """
 
     plan: TargetPlan

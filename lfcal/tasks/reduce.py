@@ -33,7 +33,7 @@ class ReducedFile(TaskResult):
 
     @property
     def bound(self) -> Any:
-        """Largest fraction (L1) that a pattern of each plane loses by truncation, by rounding, and in total."""
+        """Largest relative L1 error of patterns, ``(nz, 3)``: due to truncation, due to rounding, and in total."""
         return self.matrix.facts.known()["bound"]
 
     @property

@@ -162,7 +162,7 @@ def seal_of(path: Path) -> str:
 
 
 def file_name(unit: Unit, fingerprint: str) -> str:
-    """Return the name of the file that a unit writes."""
+    """Return the name of the file that a unit writes: the name of the unit, its ``fingerprint`` and its suffix."""
     plain_name = "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "-" for c in unit.name)
     return f"{plain_name}.{fingerprint}{unit.suffix}"
 

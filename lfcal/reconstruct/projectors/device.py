@@ -143,7 +143,7 @@ def _namespace(library: str) -> Any:
 
 
 def device_count(library: str) -> int:
-    """Return the number of accelerators that a library in `LIBRARIES` can use; 0 if it is not installed."""
+    """Return the number of accelerators that a library in `LIBRARIES` can use; 0 if it cannot be loaded."""
     if importlib.util.find_spec(library) is None or importlib.util.find_spec("array_api_compat") is None:
         return 0
     try:

@@ -364,7 +364,7 @@ class FieldProjector(Projector):
 
     @property
     def rounding(self) -> float:
-        """Rounding error of projected values, relative to the largest one; do not divide by values below it."""
+        """Rounding error of projected values as a fraction of the largest value; do not divide by smaller values."""
         return max(part.projector.rounding for part in self._parts)
 
     def operand_bytes(self) -> int:

@@ -70,9 +70,10 @@ class ProjectionProblem:
     read_s
         Time to read one plane of H (s).
     kept
-        Mapping from the node spacing of a reduced H to its fraction of stored entries; empty without a tolerance.
+        Mapping from the node spacing of a reduced H to the fraction of its entries that are stored; empty without a
+        tolerance.
     tiles
-        Requested tiles. None: tiles are chosen.
+        Requested tiles. None: the forecast chooses them.
     noisy
         Whether the noise of H is known; planes are then also stored with reduced noise while they are read.
     """
@@ -121,7 +122,7 @@ class ProjectionForecast:
     plan
         Division of the image into tiles by the chosen method; None for methods without tiles.
     band
-        Number of rows of tiles that are processed together.
+        Number of rows of tiles that are processed together; None for methods without tiles.
     options
         Forecasts of all examined methods.
     memory_limit
@@ -163,7 +164,8 @@ Option = tuple[Cost, TilePlan | None, int | None]
 def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> ProjectionForecast:
     """Return the fastest method for ``problem`` within ``memory_limit`` bytes, with the costs of all examined methods.
 
-    All methods are examined if ``method`` is ``"auto"``, otherwise only ``method`` (see `Projector`).
+    If ``method`` is ``"auto"``, all methods that may be the fastest are examined, otherwise only ``method`` (see
+    `Projector`).
 
     Raises
     ------
@@ -382,7 +384,7 @@ def _polyphase(problem: ProjectionProblem, limit: int) -> list[Option]:
 
 
 def tile_counts(cells: int, reach: int) -> list[int]:
-    """Return the numbers of tiles to compare along an axis of ``cells`` cells, for patterns that extend ``reach``."""
+    """Return the numbers of tiles to compare along an axis of ``cells`` cells; ``reach`` is as in `Grid.reach`."""
     # sizes grow by sqrt(2): finer steps change the estimate by less than its error
     sizes = {max(1, round(max(1, reach) * 2 ** (k / 2))) for k in range(-2, 16)}
     return sorted({1, *(-(-cells // v) for v in sizes if v < cells and v + 2 * reach <= 512)})

@@ -25,7 +25,7 @@ def anchor_pixel(anchor: tuple[float, float], *, hair: float = 0.0) -> Pair:
     Raises
     ------
     InputError
-        If the anchor is not a valid position.
+        If a coordinate is not a number, or its magnitude exceeds `FARTHEST`.
     """
     for value in anchor:
         check_number("anchor (pixels)", value, at_least=-FARTHEST, at_most=FARTHEST)
@@ -78,12 +78,12 @@ class Grid:
 
     @cached_property
     def centre(self) -> Pair:
-        """Centre pixel of the cutout."""
+        """Index (row, column) of the centre pixel of the cutout."""
         return centre(self.cutout[0]), centre(self.cutout[1])
 
     @cached_property
     def reach(self) -> Pair:
-        """Number of cells (down, across) by which a pattern extends to either side, less than the number of cells."""
+        """Number of cells (down, across) by which a pattern extends to either side, at most one less than `cells`."""
         y, x = ((c + n - 1) // n for c, n in zip(self.centre, self.period, strict=True))
         # a pattern wider than the lattice cannot reach beyond it
         return min(y, self.cells[0] - 1), min(x, self.cells[1] - 1)
@@ -99,7 +99,10 @@ class Grid:
         return self.image_shape[0] * self.image_shape[1]
 
     def pack(self, plane: NDArray[Any], dtype: Any, *, before: Pair = (0, 0), after: Pair = (0, 0)) -> NDArray[Any]:
-        """Return ``plane`` padded to complete cells, ``(Ly*ny, Lx*nx)``, plus ``before`` and ``after`` zero pixels."""
+        """Return ``plane`` as ``dtype``, zero-padded to complete cells ``(Ly*ny, Lx*nx)``.
+
+        ``before`` and ``after`` are the numbers (rows, columns) of further zero pixels at the start and at the end.
+        """
         (ny, nx), (cy, cx), (oy, ox) = self.period, self.cells, self.origin
         # zeros around the image, so that patterns of positions outside of it project to nothing
         out = np.zeros((before[0] + cy * ny + after[0], before[1] + cx * nx + after[1]), dtype)
@@ -108,7 +111,7 @@ class Grid:
         return out
 
     def unpack(self, packed: NDArray[Any], *, before: Pair = (0, 0)) -> NDArray[Any]:
-        """Return the image in ``packed`` as a view (inverse of `pack`)."""
+        """Return the image in ``packed`` as a view (inverse of `pack`, with the same ``before``)."""
         top, left = before[0] + self.origin[0], before[1] + self.origin[1]
         return packed[top : top + self.image_shape[0], left : left + self.image_shape[1]]
 

@@ -192,7 +192,7 @@ class Projector:
 
     @property
     def rounding(self) -> float:
-        """Rounding error of projected values, relative to the largest one; do not divide by values below it."""
+        """Rounding error of projected values as a fraction of the largest value; do not divide by smaller values."""
         return self._engine.rounding
 
     @property
@@ -246,7 +246,7 @@ class Projector:
         return part
 
     def forecast(self) -> ProjectionForecast:
-        """Return the predicted time and memory of the method in use and of all other methods on this computer."""
+        """Return the predicted time and memory on this computer of the method in use and of the others examined."""
         return self._forecast
 
     # -- the pair --------------------------------------------------------------------------------------
@@ -275,7 +275,7 @@ class Projector:
         return self._engine.adjoint(image, self._each_operand())
 
     def subset(self, phases: ArrayLike) -> Projector:
-        """Return a projector for only the image phases where the mask ``phases`` ``(ny, nx)`` is True.
+        """Return a projector restricted to the image phases at which the mask ``phases`` ``(ny, nx)`` is True.
 
         It uses the same method, and is created only once for each mask. If the prepared planes do not depend on the
         phases, it shares them with this projector.

@@ -22,7 +22,7 @@ SHARE = 0.1
 
 
 def plane_threads(planes: int, plane_bytes: int) -> int:
-    """Return the number of planes to process simultaneously: one per thread, if planes are large and memory allows."""
+    """Return the number of planes to process at once: 1 for small planes, else one per thread if memory allows."""
     if plane_bytes < LEAST:
         return 1
     room = int(SHARE * free_memory()) // max(1, UPDATING * plane_bytes)
@@ -41,7 +41,7 @@ def box_mean(plane: NDArray[Any], window: tuple[int, int]) -> NDArray[Any]:
 
 
 def separable(plane: NDArray[Any], kernel: NDArray[np.float64]) -> NDArray[Any]:
-    """Return ``plane`` ``(Y, X)`` filtered with an odd, symmetric ``kernel`` along both axes, with zeros outside."""
+    """Return ``plane`` ``(Y, X)`` filtered with an odd, symmetric ``kernel`` along both axes; values outside are 0."""
     from lfcal.base import cv2
 
     found: NDArray[Any] = cv2.sepFilter2D(plane, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT)

@@ -41,9 +41,10 @@ def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
     """Return the distance between independent samples in each plane at ``depths`` (µm), in voxels (image pixels).
 
     ``camera`` is a `lfcal.camera.Camera`, as in `PSFMatrix.camera`. At virtual depth v, corresponding pixels under
-    neighbouring lenslets image points that are ``p/|v|`` apart, where p is the pitch. The lenslet's blur ``p/2 |1/vf -
-    1/v|`` is subtracted. Near the native plane, the distance is p (Stefanoiu et al. 2019, equations 8-10, written with
-    v). Of several lens types, the one in focus is used.
+    neighbouring lenslets image points that are ``p/|v|`` apart, where p is the pitch. A lenslet that is in focus at
+    virtual depth vf has the blur ``p/2 |1/vf - 1/v|``. The result is twice the absolute difference of the two, at most
+    p (Stefanoiu et al. 2019, equations 8-10, written with v). Up to virtual depth 1, it is p. Of several lens types,
+    the one with the smallest blur is used.
     """
     if not camera.has_lattice:  # every pixel is a sample
         return np.ones(np.size(depths))

@@ -65,7 +65,7 @@ class MachineSpeed:
 
     @property
     def measured(self) -> bool:
-        """Whether the speed is known without a measurement."""
+        """Whether the speed is already known, so that `rate` measures nothing."""
         return self._rate > 0
 
     def rate(self) -> float:
@@ -77,7 +77,7 @@ class MachineSpeed:
             return self._rate
 
     def ratio(self, engine: str) -> float:
-        """Return the median ratio of measured to forecast time of the last planes of an engine; 1 without any."""
+        """Return the median ratio of measured to forecast time of the last planes of an engine; 1 without any plane."""
         known = self._ratios.get(engine)
         if not known:
             return 1.0

@@ -93,10 +93,10 @@ def _ratio(outlook: Outlook, level: str, traits: Traits | None) -> float:
 
 
 def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03, traits: Traits | None = None) -> float:
-    """Return the estimated CPU-seconds of one plane on this machine, including tables and probe, at a level.
+    """Return the estimated CPU-seconds of one plane at a level on this machine, including tables and probe.
 
-    The levels are those of `lfcal.simulate.engines.base.LEVELS`; ``traits`` are those of the effects, by default of an
-    ideal camera.
+    The levels are those of `lfcal.simulate.engines.base.LEVELS`. ``tolerance`` is the allowed relative L1 error.
+    ``traits`` are those of the effects, by default of an ideal camera.
     """
     if isinstance(outlook, PupilOutlook) or level in ("geometric", "reference"):
         seconds = few_seconds(outlook, level, tolerance, math.prod(outlook.period))
@@ -105,7 +105,7 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03, traits
 
 
 def step_seconds(outlook: Outlook, level: str, traits: Traits | None = None) -> tuple[tuple[float, float], ...]:
-    """Return expected error and CPU-seconds on this machine of a plane with each of the `efficient_steps`."""
+    """Return the expected error and the CPU-seconds on this machine of a plane with each of the `efficient_steps`."""
     factor, steps = _slowness() * _ratio(outlook, level, traits), _steps(outlook, level, traits)
     values = PER_PLANE + PER_VALUE * math.prod(outlook.period) * outlook.pixels
     return tuple(

@@ -175,7 +175,7 @@ def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
 
 
 def timed_plane(response: PlaneResponse) -> tuple[float, float]:
-    """Return the CPU-seconds of the tables and of all positions of a plane, whose probe has run.
+    """Return the CPU-seconds of the tables and those of all positions of a plane whose probe has run.
 
     As in the plane itself, the sampling is refined if the energy does not balance at a position.
     """
@@ -211,7 +211,7 @@ def plane_seconds(engine: PlaneEngine) -> float:
 
 
 def engine_clock() -> float:
-    """Return the CPU-seconds of this thread, without the loading of kernels, which happens once per process."""
+    """Return the CPU time of this thread (s), without that for loading kernels, which happens once per process."""
     return time.thread_time() - preparing_seconds()
 
 

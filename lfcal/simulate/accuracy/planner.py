@@ -164,7 +164,7 @@ class EffectSelection:
         return tuple(row.effect for row in self.rows if row.planes[k])
 
     def row(self, name: str) -> PlannedEffect:
-        """Return the row of the effect with the name ``name``."""
+        """Return the row of the effect with the name ``name``; unknown names raise `InputError`."""
         for row in self.rows:
             if row.name == name:
                 return row

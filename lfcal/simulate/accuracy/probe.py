@@ -136,7 +136,7 @@ def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False)
 
 
 def balanced(scene: AnyScene, level: str, sampling: Sampling) -> tuple[PlaneEngine, Responses, Sampling]:
-    """Return an engine whose energy balances, its responses at a few positions, and its sampling."""
+    """Return an engine whose energy balances, its responses at a few positions, and its sampling, refined if needed."""
     ys, xs = places(scene)
     for attempt in range(RETRIES + 1):
         engine = engine_for(scene, level, sampling)

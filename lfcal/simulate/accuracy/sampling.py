@@ -224,9 +224,9 @@ def steps_for(
 
 
 def comparison(steps: Sequence[LevelSampling], step: LevelSampling) -> tuple[LevelSampling, float] | None:
-    """Return the step on one grid with which ``step`` is compared first, and the fraction of its error that shows.
+    """Return the step on a grid with which ``step`` is compared first, and the fraction of its error that this reveals.
 
-    ``steps`` are those of the scene; the fraction is that of samplings on a grid, and 1 for windows.
+    ``steps`` are those of the scene. The fraction is 1 for windows. None: no step of ``steps`` is suitable.
     """
     grids = [one for one in steps if one.level == "grid"]
     if step.level == "wave":
@@ -309,7 +309,7 @@ def _pixel_um(described: Scene | Outlook) -> float:
 
 
 def tilt_orders(described: Scene | Outlook, reach_um: float) -> int:
-    """Return the number of fields needed for a tilted array; 1 without tilt."""
+    """Return the number of fields needed for a tilted array, for lenslets within ``reach_um`` (µm); 1 without tilt."""
     if not isinstance(described, Scene) or described.tilt == (0.0, 0.0):
         return 1
     from lfcal.simulate.engines import orders_of  # compiled code: loaded only when it is needed
@@ -345,7 +345,7 @@ def _margin_px(margin: float, fringes: Fringes) -> int:
 
 
 def finer(sampling: Sampling) -> Sampling:
-    """Return the next finer sampling: one more node per pixel, and samples for a window a quarter wider."""
+    """Return the next finer sampling: one more node per pixel, and a margin that is 3 px wider, up to the limits."""
     return replace(
         sampling, nodes_per_px=min(32, sampling.nodes_per_px + 1), margin_px=min(WIDEST, sampling.margin_px + 3)
     )

@@ -363,7 +363,7 @@ class LightEffect(Effect):
 
     @abstractmethod
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
-        """Replace each sample by several source points or wavelengths; the sum of the weights is unchanged."""
+        """Return several points or wavelengths for each of ``samples``; the sum of the weights is unchanged."""
 
     def runs(self, outlook: Outlook) -> int:
         """Return the number of samples that replace one sample of the light."""

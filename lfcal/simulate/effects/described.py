@@ -56,7 +56,10 @@ class Entry:
 
 
 def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, ...]]:
-    """Return settings by name, and effects with magnitudes, from texts and files; see `effect_entries`."""
+    """Return settings by name, and effects with magnitudes, from texts and files; see `effect_entries`.
+
+    If a name occurs several times, its last setting and its last magnitudes count.
+    """
     settings: dict[str, str] = {}
     given: dict[str, Effect] = {}
     for entry in effect_entries(items):
@@ -68,7 +71,7 @@ def parse_effects(items: Sequence[str]) -> tuple[dict[str, str], tuple[Effect, .
 
 
 def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
-    """Return the effects and settings in texts and files.
+    """Return an entry for each effect or setting in texts and files.
 
     Parameters
     ----------
@@ -76,7 +79,7 @@ def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
         Each item is ``NAME=on``, ``NAME=off`` or ``NAME=auto``, or ``NAME=VALUE``, or the path of a JSON file of
         effects (`read_entries`). ``VALUE`` is the first magnitude, with ``@`` before a direction (``coma=0.3@40deg``),
         or a list of named magnitudes (``drift=rows:2um,columns:1um``). A magnitude may be followed by the word
-        measured: ``coma=0.3 measured``. If a name occurs several times, the last entry counts.
+        measured: ``coma=0.3 measured``.
 
     Raises
     ------
@@ -118,7 +121,7 @@ def effect_words(entries: Iterable[Entry]) -> tuple[str, ...]:
 def parse_entries(path: str | os.PathLike[str]) -> tuple[dict[str, str], tuple[Effect, ...]]:
     """Return settings by name, and effects with magnitudes, from a JSON file.
 
-    Raises the same errors as `read_entries`.
+    Settings ``"auto"`` are left out. The errors are those of `read_entries`.
     """
     entries = read_entries(path)
     settings = {entry.name: entry.setting for entry in entries if entry.setting != "auto"}
@@ -126,7 +129,7 @@ def parse_entries(path: str | os.PathLike[str]) -> tuple[dict[str, str], tuple[E
 
 
 def read_entries(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
-    """Return the effects in a JSON file: a list of ``{"name": "coma", "waves": 0.3}``.
+    """Return the entries of a JSON file of effects: a list of ``{"name": "coma", "waves": 0.3}``.
 
     An entry may contain ``"setting"`` (on, off, auto), and ``"sources"``, which states how fields are known:
     ``{"waves": "measured"}``.

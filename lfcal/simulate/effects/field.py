@@ -46,7 +46,10 @@ class CosFourth(FrameEffect):
         return Estimate(loss, "relative", loss, "1 - cos^4(r_rms/b)")
 
     def gain(self, camera: Camera, row: int, rows: int) -> NDArray[np.float32]:
-        """Return the gain ``(rows, columns)`` of ``rows`` sensor rows starting at ``row``; 1 on the optical axis."""
+        """Return the gain ``(rows, columns)`` of ``rows`` sensor rows starting at ``row``; 1 on the optical axis.
+
+        For a telecentric camera, it is the single value 1, ``(1, 1)``.
+        """
         optics, sensor = camera.optics, camera.sensor
         if optics.telecentric:
             return np.ones((1, 1), np.float32)

@@ -82,7 +82,7 @@ class FiniteSource(LightEffect):
         return min(MAX_DEGREE, max(5, math.ceil(DEGREE_PER_WIDTH * moved) + 3))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
-        """Replace each sample by 7 points on the disc of the source, or by more if its image is larger than a spot."""
+        """Return 7 points of the source for each of ``samples``, or more if its image is larger than a spot."""
         radius = self.image_px(outlook) / 2
         points = disc_rule(self.degree(outlook))
         return tuple(
@@ -171,7 +171,7 @@ class Bandwidth(LightEffect):
         return Estimate(x, "relative", error, formula)
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether each lenslet receives enough diffraction fringes of the iris for the formula to be valid."""
+        """Return whether the formula is valid: each lenslet receives enough diffraction fringes of the iris."""
         if not outlook.camera.has_lattice:
             return True
         return outlook.regular and abs(outlook.virtual_depth) >= 1.2 and outlook.fresnel_main >= 12.0
@@ -198,7 +198,7 @@ class Bandwidth(LightEffect):
         return max(least, min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4)))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook, least: int = 1) -> tuple[LightSample, ...]:
-        """Replace each sample by samples at `count` Gauss-Legendre wavelengths of the spectrum, at least ``least``."""
+        """Return `count` Gauss-Legendre wavelengths of the spectrum, at least ``least``, for each of ``samples``."""
         width = self.width(outlook)
         if width == 0:
             return samples

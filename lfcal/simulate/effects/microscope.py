@@ -83,7 +83,7 @@ class VectorialPupil(SceneEffect):
         return scene if scene.objective is None else replace(scene, vectorial=True, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time of four additional fields (s)."""
+        """Return the CPU time of four additional fields (s); half of it for contiguous squares along the pixel rows."""
         if not outlook.camera.optics.telecentric:
             return 0.0
         lattice = outlook.camera.lattice
@@ -170,7 +170,7 @@ class IndexMismatch(SceneEffect):
         return True
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with the specimen, or with its paraxial image for ray tracing; unchanged for a main lens."""
+        """Return ``scene`` with the specimen, and its paraxial image for ray tracing; unchanged for a main lens."""
         del outlook
         if scene.objective is None:
             return scene
@@ -179,7 +179,7 @@ class IndexMismatch(SceneEffect):
         return replace(scene, specimen=specimen, image_um=image)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the additional CPU time of the tables (s), whose integral needs more nodes."""
+        """Return 0: the additional CPU time of the tables, whose integral needs more nodes, is neglected."""
         del outlook, engine
         return 0.0
 

@@ -220,7 +220,10 @@ class DepthError(MotionEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the mean absolute change of the virtual depth, and the relative error due to the spot shift."""
+        """Return the mean absolute change of the virtual depth, and the relative error due to the spot shift.
+
+        For a Fourier light-field microscope, the first value is the mean absolute depth error (µm).
+        """
         camera = outlook.camera
         if isinstance(outlook, PupilOutlook):
             step = MEAN * self.rms(camera)

@@ -285,8 +285,8 @@ class ExactAngles(SceneEffect):
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
         """Return the CPU time of one additional phase per response (s), measured as a tenth of that of the wave engine.
 
-        For a microscope with square lenslets, it is the additional time of a two-dimensional grid compared with
-        separate rows and columns. Other arrays of a microscope use such a grid in any case.
+        For a microscope with unrotated, contiguous square lenslets, it is the additional time of a two-dimensional grid
+        compared with separate rows and columns. Other arrays of a microscope use such a grid in any case.
         """
         if outlook.has_lens:
             return 0.1 * engine.waves

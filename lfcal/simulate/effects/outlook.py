@@ -122,7 +122,7 @@ class Outlook:
 
     @property
     def regular(self) -> bool:
-        """Whether the formulas of the estimates are valid: spots do not merge, as they do for images near the array."""
+        """Whether the formulas are valid: the camera has a main lens, and its image is not near the array."""
         return self.has_lens and abs(self.virtual_depth) >= 0.6 and self.fresnel_main >= 3.0
 
     @property

@@ -84,7 +84,7 @@ class StrayLight(FrameEffect):
         return Estimate(self.share, "relative", self.share * (1.0 + veil), "share (1 + cutout/sensor)")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Scatter the fraction ``share`` of the frame's light uniformly over ``strip``, in place (electrons)."""
+        """Scatter the fraction ``share`` of the frame's light over ``strip`` in place (electrons), and return it."""
         rows, columns = view.camera.sensor.shape
         strip *= np.float32(1.0 - self.share)
         strip += np.float32(self.share * view.total_e / (rows * columns))
@@ -245,7 +245,7 @@ class DarkCurrent(FrameEffect):
         return Estimate(mean, "e-", mean * outlook.pixels / outlook.signal_e, "D t * pixels/signal")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Add the mean dark signal to ``strip`` in place (electrons); its noise is part of `ShotNoise`."""
+        """Add the mean dark signal to ``strip`` in place (electrons), and return it; `ShotNoise` adds its noise."""
         strip += np.float32(self.mean_e(view.camera, view.exposure_s))
         return strip
 

@@ -30,15 +30,15 @@ class Sampling:
     Attributes
     ----------
     samples_per_px
-        Samples of the field per sensor pixel, along each axis, on the lenslet array. None: the smallest number that the
-        window allows.
+        Samples of the field per sensor pixel, along each axis, on the lenslet array. None: the smallest number that a
+        window allows; 4 on a grid; 8 for the reference.
     nodes_per_px
         Number of quadrature nodes per sensor pixel along each axis.
     margin_px
         Margin of the window around the geometric spot, or of the grid around the iris's shadow (px).
     energy_floor
         Threshold for leaving out dim lenslets: those that transmit less than this fraction of the light of the
-        brightest lenslet, or of a sixteenth of all light.
+        brightest lenslet, or of a sixteenth of all light if that is less.
     coherent
         Whether the fields of different lenslets are added before squaring, so that they interfere. None: chosen for the
         plane.
@@ -90,7 +90,7 @@ class Ledger:
         self._sum = Certificate()
 
     def add(self, responses: int, energy_in: float, energy_out: float, worst: float) -> None:
-        """Add the certificate of one piece of work."""
+        """Add one certificate; the arguments are as in `Certificate`."""
         with self._lock:
             s = self._sum
             self._sum = Certificate(
@@ -124,7 +124,7 @@ class PlaneEngine(Protocol):
 
     @property
     def grid_side(self) -> int:
-        """Samples on a side of the largest grid with the light of a position, or of a lenslet; 0: not on a grid."""
+        """Number of samples along a side of the largest grid used for a position or a lenslet; 0 without a grid."""
         ...
 
     @property
@@ -137,8 +137,8 @@ class PlaneEngine(Protocol):
     ) -> NDArray[np.float32]:
         """Return the cutouts ``(len(ys), len(xs), nt, ns)`` of the positions (y, x) in rows ``ys`` and columns ``xs``.
 
-        Rows and columns are any integers. ``workers`` threads share the rows. None: all processors; 1: the caller's
-        thread.
+        Rows and columns are any integers. The result is written to ``out``; None: to a new array. ``workers`` threads
+        share the rows. None: all processors; 1: the caller's thread.
 
         Raises
         ------

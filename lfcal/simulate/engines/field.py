@@ -85,7 +85,7 @@ class FieldTable:
 def choose_mode(scene: Scene) -> str:
     """Return the mode of propagation: ``"D"`` for a microscope, else ``"E"`` or ``"U"``.
 
-    ``"E"`` is used for planes with large Fresnel numbers |a'| / (4 Nw^2 lambda), ``"U"`` for small ones.
+    ``"E"`` is used for planes with a large `Scene.fresnel_number`, ``"U"`` for a small one.
     """
     if scene.objective is not None:
         return "D"

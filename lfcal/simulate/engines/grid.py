@@ -280,7 +280,7 @@ class GridPlane:
     # -- responses ---------------------------------------------------------------------------------------
     @property
     def grid_side(self) -> int:
-        """Samples on a side of the grid; see `PlaneEngine.grid_side`."""
+        """Number of samples along a side of the grid; see `PlaneEngine.grid_side`."""
         return self._n
 
     @property

@@ -53,13 +53,13 @@ MAX_CACHED = 2400
 
 
 class Bend(NamedTuple):
-    """The phase of a lenslet at the distance r (µm) from its centre: square * r^2 + quartic * r^4 (rad)."""
+    """Phase of a lenslet (rad) at the distance r (µm) from its centre: ``square * r^2 + quartic * r^4``."""
 
     square: float
     quartic: float = 0.0
 
     def turned(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return exp(i phase) on the grid of ``y`` by ``x``, which are relative to the lenslet's centre."""
+        """Return exp(i phase), ``(len(y), len(x))``, at ``y`` and ``x`` (µm) relative to the lenslet's centre."""
         # equal distances on either side of the centre are computed once
         (x2, column), (y2, row) = (np.unique(axis**2, return_inverse=True) for axis in (x, y))
         turn: NDArray[np.complex128] = np.exp(1j * self.square * y2)[:, None] * np.exp(1j * self.square * x2)

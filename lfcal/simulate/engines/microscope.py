@@ -372,7 +372,7 @@ class DebyePlane:
     # -- responses ---------------------------------------------------------------------------------------
     @property
     def grid_side(self) -> int:
-        """Samples on a side of the grid; see `PlaneEngine.grid_side`."""
+        """Number of samples along a side of the grid; see `PlaneEngine.grid_side`."""
         return 2 * self._count - 1
 
     @property

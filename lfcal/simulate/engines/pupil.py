@@ -187,7 +187,11 @@ class PupilPlane:
     def rows(
         self, ys: ArrayLike, xs: ArrayLike, out: NDArray[np.float32] | None = None, workers: int | None = None
     ) -> NDArray[np.float32]:
-        """Return the responses ``(len(ys), len(xs), nt, ns)`` of the positions in ``ys`` and ``xs`` (any integers)."""
+        """Return the responses ``(len(ys), len(xs), nt, ns)`` of the positions in ``ys`` and ``xs`` (any integers).
+
+        The responses are written to ``out``; None: to a new array. ``workers`` is ignored, because every response uses
+        all processors.
+        """
         del workers  # a response is a few large matrix products, which use all processors
         y, x = np.asarray(ys, np.intp), np.asarray(xs, np.intp)
         if out is None:
@@ -204,9 +208,9 @@ class PupilPlane:
     def light_in(self, box: Box, chief_um: tuple[float, float]) -> NDArray[np.float32]:
         """Return the light in the pixels of ``box``, part of the cutout of position (0, 0), for one chief ray.
 
-        The chief ray meets the sensor at ``chief_um`` (y, x). The fields of all lenslets are computed in the whole box,
-        at nodes that do not depend on the lenslets. The light is therefore a smooth function of every parameter of the
-        camera, as a fit requires.
+        The chief ray meets the sensor at ``chief_um``, (y, x) in µm. The fields of all lenslets are computed in the
+        whole box, at nodes that do not depend on the lenslets. The light is therefore a smooth function of every
+        parameter of the camera, as a fit requires.
         """
         rows, columns = self._axes((0, 0))
         tilt = self._tilt(chief_um)

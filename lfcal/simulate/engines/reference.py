@@ -136,7 +136,7 @@ class ReferencePlane:
     # -- responses ---------------------------------------------------------------------------------------
     @property
     def grid_side(self) -> int:
-        """Samples on a side of the grid; see `PlaneEngine.grid_side`."""
+        """Number of samples along a side of the grid; see `PlaneEngine.grid_side`."""
         return self._n
 
     @property
