@@ -98,7 +98,10 @@ def iter_bars(
 def bar_units(
     run: FrameRun, out: Path, settings: BootstrapSettings, regions: bool, how: RunChoice
 ) -> tuple[Unit, list[Unit]]:
-    """Return the work unit of the volume, and the units of the replicates, which read the file of the volume."""
+    """Return the work unit of the volume, and the units of the replicates, which read the file of the volume.
+
+    The parameters are those of `iter_bars`; ``regions`` states whether there are regions.
+    """
     share = 1 if how.executor == "threads" else worker_count(how.workers)
     hints = {
         "memory": memory_for(run, share),
@@ -133,7 +136,10 @@ def bar_units(
 
 
 def do_volume(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Reconstruct the frame, as the task of a work unit; ``out`` stores the volume with its margin, and the noise."""
+    """Reconstruct the frame, as the task of a work unit; ``out`` stores the volume with its margin, and the noise.
+
+    ``arguments`` are those of the unit (see `bar_units`), and ``workers`` is the number of threads.
+    """
     runs = yield from _iter_runs(arguments, workers)
     clock = Clock("volume", (1 if SampleNoise.of(runs.choice) else 2) * runs.choice.iterations)
     made = yield from runs.iter_run(clock, 0, "")
@@ -146,7 +152,7 @@ def do_replicate(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[
     """Reconstruct a replicate, as the task of a work unit.
 
     ``out`` stores the reconstruction, the object and, if requested, the reconstruction without noise, one after
-    another.
+    another. ``arguments`` and ``workers`` are as in `do_volume`.
     """
     runs = yield from _iter_runs(arguments, workers)
     volume = load_volume(arguments["volume"])

@@ -216,7 +216,11 @@ def without_noise(k: int) -> bool:
 
 
 def runs_of(choice: SolverChoice, settings: BootstrapSettings, regions: bool) -> int:
-    """Return the number of reconstructions for error bars: of the frame, of replicates, and one for unknown noise."""
+    """Return the number of reconstructions for error bars: of the frame, of replicates, and one for unknown noise.
+
+    ``choice`` and ``settings`` are as in `iter_error_bars`. With ``regions``, the reconstructions without noise are
+    counted as well.
+    """
     quiet = sum(map(without_noise, range(settings.replicates))) if regions else 0
     return (1 if SampleNoise.of(choice) else 2) + settings.replicates + quiet
 

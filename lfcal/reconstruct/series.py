@@ -81,8 +81,8 @@ def iter_frame(
 ) -> Generator[SolverProgress, None, Reconstruction | InputError]:
     """Return the reconstruction of one frame, or the error if the frame is damaged or has no light.
 
-    Other errors are raised, because they would also occur with the next frame. ``weights`` and ``initial`` are as in
-    `iter_reconstruct`.
+    Other errors are raised, because they would also occur with the next frame. ``read`` is a function that returns the
+    frame; the other arguments are as in `iter_reconstruct`.
     """
     try:
         image = read()

@@ -146,7 +146,7 @@ def required(help: str, **more: Any) -> Any:
 
 
 def panel(default: T, title: str, without: tuple[str, ...] = ()) -> T:
-    """Declare a nested record, with the heading of its fields in forms and the names of fields to leave out."""
+    """Declare a nested record: ``title`` is the heading of its fields in forms, ``without`` names fields to omit."""
     return dataclasses.field(default=default, metadata={"panel": (title, without)})
 
 
@@ -180,7 +180,7 @@ class Variants:
 
 
 def one_of(default: T, title: str, variants: Variants) -> T:
-    """Declare a nested record of one of several kinds, with the heading of its fields in forms."""
+    """Declare a nested record of one of the kinds ``variants``, with the heading ``title`` of its fields in forms."""
     return dataclasses.field(default=default, metadata={"panel": (title, ()), "variants": variants})
 
 
@@ -487,8 +487,8 @@ def check_record(whole: Any) -> None:
 def check_needs(known: tuple[FieldRow, ...], values: Mapping[str, Any], called: Callable[[FieldRow], str]) -> None:
     """Raise `InputError` for the first value that has no effect because of the value of another field.
 
-    ``values`` maps field names to values. A value equal to its default counts as not set, unless the chosen kind of
-    record lacks the field.
+    ``known`` contains the fields, ``values`` maps field names to values, and ``called`` returns the name of a field for
+    messages. A value equal to its default counts as not set, unless the chosen kind of record lacks the field.
     """
     paths = {row.path: row for row in known}
     for row in known:
@@ -544,6 +544,8 @@ def _plain(value: Any) -> Any:
 
 def from_dict(kind: type[T], data: Mapping[str, Any], what: str = "") -> T:
     """Return a record of class ``kind`` from a dictionary in the form of `to_dict`; missing entries get their defaults.
+
+    ``what`` is the name of the record in messages; empty: that of the class.
 
     Raises
     ------

@@ -203,7 +203,7 @@ class Specimen:
 
 
 def ray_heights(optics: Microscope, z_um: float, specimen: Specimen | None, theta: F8) -> F8:
-    """Return the heights at which rays of a source at ``z_um`` reach the array, by their signed angle in the medium.
+    """Return the heights at which rays of a source at ``z_um`` reach the array, for signed angles ``theta`` (rad).
 
     The heights (µm) are M z tan t, with the magnification M and the angle t in the medium. Behind an interface, they
     are M (d tan t2 - D tan t), with the angle t2 in the specimen and the depths d of the source and D of the nominal

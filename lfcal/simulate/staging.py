@@ -241,7 +241,11 @@ def scene_for(
     depth_error_um: float = 0.0,
     on_sensor: bool = False,
 ) -> AnyScene:
-    """Return the scene of plane ``z`` with all scene effects among ``effects``; pixels are as in `ideal_scene`."""
+    """Return the scene of plane ``z`` with all scene effects among ``effects``.
+
+    ``depth_error_um`` is the displacement of the plane away from the camera, relative to the plan (µm). ``halo`` and
+    ``on_sensor`` are as in `ideal_scene`.
+    """
     outlook = outlook_of(plan, z)
     if depth_error_um:
         outlook = replace(outlook, z_um=outlook.z_um + depth_error_um)

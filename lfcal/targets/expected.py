@@ -58,7 +58,7 @@ def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
 
     Photon noise and read noise of the pixels of a cutout are included as Gaussian noise, for which the mean of ``|x|``
     is ``sqrt(2 / pi)`` times the standard deviation. Exposures are those of a simulated session, whose brightest pixel
-    reaches 0.8 of the range.
+    reaches 0.8 of the range. ``level`` is as in `simulate_psf`.
     """
     effects = plan_effects(scan, TOLERANCE).effects
     camera = SimulatedCamera(scan, effects, level=level, tolerance=TOLERANCE)

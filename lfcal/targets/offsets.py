@@ -38,7 +38,11 @@ TRIED = 16
 
 
 def covered_by(phases: Phases, images: HoleImages, offset_px: Array, tolerance_px: float) -> Index:
-    """Return the row-major indices of the positions that one frame shows with complete cutouts."""
+    """Return the row-major indices of the positions that a frame with the offset ``offset_px`` shows completely.
+
+    The offset is (rows, columns) in pixels. Only images whose cutouts are completely on the sensor count; their phases
+    may deviate by ``tolerance_px``.
+    """
     plan = phases.plan
     pixels = images.moved(offset_px)
     return phases.covered(pixels[whole_at(pixels, plan.camera.sensor.shape, plan.cutout)], tolerance_px)

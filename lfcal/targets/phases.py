@@ -83,7 +83,8 @@ class Phases:
     def rates(self, pixels: Array, step: float = 1.0) -> Array:
         """Return the derivatives ``(n, 2, 2)`` of the phases with respect to the sensor position.
 
-        They are the identity matrix for an upright, undistorted array.
+        ``pixels`` ``(n, 2)`` contains the positions (row, column), and ``step`` is the step of the difference quotients
+        (pixels). The derivatives are the identity matrix for an upright, undistorted array.
         """
         columns = [(self.cells(pixels + e) - self.cells(pixels - e)) / (2 * step) for e in step * np.eye(2)]
         rates: Array = np.stack(columns, axis=-1) * self.period[:, None]

@@ -48,7 +48,10 @@ def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
 
 
 def checked_lit(lit: Any, counts: Sequence[int]) -> Lit:
-    """Return the offsets shown by the frames of each plane; raise `InputError` unless each offset can be decoded."""
+    """Return the offsets shown by the frames of each plane; raise `InputError` unless each offset can be decoded.
+
+    ``lit`` has the form of `TargetPlan.lit`, and ``counts`` is the number of offsets of each plane.
+    """
     what = "offsets lit in each frame"
     check_type(what, lit, (tuple, list))
     found = []

@@ -449,7 +449,7 @@ def poses_within(target: Target, count: int, seed: int = 0) -> Iterator[Pose]:
 
 
 def shown_within(plan: TargetPlan, z: int, *, count: int = 8, seed: int = 0) -> NDArray[np.float64]:
-    """Return the fraction of positions shown ``(count,)`` for random poses within the bounds of the target's pose.
+    """Return the fractions ``(count,)`` of positions of plane ``z`` shown for random poses within the target's bounds.
 
     If an error of the pose displaces holes by more than the tolerance, they show other phases than planned. Determine
     the pose from a first recorded frame, and make a plan for that pose, to cover all phases.

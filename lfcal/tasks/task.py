@@ -155,7 +155,10 @@ class Task:
         raise NotImplementedError
 
     def run(self, run: RunSettings | None = None, *, on_progress: Callable[[Progress], None] | None = None) -> Any:
-        """Run the task, and return its results, a tuple of `TaskResult`."""
+        """Run the task, and return its results, a tuple of `TaskResult`.
+
+        ``on_progress`` is called with each `Progress` record.
+        """
         return drain(self.work(run), on_progress)
 
     def files(self, way: str) -> tuple[Path, ...]:
@@ -239,7 +242,10 @@ class TaskSet:
         return from_flat(kind, given)
 
     def refuse(self, kind: type[Task], given: Iterable[str], called: Callable[[str], str] = str) -> None:
-        """Raise `InputError` for the first name that is not a field of ``kind``."""
+        """Raise `InputError` for the first name that is not a field of ``kind``.
+
+        ``given`` contains the names; ``called`` returns the name of a field for messages.
+        """
         known = {row.name for row in rows(kind)}
         for name in given:
             if name not in known:

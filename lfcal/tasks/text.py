@@ -146,6 +146,8 @@ def _toml(value: Any) -> str:
 def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[Task, RunSettings]:
     """Return the task and the run settings of a job or a provenance; paths in it are relative to ``root``.
 
+    ``what`` is the name of the job in messages.
+
     Raises
     ------
     InputError, FileFormatError

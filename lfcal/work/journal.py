@@ -82,7 +82,10 @@ class Journal:
         self.note(SETTLED, values=dict(values), units=list(fingerprints))
 
     def begin(self, title: str, units: Iterable[str], executor: str, workers: int, place: str) -> None:
-        """Record the start of a run: its title, units and executor."""
+        """Record the start of a run: its title, units and executor.
+
+        ``workers`` is the number of workers, and ``place`` the address of a dashboard that shows them (empty: none).
+        """
         here = {"process": os.getpid(), "host": socket.gethostname()}
         self.note("begin", title=title, units=list(units), executor=executor, workers=workers, place=place, **here)
 

@@ -19,7 +19,10 @@ __all__ = ["SOLVER", "views_of"]
 
 
 def iterate_pixels(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
-    """Run Richardson-Lucy over one subset of the pixels after another; the default is 4 subsets."""
+    """Run Richardson-Lucy over one subset of the pixels after another; the default is 4 subsets.
+
+    The arguments are those of `Solver.iterate`.
+    """
     count = _pixel_parts(run.subsets)
     # a short period may have fewer phases than the default; each phase is then a subset.
     masks = interleaved_subsets(P.period, min(count, P.grid.phases))
@@ -31,7 +34,10 @@ def _pixel_parts(subsets: int | None) -> int:
 
 
 def iterate_views(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
-    """Run Richardson-Lucy over one block of views after another; the default is 3 x 3 blocks."""
+    """Run Richardson-Lucy over one block of views after another; the default is 3 x 3 blocks.
+
+    The arguments are those of `Solver.iterate`.
+    """
     return iter_run(P, image, run, EmOptions(subsets=views_of(P, image, _blocks(run.subsets))))
 
 

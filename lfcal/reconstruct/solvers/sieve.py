@@ -81,7 +81,8 @@ class _Sieved:
 def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     """Run Richardson-Lucy with a sieve S, on all pixels or over ``subsets`` x ``subsets`` blocks of views.
 
-    Records and result contain the volume S s, where s is the estimate before the sieve.
+    Records and result contain the volume S s, where s is the estimate before the sieve. The arguments are those of
+    `Solver.iterate`.
     """
     sieve = sieve_of(P)
     if run.resume is not None and run.resume.arrays:

@@ -105,7 +105,10 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03, traits
 
 
 def step_seconds(outlook: Outlook, level: str, traits: Traits | None = None) -> tuple[tuple[float, float], ...]:
-    """Return the expected error and the CPU-seconds on this machine of a plane with each of the `efficient_steps`."""
+    """Return the expected error and the CPU-seconds on this machine of a plane with each of the `efficient_steps`.
+
+    The arguments are as in `engine_seconds`.
+    """
     factor, steps = _slowness() * _ratio(outlook, level, traits), _steps(outlook, level, traits)
     values = PER_PLANE + PER_VALUE * math.prod(outlook.period) * outlook.pixels
     return tuple(
@@ -123,7 +126,7 @@ def few_seconds(outlook: Outlook, level: str, tolerance: float, positions: int) 
     """Return the estimated CPU-seconds of ``positions`` positions, including tables, on the reference machine.
 
     The times of the estimate were measured on that machine. Decisions based on them are therefore the same on every
-    machine.
+    machine. The other arguments are as in `engine_seconds`.
     """
     if isinstance(outlook, PupilOutlook):
         level = "reference" if level == "reference" else "wave"

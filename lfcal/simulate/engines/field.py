@@ -160,7 +160,10 @@ def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -
 
 
 def field_spectrum(scene: Scene, dx: float, half: float, mode: str | None = None) -> Complex:
-    """Return the discrete Fourier transform of the values of `field_table`, without computing the table."""
+    """Return the discrete Fourier transform of the values of `field_table`, without computing the table.
+
+    The arguments are those of `field_table`.
+    """
     made, transformed = _made(scene, dx, half, mode or choose_mode(scene))
     return made if transformed else sf.fft2(made, overwrite_x=True)
 

@@ -117,7 +117,8 @@ def polygon_mask(
 ) -> NDArray[np.float64]:
     """Return the low-pass-filtered indicator of a polygon on ``n`` x ``n`` samples, spaced by ``dx / fine``.
 
-    ``centre`` is the position (x, y) of the polygon's origin relative to sample (n // 2, n // 2).
+    ``outline`` contains the corners (x, y), and ``centre`` is the position (x, y) of their origin relative to sample
+    (n // 2, n // 2); lengths are in µm. ``flat`` is as in `disc_values`.
     """
     h = dx / max(2, fine)  # the spectrum extends to 1/dx - W, past the Nyquist frequency of dx
     skip = max(2, fine) // fine
@@ -173,12 +174,12 @@ def bent_polygon(
 ) -> NDArray[np.complex128]:
     """Return a polygon times exp(i phase), low-pass-filtered as a product, on ``n`` x ``n`` samples.
 
-    The samples are spaced by ``every * dx / fine``.
+    The samples are spaced by ``every * dx / fine``. ``bend`` is the phase; ``outline``, ``dx`` and ``centre`` are as in
+    `polygon_mask`.
 
     If lenslets touch, the filtered products add up to the filtered array. Masks that are filtered before they are
     multiplied by the phase do not. Beyond its edge, each continues with its lenslet's phase, which makes focused light
-    there up to 36 % too bright. ``centre`` is the position (x, y) of the polygon's origin relative to sample (n // 2, n
-    // 2).
+    there up to 36 % too bright.
     """
     step = dx / fine
     size = int(sf.next_fast_len(n * every + math.ceil(4 * RING * fine)))
@@ -201,7 +202,10 @@ def bent_polygon(
 def bent_polygon_table(
     outline: Points, dx: float, reach: float, bend: Bend
 ) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], float]:
-    """Return the real and imaginary parts of `bent_polygon` as tables like `polygon_table`, and their step."""
+    """Return the real and imaginary parts of `bent_polygon` as tables like `polygon_table`, and their step.
+
+    The arguments are as in `bent_polygon`; ``reach`` is as in `polygon_table`.
+    """
     fine = bent_fineness(reach / dx)
     n = _table_side(dx / fine, reach)
     corners = tuple(map(tuple, outline.tolist()))

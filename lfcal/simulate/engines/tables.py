@@ -246,7 +246,8 @@ def window_of(scene: Scene, sampling: Sampling, mode: str, kind: int) -> tuple[i
 def zoom_of(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: type) -> Zoom:
     """Return the transform from samples with phases ``rates`` (rad per µm on the sensor) to the nodes of a window.
 
-    The window is ``width`` pixels wide, and ``px`` is the pixel pitch (µm).
+    ``rule`` contains the nodes in a pixel, the window is ``width`` pixels wide, and ``px`` is the pixel pitch (µm).
+    ``dtype`` is the real type of the transform.
     """
     nodes = rule.positions(width) * px
     angle = np.outer(nodes[nodes.size // 2 :], rates)
@@ -271,6 +272,8 @@ def aperture_tables(
 ) -> LensAperture:
     """Return the tables of a lens type, scaled by ``level`` to make the squared transform energy per pixel area.
 
+    The tables extend to the distance ``reach`` from the centre and are sampled for fields at the spacing ``dx`` (µm).
+    ``bend`` is the quadratic phase (rad/µm^2), ``kind`` the index of the lens type, and ``dtype`` the real type.
     ``fine`` is the oversampling of a cell's table relative to ``dx``. None: enough for exact interpolation.
     """
     if scene.round_lenslets:
@@ -333,6 +336,7 @@ def table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px:
 
     The fraction of light at distances above r from the shadow's edge is 2 lambda Nw / (pi^2 r), which gives the density
     near r. The sampled spectrum limits this range. Lenslets whose spots miss the cutout do not contribute either.
+    ``dx`` is the sample spacing of the field (µm), and ``half_px`` half the window on the sensor (pixels).
     """
     lam, nw, radius = scene.wavelength_um, scene.f_number, aperture_radius(scene)
     shadow = scene.shadow_radius_um

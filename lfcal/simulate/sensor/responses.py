@@ -97,8 +97,8 @@ class Responses:
     def windows(self, z: int, depth_error_um: float, image_px: tuple[float, float]) -> list[Window]:
         """Return windows with the light of a source whose paraxial chief ray meets the sensor at ``image_px``.
 
-        ``image_px`` is (row, column) in sensor pixels. The windows are as in `PlaneResponse.point`, but relative to
-        sensor pixel (0, 0).
+        ``image_px`` is (row, column) in sensor pixels; the other arguments are as in `at`. The windows are as in
+        `PlaneResponse.point`, but relative to sensor pixel (0, 0).
         """
         top, left = self.origin
         found = self.at(z, depth_error_um).point(image_px[0] - top, image_px[1] - left)
