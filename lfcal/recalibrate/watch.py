@@ -90,7 +90,7 @@ def iter_watch(
     Yields
     ------
     Progress
-        In computed H, then in frames.
+        First in the H to compute, then in frames.
 
     Raises
     ------

@@ -149,7 +149,7 @@ class DriftWatch:
 
     @property
     def unexplained(self) -> tuple[WatchedFrame, ...]:
-        """Frames that were measured but that H does not explain, whatever the drift."""
+        """Frames that were measured but that H does not explain with any drift."""
         return tuple(one for one in self.frames if one.problem and one.goodness is not None)
 
     @property
@@ -181,7 +181,7 @@ class DriftWatch:
 
     @property
     def basis(self) -> str:
-        """How the threshold follows from the rate of false alarms, in words."""
+        """Text that states how the threshold follows from the rate of false alarms."""
         rate = f"false alarms: {100 * self.rate:g} % for each tested value"
         if self.noise_stated:
             return f"{rate}, from a chi² distribution with 3 degrees of freedom and the stated noise"

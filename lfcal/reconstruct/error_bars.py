@@ -279,7 +279,7 @@ class ErrorSums:
         return np.bincount(self._labels.ravel(), volume.ravel()).astype(np.float64)
 
     def result(self, notes: Sequence[str] = ()) -> ErrorBars:
-        """Return the error bars from all replicates so far."""
+        """Return the error bars from all replicates so far, with the remarks ``notes``."""
         kappas = [self._kappa(k) for k in range(len(BLURS))]
         resolution = np.full(self._volume.shape, np.nan, np.float32)
         for width, kappa in reversed(list(zip(BLURS, kappas, strict=True))):

@@ -71,7 +71,11 @@ class FrameRun:
         warm: bool = False,
         workers: int | None = None,
     ) -> FrameRun:
-        """Return a run prepared from the first frame; ``matrices`` is the result of ``optics.open``."""
+        """Return a run prepared from the first frame; ``matrices`` is the result of ``optics.open``.
+
+        ``frames`` is an image file, a folder or a session, as in `frames_of`, and ``workers`` is the number of threads.
+        The other arguments are as in the attributes.
+        """
         if warm:
             check_warm(choice)
         found, H, asked = frames_of(frames), matrices[0], optics.light_field.asked
@@ -146,7 +150,7 @@ class FrameRun:
     def iter_volumes(
         self, targets: Mapping[str, Path], out: Path, details: Mapping[str, Any], run: RunChoice | None = None
     ) -> Work[tuple[FrameResult, ...]]:
-        """Reconstruct and save the frames one after another, with only one volume in memory.
+        """Reconstruct and save the frames one after another, with only one volume in memory; return their results.
 
         Parameters
         ----------

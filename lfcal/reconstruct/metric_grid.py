@@ -116,7 +116,8 @@ class MetricGrid:
             Shape ``(y, x)`` of the image, and of each plane of the volume.
         anchor
             Pixel (row, column) of the image onto which H's position (0, 0) is imaged. None: the anchor of H. A
-            different anchor means that the image shows another part of the sensor.
+            different anchor means that the image shows another part of the sensor; for an image of the entire sensor,
+            whole periods of the difference are ignored.
         voxel
             Side of the grid's voxels (µm). None: the smallest side in all planes.
 

@@ -68,7 +68,7 @@ class VolumeFacts:
     depths_um
         Depth of each plane (µm), ``(nz,)``. None: unknown.
     voxel_um
-        Voxel size (y, x) in object space (µm).
+        Voxel size (y, x) in object space (µm). None: unknown.
     details
         Further metadata to store, by name, as plain JSON types.
     origin_um

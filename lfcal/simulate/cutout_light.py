@@ -25,8 +25,6 @@ PLACES = 16
 def light_in_cutout(H: PSFMatrix, plan: ScanPlan, effects: EffectsLike) -> tuple[float, ...]:
     """Return the light inside the cutout relative to the light that the lenslets transmit, for each plane.
 
-    Each fraction is the mean over a few source positions, at most 1; NaN for a plane without light.
-
     Parameters
     ----------
     H

@@ -80,7 +80,7 @@ class SolverChoice:
         Weight of the penalty of ``rl-tv`` and ``rl-tikhonov``. None: the solver's default.
     subsets
         Number of subsets for ``osem`` (None: 4), or number of blocks of views along each axis for ``phase-space``
-        (None: 3).
+        (None: 3) and ``sieve`` (None: 1).
     tolerance
         Relative change of the volume in an iteration below which the run stops.
     auto
@@ -216,7 +216,7 @@ def iter_reconstruct(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Reconstruct the volume behind ``image`` with the solver of ``choice``.
+    """Reconstruct the volume behind ``image`` with the solver of ``choice``, and return a `Reconstruction`.
 
     Parameters
     ----------

@@ -128,7 +128,8 @@ class EffectSelection:
     ideal_seconds
         Predicted CPU time for all planes with the ideal camera (s).
     left_out
-        Sum of the estimated relative L1 errors of omitted effects, one for each plane; at most half the tolerance.
+        Sum of the estimated relative L1 errors of the effects omitted automatically, one for each plane; at most half
+        the tolerance.
 
     Examples
     --------

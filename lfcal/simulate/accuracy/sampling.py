@@ -138,7 +138,7 @@ class Fringes:
 
     @classmethod
     def of(cls, described: Scene | Outlook) -> Fringes:
-        """Return the frequencies of a scene, or of an outlook, which ignores the rotation of lattice cells."""
+        """Return the frequencies of a scene, or of an outlook (without the rotation of lattice cells)."""
         if isinstance(described, Outlook):
             lattice, px = described.camera.lattice, described.pixel_um
             width, spread = described.clear_um, described.wavelength_um * described.gap_um

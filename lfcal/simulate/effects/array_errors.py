@@ -194,7 +194,8 @@ class ArrayTilt(SceneEffect):
     Attributes
     ----------
     rows_rad, columns_rad
-        Slope of the gap between lenslets and sensor along y (down the rows) and along x (along the columns) (rad).
+        Slope of the gap between lenslets and sensor from row to row (along y) and from column to column (along x)
+        (rad).
 
     Examples
     --------

@@ -211,7 +211,7 @@ def _frozen(value: Any) -> Any:
 
 
 class Effect(ABC):
-    """Base class of effects, which are frozen dataclasses whose fields are magnitudes; None means the camera's value.
+    """Base class of effects: frozen dataclasses with magnitudes as fields; None means the camera's or a typical value.
 
     Every field has a default, because the catalogue creates each effect without arguments.
 

@@ -35,16 +35,16 @@ MEASURED = " measured"
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Entry for one effect in a file.
+    """Entry for one effect in a text or a file.
 
     Attributes
     ----------
     effect
-        The effect with its magnitudes; None if the file has only a setting.
+        The effect with its magnitudes; None if the entry contains only a setting.
     name
         Name of the effect.
     given
-        The fields given in the file, each ``"stated"`` or ``"measured"``.
+        The fields given in the entry, each ``"stated"`` or ``"measured"``.
     setting
         ``"auto"``, ``"on"`` or ``"off"``.
     """

@@ -20,7 +20,7 @@ __all__ = ["AngularResponse", "Crosstalk", "PixelFill"]
 
 @dataclass(frozen=True, slots=True)
 class PixelFill(SceneEffect):
-    """Pixels whose light-sensitive square is smaller than the pixel pitch; otherwise, it is as wide as the pitch.
+    """Pixels whose light-sensitive square is smaller than the pitch; without this effect, it is as wide as the pitch.
 
     Light that falls outside the square is lost, and each pixel averages over a smaller area.
 

@@ -171,7 +171,8 @@ class Displaceable(Protocol):
 class Pilot:
     """Prediction of an engine's computing time from a short run, which takes place only once, at the first use.
 
-    Positions spread over the period are computed twice in the caller's thread; the second run is timed.
+    The time of positions spread over the period is measured in the caller's thread, after a first position that is not
+    timed.
     """
 
     # without a reference to its engine: circular references would keep tables in memory long after their use

@@ -178,8 +178,8 @@ def bent_polygon(
     `polygon_mask`.
 
     If lenslets touch, the filtered products add up to the filtered array. Masks that are filtered before they are
-    multiplied by the phase do not. Beyond its edge, each continues with its lenslet's phase, which makes focused light
-    there up to 36 % too bright.
+    multiplied by the phase do not. Beyond its edge, each of these masks continues with its lenslet's phase, which makes
+    focused light there up to 36 % too bright.
     """
     step = dx / fine
     size = int(sf.next_fast_len(n * every + math.ceil(4 * RING * fine)))
