@@ -82,7 +82,7 @@ def iter_light_field(
     volume
         Luminous volume g, shape ``(nz, rows, columns)``: one plane for each depth, and one voxel for each sensor pixel.
         Voxel (0, 0) of a plane is at source position (0, 0), n is the period of H, and c is the middle pixel of its
-        cutout. Voxels outside the volume are dark. The image has the shape ``(rows, columns)``.
+        cutout. Voxels outside the volume are dark.
     through
         A PSF matrix H, or a scan plan whose camera is simulated; in the latter case, only the responses of luminous
         voxels are computed.

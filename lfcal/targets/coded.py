@@ -32,6 +32,11 @@ class DecodedFrames(SourceView):
     plan
         Plan of a target with switchable points (`TargetPlan.lit`).
 
+    Raises
+    ------
+    InputError
+        If the plan does not show several offsets together, or its number of frames differs from that of the source.
+
     Examples
     --------
     >>> import numpy as np

@@ -157,6 +157,11 @@ def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> 
         Pixel pitch of the display in object space (µm). Repeated offsets are displaced by a period of the lenslet
         array, rounded to whole pixels of the display.
 
+    Raises
+    ------
+    InputError
+        If a plane has fewer than n/2 offsets.
+
     Examples
     --------
     >>> from lfcal.camera import ScanPlan, preset

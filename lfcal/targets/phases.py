@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 class Phases:
     """The phases of a scan: its positions relative to the cell of the lenslet array.
 
-    The array's period is not a whole number of pixels, and the array may be rotated and distorted. Patterns six cells
-    apart therefore differ, although their positions are equal modulo the plan's period, which is rounded to whole
+    The array's period is not a whole number of pixels, and the array may be rotated and distorted. Patterns of distant
+    cells therefore differ, although their positions are equal modulo the plan's period, which is rounded to whole
     pixels. A phase is measured in lenslets, from the lenslet nearest to the image, and then converted to pixels.
 
     Attributes

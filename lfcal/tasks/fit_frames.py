@@ -118,7 +118,7 @@ class Recalibrate(Task):
             )
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; outputs are those in the folder."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``): those in its folder."""
         from lfcal.recalibrate import recalibration_outputs
 
         return recalibration_outputs(self.out, with_h=self.write_h) if way == "out" else super().files(way)

@@ -89,7 +89,10 @@ class SimulationForecast(TaskResult):
         return {**self.effects.to_dict(), "engines": self.engines, "undescribed": missing, "assumed": assumed}
 
     def written(self, path: Path, what: str, **more: Any) -> dict[str, Any]:
-        """Return a summary of the file or folder ``path`` that was written."""
+        """Return a summary of the file or folder ``path`` that was written.
+
+        ``what`` names its kind, and ``more`` contains further entries.
+        """
         names = [effect.name for effect in self.effects.effects]
         assumed = self.plan.camera.marks.paths("assumed")
         missing = self.undescribed.to_dict(self.camera)

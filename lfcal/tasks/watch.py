@@ -93,7 +93,7 @@ class Watch(Task):
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files of the task; outputs are those in the folder."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``): those in its folder."""
         from lfcal.recalibrate import watch_outputs
 
         if way == "out":

@@ -75,7 +75,7 @@ class Unit:
     concurrent_bytes: int = 0
 
     def fingerprint(self) -> str:
-        """Return the fingerprint, a hexadecimal text that depends on inputs, arguments and the version of lfcal.
+        """Return the fingerprint, a hexadecimal text that depends on task, arguments, inputs and the version of lfcal.
 
         Raises
         ------

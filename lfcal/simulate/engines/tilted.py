@@ -38,7 +38,7 @@ def _farthest(scene: Scene, reach_um: float) -> float:
 
 
 def orders_of(scene: Scene, reach_um: float) -> int:
-    """Return the number K of orders that the steepest light requires for lenslets within ``reach_um`` (µm) of a position."""
+    """Return the number K of orders for the steepest light and for lenslets within ``reach_um`` (µm) of a position."""
     slower = 1 - math.sqrt(1 - steepest_sine(scene) ** 2)
     phase = 2 * math.pi / scene.wavelength_um * _farthest(scene, reach_um) * slower
     error, orders = 2.0, 0

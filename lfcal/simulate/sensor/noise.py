@@ -76,7 +76,7 @@ def expose(
     kind: FrameKind = FrameKind.LIGHT,
     index: int = 0,
 ) -> NDArray[np.uint16] | NDArray[np.float32]:
-    """Return the frame (counts, ``(rows, columns)``) that the sensor of ``camera`` records for the light ``light_e``.
+    """Return the frame that the sensor of ``camera`` records for the light ``light_e``.
 
     Parameters
     ----------
