@@ -39,7 +39,8 @@ class Parameter:
     start
         Start value, from the description of the camera.
     sigma_held
-        Standard deviation of the value with all other parameters fixed; use it to compare fits of the same groups.
+        Standard deviation of the value if all parameters that were not fitted have exactly their described values; use
+        it to compare fits of the same groups.
 
     Examples
     --------

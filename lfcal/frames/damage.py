@@ -61,7 +61,7 @@ class SelectedSource(SourceView):
         return self.source.read(int(self.chosen[index]), region)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples of frame ``index``."""
+        """Return the samples of frame ``index``, or only those in ``region``."""
         return self.source.samples(int(self.chosen[index]), region)
 
     def repeats(self) -> FrameSource | None:

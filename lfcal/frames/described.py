@@ -47,7 +47,7 @@ class DescribedSource(SourceView):
         self._filled = self._raw and self.known.bit_depth is None and self.known.saturation is None
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the frames, completed from the plan."""
+        """Return the metadata ``known``, completed from the plan."""
         if not self._raw:
             return known
         sensor = self.plan.camera.sensor
@@ -75,7 +75,13 @@ class DescribedSource(SourceView):
         return None if found is None else DescribedSource(found, self.plan)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the source's samples; raises `InputError` if they exceed the bit depth of the plan."""
+        """Return the samples of frame ``index``, or only those in ``region``.
+
+        Raises
+        ------
+        InputError
+            If a sample exceeds the bit depth of the plan.
+        """
         if not self._filled:
             found = self.source.samples(index, region)
             return found if found.noise is not None else found._replace(noise=self.metadata.noise)

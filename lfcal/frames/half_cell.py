@@ -44,7 +44,7 @@ class HalfCellSource(SourceView):
         """Filled positions, as numbers ``(z * ny + y) * nx + x``."""
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the frames, including the filled positions."""
+        """Return the metadata ``known``, with details of the copies in ``half_cell``."""
         ends = np.flatnonzero(np.diff(self.filled) != 1)
         first = self.filled[np.r_[0, ends + 1]] if len(self.filled) else self.filled
         last = self.filled[np.r_[ends, len(self.filled) - 1]] if len(self.filled) else self.filled
@@ -62,7 +62,7 @@ class HalfCellSource(SourceView):
         return len(self.source) + len(self._frames)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the metadata of frame ``index``; a copy has the position and sensor origin that it fills."""
+        """Return the metadata of frame ``index``; those of a copy state the position that it fills."""
         extra = index - len(self.source)
         if extra < 0:
             return self.source.info(index)
@@ -78,7 +78,7 @@ class HalfCellSource(SourceView):
         return self.source.read(self._frame(index), region)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples of frame ``index``."""
+        """Return the samples of frame ``index``, or only those in ``region``."""
         return self.source.samples(self._frame(index), region)
 
     def _frame(self, index: int) -> int:

@@ -52,7 +52,7 @@ class FrameEntry:
     exposure_s
         Exposure time (s). None: unknown.
     dy, dx
-        Displacement of the paraxial image from its planned position (px on the sensor): rows, columns.
+        Displacement (rows, columns) of the paraxial image from its planned position on the sensor (px).
 
     Examples
     --------
@@ -300,7 +300,13 @@ def _leads_out(name: str, folder: str) -> UnsafeFileError:
 
 
 def number(text: object, what: str, *, integer: bool = False) -> Any:
-    """Return the number in ``text``; raise `FileFormatError`, which names ``what``, if there is none."""
+    """Return the finite number in ``text``, a whole number if ``integer``.
+
+    Raises
+    ------
+    FileFormatError
+        If there is none; the message refers to the text as ``what``.
+    """
     try:
         value = int(str(text)) if integer else float(str(text))
     except ValueError:

@@ -61,7 +61,13 @@ def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list
 
 
 def check_plan_shape(plan_shape: Sequence[int]) -> tuple[int, int, int]:
-    """Return ``(nz, ny, nx)``; raise `InputError` unless they are positive with a product up to `MAX_POSITIONS`."""
+    """Return ``(nz, ny, nx)`` after checking it.
+
+    Raises
+    ------
+    InputError
+        If it does not consist of three positive whole numbers, or their product exceeds `MAX_POSITIONS`.
+    """
     if not isinstance(plan_shape, Sequence) or len(plan_shape) != 3:
         raise InputError.expected("scan shape", "three numbers nz, ny, nx", plan_shape, "give planes, rows and columns")
     for n, what in zip(plan_shape, ("planes nz", "rows ny", "columns nx"), strict=True):

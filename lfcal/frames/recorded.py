@@ -19,7 +19,7 @@ def recorded_times(source: FolderSource) -> list[datetime | None]:
     """Return the time of each frame: that stated in its TIFF page, or else that of its file; None if unknown.
 
     If any page states no time, the times of the files are used for all frames, because they are from another clock.
-    Frames of a file with several pages then have no time.
+    These are unknown for all frames if a file contains several of them.
     """
     entries = source.manifest.entries
     paths = [source.root / entry.file for entry in entries]

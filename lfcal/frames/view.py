@@ -56,7 +56,10 @@ class SourceView(Frames):
         return self.source.info(index)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples of frame ``index`` in the source; a view that changes pixels or levels overrides this."""
+        """Return the samples of frame ``index`` in the source, or only those in ``region``.
+
+        A view that changes pixels or levels overrides this method.
+        """
         return self.source.samples(index, region)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:

@@ -46,7 +46,7 @@ class DatedFit:
     camera
         The fitted camera.
     values
-        Value of each parameter by name, and its standard deviation with all others fixed.
+        Value of each parameter by name, and its standard deviation if those not fitted have their described values.
     units, groups_of
         Unit and group of each parameter.
     groups
@@ -216,7 +216,7 @@ class DatedInspection:
 
 
 def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection:
-    """Return a result of ``lfcal inspect``.
+    """Return a result of ``lfcal inspect``, with the name ``label`` in its series.
 
     ``path`` is the folder of a report, its ``quality.json``, or a file with the output of ``--json``.
 
@@ -250,7 +250,7 @@ def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection
 
 
 def inspection_of(report: QualityReport, label: str, when: datetime) -> DatedInspection:
-    """Return the entry of a series for a new inspection; ``when`` is the time of the inspected file."""
+    """Return the entry ``label`` of a series for a new inspection; ``when`` is the time of the inspected file."""
     return _inspection(label, when, False, report.to_dict(), None)
 
 

@@ -94,7 +94,7 @@ region_loss = drained(iter_region_loss)
 
 
 def draw_region_loss(loss: RegionLoss, path: Path) -> None:
-    """Draw the error by position of each region, at the position of the region on the sensor, as a PNG file."""
+    """Write a figure with a map of the error of each region over positions, arranged as the regions on the sensor."""
     rows, columns = (np.unique(np.round(loss.anchors[:, k] / 8) * 8) for k in (0, 1))
     high = max(float(np.nanmax(loss.error)), 1e-6)
     with figure(2.2 * len(columns) + 1.0, 1.9 * len(rows) + 0.6) as fig:

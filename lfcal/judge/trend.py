@@ -89,8 +89,8 @@ class Course:
     span_s
         Time from the first compared value to the last (s); NaN for fewer than two.
     per_month, per_month_sigma
-        Slope of the line through the compared values, and its standard deviation if known; NaN for fewer than two
-        values, or within `SHORTEST_S`.
+        Slope of the line through the compared values, and its standard deviation; NaN if unknown, for fewer than two
+        values, or if they span less than `SHORTEST_S`.
     change, change_sigmas
         Change from the oldest to the newest value, absolute and in combined standard deviations; NaN if unknown.
     jumps

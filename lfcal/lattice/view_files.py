@@ -29,7 +29,7 @@ def view_names(label: str) -> list[str]:
 
 
 def stack_names(label: str, slopes: tuple[float, ...]) -> list[str]:
-    """Return the names of the files that `save_focal_stack` writes."""
+    """Return the names of the files that `save_focal_stack` writes: the stack, and one image for each of ``slopes``."""
     return [f"focal_stack{label}.tif", *(f"focus{label}_{slope:+07.2f}.png" for slope in slopes)]
 
 

@@ -172,7 +172,7 @@ LEAST_SIGNAL_E = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class CodingNumbers:
-    """Summary of the gain of a code over one point at a time, in the same number of frames.
+    """Summary of the gain of a code over lighting one point at a time, in the same number of frames.
 
     Gains in dB are 10 log10 of the ratio of standard deviations; positive values mean that the code is better.
 
@@ -202,7 +202,7 @@ class CodingNumbers:
 
 @dataclass(frozen=True, eq=False)
 class CodingGain:
-    """Gain of a code in the precision of the recovered patterns, relative to one point at a time.
+    """Gain of a code in the precision of the recovered patterns, relative to lighting one point at a time.
 
     Attributes
     ----------
@@ -228,7 +228,7 @@ class CodingGain:
 
 @dataclass(frozen=True, eq=False)
 class CodingVerdict:
-    """Verdict on whether a code reduces the error of H compared with one point at a time.
+    """Verdict on whether a code reduces the error of H compared with lighting one point at a time.
 
     Attributes
     ----------
@@ -401,7 +401,7 @@ def coding_pays(
 ) -> CodingVerdict:
     """Return a verdict on whether lighting several points together reduces the error of the recovered patterns.
 
-    The rms error over all entries is compared with that of one point at a time in the same number of frames. A code
+    The rms error over all entries is compared with that of single points in the same number of frames. A code
     reduces this error if additive noise dominates, that is, for weak sources. For strong signals, coding spreads the
     photon noise of bright cores over dark entries.
 

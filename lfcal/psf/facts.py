@@ -107,7 +107,7 @@ class Facts:
 
 
 def fitting(what: str, value: ArrayLike, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-    """Return ``value`` as a read-only array of ``dtype``; raises `InputError` unless it has ``shape``."""
+    """Return ``value`` as a read-only array of ``dtype``; raise `InputError` about ``what`` unless it has ``shape``."""
     array = np.array(value, dtype)
     if array.shape != shape:
         raise InputError.expected(what, f"shape {shape}", array.shape, "give one value for each entry")

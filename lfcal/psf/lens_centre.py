@@ -47,7 +47,7 @@ class LensCentre:
 
     @property
     def expected(self) -> tuple[int, int]:
-        """Position at which other codes expect the centre, as an index from 0: ceil(n/2) - 1 along each axis."""
+        """Position at which other software expects the centre, as an index from 0: ceil(n/2) - 1 along each axis."""
         return (self.period[0] + 1) // 2 - 1, (self.period[1] + 1) // 2 - 1
 
     @property
@@ -64,7 +64,7 @@ class LensCentre:
 
     @property
     def agrees(self) -> bool:
-        """Whether the centre is already at the position that other codes expect, to within `TOLERANCE_PX`."""
+        """Whether the centre is already at the position that other software expects, to within `TOLERANCE_PX`."""
         return self.shift == (0, 0) and self.is_whole
 
     @property
@@ -85,9 +85,9 @@ class LensCentre:
 def lens_centre_of(matrix: PSFMatrix) -> LensCentre | None:
     """Return the position of a type-0 micro-image centre in ``matrix``; None if it is unknown.
 
-    The position is computed from the camera and the anchor. For an H from another code's file, it is determined by that
-    file or by the convention of that code (provenance ``lens_centre``). Unless frames were interpolated or resampled
-    when H was assembled, the pixels of H are sensor pixels, and pixel 0 is the one nearest to the anchor.
+    The position is computed from the camera and the anchor. For an H from a file of other software, it is determined by
+    that file or by the convention of the software (provenance ``lens_centre``). Unless frames were interpolated or
+    resampled when H was assembled, the pixels of H are sensor pixels, and pixel 0 is the one nearest to the anchor.
     """
     ny, nx = matrix.period
     if matrix.camera is None:
@@ -125,7 +125,7 @@ def _pair(value: Any) -> Pair | None:
 
 
 def lens_centred(matrix: PSFMatrix, lens: LensCentre, interpolation: str = "nearest") -> PSFMatrix:
-    """Return a view of ``matrix`` in which the micro-image centre ``lens`` is where other codes expect it.
+    """Return a view of ``matrix`` in which the micro-image centre ``lens`` is where other software expects it.
 
     Positions are rolled within the period by whole numbers. Their patterns do not change, because a cutout is centred
     on its source and only the source's index changes. The image ``f[p] = sum_v g[v] H[v mod n][p - v + c]`` of a volume

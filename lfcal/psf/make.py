@@ -99,7 +99,10 @@ class PlaneSource:
         raise NotImplementedError
 
     def reopening(self, z: int, stored: Stored) -> Reopening | None:
-        """Return how another process opens the source of plane ``z``. None: this process computes it at the end."""
+        """Return how another process opens the source of plane ``z``, to store its values as in ``stored``.
+
+        None: this process computes the plane at the end.
+        """
         raise NotImplementedError
 
     def named(self, out: Path) -> str:

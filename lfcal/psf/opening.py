@@ -176,7 +176,7 @@ def _of_array(values: NDArray[Any], source: Path, notes: list[str]) -> PSFMatrix
 
 
 def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
-    """Return notes on how another code's file was read: one line for each assumption that lfcal made.
+    """Return notes on how a file of other software was read: one line for each assumption that lfcal made.
 
     The result is empty for an H file made from such a file, whose provenance contains the notes.
     """

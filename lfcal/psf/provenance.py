@@ -151,7 +151,7 @@ def light_shares(provenance: Mapping[str, Any]) -> bool:
 
 
 def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[str, Any] | None]:
-    """Return a record of how each plane was simulated; None for planes without one.
+    """Return the record of how each plane was simulated; None for planes without one.
 
     ``docs/files.md`` lists the entries of a record.
 

@@ -97,7 +97,7 @@ class WindowModel:
         return patterns_at(replace(setup, depth_errors_um=moved), self.plan, own, sampling, self.workers)
 
     def scenes(self, patterns: VoxelPatterns, iterations: int) -> list[SceneEstimate]:
-        """Return the object of each frame, estimated in a number of ``iterations``."""
+        """Return the object of each frame, estimated with a given number of ``iterations``."""
         return [estimate_scene(patterns, frame, self.fields, iterations) for frame in self.frames]
 
     def score(self, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate], derivatives: F4) -> Score:
@@ -125,9 +125,9 @@ class WindowModel:
     ) -> F4:
         """Return the derivatives ``(k + 1, frames, rows, columns)`` of all expected frames for fixed volumes.
 
-        The first k are those with respect to the unknowns in ``vector``. The last one is that with respect to the scale
-        of the depths, in units of `DEPTH_SCALE`. Only the brightest voxels, which contain the fraction ``bright`` of
-        the light, are used.
+        The first k are those with respect to the unknowns, at the point ``u`` ``(k,)`` of ``vector``. The last one is
+        that with respect to the scale of the depths, in units of `DEPTH_SCALE`. Only the brightest voxels, which
+        contain the fraction ``bright`` of the light, are used.
         """
         light = patterns.values.sum((1, 2))
         keep = np.logical_or.reduce([_brightest(scene.volume * light, bright) for scene in scenes])

@@ -455,8 +455,9 @@ Plane = tuple[float, float, float]
 
 
 def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
-    """Return the regions (top, bottom, left, right) that cover a border of ``width`` pixels without overlap.
+    """Return the regions (top, bottom, left, right) that cover the border of a frame of ``shape`` without overlap.
 
+    ``width`` is the width of the border (px).
     If opposite borders meet, the only region is the whole frame.
     """
     rows, columns = shape

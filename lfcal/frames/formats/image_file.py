@@ -239,6 +239,8 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
 
     Raises
     ------
+    InputError
+        If ``colour`` is none of these.
     FileFormatError
         If the file is damaged, truncated, lossily compressed or not an image, or if it is a colour image and
         ``colour`` is not given.

@@ -60,7 +60,7 @@ class NDTiffImage(ImageFile):
     Raises
     ------
     FileFormatError, UnsafeFileError, InputError, StorageError
-        If the index or an image is damaged, images differ, or there are several channels.
+        If the index or an image is damaged, images differ, or there are several channels and none of them is stated.
     """
 
     def __init__(self, path: Path, channel: str | None = None) -> None:

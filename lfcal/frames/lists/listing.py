@@ -44,9 +44,9 @@ class Listing:
     unit
         Unit of length of the stage coordinates; ``"index"``; or empty if the list does not state it.
     exposures
-        Exposure of each frame (s), or None.
+        Exposure time of each frame (s). None: unknown.
     drift
-        ``(N, 2)`` as (dy, dx): displacement of images from their planned positions, as stated in the list (px).
+        ``(N, 2)`` as (dy, dx): displacement of images from their planned positions (px). None: not stated.
     notes
         Notes on what was guessed, one line each.
     counted

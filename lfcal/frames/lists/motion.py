@@ -38,7 +38,7 @@ class CentroidMotion:
     Attributes
     ----------
     matrix
-        ``(2, 2)``: pixels (row, column) per step along the first (column 0) and the second lateral axis (column 1).
+        Motion (down, right; px) per step along the two lateral axes, ``(2, 2)``; each column belongs to one axis.
     start
         Row and column of the centroid (px) at the first position along both axes.
     rms_px

@@ -96,8 +96,8 @@ def place(
     Raises
     ------
     InputError
-        If the list belongs to another scan, two frames have the same position, or a frame is half a step away from
-        every position.
+        If the list belongs to another scan, more frames have the same position than the plan averages, or a frame is
+        more than half a step away from its position.
     """
     numbered = listing.counted
     if (
@@ -143,7 +143,7 @@ def place(
 def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[ScanGrid, tuple[int, int]]:
     """Return the grid of a list, and the indices of the first and the second lateral axis in (x, y, z).
 
-    ``planes`` is the number of planes of the scan; 0: unknown.
+    ``stage`` states the axis of depth. ``planes`` is the number of planes of the scan; 0: unknown.
     """
     depth = AXES.index(stage.away[1])
     lateral = tuple(k for k in range(3) if k != depth)

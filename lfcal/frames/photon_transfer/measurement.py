@@ -57,7 +57,8 @@ def iter_measure_sensor(
     Raises
     ------
     InputError
-        If frames differ in shape, are identical, or are dark or saturated everywhere, or if a level has only one frame.
+        If frames differ in shape, are identical, or are dark or saturated everywhere, if a level has only one frame, or
+        if a file is used for both flats and darks.
     """
     files = [{frame.source for frame in held if isinstance(frame.source, Path)} for held in (flats, darks)]
     if both := sorted(file.name for file in files[0] & files[1]):

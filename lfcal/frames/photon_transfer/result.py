@@ -127,7 +127,7 @@ class SensorMeasurement:
         Raises
         ------
         InputError
-            If the values are doubtful, or the samples need an unknown number of bits above that of ``known``.
+            If the values are doubtful, or the gain was not determined.
         """
         if self.doubts or self.gain is None:
             why = self.doubts[0] if self.doubts else "the gain was not measured"
@@ -172,7 +172,7 @@ def figures_of(found: SensorMeasurement, known: Sensor | None = None) -> list[tu
     found
         The measured properties.
     known
-        The sensor before the measurement. If it is given, the full well for its description is included.
+        The sensor before the measurement. If it is given, the full well to state in its description is included.
     """
     channels = [(f"  {name}", _text(gain, "counts per e⁻")) for name, gain in found.channels.items()]
     return [

@@ -37,7 +37,10 @@ class FrameOptions:
     origin: tuple[int, int] | None = None
 
     def refuse(self, what: str, *accepted: str) -> None:
-        """Raise `InputError` if an option is set that is not in ``accepted``; ``what`` names the kind of source."""
+        """Raise `InputError` if an option is set that is not in ``accepted``; ``what`` names the kind of source.
+
+        The plan, its shape and the orientation are always accepted.
+        """
         for entry in fields(self):
             value = getattr(self, entry.name)
             if entry.name not in (*accepted, "plan_shape", "plan", "orientation") and value != entry.default:
@@ -57,7 +60,7 @@ class SourceKind:
     recognises
         Function that decides whether a path is of this kind.
     open
-        Function that opens a path of this kind.
+        Function that opens a path of this kind with the given options.
     rank
         Kinds are tried in ascending rank; folders of files come last, with rank 100.
     """

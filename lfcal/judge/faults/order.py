@@ -87,7 +87,7 @@ def _orders(period: tuple[int, int]) -> dict[str, Order]:
 
 
 class WrongOrder(Fault):
-    """Planes with a reversed axis of positions, or with frames assigned to earlier or later positions."""
+    """Planes with a reversed axis or reversed lines of positions, or with frames assigned to other positions."""
 
     name = "order"
     title = "patterns in the wrong order"

@@ -42,7 +42,10 @@ def only_recorded(positions: NDArray[np.intp]) -> PutIn:
 
 
 def place_map(evidence: Evidence, values: F8, unit: str, title: str) -> FaultPicture:
-    """Return ``values`` ``(n,)`` of the patterns as a map over the positions of the plane in which they vary most."""
+    """Return ``values`` ``(n,)`` of the patterns as a map over the positions of the plane in which they vary most.
+
+    ``unit`` and ``title`` are those of the values. Positions without a pattern are NaN.
+    """
     z = evidence.index[:, 0]
     worst = max(np.unique(z).tolist(), key=lambda k: float(np.ptp(values[z == k])))
     found = np.full(evidence.plan.period, np.nan)

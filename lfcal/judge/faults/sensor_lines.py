@@ -144,7 +144,7 @@ class DeadLine(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the faults along rows and along columns."""
+        """Yield a fault for such rows, and one for such columns, if there are any."""
         if evidence.computed:
             return
         total = sensor_map(evidence)
@@ -197,7 +197,7 @@ class HotLine(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield the faults along rows and along columns."""
+        """Yield a fault for such rows, and one for such columns, if there are any."""
         total = sensor_map(evidence)
         peak = float(evidence.light.max())
         for axis in (0, 1):
@@ -233,7 +233,7 @@ class LineOffsets(Fault):
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter", "misplaced", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield faults of rows and of columns; both count as one fault with one cost."""
+        """Yield a single fault if the offsets of rows, of columns, or of both scatter."""
         total = sensor_map(evidence)
         peak = float(evidence.light.max())
         both = [one for axis in (0, 1) if (one := _Offsets.of(total.lines(axis), axis, peak)) is not None]

@@ -198,7 +198,10 @@ class PlaneMeasures:
 
     @property
     def sensor_noise(self) -> float | None:
-        """Noise of a pixel without light as stated in H (standard deviation; median over positions). None: unknown."""
+        """Noise of a pixel without light that H states, in the unit of H. None: unknown.
+
+        It is the standard deviation, as a median over positions.
+        """
         noise = self.about.matrix.facts.noise
         if noise is None:
             return None

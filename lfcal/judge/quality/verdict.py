@@ -59,7 +59,10 @@ def _finding(metric: Metric, frames: int) -> Finding:
 
 
 def where(positions: Sequence[Sequence[int]], frames: int) -> str:
-    """Return the number of affected positions and the first of them (z, y, x) as text; empty if there are none."""
+    """Return the number of affected positions and the first of them (z, y, x) as text; empty if there are none.
+
+    ``frames`` is the number of all positions.
+    """
     if not positions:
         return ""
     if len(positions) >= frames:
@@ -70,7 +73,10 @@ def where(positions: Sequence[Sequence[int]], frames: int) -> str:
 
 
 def counted(metrics: Iterable[Metric]) -> dict[str, int]:
-    """Return the number of metrics with each rating, and of those that do not apply."""
+    """Return the number of metrics with each rating, and of those that do not apply.
+
+    The keys are ``"bad"``, ``"fair"``, ``"good"``, ``"unknown"`` and ``"not_applicable"``.
+    """
     found = dict.fromkeys(("bad", "fair", "good", "unknown", "not_applicable"), 0)
     for metric in metrics:
         found[merit_of(metric) if metric.applies else "not_applicable"] += 1

@@ -69,7 +69,8 @@ def working_f_number(
     Raises
     ------
     InputError
-        If there are fewer than two different depths, the lengths of the arrays differ, or a value is not finite.
+        If there are fewer than two different depths, the lengths of the arrays differ, a value is not finite, or the
+        diameter does not change with depth.
 
     Examples
     --------
