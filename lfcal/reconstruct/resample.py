@@ -438,7 +438,7 @@ def drift_words(view: Resampling, shape: tuple[int, int]) -> str:
 
 
 def lattice_anchor_of(H: Any) -> Pair:
-    """Return the offset (row, column) of H's position (0, 0) from the nearest micro-image centre (pixels).
+    """Return the offset (row, column) of H's position (0, 0) from the nearest type-0 micro-image centre (pixels).
 
     The offset is computed from camera and anchor of a `PSFMatrix`. Without a camera, position (0, 0) is assumed to be
     half a period above and to the left of the centre.

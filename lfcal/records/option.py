@@ -76,7 +76,7 @@ class Opt:
     flag, short
         Command-line option (by default ``--`` followed by the name), and its one-letter form.
     argument
-        Whether the command takes it as a positional argument.
+        Whether the command takes the value as a positional argument.
     more
         Whether the field is advanced: it is listed last in ``--help`` and collapsed in forms.
     empty

@@ -91,7 +91,7 @@ class SimulationForecast(TaskResult):
     def written(self, path: Path, what: str, **more: Any) -> dict[str, Any]:
         """Return a summary of the file or folder ``path`` that was written.
 
-        ``what`` names its kind, and ``more`` contains further entries.
+        ``what`` describes its contents, and ``more`` contains further entries.
         """
         names = [effect.name for effect in self.effects.effects]
         assumed = self.plan.camera.marks.paths("assumed")

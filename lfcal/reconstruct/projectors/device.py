@@ -71,7 +71,7 @@ class ArrayDevice:
         return self.text if self.library == "torch" else None
 
     def active(self) -> AbstractContextManager[Any]:
-        """Return a context in which new arrays of the library are on this device."""
+        """Return a context in which this device is CuPy's current one; for other libraries, it has no effect."""
         found: AbstractContextManager[Any] = self.place if self.library == "cupy" else nullcontext()
         return found
 

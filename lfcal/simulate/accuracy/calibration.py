@@ -49,7 +49,7 @@ SPEEDS = (1e7, 1e14)
 
 
 class MachineSpeed:
-    """Speed of this machine, and how much longer its engines take than their number of operations suggests.
+    """Speed of this machine, and how much longer engines take on it than their number of operations suggests.
 
     Parameters
     ----------
@@ -77,7 +77,10 @@ class MachineSpeed:
             return self._rate
 
     def ratio(self, engine: str) -> float:
-        """Return the median ratio of measured to forecast time of the last planes of an engine; 1 without any plane."""
+        """Return the ratio of measured to forecast time of an engine; 1 before any of its planes was measured.
+
+        It is the median over the last planes and `ASSUMED` further ratios of 1, within a factor of `MAX_CORRECTION`.
+        """
         known = self._ratios.get(engine)
         if not known:
             return 1.0
