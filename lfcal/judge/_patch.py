@@ -49,7 +49,7 @@ class Patch:
 
     @property
     def corners(self) -> NDArray[np.intp]:
-        """Return the pixel (row, column) of the first sample of each cutout ``(n, 2)``, relative to the first of H."""
+        """Pixel (row, column) of the first sample of each cutout ``(n, 2)``, relative to the first of H."""
         return self.index[:, 1:] + self.inset
 
     @property

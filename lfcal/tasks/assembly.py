@@ -434,7 +434,7 @@ class Assemble(AssembleRegions):
     def iter_part(
         self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, view: CorrectedSource, how: AssemblyRun
     ) -> Work[Assembled]:
-        """Assemble one H from corrected frames that are already open.
+        """Assemble one H from corrected frames that are already open, and return it.
 
         Parameters
         ----------

@@ -17,7 +17,7 @@ __all__ = ["SOLVER", "isra", "iter_isra"]
 
 @with_settings(IsraSettings)
 def iter_isra(P: Projector, image: ArrayLike, settings: IsraSettings) -> SolverWork:
-    """Deconvolve ``image`` ``(Y, X)`` by the image-space reconstruction algorithm (ISRA).
+    """Deconvolve ``image`` ``(Y, X)`` by the image-space reconstruction algorithm (ISRA); return a `Reconstruction`.
 
     The update of the volume g is ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Here f
     is the image, w its weights, and b the background. Parameters and errors are those of `richardson_lucy`, except for

@@ -52,8 +52,9 @@ class LeastSquaresSettings(SolverSettings):
 def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquaresSettings) -> SolverWork:
     """Minimize ``sum w (Hg + b - f)^2 + lambda |g|^2`` over volumes g by conjugate gradients (CGLS).
 
-    f is the image, w its weights, b the background, and lambda the damping (Bjoerck 1996, section 7.4). The volume may
-    become negative. The ``likelihood`` of a record is minus half the weighted sum of squares.
+    f is the image, w its weights, b the background, and lambda the damping (Bjoerck 1996, section 7.4). The volume of
+    the returned `Reconstruction` may be negative. The ``likelihood`` of a record is minus half the weighted sum of
+    squares.
 
     Parameters
     ----------

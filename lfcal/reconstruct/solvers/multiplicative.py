@@ -23,7 +23,7 @@ __all__ = ["SOLVER", "iter_richardson_lucy", "richardson_lucy"]
 
 @with_settings(RichardsonLucySettings)
 def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLucySettings) -> SolverWork:
-    """Deconvolve ``image`` ``(Y, X)`` by the Richardson-Lucy algorithm.
+    """Deconvolve ``image`` ``(Y, X)`` by the Richardson-Lucy algorithm, and return a `Reconstruction`.
 
     The update of the volume g is ``g <- g / HT1 * HT( f / (Hg + b) )``, where f is the image and b the background
     (Eberhart et al. 2020, equation 2). With weights w, the factor is ``HT(w f / (Hg + b)) / HTw``. Where Hg + b is

@@ -212,7 +212,7 @@ def plan_effects(
     frames: bool = False,
     peak: float = 0.8,
 ) -> EffectSelection:
-    """Select the effects to simulate in the planes of a scan.
+    """Select the effects to simulate in the planes of a scan, and return them as an `EffectSelection`.
 
     Effects are left out, the slowest ones first and then the smallest, as long as their estimates add up to less than
     half of the tolerance. The other half is reserved for errors of the computation. If leaving out fewer effects allows
