@@ -22,7 +22,7 @@ BEAD_FRAMES = 3
 SEEN = 0.5
 """Smallest ratio of an effect's error at a depth to its largest one with which frames at that depth determine it."""
 
-FITTED = "geometry,focal_lengths,iris"
+FITTED = ("geometry", "focal_lengths", "iris")
 """Groups of unknowns that are fitted together with those of the effects."""
 
 
@@ -41,6 +41,8 @@ class EffectMeasurement:
     depths_um
         Object depths of the point source (µm, relative to the working plane, positive away from the camera); empty if
         no point source is used.
+    unknowns
+        Groups of unknowns that a fit of the frames finds; empty if no point source is used.
     commands
         Commands to run, in order; ``CAMERA`` is the camera's file or preset.
 
@@ -59,6 +61,7 @@ class EffectMeasurement:
     rows: tuple[PlannedEffect, ...]
     frames: int
     depths_um: tuple[float, ...]
+    unknowns: tuple[str, ...]
     commands: tuple[str, ...]
 
     def to_dict(self, camera: str) -> dict[str, Any]:
@@ -158,12 +161,12 @@ def undescribed_effects(selection: EffectSelection, camera: Camera) -> Undescrib
     found = []
     if white:
         command = "lfcal white white.tif --camera CAMERA -o white/"
-        found.append(EffectMeasurement("one white image", tuple(white), 1, (), (command,)))
+        found.append(EffectMeasurement("one white image", tuple(white), 1, (), (), (command,)))
     if beads:
         found.append(_bead_frames(beads, [selection.depths_um[k] for k in _fewest_planes(beads)], camera))
     if stated:
         commands = tuple(f"lfcal simulate CAMERA --effect {row.name}=VALUE" for row in stated)
-        found.append(EffectMeasurement("a stated value, as in a data sheet", tuple(stated), 0, (), commands))
+        found.append(EffectMeasurement("a stated value, as in a data sheet", tuple(stated), 0, (), (), commands))
     return UndescribedEffects(rows, tuple(found))
 
 
@@ -186,13 +189,14 @@ def _seen(row: PlannedEffect, plane: int) -> bool:
 def _bead_frames(rows: Sequence[PlannedEffect], depths_um: Sequence[float], camera: Camera) -> EffectMeasurement:
     """Return the recording and the fit of a point source at some depths that determine ``rows`` together."""
     groups = dict.fromkeys(row.effect.settled_by(camera) for row in rows)
-    unknowns = ",".join(dict.fromkeys((*FITTED.split(","), *groups)))
+    unknowns = tuple(dict.fromkeys((*FITTED, *groups)))
+    named = ",".join(unknowns)
     frames = BEAD_FRAMES * len(depths_um)
     commands = (
         f"lfcal plan CAMERA --depths={','.join(f'{z_um:.7g}' for z_um in depths_um)} -o beads.json",
-        f"lfcal plan fit beads.json --count {frames} --unknowns {unknowns} -o positions.json",
+        f"lfcal plan fit beads.json --count {frames} --unknowns {named} -o positions.json",
         "lfcal acquire beads.json --positions positions.json -o beads/",
-        f"lfcal fit beads/ -o fit/ --unknowns {unknowns}",
+        f"lfcal fit beads/ -o fit/ --unknowns {named}",
     )
     title = f"{frames} bead frames at z = {' and '.join(map(format_length, depths_um))}"
-    return EffectMeasurement(title, tuple(rows), frames, tuple(depths_um), commands)
+    return EffectMeasurement(title, tuple(rows), frames, tuple(depths_um), unknowns, commands)

@@ -12,6 +12,8 @@ from lfcal.tasks.planned import Planned, PlanTask, scan_of
 from lfcal.tasks.task import RunSettings, TaskSet
 
 if TYPE_CHECKING:
+    from lfcal.acquire import RedoList
+    from lfcal.camera import ScanPlan
     from lfcal.fit import Earlier, PositionDesign
 
 __all__ = ["PLAN_FIT", "PlanFit", "PositionsPlanned"]
@@ -35,6 +37,15 @@ class PositionsPlanned(Planned):
 
     plan: PositionDesign
     earlier: Earlier | None
+
+    @property
+    def listed(self) -> RedoList:
+        """List of the positions, to be used with ``lfcal acquire``."""
+        from lfcal.acquire import RedoList
+
+        fitted, held_out = self.plan.fitted.tolist(), self.plan.held_out.tolist()
+        reasons = [CHOSEN] * len(fitted) + [HELD_OUT] * len(held_out)
+        return RedoList.of([*fitted, *held_out], reasons, kept_aside=held_out)
 
 
 @record
@@ -117,10 +128,19 @@ class PlanFit(PlanTask):
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[PositionsPlanned, ...]]:
         """Choose the positions, and write their list and the plot."""
-        from lfcal.acquire import RedoList
-        from lfcal.fit import Expected, Spread, draw_design, iter_next_positions, read_earlier
+        from lfcal.fit import draw_design
 
-        scan = scan_of(self.plan)
+        made = yield from self.iter_planned(scan_of(self.plan), run)
+        if self.out is not None:
+            made.listed.write(self.out)
+        if self.draw is not None:
+            draw_design(made.plan, self.draw, made.forecast.positions, made.forecast.hours)
+        return (made,)
+
+    def iter_planned(self, scan: ScanPlan, run: RunSettings | None = None) -> Work[PositionsPlanned]:
+        """Choose the positions of a scan, and write nothing."""
+        from lfcal.fit import Expected, Spread, iter_next_positions, read_earlier
+
         earlier = None if self.earlier is None else read_earlier(self.earlier)
         whole = self.forecast(scan)
         # from the earlier fit, or else the usual value
@@ -137,12 +157,6 @@ class PlanFit(PlanTask):
             **self.rates,
             workers=run.workers if run else None,
         )
-        fitted, held_out = found.fitted.tolist(), found.held_out.tolist()
-        if self.out is not None:
-            reasons = [CHOSEN] * len(fitted) + [HELD_OUT] * len(held_out)
-            RedoList.of([*fitted, *held_out], reasons, kept_aside=held_out).write(self.out)
-        if self.draw is not None:
-            draw_design(found, self.draw, whole.positions, whole.hours)
         facts = {
             "positions": found.positions,
             "kept_aside": found.held_out,
@@ -154,7 +168,7 @@ class PlanFit(PlanTask):
             "whole_scan": {"positions": whole.positions, "hours": whole.hours, "readout_hours": whole.readout_hours},
             "files": self.files("out"),
         }
-        return (PositionsPlanned(task=self, plan=found, forecast=whole, facts=facts, earlier=earlier),)
+        return PositionsPlanned(task=self, plan=found, forecast=whole, facts=facts, earlier=earlier)
 
 
 PLAN_FIT = TaskSet("plan fit", (PlanFit,), lambda given: PlanFit, "lfcal plan fit plan.json -n 24 -o positions.json")

@@ -102,7 +102,16 @@ from lfcal_gui.models.settings import OpeningSettings, ScanRates, stated_order
 from lfcal_gui.models.shot import CUTOUT, Label, Levels, Outline, Overlay, Shot, Symbols, Tint, cutout_of, scale_bar
 from lfcal_gui.models.solid import BEGIN, Projection, Solid, Viewpoint, project_solid, turned
 from lfcal_gui.models.stamp import FittedCamera, Stamp, stamp_of
-from lfcal_gui.models.step import CAMERA_FILE, PLAN_FILE, CommandStep, needed_file, needed_plan, options_of, step_of
+from lfcal_gui.models.step import (
+    CAMERA_FILE,
+    PLAN_FILE,
+    CommandStep,
+    list_beside,
+    needed_file,
+    needed_plan,
+    options_of,
+    step_of,
+)
 from lfcal_gui.models.verdict import Verdict, kept_verdict, verdict_of, with_verdict
 from lfcal_gui.models.words import (
     SPACE,

@@ -7,6 +7,7 @@ import importlib.util
 import shlex
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfcal.base import InputError
@@ -78,6 +79,11 @@ def step_of(spec: PageSpec, project: ProjectState, out: str = "", part: str = ""
         raise InputError(f"{spec.title}: this page has no command to copy; use its buttons instead")
     found: CommandStep = importlib.import_module(module).step(project, out)
     return found
+
+
+def list_beside(path: str | Path) -> Path:
+    """Return the path of the list of positions next to the plan file ``path``."""
+    return Path(path).with_name(f"{Path(path).stem}_positions.json")
 
 
 def options_of(pairs: Iterable[tuple[str, Any]]) -> tuple[str, ...]:

@@ -83,12 +83,16 @@ def h(stage: Stage) -> Iterator[Capture]:
 
 
 def simulate(stage: Stage) -> Iterator[Capture]:
-    """Show what accuracy costs, an effect and a frame; then compare H with the simulation."""
+    """Show what accuracy costs, measurements, an effect and a frame; then compare H with the simulation."""
     page = stage.page("simulate")
     page.measure()
     stage.done()
     stage.tidy()
     yield Capture("simulate")
+    page.measure_effects()
+    stage.done()
+    yield Capture("simulate_measure", page.dialog)
+    page.dialog.close()
     page.panel.table.select("vignetting")
     stage.settle()
     yield Capture("simulate_effect")

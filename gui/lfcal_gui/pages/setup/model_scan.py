@@ -15,7 +15,7 @@ from lfcal.base import InputError, LfcalError, check_cutout
 from lfcal.camera import Camera, ScanPlan, half_cell, moved_onto_sensor
 from lfcal.records import rows
 from lfcal.tasks import PLAN_FORMATS, PlanScan, plan_text
-from lfcal_gui.models import CAMERA_FILE, UNKNOWN, Field, fields_of, shown_of
+from lfcal_gui.models import CAMERA_FILE, UNKNOWN, Field, fields_of, list_beside, shown_of
 
 PATH_POINTS = 6000
 
@@ -171,11 +171,6 @@ def list_text(positions: NDArray[np.intp]) -> str:
     from lfcal.acquire import RedoList  # here: a page is shown before devices are loaded
 
     return RedoList.of(positions.tolist()).to_json()
-
-
-def list_beside(path: str | Path) -> Path:
-    """Return the path of the list of positions next to the plan file."""
-    return Path(path).with_name(f"{Path(path).stem}_positions.json")
 
 
 def plan_files(plan: ScanPlan, half: NDArray[np.intp] | None, path: str | Path) -> dict[Path, Callable[[], str]]:

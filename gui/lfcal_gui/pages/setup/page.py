@@ -171,6 +171,10 @@ class Page(BasePage):
             self._target = TargetDialog(self, self.context)
         return self._target
 
+    def receive(self, payload: Any) -> None:
+        """Do what another page leads to, such as asking for a white image."""
+        self.do(payload)
+
     def _take_theme(self) -> None:
         self.panel.apply_theme()
         for dialog in (self._check_dialog, self._target):

@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from lfcal.tasks import PLAN_FORMATS
-from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, CommandStep, ProjectState, needed_plan
-from lfcal_gui.pages.setup.model_scan import format_of, half_of, is_usual, list_beside, scan_task
+from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, CommandStep, ProjectState, list_beside, needed_plan
+from lfcal_gui.pages.setup.model_scan import format_of, half_of, is_usual, scan_task
 from lfcal_gui.pages.setup.model_target import PlanSettings, target_task
 
 

@@ -12,7 +12,7 @@ from lfcal.camera import ScanPlan
 from lfcal_gui.pages.simulate.model import SimulateSettings, frames_task
 
 if TYPE_CHECKING:
-    from lfcal.simulate import EffectSelection, PlannedEffect, UndescribedEffects
+    from lfcal.simulate import EffectMeasurement, EffectSelection, PlannedEffect, UndescribedEffects
     from lfcal.simulate.effects import Effect, Magnitude
 
 LEAST = 1e-5
@@ -88,9 +88,10 @@ class EffectsVerdict:
 
     Attributes
     ----------
-    unknown, measurements
-        Effects that the camera does not describe, largest first, and the measurements that determine them, as text;
-        empty if there are none.
+    unknown
+        Effects that the camera does not describe, largest first, as text; empty if there are none.
+    missing
+        The same effects with the measurements that determine them.
     found, frames
         Decisions for H, and for the frames of a session.
     """
@@ -99,7 +100,7 @@ class EffectsVerdict:
     settings: SimulateSettings
     rows: tuple[EffectRow, ...]
     unknown: str
-    measurements: str
+    missing: UndescribedEffects
     found: EffectSelection
     frames: EffectSelection
 
@@ -123,8 +124,7 @@ def verdict_of(plan: ScanPlan, settings: SimulateSettings) -> EffectsVerdict:
         _row(row if row.effect.acts_on.enters_h else frames.row(row.name), plan, settings) for row in found.rows
     )
     missing = undescribed_effects(found, plan.camera)
-    words = unknown_words(missing, settings), measurement_words(missing)
-    return EffectsVerdict(plan, settings, rows, *words, found, frames)
+    return EffectsVerdict(plan, settings, rows, unknown_words(missing, settings), missing, found, frames)
 
 
 def _row(planned: PlannedEffect, plan: ScanPlan, settings: SimulateSettings) -> EffectRow:
@@ -177,6 +177,11 @@ def measurement_words(missing: UndescribedEffects) -> str:
     """Return the measurements that determine undescribed effects, with their commands, as text; empty if none."""
     lines = missing.lines("camera.json")
     return "\n".join(("Measurements that determine them, the cheapest first:", *lines)) if lines else ""
+
+
+def determined_words(measurement: EffectMeasurement) -> str:
+    """Return the effects that a measurement determines, largest first, as text."""
+    return "; ".join(f"{row.effect.title}, {format_share(row.estimate.error)}" for row in measurement.rows)
 
 
 GROUPS = {

@@ -18,8 +18,18 @@ from lfcal.tasks import RunSettings, SimulatedH
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, Shot, asked_seconds, iter_measure, rough_seconds, subject_of
+from lfcal_gui.models import (
+    PageSpec,
+    ProjectState,
+    Shot,
+    asked_seconds,
+    iter_measure,
+    list_beside,
+    rough_seconds,
+    subject_of,
+)
 from lfcal_gui.pages.simulate import model
+from lfcal_gui.pages.simulate._measure_dialog import MeasureDialog
 from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 from lfcal_gui.pages.simulate.model_frames import (
@@ -31,11 +41,14 @@ from lfcal_gui.pages.simulate.model_frames import (
     frame_question,
     influence_question,
 )
+from lfcal_gui.pages.simulate.model_measure import BEADS_FILE, BeadPlan, iter_beads
 from lfcal_gui.pages.simulate.panel import SimulatePanel
 from lfcal_gui.saving import ask_target, write_file
 
 PART, SECONDS = "simulation", 20.0
 """What is measured, and about how long that may take (s)."""
+
+KIND = "Plan (*.json)"
 
 LONG = 30.0
 """Seconds from which a measurement begins only when it is asked for again."""
@@ -58,6 +71,8 @@ class Page(BasePage):
         self._curve: Curve | None = None
         self._warned: ScanPlan | None = None
         self._seconds: float | None = None
+        self.dialog: MeasureDialog | None = None
+        """The measurements of undescribed effects, while they are shown."""
         self._asked: tuple[Any, ...] = (None, None)
         """Plan and settings of the frame that is shown, or being made."""
         self.tool_button("Compute H …", "Compute H of all positions of the plan, as a job", self.simulate)
@@ -81,6 +96,7 @@ class Page(BasePage):
         panel.curve.measure_asked.connect(self.measure)
         panel.place.changed.connect(self._moved)
         deeds: dict[str, Callable[[], object]] = {
+            "measure": self.measure_effects,
             "frame": self.make_frame,
             "frames": self.simulate_frames,
             "import": self.import_magnitudes,
@@ -107,6 +123,7 @@ class Page(BasePage):
         if (new.plan, SimulateSettings.of(new)) != self._asked:
             self._forget_frame()
         if old.plan != new.plan or marks or SimulateSettings.of(old) != SimulateSettings.of(new):
+            self._close_dialog()
             self._show(new)
 
     def deeds(self) -> dict[str, Callable[[], object]]:
@@ -288,6 +305,88 @@ class Page(BasePage):
     def _framed(self, question: tuple[Any, ...], frame: SimulatedFrame | None, why: str = "") -> None:
         if question == self._asked:
             self.panel.frame.show_frame(frame, why)
+
+    # -- undescribed effects -----------------------------------------------------------------------------
+    def measure_effects(self) -> None:
+        """Show the measurements that determine undescribed effects, and choose the positions of bead frames."""
+        verdict = self._answer()
+        if verdict is None or self.dialog is not None:
+            return
+        self.dialog = dialog = MeasureDialog(self, verdict.missing, self._act)
+        beads = next((one for one in verdict.missing.measurements if one.depths_um), None)
+        number = 0
+        if beads is not None:
+            number = self.context.jobs.start(
+                "Choose positions of bead frames",
+                "simulate",
+                lambda: iter_beads(verdict.plan, beads),
+                lambda found: self._show_beads(dialog, found, found.words()),
+                lambda job: self._show_beads(dialog, None, job.error or "No positions were chosen."),
+                leave=True,
+                at_once=True,
+            )
+        dialog.finished.connect(lambda _: self._dialog_closed(number))
+        dialog.open()
+
+    def _show_beads(self, dialog: MeasureDialog, beads: BeadPlan | None, words: str) -> None:
+        if dialog is self.dialog:
+            dialog.show_beads(beads, words)
+
+    def _dialog_closed(self, number: int) -> None:
+        self.dialog = None
+        self.context.jobs.cancel(number)
+
+    def _close_dialog(self) -> None:
+        if self.dialog is not None:
+            self.dialog.close()
+
+    def _act(self, what: str) -> None:
+        """Do what was asked for in the dialog; it stays open when the plan is saved."""
+        if what == "save":
+            self.save_beads()
+            return
+        beads = None if self.dialog is None else self.dialog.beads
+        self._close_dialog()
+        if what == "white":
+            self.context.go.emit("setup", what)
+        elif what == "values" and self.verdict is not None:
+            stated = next(one for one in self.verdict.missing.measurements if not one.frames)
+            self.panel.table.select(stated.rows[0].name)
+            self.panel.show_effect()
+        elif beads is not None:
+            self.use_beads(beads)
+
+    def save_beads(self, path: str = "") -> None:
+        """Write the plan of the bead frames, and the list of their positions next to it."""
+        beads = None if self.dialog is None else self.dialog.beads
+        if self.dialog is None or beads is None:
+            return
+        path = path or ask_target(self.dialog, "Save plan", BEADS_FILE, KIND, lambda to: list(beads.files(to)))
+        if path and self._write_beads(beads, path):
+            listed = list_beside(path).name
+            self.context.message.emit(f"plan saved as {path}, and {listed} for Positions in Record > Rig")
+
+    def _write_beads(self, beads: BeadPlan, path: str) -> bool:
+        def writing(text: str) -> Callable[[Path], object]:
+            return lambda part: part.write_text(text, encoding="utf-8")
+
+        if not all(write_file(self, str(file), writing(text)) for file, text in beads.files(path).items()):
+            return False
+        self.context.history.add(
+            self.context.taken("simulate", f"Save plan {Path(path).name}", path, lambda: beads.step(path))
+        )
+        return True
+
+    def use_beads(self, beads: BeadPlan) -> None:
+        """Make the plan of the bead frames that of the project, with their positions and the unknowns of the fit."""
+        path = self.context.own_path(BEADS_FILE) or ask_target(
+            self, "Save plan", BEADS_FILE, KIND, lambda to: list(beads.files(to))
+        )
+        if not path or not self._write_beads(beads, path):
+            return
+        if self.context.project.update("plan of bead frames", **beads.changes(self.context.state, list_beside(path))):
+            self.context.message.emit(f"plan in use: {path}; record its positions, assemble H and fit the optics")
+            self.context.go.emit("acquire", None)
 
     # -- files -------------------------------------------------------------------------------------------
     def import_magnitudes(self, path: str = "") -> None:

@@ -30,7 +30,7 @@ from lfcal_gui.pages.simulate import model
 from lfcal_gui.pages.simulate._effect_panel import EffectPanel
 from lfcal_gui.pages.simulate._effects_table import EffectsTable
 from lfcal_gui.pages.simulate.model import SimulateSettings
-from lfcal_gui.pages.simulate.model_effects import EffectsVerdict
+from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, measurement_words
 from lfcal_gui.pages.simulate.model_frames import SimulatedFrame, write_frame
 from lfcal_gui.saving import ask_target, write_file
 from lfcal_gui.widgets import (
@@ -174,6 +174,7 @@ WIDTH = 304
 
 IMPORT = "Read magnitudes and settings from a JSON file, as lfcal simulate --effect does"
 EXPORT = "Write the magnitudes and settings of this page to a JSON file for lfcal simulate --effect"
+MEASURE = "Show the cheapest measurements that determine these effects, and plan the bead frames"
 RESET = "Set every magnitude and setting to its default"
 TAB_TIPS = (
     "One pattern of H, computed with the current settings",
@@ -188,8 +189,9 @@ class SimulatePanel(QWidget):
     edited = Signal(str, object, arguments=["name", "value"])
     """A field of the tasks; see `lfcal_gui.pages.simulate.model.FIELDS`."""
     asked = Signal(str, arguments=["what"])
-    """A button was pressed: ``"frame"`` of the position, ``"frames"`` of the plan, ``"import"``, ``"export"`` or
-    ``"reset"`` of magnitudes and settings, ``"stop"`` of the pictures of an effect."""
+    """A button was pressed: ``"frame"`` of the position, ``"frames"`` of the plan, ``"measure"`` of undescribed
+    effects, ``"import"``, ``"export"`` or ``"reset"`` of magnitudes and settings, ``"stop"`` of the pictures of an
+    effect."""
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
@@ -238,7 +240,8 @@ class SimulatePanel(QWidget):
         self.forms[2].fold_line(button("Simulate frames …", frames, self._asking("frames")))
         inner = QWidget()
         above = (self._numbers(), self.better, self.forms[0], heading("Effects that this H needs"))
-        below = (self.unknown, *self.forms[1:], self._files())
+        self.measure_button = button("Measure them …", MEASURE, self._asking("measure"))
+        below = (self.unknown, line(self.measure_button), *self.forms[1:], self._files())
         column = column_of(*above, self.table, *below, of=inner, spacing=6)
         column.setContentsMargins(4, 0, 4, 0)
         column.addStretch()
@@ -282,8 +285,9 @@ class SimulatePanel(QWidget):
         """Show the planner's answer: a row for each effect."""
         self.table.show_verdict(verdict)
         self.unknown.setText(verdict.unknown)
-        self.unknown.setToolTip(verdict.measurements)
+        self.unknown.setToolTip(measurement_words(verdict.missing))
         self.unknown.setVisible(bool(verdict.unknown))
+        self.measure_button.setVisible(bool(verdict.missing.measurements))
         self.place.show_plan(verdict.plan)
         self.effect.show_row(verdict.row(self.table.selected))
 
