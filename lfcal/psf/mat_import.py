@@ -91,7 +91,10 @@ def _check_version(path: Path) -> None:
     # MATLAB 5.0 files are not HDF5, and h5py would only report a missing signature
     if head.startswith(b"MATLAB 5.0"):
         raise FileFormatError.expected(
-            str(path), "a MATLAB v7.3 file", "one of version 5 to 7", "save it with save(..., '-v7.3')"
+            str(path),
+            "a MATLAB v7.3 file",
+            "one of version 5 to 7",
+            "save it in MATLAB with save(..., '-v7.3'), or as a 5-D .npy array (z, y, x, t, s) with scipy and numpy",
         )
 
 

@@ -218,5 +218,9 @@ def test_a_sequence_of_useq_schema(run: Run, tmp_path: Path) -> None:
 def test_useq_itself_reads_the_sequence(run: Run, tmp_path: Path) -> None:
     useq = pytest.importorskip("useq", reason="useq-schema is not installed")
     run("plan", *SMALL, "--as", "useq", "-o", str(tmp_path / "scan.json"))
+    run("plan", *SMALL, "-o", str(tmp_path / "plan.json"))
+    plan = ScanPlan.from_dict(json.loads((tmp_path / "plan.json").read_text()))
     events = list(useq.MDASequence.from_file(tmp_path / "scan.json"))
-    assert len(events) == 2 * 19 * 33 and events[0].x_pos is not None
+    places = [(event.x_pos, event.y_pos, event.z_pos) for event in events]
+    np.testing.assert_allclose(places, plan.stage_um(), atol=1e-4)
+    assert [event.pos_name for event in events] == [f"z{z:03d}_y{y:03d}_x{x:03d}" for z, y, x in plan.positions()]

@@ -8,52 +8,23 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from docs_build.schemas import schemas, text_of
 from lfcal.acquire.session_file import SessionFile
 from lfcal.base.errors import LfcalError
+from lfcal.base.h5.reading import H5File
 from lfcal.camera import PRESETS, Camera, ScanPlan, preset
+from lfcal.psf import PSFMatrix, save
+from lfcal.psf._specification import describe, schema
 from tests.acquire.rigs import small_plan
 from tests.architecture.sources import ROOT
 
+jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed")
+
 MADE = {path.name.split("-")[1]: schema for path, schema in schemas().items()}
-TYPES: dict[str, tuple[type, ...]] = {
-    "object": (dict,),
-    "array": (list,),
-    "string": (str,),
-    "number": (int, float),
-    "integer": (int,),
-    "boolean": (bool,),
-    "null": (type(None),),
-}
-KEYWORDS = {"type", "properties", "required", "additionalProperties", "items", "minItems", "maxItems", "anyOf", "enum"}
-WORDS = {"$schema", "$id", "$defs", "$ref", "title", "description", "const"}
-
-
-def wrong(value: Any, schema: Any, root: Any) -> bool:
-    """Return whether a value deviates from a schema, by the rules of draft 2020-12 for the keywords that occur."""
-    assert set(schema) <= KEYWORDS | WORDS
-    if "$ref" in schema:
-        return wrong(value, root["$defs"][schema["$ref"].rpartition("/")[2]], root)
-    if "anyOf" in schema:
-        return all(wrong(value, one, root) for one in schema["anyOf"])
-    if "const" in schema or "enum" in schema:
-        return value not in schema.get("enum", [schema.get("const")])
-    is_flag = isinstance(value, bool) and schema["type"] != "boolean"
-    if is_flag or not isinstance(value, TYPES[schema["type"]]):
-        return True
-    if isinstance(value, list):
-        few, most = schema.get("minItems", 0), schema.get("maxItems", len(value))
-        return not few <= len(value) <= most or any(wrong(one, schema["items"], root) for one in value)
-    if not isinstance(value, dict):
-        return False
-    known, rest = schema.get("properties", {}), schema.get("additionalProperties")
-    return (
-        not set(schema.get("required", ())) <= set(value)
-        or (rest is False and not set(value) <= set(known))
-        or any(wrong(one, known.get(name, rest), root) for name, one in value.items())
-    )
+CHECKED = {kind: jsonschema.Draft202012Validator(schema) for kind, schema in MADE.items()}
 
 
 def files() -> Iterator[tuple[str, Any]]:
@@ -71,14 +42,14 @@ READ = {"camera": Camera.from_dict, "plan": ScanPlan.from_dict}
 
 def test_the_published_files_are_those_of_the_records() -> None:
     """If not: ``python -m docs_build.schemas``."""
-    for path, schema in schemas().items():
-        assert path.read_text(encoding="utf-8") == text_of(schema), path
+    for path, made in schemas().items():
+        assert path.read_text(encoding="utf-8") == text_of(made), path
 
 
 def test_files_of_lfcal_have_no_deviation() -> None:
     assert {kind for kind, _ in FILES} == {"camera", "plan", "session"}
     for kind, value in FILES:
-        assert not wrong(value, MADE[kind], MADE[kind]), kind
+        assert CHECKED[kind].is_valid(value), kind
 
 
 def places(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -102,7 +73,7 @@ def test_what_the_schema_refuses_lfcal_refuses(kind: str) -> None:
                 old = entries.pop(last)
                 if change != "missing":
                     entries[last if change == "another type" else f"{last}_"] = {"odd": old}
-                assert wrong(other, MADE[kind], MADE[kind]), (*before, last, change)
+                assert not CHECKED[kind].is_valid(other), (*before, last, change)
                 with pytest.raises(LfcalError):
                     READ[kind](other)
 
@@ -112,12 +83,17 @@ def test_a_session_of_the_schema_is_read(tmp_path: Path) -> None:
         if kind == "session":
             (tmp_path / "session.json").write_text(json.dumps(value))
             SessionFile.read(tmp_path)
-            assert wrong({**value, "more": 1}, MADE[kind], MADE[kind])
-            assert wrong({**value, "devices": {}}, MADE[kind], MADE[kind])
+            assert not CHECKED[kind].is_valid({**value, "more": 1})
+            assert not CHECKED[kind].is_valid({**value, "devices": {}})
 
 
-def test_the_official_library_agrees() -> None:
-    jsonschema = pytest.importorskip("jsonschema", reason="jsonschema is not installed")
-    for kind, value in FILES:
-        jsonschema.Draft202012Validator.check_schema(MADE[kind])
-        assert jsonschema.Draft202012Validator(MADE[kind]).is_valid(value)
+def test_the_schemas_are_json_schemas(tmp_path: Path) -> None:
+    for found in (*MADE.values(), schema(), schema(2)):
+        jsonschema.Draft202012Validator.check_schema(found)
+    save(PSFMatrix(np.ones((1, 3, 3, 5, 5), np.float32)), tmp_path / "H.h5")
+    with H5File(tmp_path / "H.h5") as file:
+        said = json.loads(json.dumps(describe(file, [])))
+    checked = jsonschema.Draft202012Validator(schema())
+    assert checked.is_valid(said)
+    del said["datasets"]["H"]
+    assert not checked.is_valid(said)

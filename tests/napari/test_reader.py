@@ -192,29 +192,6 @@ def test_h_and_sessions_from_far_to_near(tmp_path: Path) -> None:
     assert words["translate"][0] == depths[-1]
 
 
-def test_napari_reads_through_the_installed_plug_in(tmp_path: Path) -> None:
-    if importlib.util.find_spec("npe2") is None:
-        pytest.skip("npe2 is not installed")
-    volume = np.random.default_rng(5).random((3, 8, 9), np.float32)
-    save_volume(tmp_path / "v.h5", volume, depths_um=DESCENDING, voxel_um=(2.0, 3.0))
-    command = [sys.executable, "-c", READ, str(MANIFEST), str(tmp_path / "v.h5")]
-    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONWARNINGS": "ignore"})
-    assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
-    assert said["translate"] == [-38.0, 0.0, 0.0] and said["scale"] == [9.0, 2.0, 3.0]
-    np.testing.assert_array_equal(said["plane"], volume[2].tolist())
-
-
-READ = """
-import json, sys
-from npe2 import PluginManager, PluginManifest, read
-manager = PluginManager.instance()
-manager.register(PluginManifest.from_file(sys.argv[1]))
-((data, words, kind),) = read([sys.argv[2]], stack=False)
-print(json.dumps({"plane": data[0].tolist(), "scale": words["scale"], "translate": words["translate"]}))
-"""
-
-
 def test_what_is_not_of_lfcal_is_left_to_others(tmp_path: Path) -> None:
     import h5py
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import shutil
+import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +15,7 @@ import pytest
 import tifffile
 from numpy.typing import NDArray
 from PIL import Image, ImageSequence
+from scipy.io import loadmat
 
 from lfcal.base import InputError
 from lfcal.camera import preset
@@ -160,19 +164,27 @@ def test_cells_of_olaf_are_read_back(tmp_path: Path, sparse: bool) -> None:
     assert any("oLaF's cell array" in note for note in bare.provenance["notes"])
 
 
-def richardson_lucy(H: Array, Ht: Array, image: Array, steps: int) -> Array:
-    """Return the volume of deconvRL.m of oLaF, range 'full', with its projections."""
-    ones = np.ones_like(image)
+Step = Callable[[Array], Array]
 
-    def back(light: Array) -> Array:
-        return np.stack([project(Ht[..., z : z + 1], light[..., None]) for z in range(Ht.shape[2])], -1)
 
-    normal = back(ones)
-    found = np.ones((*image.shape, Ht.shape[2]))
+def richardson_lucy(forward: Step, back: Step, image: Array, steps: int) -> Array:
+    """Return the volume of deconvRL.m of oLaF, range 'full', with the projections of a code."""
+    normal = back(np.ones_like(image))
+    found = np.ones_like(normal)
     for _ in range(steps):
-        seen = project(H, found)
+        seen = forward(found)
         found *= back(np.divide(image, seen, out=np.zeros_like(image), where=seen > 0)) / normal
     return found
+
+
+def point() -> Array:
+    light = np.zeros((9, 9, 2))
+    light[4, 5, 1] = 100.0
+    return light
+
+
+def assert_point(found: Array) -> None:
+    assert np.unravel_index(found.argmax(), found.shape) == (4, 5, 1) and found[4, 5, 1] > 50
 
 
 @pytest.mark.parametrize("code", ["olaf", "prevedel", "pyolaf"])
@@ -185,10 +197,74 @@ def test_a_deconvolution_in_the_layout_of_the_code_finds_a_point(tmp_path: Path,
     else:
         with np.load(path) as file:
             H, Ht = (as_cells(file[name].transpose(3, 4, 1, 2, 0)) for name in ("H", "Ht"))
-    light = np.zeros((9, 9, 2))
-    light[4, 5, 1] = 100.0
-    found = richardson_lucy(H, Ht, expected(light), 60)
-    assert np.unravel_index(found.argmax(), found.shape) == (4, 5, 1) and found[4, 5, 1] > 50
+
+    def back(image: Array) -> Array:
+        return np.stack([project(Ht[..., z : z + 1], image[..., None]) for z in range(2)], -1)
+
+    assert_point(richardson_lucy(lambda light: project(H, light), back, expected(point()), 60))
+
+
+OCTAVE = """
+1;
+function image = forward(H, pattern, light, n)
+  image = zeros(size(light)(1:2));
+  for z = 1:size(light, 3)
+    for y = 1:n
+      for x = 1:n
+        plane = zeros(size(image));
+        plane(y:n:end, x:n:end) = light(y:n:end, x:n:end, z);
+        image += conv2(plane, pattern(H, y, x, z), "same");
+      end
+    end
+  end
+end
+function volume = back(Ht, pattern, image, n, planes)
+  volume = zeros([size(image), planes]);
+  for z = 1:planes
+    for y = 1:n
+      for x = 1:n
+        plane = zeros(size(image));
+        plane(y:n:end, x:n:end) = image(y:n:end, x:n:end);
+        volume(:, :, z) += conv2(plane, pattern(Ht, y, x, z), "same");
+      end
+    end
+  end
+end
+image = load("image.txt");
+normal = back(Ht, pattern, ones(size(image)), n, 2);
+found = ones(size(normal));
+for step = 1:60
+  found .*= back(Ht, pattern, image ./ forward(H, pattern, found, n), n, 2) ./ normal;
+end
+save -6 found.mat found
+"""
+"""A deconvolution in Octave; a lens is centred on pixel ceil(n / 2) of each period."""
+
+IN_OCTAVE = {
+    "olaf": "n = file.Nnum; pattern = @(H, y, x, z) double(H{y, x, z});",
+    # Octave has the rows, columns and values of a sparse matrix as a structure
+    "olaf, sparse": """
+n = file.Nnum; ends = @(p) double(p.jc(:)'); of = @(p) numel(p.jc) - 1;
+unpacked = @(p) full(sparse(double(p.ir(:)) + 1, repelem(1:of(p), diff(ends(p))), p.data(:), of(p), of(p)));
+pattern = @(H, y, x, z) unpacked(H{y, x, z});""",
+    "prevedel": """
+file = load("H.mat"); H = file.H; Ht = file.Ht; n = size(H, 3);
+pattern = @(H, y, x, z) double(H(:, :, y, x, z));""",
+}
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
+@pytest.mark.parametrize("layout", IN_OCTAVE)
+def test_octave_finds_a_point_with_the_file_of_a_code(tmp_path: Path, layout: str) -> None:
+    code, _, sparse = layout.partition(", ")
+    export(matrix(), tmp_path / "H.mat", code=code, sparse=bool(sparse))
+    np.savetxt(tmp_path / "image.txt", expected(point()))
+    cells = next(part.partition("```")[0] for part in SNIPPET.split("```octave\n")[1:]) if code == "olaf" else ""
+    (tmp_path / "loop.m").write_text(cells + IN_OCTAVE[layout] + OCTAVE)
+    command = ["octave-cli", "--norc", "--quiet", "loop.m"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert_point(loadmat(tmp_path / "found.mat")["found"])
 
 
 def test_a_deconvolution_in_the_layout_of_flfm_finds_a_point(tmp_path: Path) -> None:
@@ -227,14 +303,20 @@ def test_prevedels_code_projects_with_its_file(tmp_path: Path) -> None:
     np.testing.assert_allclose(forward_project(found["H"], volume(), found["CAindex"]), expected(volume()), rtol=1e-5)
 
 
+def made_by_the_manual() -> dict[str, Any]:
+    """Return what the manual's conversion for pyolaf makes of the file in the working folder."""
+    snippet = next(part.partition("```")[0] for part in SNIPPET.split("```python\n") if "H_pyolaf.npz" in part)
+    made: dict[str, Any] = {}
+    exec(compile(snippet, "matlab.md", "exec"), made)
+    return made
+
+
 def test_pyolaf_projects_with_the_patterns_that_the_manual_makes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     export(matrix(), tmp_path / "H_pyolaf.npz", code="pyolaf", quality="good")
     monkeypatch.chdir(tmp_path)
-    snippet = next(part.partition("```")[0] for part in SNIPPET.split("```python\n") if "H_pyolaf.npz" in part)
-    made: dict[str, Any] = {}
-    exec(compile(snippet, "matlab.md", "exec"), made)
+    made = made_by_the_manual()
     dense = np.empty(made["H"].shape, object)
     for at in np.ndindex(dense.shape):
         dense[at] = made["H"][at].todense()
@@ -243,27 +325,33 @@ def test_pyolaf_projects_with_the_patterns_that_the_manual_makes(
         assert file["quality"] == "good" and file["depths_um"].tolist() == [1.0, 2.0] and file["H"].dtype == np.float32
 
 
-def test_pyolaf_itself_takes_the_patterns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pyolaf_itself_finds_a_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     project = pytest.importorskip("pyolaf.project", reason="pip install pyolaf==0.2.1")
-    from scipy.sparse import csr_matrix
-
-    path = export(matrix(), tmp_path / "H_pyolaf.npz", code="pyolaf")
-    with np.load(path) as file:
-        stored = file["H"]
-    H = np.empty((N, N, 2), object)
-    for z, y, x in np.ndindex(stored.shape[:3]):
-        H[y, x, z] = csr_matrix(stored[z, y, x])
-    steps = N * np.arange(-1, 2)
+    export(matrix(), tmp_path / "H_pyolaf.npz", code="pyolaf")
+    monkeypatch.chdir(tmp_path)
+    H, Ht = (made_by_the_manual()[name] for name in ("H", "Ht"))
+    steps = N * np.arange(-2, 3)
     centres = np.stack(np.meshgrid(steps, steps, indexing="ij"), -1)
-    half = np.array([(N + 1) // 2] * 2)
-    resolution = {"TexNnum": np.array([N, N]), "TexNnum_half": half, "texMask": np.ones((N, N), int)}
-    resolution = {name: np.asarray(value) for name, value in (resolution | {"texScaleFactor": np.ones(2)}).items()}
+    period, middle = np.array([N, N]), np.array([(N + 1) // 2] * 2)
+    resolution = {"Nnum": period, "TexNnum": period, "Nnum_half": middle, "TexNnum_half": middle}
+    resolution |= {name: np.ones((N, N), int) for name in ("sensMask", "texMask")} | {"texScaleFactor": np.ones(2)}
+    rest = {"px": centres, "vox": centres}, resolution, np.array([9, 9]), "full"
+
+    def forward(light: Array) -> Array:
+        # as the manual says, pyolaf's volumes lie a pixel off its images
+        shifted = np.roll(light, (1, 1), (0, 1))
+        return np.asarray(project.LFM_forwardProject(H, shifted, *rest))
+
+    def back(image: Array) -> Array:
+        return np.asarray(project.LFM_backwardProject(Ht, image, *rest))
+
     light = volume()
-    light[:, [0, -1]] = light[[0, -1]] = 0  # its volume lies a pixel off its image
-    seen = project.LFM_forwardProject(
-        H, np.roll(light, (1, 1), (0, 1)), {"vox": centres}, resolution, np.array([9, 9]), "full"
-    )
-    np.testing.assert_allclose(np.asarray(seen)[1:-1, 1:-1], expected(light)[1:-1, 1:-1], rtol=1e-4)
+    light[:, [0, -1]] = light[[0, -1]] = 0
+    np.testing.assert_allclose(forward(light)[1:-1, 1:-1], expected(light)[1:-1, 1:-1], rtol=1e-4)
+    image = np.zeros((9, 9))
+    image[2:-2, 2:-2] = np.random.default_rng(2).random((5, 5))
+    assert (expected(light) * image).sum() == pytest.approx((light * back(image)).sum(), rel=1e-5)
+    assert_point(richardson_lucy(forward, back, expected(point()), 60))
 
 
 def test_flfm_reads_a_pattern_for_each_plane(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -23,7 +24,9 @@ from lfcal.reconstruct.volumes import (
     volume_facts,
     write_volumes,
 )
+from tests.architecture.sources import ROOT
 
+MANIFEST = ROOT / "lfcal" / "napari" / "napari.yaml"
 NAMES = {"ome": "http://www.openmicroscopy.org/Schemas/OME/2016-06"}
 
 
@@ -320,18 +323,72 @@ def by_ome(path: Path) -> Placed:
     return out
 
 
+def by_ome_types(path: Path) -> Placed:
+    """By ome-types, which also validates the metadata against the schema."""
+    ome_types = pytest.importorskip("ome_types", reason="ome-types is not installed")
+    pixels = ome_types.from_tiff(path, validate=True).images[0].pixels
+    values = tifffile.imread(path).reshape(2, 3, 4, 5)
+    planes = {(plane.the_t, plane.the_z): plane for plane in pixels.planes}
+    sides = {axis: getattr(pixels, f"physical_size_{axis}") for axis in "yx"}
+    assert {unit.value for plane in planes.values() for unit in (plane.position_z_unit, plane.delta_t_unit)} <= {
+        "µm",
+        "s",
+    }
+    out: Placed = []
+    for t, z, y, x in np.ndindex(values.shape):
+        plane = planes.get((t, z))
+        place: list[float | None] = [None, None] if plane is None else [plane.delta_t, plane.position_z]
+        for axis, k in (("y", y), ("x", x)):
+            side = sides[axis]
+            place.append(None if side is None else getattr(plane, f"position_{axis}") + k * side)
+        out.append((tuple(place), float(values[t, z, y, x])))
+    return out
+
+
+def placed_by(values: Any, axes: list[dict[str, Any]], transformations: list[dict[str, Any]]) -> Placed:
+    """Place voxels at index * scale + translation, in the units of the axes."""
+    scale, *rest = transformations
+    start = rest[0]["translation"] if rest else [0.0] * 4
+    places = [
+        [k * side + first if "unit" in axis else None for k in range(n)]
+        for axis, side, first, n in zip(axes, scale["scale"], start, values.shape, strict=True)
+    ]
+    return spread(values, places)
+
+
 def by_ngff(path: Path) -> Placed:
-    """By https://ngff.openmicroscopy.org/0.4/: index * scale + translation, in the units of the axes."""
+    """By https://ngff.openmicroscopy.org/0.4/."""
     image = image_of(path)
     (level,) = image["datasets"]
-    scale, *rest = level["coordinateTransformations"]
-    start = rest[0]["translation"] if rest else [0.0] * 4
     values = zarr.open_array(path / level["path"], mode="r")[...]
-    axes = [
-        [k * side + first if "unit" in axis else None for k in range(n)]
-        for axis, side, first, n in zip(image["axes"], scale["scale"], start, values.shape, strict=True)
-    ]
-    return spread(values, axes)
+    return placed_by(values, image["axes"], level["coordinateTransformations"])
+
+
+def by_ome_zarr(path: Path) -> Placed:
+    """By the reader of ome-zarr."""
+    pytest.importorskip("ome_zarr", reason="ome-zarr is not installed")
+    from ome_zarr.io import parse_url
+    from ome_zarr.reader import Reader
+
+    (node,) = Reader(parse_url(path))()
+    (values,), (transformations,) = node.data, node.metadata["coordinateTransformations"]
+    return placed_by(np.asarray(values), node.metadata["axes"], transformations)
+
+
+def by_napari(path: Path) -> Placed:
+    """By npe2 with the manifest of lfcal: index * scale + translate, in the units of the layer."""
+    with warnings.catch_warnings():  # when it is imported
+        warnings.simplefilter("ignore")
+        npe2 = pytest.importorskip("npe2", reason="npe2 is not installed")
+        manager = npe2.PluginManager()
+        manager.register(npe2.PluginManifest.from_file(MANIFEST))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(npe2.PluginManager, "instance", lambda: manager)
+            ((values, words, kind),) = npe2.read([str(path)], stack=False)
+    assert kind == "image"
+    axes = [{} if unit == "pixel" else {"unit": unit} for unit in words["units"]]
+    transformations = [{"scale": words["scale"]}, {"translation": words["translate"]}]
+    return placed_by(np.asarray(values), axes, transformations)
 
 
 def by_nexus(path: Path) -> Placed:
@@ -349,7 +406,17 @@ def by_nexus(path: Path) -> Placed:
 
 @pytest.mark.parametrize("facts", FACTS.values(), ids=FACTS)
 @pytest.mark.parametrize(
-    ("name", "read"), [("v.tif", by_imagej), ("v.ome.tif", by_ome), ("v.ome.zarr", by_ngff), ("v.h5", by_nexus)]
+    ("name", "read"),
+    [
+        ("v.tif", by_imagej),
+        ("v.ome.tif", by_ome),
+        ("v.ome.tif", by_ome_types),
+        ("v.ome.zarr", by_ngff),
+        ("v.ome.zarr", by_ome_zarr),
+        ("v.ome.zarr", by_napari),
+        ("v.h5", by_nexus),
+        ("v.h5", by_napari),
+    ],
 )
 def test_other_programs_place_every_voxel_right(tmp_path: Path, name: str, read: Any, facts: VolumeFacts) -> None:
     """The value of each voxel is read where, and when, it was in the volume that was given."""
