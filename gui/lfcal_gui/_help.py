@@ -41,7 +41,7 @@ _PACKAGES = (
     "scipy",
     "numba",
     "h5py",
-    "opencv-contrib-python-headless",
+    "opencv-python-headless",
     "rawpy",
     "tifffile",
     "PySide6-Essentials",

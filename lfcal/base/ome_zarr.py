@@ -27,6 +27,8 @@ LOSSLESS = frozenset(
 )
 """Names of the codecs that may be used: others lose information, or run code from the file (pickle)."""
 
+CODEC_REMEDY = "write the image with zlib, zstd or blosc"
+
 Image = tuple[Any, dict[str, Any]]
 """Array of full resolution, which is not read yet, and the metadata of its image; empty for a plain array."""
 
@@ -42,7 +44,7 @@ def check_zarr() -> ModuleType:
     try:
         import zarr
     except ImportError:
-        raise InputError("OME-Zarr files need the library zarr; install it with pip install 'lfcal[zarr]'") from None
+        raise InputError('OME-Zarr files need the library zarr; install it with pip install "lfcal[zarr]"') from None
     found: ModuleType = zarr
     return found
 
@@ -61,6 +63,8 @@ def understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
     except Exception as error:  # zarr and its codecs raise various errors for other folders
         if isinstance(error, OSError) and error.errno is not None:
             raise StorageError(storage_words(error, source)) from error
+        if type(error).__name__ == "UnknownCodecError":  # of zarr and of numcodecs
+            wanted, remedy = "codecs that are safe and lossless", CODEC_REMEDY
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise FileFormatError.expected(str(source), wanted, reason, remedy) from error
 
@@ -131,9 +135,7 @@ def _check_array(source: Path, array: Any, image: Mapping[str, Any]) -> None:
     else:
         names = set(_codecs(said.get("codecs", ())))
     if other := sorted(names - LOSSLESS):
-        raise UnsafeFileError.expected(
-            str(source), "codecs that are safe and lossless", ", ".join(other), "write it with zlib, zstd or blosc"
-        )
+        raise UnsafeFileError.expected(str(source), "codecs that are safe and lossless", ", ".join(other), CODEC_REMEDY)
 
 
 def _codecs(steps: Any) -> Iterator[str]:

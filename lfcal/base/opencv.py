@@ -9,8 +9,8 @@ from lfcal.base.errors import LfcalError
 
 __all__ = ["cv2"]
 
-_DISTRIBUTION = "opencv-contrib-python-headless"
-_OTHERS = ("opencv-python-headless", "opencv-python", "opencv-contrib-python")
+_DISTRIBUTION = "opencv-python-headless"
+_OTHERS = ("opencv-python", "opencv-contrib-python", "opencv-contrib-python-headless")
 
 _FUNCTIONS = (
     *("GaussianBlur", "blur", "boxFilter", "medianBlur", "sepFilter2D", "dilate", "threshold", "demosaicing"),

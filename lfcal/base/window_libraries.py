@@ -67,7 +67,7 @@ def shows_on_x11(environment: Mapping[str, str] = os.environ) -> bool:
 def why_no_window(error: ImportError) -> str:
     """Return a one-line message with the reason why PySide6 cannot be imported, and the remedy."""
     if find_spec("PySide6") is None:
-        return "PySide6 is not installed; run: pip install 'lfcal[gui]'"
+        return 'PySide6 is not installed; run: pip install "lfcal[gui]"'
     if missing := missing_libraries(NEEDED):
         return without(missing)
     return f"PySide6 is installed but cannot be loaded: {error}; lfcal doctor --gui shows details"

@@ -20,7 +20,7 @@ WINDOW = ("PySide6-Essentials", "pyqtgraph")
 """Libraries of the extra ``gui``."""
 
 LIBRARIES = (
-    *("numpy", "scipy", "numba", "h5py", "hdf5plugin", "opencv-contrib-python-headless", "rawpy", "tifffile"),
+    *("numpy", "scipy", "numba", "h5py", "hdf5plugin", "opencv-python-headless", "rawpy", "tifffile"),
     *("imagecodecs", "matplotlib", "typer", "rich", *WINDOW),
 )
 
@@ -132,7 +132,7 @@ def _version(name: str) -> str | None:
 
 def _remedy(name: str) -> str:
     extra = "gui" if name in WINDOW else "hdf5" if name == "hdf5plugin" else ""
-    return f"uv pip install 'lfcal[{extra}]'" if extra else f"uv pip install {name}"
+    return f'pip install "lfcal[{extra}]"' if extra else f"pip install {name}"
 
 
 def _numba_cache() -> str:

@@ -87,7 +87,7 @@ def window_program() -> str:
     beside = Path(sys.executable).with_name("lfcal-gui")
     found = str(beside) if os.access(beside, os.X_OK) and beside.is_file() else shutil.which("lfcal-gui")
     if found is None:
-        raise InputError("lfcal-gui: not found; install lfcal with pip install 'lfcal[gui]', or add its folder to PATH")
+        raise InputError('lfcal-gui: not found; install lfcal with pip install "lfcal[gui]", or add its folder to PATH')
     return os.path.abspath(found)
 
 

@@ -36,7 +36,7 @@ def labelled(
         from xarray.backends import BackendArray
         from xarray.core import indexing
     except ImportError:
-        raise InputError("xarray is not installed; run: pip install 'lfcal[xarray]'") from None
+        raise InputError('xarray is not installed; run: pip install "lfcal[xarray]"') from None
 
     class Lazy(BackendArray):  # type: ignore[misc]
         """Values that are read when they are selected."""

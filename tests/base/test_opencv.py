@@ -26,16 +26,16 @@ BROKEN = {
 def test_a_broken_module_gives_one_line_with_the_remedy(tmp_path: Path, content: str) -> None:
     (tmp_path / "cv2").mkdir()
     (tmp_path / "cv2" / "__init__.py").write_text(content)
-    about = tmp_path / "opencv_python_headless-4.11.0.dist-info"
+    about = tmp_path / "opencv_contrib_python-4.11.0.dist-info"
     about.mkdir()
-    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: opencv-python-headless\nVersion: 4.11.0\n")
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: opencv-contrib-python\nVersion: 4.11.0\n")
     program = "import sys; sys.path.insert(0, sys.argv.pop()); from lfcal.cli import main; main()"
     words = ["demo", str(tmp_path / "out"), str(tmp_path)]
     done = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
-    assert "opencv-python-headless in the same environment" in line
-    assert line.endswith("run: python -m pip install --force-reinstall --no-deps opencv-contrib-python-headless")
+    assert "opencv-contrib-python in the same environment" in line
+    assert line.endswith("run: python -m pip install --force-reinstall --no-deps opencv-python-headless")
 
 
 def test_every_module_takes_the_checked_one_and_every_function_is_checked() -> None:

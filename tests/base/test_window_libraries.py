@@ -63,7 +63,7 @@ def test_the_doctor_names_them(lfcal: Callable[..., conftest.Run], two_missing: 
 def test_why_there_is_no_window(monkeypatch: pytest.MonkeyPatch, two_missing: None) -> None:
     error = ImportError("libEGL.so.1: cannot open shared object file")
     monkeypatch.setattr(window_libraries, "find_spec", lambda name: None)
-    assert why_no_window(error) == "PySide6 is not installed; run: pip install 'lfcal[gui]'"
+    assert why_no_window(error) == 'PySide6 is not installed; run: pip install "lfcal[gui]"'
     monkeypatch.setattr(window_libraries, "find_spec", lambda name: object())
     assert why_no_window(error).endswith("run: sudo apt install libegl1 (Debian, Ubuntu)")
     monkeypatch.setattr(window_libraries, "missing_libraries", lambda names: {})

@@ -81,7 +81,7 @@ def check_camera(rig: Rig, bits: int) -> None:
 
 
 # -- Micro-Manager -------------------------------------------------------------------------------------
-MM = needs("micromanager", missing("mm_test_adapters", "uv pip install mm-test-adapters"))
+MM = needs("micromanager", missing("mm_test_adapters", "pip install mm-test-adapters"))
 MM_OPTIONS = {
     "config": "demo",
     "limits": "-1e5:1e5,-1e5:1e5,-1e5:1e5",
@@ -179,7 +179,7 @@ def test_a_running_core_without_devices_or_in_live_view_is_refused(running: Any)
 
 def test_without_pymmcore_plus_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pymmcore_plus", None)
-    with pytest.raises(DeviceMissing, match="pymmcore-plus: not installed; run uv pip install pymmcore-plus"):
+    with pytest.raises(DeviceMissing, match="pymmcore-plus: not installed; run pip install pymmcore-plus"):
         open_rig(plan_for((512, 512), 12), "pymmcore-plus", {})
 
 

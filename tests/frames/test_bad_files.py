@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.base.errors import FileFormatError, LfcalError, StorageError, UnsafeFileError
+from lfcal.base.errors import FileFormatError, InputError, LfcalError, StorageError, UnsafeFileError
 from lfcal.frames import open_image, read_image
 from tests.frames.scenes import png_bytes, png_chunk, session, write_dng
 
@@ -283,6 +284,21 @@ def test_raw_with_an_impossible_bayer_tag(tmp_path: Path, pattern: tuple[int, in
     write_dng(tmp_path / "a.dng", FRAME, pattern)
     with pytest.raises(FileFormatError, match="correct the Bayer tag"):
         open_image(tmp_path / "a.dng")
+
+
+@pytest.mark.parametrize(("suffix", "library"), [("dng", "rawpy"), ("png", "imagecodecs")])
+def test_a_decoder_that_cannot_be_loaded_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, library: str
+) -> None:
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "dng":
+        write_dng(path, FRAME)
+    else:
+        path.write_bytes(_png())
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(InputError, match="expected a working decoder for") as raised:
+        read_image(path)
+    assert str(raised.value).endswith(f"; run: python -m pip install --force-reinstall {library}")
 
 
 def test_missing_file_folder_and_unreadable_page(tmp_path: Path) -> None:

@@ -81,6 +81,22 @@ def test_images_of_several_positions(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frames.read(1), FRAMES[1, 2, 3])
 
 
+@pytest.mark.parametrize("version", ["0.4", "0.5"])
+def test_a_codec_of_another_program_is_named_with_the_remedy(tmp_path: Path, version: str) -> None:
+    write_zarr(tmp_path / "s.zarr", FRAMES, "tczyx", version)
+    place = tmp_path / "s.zarr" / "0" / (".zarray" if version == "0.4" else "zarr.json")
+    said = json.loads(place.read_text())
+    if version == "0.4":
+        said["compressor"] = {"id": "foreign"}
+    else:
+        said["codecs"][-1] = {"name": "foreign", "configuration": {}}
+    place.write_text(json.dumps(said))
+    with pytest.raises(
+        FileFormatError, match=r"codecs .* lossless, got .*foreign.*; write the image with zlib, zstd or"
+    ):
+        open_frames(tmp_path / "s.zarr")
+
+
 def test_a_plain_array_of_a_scan(tmp_path: Path) -> None:
     zarr = pytest.importorskip("zarr", reason="zarr is not installed")
     zarr.save_array(tmp_path / "a.zarr", FRAMES, zarr_format=3)

@@ -237,7 +237,7 @@ def test_one_that_was_killed_between_two_names_is_put_back(tmp_path: Path) -> No
 def test_without_the_library_one_line_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "zarr", None)
     with pytest.raises(
-        InputError, match=r"OME-Zarr files need the library zarr; install it with pip install 'lfcal\[zarr\]'$"
+        InputError, match=r"OME-Zarr files need the library zarr; install it with pip install \"lfcal\[zarr\]\"$"
     ):
         save_volume(tmp_path / "v.ome.zarr", VOLUME)
     assert not list(tmp_path.iterdir())

@@ -23,5 +23,5 @@ def require_codecs(what: str) -> None:
             what,
             "the library hdf5plugin, which contains the codecs zstd, blosc, lz4 and bitshuffle",
             "no such library",
-            "run: pip install 'lfcal[hdf5]'",
+            'run: pip install "lfcal[hdf5]"',
         )

@@ -36,7 +36,7 @@ RECORDED = re.compile(r"(analog.|digital.|pre.?amp.)?gain|offset|black.?level|ga
 The automatic shutter is not included; it is the mechanical one, which opens for each exposure.
 """
 
-INSTALL = "run uv pip install 'lfcal[acquire]', and install Micro-Manager for its drivers"
+INSTALL = 'run pip install "lfcal[acquire]", and install Micro-Manager for its drivers'
 
 
 class MicroManagerBackend:
@@ -95,7 +95,7 @@ class SharedCoreBackend:
             found = importlib.import_module("pymmcore_plus")
         except ImportError:
             raise DeviceMissing(
-                "pymmcore-plus: not installed; run uv pip install pymmcore-plus where your program runs"
+                "pymmcore-plus: not installed; run pip install pymmcore-plus where your program runs"
             ) from None
         return f"pymmcore-plus {found.__version__}"
 
@@ -219,7 +219,7 @@ def _config(options: Mapping[str, str]) -> tuple[str, str]:
             adapters: Any = importlib.import_module("mm_test_adapters")
         except ImportError:
             raise DeviceMissing(
-                "mm-test-adapters: not installed; install it with uv pip install mm-test-adapters"
+                "mm-test-adapters: not installed; install it with pip install mm-test-adapters"
             ) from None
         folder = str(adapters.device_adapter_path())
     if config == "demo":

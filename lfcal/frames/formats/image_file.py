@@ -135,6 +135,15 @@ def decoding(path: Path, kind: str) -> Iterator[None]:
         yield
     except (LfcalError, MemoryError):
         raise
+    except ImportError as error:
+        # of a module, or of a function whose library cannot be loaded
+        library = "rawpy" if "rawpy" in str(error) else "imagecodecs"
+        raise InputError.expected(
+            str(path),
+            f"a working decoder for {kind} files",
+            str(error),
+            f"run: python -m pip install --force-reinstall {library}",
+        ) from error
     except Exception as error:
         # an error with errno comes from the disk, not from damaged data
         if isinstance(error, OSError) and error.errno is not None:

@@ -66,11 +66,11 @@ class PngImage(ImageFile):
 
         These decode ``data``, the whole file, as long as `unfilter` need not be compiled.
         """
-        import imagecodecs
-
         (rows, columns), size = self.shape, self.dtype.itemsize
         need = rows * (1 + columns * size)
         with decoding(self.path, "PNG"):
+            import imagecodecs
+
             raw = imagecodecs.deflate_decode(stream, out=need)
         if len(raw) != need:
             raise self._damaged("missing pixels")

@@ -43,9 +43,9 @@ class RawImage(ImageFile):
     @contextmanager
     def _opened(self) -> Iterator[Any]:
         """Yield the opened file; warnings of LibRaw also count as damage."""
-        import rawpy
-
         with decoding(self.path, "camera RAW"):
+            import rawpy
+
             with caught_messages(str(self.path)) as complaint, rawpy.imread(str(self.path)) as raw:
                 yield raw
             if complaint():

@@ -189,7 +189,7 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
         f"device {text}",
         "an accelerator and PyTorch or CuPy that can use it",
         _lacking(),
-        "install them with pip install 'lfcal[gpu]' and torch or cupy, or choose cpu",
+        'install them with pip install "lfcal[gpu]" and torch or cupy, or choose cpu',
     )
 
 

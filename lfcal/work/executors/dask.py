@@ -67,7 +67,7 @@ class Dask:
         try:
             import distributed
         except ImportError:
-            raise InputError("dask.distributed is not installed; run: pip install 'lfcal[cluster]'") from None
+            raise InputError('dask.distributed is not installed; run: pip install "lfcal[cluster]"') from None
         if address and not ADDRESS.fullmatch(address):
             raise InputError.expected(
                 "scheduler",

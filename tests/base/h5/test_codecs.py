@@ -37,12 +37,12 @@ def test_a_stack_is_read_or_the_library_is_named(tmp_path: Path, codec: str) -> 
     else:
         last = done.stderr.splitlines()[-1]
         assert "stack.h5:/frames: expected the library hdf5plugin" in last
-        assert last.endswith("run: pip install 'lfcal[hdf5]'")
+        assert last.endswith('run: pip install "lfcal[hdf5]"')
 
 
 def test_h_compressed_with_zstd_names_the_library_and_leaves_nothing(tmp_path: Path) -> None:
     session = ROOT / "sample_data" / "recorded"
     done = without_plugin(COMMAND, "assemble", session, "-o", tmp_path / "H.h5", "--compression", "zstd")
     assert done.returncode == 2
-    assert done.stderr.splitlines()[-1].endswith("run: pip install 'lfcal[hdf5]'")
+    assert done.stderr.splitlines()[-1].endswith('run: pip install "lfcal[hdf5]"')
     assert not list(tmp_path.iterdir())
