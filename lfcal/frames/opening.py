@@ -61,8 +61,8 @@ def open_frames(
     Parameters
     ----------
     path
-        A folder of images. A manifest or a list written by another program (``.csv``, ``.tsv``, ``.txt``, ``.json``),
-        in the folder of its files. A file of many frames (multi-page TIFF, ``.npy``, or HDF5, to which the dataset may
+        A folder of images; a manifest, or a list written by another program (``.csv``, ``.tsv``, ``.txt``, ``.json``),
+        in the folder of its files; a file of many frames (multi-page TIFF, ``.npy``, or HDF5, to which the dataset may
         be appended: ``scan.h5::/entry/data/data``); the folder of a recorded session; or a scan plan (``.json``).
     manifest
         A manifest or its path; ``manifest.json`` or ``manifest.csv`` in a folder is found automatically.
@@ -192,7 +192,10 @@ def datasets_in(path: str | os.PathLike[str]) -> dict[str, tuple[int, ...]]:
 
 
 def files_of(source: Path | str | None) -> list[Path]:
-    """Return the files that a command may read from ``source``: itself, or the images and data files in a folder."""
+    """Return the files that a command may read from ``source``: itself, or the images and data files in a folder.
+
+    The result is empty if ``source`` is None or empty.
+    """
     if source is None or not str(source):
         return []
     path, _ = split_dataset(source)

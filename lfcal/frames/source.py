@@ -46,7 +46,7 @@ class FrameInfo:
     origin
         Position (row, column) of the frame's first pixel on the sensor (px); (0, 0) for frames of the whole sensor.
     exposure_s
-        Exposure (s).
+        Exposure time (s).
     drift
         Displacement (rows, columns) of the paraxial image from its planned position on the sensor (px).
     saturated
@@ -524,7 +524,13 @@ def check_index(index: int, count: int) -> int:
 
 
 def check_mask(mask: ArrayLike, shape: tuple[int, int], what: str) -> NDArray[np.bool_]:
-    """Return ``mask`` as a read-only array of bool; raises `InputError` unless it has ``shape`` and a valid pixel."""
+    """Return ``mask`` as a read-only array of bool.
+
+    Raises
+    ------
+    InputError
+        Unless it has ``shape`` and a valid pixel; ``what`` names the frames in the message.
+    """
     checked = np.array(mask, np.bool_)
     if checked.shape != shape or not checked.any():
         raise InputError.expected(

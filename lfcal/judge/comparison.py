@@ -440,7 +440,7 @@ def _more_like(both: Pair) -> list[int | None]:
 def centroids(patterns: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return the centroids ``(n, 2)`` (row, column; px) of patterns ``(n, nt ns)`` of ``shape`` ``(nt, ns)``.
 
-    Before, the fraction `FLOOR` of its peak is subtracted from each pattern, and negative values are set to 0.
+    First, the fraction `FLOOR` of its peak is subtracted from each pattern, and negative values are set to 0.
     """
     above = np.maximum(patterns - FLOOR * patterns.max(1, keepdims=True), 0).reshape(-1, *shape)
     total = above.sum((1, 2))

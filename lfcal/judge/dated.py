@@ -46,7 +46,8 @@ class DatedFit:
     camera
         The fitted camera.
     values
-        Value of each parameter by name, and its standard deviation if those not fitted have their described values.
+        Value of each parameter by name, and its standard deviation if all parameters that were not fitted have exactly
+        their described values.
     units, groups_of
         Unit and group of each parameter.
     groups
@@ -80,7 +81,7 @@ class DatedFit:
 def fits_in(path: str | os.PathLike[str]) -> list[Path]:
     """Return the folders of the fits at a path.
 
-    The path is that of the folder of a fit, of its ``fit.json``, or of a folder that contains such folders.
+    ``path`` is the folder of a fit, its ``fit.json``, or a folder that contains such folders.
 
     Raises
     ------
@@ -278,8 +279,7 @@ def _inspection(
 def inspections_in(path: Path) -> list[Path]:
     """Return the files of the inspections at a path.
 
-    The path is that of a file, of the folder of a report with its ``quality.json``, or of a folder that contains such
-    folders.
+    ``path`` is a file, the folder of a report with its ``quality.json``, or a folder that contains such folders.
 
     Raises
     ------

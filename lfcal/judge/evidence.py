@@ -424,7 +424,7 @@ def iter_evidence(
     patterns
         Number of evenly spread patterns to compare; fewer if H has fewer, or if they are very large.
     suspected
-        Suspect positions (z, y, x) that are also compared, ``(n, 3)``. None: none.
+        Suspect positions (z, y, x) that are also compared, ``(n, 3)``. None: there are none.
     more_suspected
         Number of further suspect positions that are not compared.
 

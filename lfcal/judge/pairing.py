@@ -52,7 +52,7 @@ class Pair:
         return (len(self.planes), *self.a.period, *self.cutout)
 
     def there(self, k: int) -> NDArray[np.bool_]:
-        """Return a mask ``(ny, nx)`` of the positions in pair ``k`` of planes that exist in both H."""
+        """Return a mask ``(ny, nx)`` for pair ``k`` of planes, True at positions that exist in both H."""
         za, zb = self.planes[k]
         ours = np.asarray(self.a.recorded[za]) > 0
         theirs = np.asarray(self.b.recorded[zb]) > 0

@@ -50,7 +50,7 @@ class CheckLine:
 
 @dataclass(frozen=True, slots=True)
 class CameraCheck:
-    """Comparison of a camera with a white image: its lines, the lattice fit, lens types, and the measured camera.
+    """Comparison of a camera with a white image: a line for each value, lattice fit, lens types, and measured camera.
 
     The measured camera is None if the kind of lattice or the shape of the frame differs.
     """

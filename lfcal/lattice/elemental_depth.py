@@ -53,7 +53,7 @@ class ElementalLenses(NamedTuple):
 
 
 def elemental_lenses(camera: Camera) -> ElementalLenses:
-    """Return the lenslets of a Fourier light-field microscope in pixels.
+    """Return the positions of the elemental images of a Fourier light-field microscope, and their displacements.
 
     Elemental images are blurred by defocus. Their positions are means over the part of each lenslet that is inside the
     pupil.

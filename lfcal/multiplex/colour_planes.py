@@ -131,7 +131,10 @@ def lost_pixels(
 def interpolated(
     image: NDArray[np.float32], path: Path, mask: Path | None, origin: tuple[int, int] = (0, 0), cfa: str = ""
 ) -> NDArray[np.float32]:
-    """Return an image whose `lost_pixels` are interpolated, in a mosaic ``cfa`` from pixels behind the same filter."""
+    """Return an image whose `lost_pixels` are interpolated, in a mosaic ``cfa`` from pixels behind the same filter.
+
+    ``path``, ``mask`` and ``origin`` are as in `lost_pixels`.
+    """
     import numpy as np
 
     from lfcal.frames.corrections import repair_nan

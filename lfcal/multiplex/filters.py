@@ -52,7 +52,6 @@ def kernel(name: str, x: Array) -> Array:
 def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDArray[np.intp], Array]:
     """Return the first taps and the weights with which a filter interpolates along one axis.
 
-    The first taps are indices of super-pixels, ``(samples, side)``, and the weights are ``(samples, side, taps)``.
     Output sample n is (n + 1/2) side/samples - 1/2 pixels from the first pixel of the super-pixel. With one sample per
     pixel, samples are therefore at the pixels' centres; a single sample is in the middle of the super-pixel.
 

@@ -275,9 +275,9 @@ def modulation_transfer(
     filter: str | None = None,
     axis: str = "x",
 ) -> Transfer:
-    """Return the modulation transfer of a modulator, measured with sine waves that are equal in all samples.
+    """Return the modulation transfer of a modulator, measured with sine waves that modulate all samples equally.
 
-    The waves modulate the unmodulated light, so samples that are 0 in `Modulator.light` contain no wave.
+    Samples that are 0 in `Modulator.light` contain no wave.
 
     Parameters
     ----------

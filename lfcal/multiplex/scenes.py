@@ -18,8 +18,6 @@ DEPTHS = (-0.8, -0.3, 0.2, 0.7)
 def filament_light_field(views: int, cells: tuple[int, int], rng: np.random.Generator) -> Array:
     """Return a light field of curved filaments in four layers, sampled at every pixel ``(views^2, rows, columns)``.
 
-    The largest value is 1/views^2.
-
     Parameters
     ----------
     views
@@ -32,7 +30,7 @@ def filament_light_field(views: int, cells: tuple[int, int], rng: np.random.Gene
     Returns
     -------
     NDArray
-        Samples of a plenoptic function, smooth over two super-pixels; the maximum of their sum is one.
+        Samples of a plenoptic function, smooth over two super-pixels; the largest is 1/views^2.
     """
     from lfcal.base import cv2
 

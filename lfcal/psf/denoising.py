@@ -85,10 +85,10 @@ def denoised(H: Any, z: int, plane: NDArray[Any]) -> NDArray[Any]:
 
 
 def with_new_noise(H: Any, z: int, plane: NDArray[Any], seed: int) -> NDArray[Any]:
-    """Return a copy of ``plane``, plane ``z`` of ``H`` ``(ny, nx, nt, ns)``, with added noise like its own.
+    """Return a copy of ``plane``, plane ``z`` of ``H`` ``(ny, nx, nt, ns)``, with more noise of the same variance.
 
-    The variance of an entry is the known one, from its position and its value. ``seed`` selects the random numbers. If
-    the noise is unknown, ``plane`` itself is returned.
+    The variance of an entry follows from its position and its value. ``seed`` selects the random numbers. If the noise
+    is unknown, ``plane`` itself is returned.
 
     Examples
     --------

@@ -57,7 +57,7 @@ def open_mat(path: Path, *, mat_order: str = "") -> PSFMatrix:
     A 4-D H is a single plane, because MATLAB drops trailing axes of length one. A 3-D ``H`` or ``PSF`` (rows, columns,
     planes) contains one pattern for each plane, as for a Fourier light-field microscope; its period is 1 x 1. The
     provenance states how the file was read. Its ``notes`` are for the user, and ``lens_centre`` is set if the file or
-    the convention of its code determines it.
+    the convention of the software that wrote it determines it.
 
     Parameters
     ----------

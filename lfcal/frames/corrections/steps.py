@@ -457,8 +457,7 @@ Plane = tuple[float, float, float]
 def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
     """Return the regions (top, bottom, left, right) that cover the border of a frame of ``shape`` without overlap.
 
-    ``width`` is the width of the border (px).
-    If opposite borders meet, the only region is the whole frame.
+    ``width`` is the width of the border (px). If opposite borders meet, the only region is the whole frame.
     """
     rows, columns = shape
     # such a small frame is only border
@@ -476,8 +475,8 @@ def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
 def fit_plane(rows: NDArray[Any], columns: NDArray[Any], values: NDArray[Any], *, rounds: int = 4) -> Plane:
     """Return ``(p0, p1, p2)`` of the plane ``p0 + p1 row + p2 column`` fitted to ``values`` at (``rows``, ``columns``).
 
-    The three arrays are one-dimensional. The fit is repeated up to ``rounds`` times without the values that are farther
-    than 3 robust standard deviations from the plane.
+    The three arrays are one-dimensional. The plane is fitted up to ``rounds`` times, each time without the values that
+    are farther than 3 robust standard deviations from the previous plane.
     """
     design = np.stack([np.ones(rows.size), rows, columns], axis=1).astype(np.float64)
     values = values.astype(np.float64)

@@ -32,7 +32,7 @@ class CalibrationFrame:
     page
         Page of the file, from 0.
     exposure_s
-        Exposure (s); None if neither the file nor its name nor its folder's name states it.
+        Exposure time (s); None if neither the file nor its name nor its folder's name states it.
     group
         Subfolder of the given folder; frames of different subfolders have different light levels.
     shift

@@ -93,7 +93,10 @@ def check_frame(
 
 
 def without_nan(frame: NDArray[Any], cfa: str = "") -> NDArray[Any]:
-    """Return a frame in which each NaN is replaced by the mean of its nearest same-colour neighbours."""
+    """Return a frame in which each NaN is replaced by the mean of its nearest same-colour neighbours.
+
+    ``cfa`` is the colour filter pattern in row-major order; empty for a monochrome frame.
+    """
     from lfcal.frames.corrections import repair_nan
 
     values = np.array(frame, np.float32)

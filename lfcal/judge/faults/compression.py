@@ -80,7 +80,7 @@ class Compression(Fault):
     explains: ClassVar[tuple[str, ...]] = ("not_linear", "bad_pixels", "jitter", "flicker")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if samples differ more across the edges of blocks than within, or blocks lack fine structure.
+        """Yield a fault if samples differ more across block edges than within blocks, or if fine structure is missing.
 
         Nothing is yielded if all frames were stored without loss, or were computed.
         """

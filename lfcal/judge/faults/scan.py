@@ -243,7 +243,7 @@ class FrameShift(Fault):
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield a fault for each direction in which cutouts are displaced, down or across.
 
-        It is the sharpest jump of the displacements in the order of the scan, or else their median over all cutouts.
+        The fault is the sharpest jump of the displacements in the order of the scan or, without a jump, their median.
         """
         for name, along in (("window_y", "down"), ("window_x", "across")):
             values, sigmas = evidence.column(name)

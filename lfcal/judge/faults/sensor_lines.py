@@ -144,7 +144,7 @@ class DeadLine(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault for such rows, and one for such columns, if there are any."""
+        """Yield a fault for all rows with less light than their neighbours, and one for all such columns."""
         if evidence.computed:
             return
         total = sensor_map(evidence)
@@ -197,7 +197,7 @@ class HotLine(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault for such rows, and one for such columns, if there are any."""
+        """Yield a fault for all rows with more counts than their neighbours, and one for all such columns."""
         total = sensor_map(evidence)
         peak = float(evidence.light.max())
         for axis in (0, 1):
@@ -233,7 +233,7 @@ class LineOffsets(Fault):
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "flicker", "jitter", "misplaced", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a single fault if the offsets of rows, of columns, or of both scatter."""
+        """Yield a single fault if the offsets of rows or of columns scatter significantly."""
         total = sensor_map(evidence)
         peak = float(evidence.light.max())
         both = [one for axis in (0, 1) if (one := _Offsets.of(total.lines(axis), axis, peak)) is not None]

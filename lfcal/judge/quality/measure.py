@@ -54,7 +54,7 @@ def lattice_camera(matrix: PSFMatrix) -> Camera | None:
 
 
 def has_elemental_images(matrix: PSFMatrix) -> bool:
-    """Return whether patterns are elemental images, by the camera or, without one, by a period of one pixel."""
+    """Return whether patterns are elemental images: according to the camera or, without one, if the period is 1 x 1."""
     return matrix.period == (1, 1) if matrix.camera is None else not matrix.camera.has_lattice
 
 

@@ -317,7 +317,7 @@ class Metric:
 
     @property
     def cost_text(self) -> str:
-        """Cost as text. If it was not measured, "typical" is added, or it is a dash if it is zero or unknown."""
+        """Cost as text. One that was not measured is followed by "typical", or is a dash if it is zero or unknown."""
         if self.measured:
             return f"{self.cost:.3f}"
         return f"{self.cost:.2g} typical" if self.cost > 0 else "—"

@@ -155,9 +155,8 @@ def compared_report_files(folder: Path) -> list[Path]:
 def iter_compared_report(found: Comparison, folder: str | os.PathLike[str], seconds: float = 0.0) -> Work[Path]:
     """Write ``index.html``, its images and ``compare.json`` into ``folder``, and return the path of the page.
 
-    The page states ``seconds``, the duration of the comparison; 0: unknown.
-
-    Each file is written atomically, the page last.
+    The page states ``seconds``, the duration of the comparison (s); 0: unknown. Each file is written atomically, the
+    page last.
 
     Raises
     ------
