@@ -59,6 +59,7 @@ class RecordTab(QObject):
         self._job, self._lamp, self._refused, self._asked = 0, "", False, ""
         self._stopped, self._plane, self._follows = "", 0, True
         """Why the last recording stopped before its end, and the plane that was recorded last."""
+        self._alarms: tuple[str, ...] = ()
         self._expected_of: tuple[Any, ...] = ()
         """Camera, depths and cutout whose apertures are shown."""
         self._under_way: WindowJob | None = None  # the recording as it was reported last
@@ -152,9 +153,9 @@ class RecordTab(QObject):
         """Release the earlier recording, which belongs to another folder."""
         self.context.jobs.drop(EARLIER)
         self.recorder, self._opened, self.folder, self._lamp = None, None, FolderState(), ""
-        self._stopped = ""
+        self._stopped, self._alarms = "", ()
         self.panel.show_status("", "", 0.0)
-        self.context.attention.emit("acquire", False)
+        self._attend()
 
     def _check_field(self, key: str, value: Any) -> str:
         state = self.context.state
@@ -296,9 +297,9 @@ class RecordTab(QObject):
         except LfcalError as error:
             self._refuse(said_in_window(str(error)))
             return
-        self.recorder, self._stopped, self._follows = recorder, "", True
+        self.recorder, self._stopped, self._alarms, self._follows = recorder, "", (), True
         recorded = partial(step, state, str(folder), resume=recorder.resume, redo=state.redo if redo else ())
-        self.context.attention.emit("acquire", False)
+        self._attend()
         self._set_job(
             self.context.jobs.start(
                 f"Record {folder.name}",
@@ -392,7 +393,7 @@ class RecordTab(QObject):
     def _show_asked(self, words: str) -> None:
         if words != self._asked:
             self._asked = words
-            self.context.attention.emit("acquire", bool(words))
+            self._attend()
             self.asked.emit(words)
             self._show_progress()
 
@@ -449,8 +450,9 @@ class RecordTab(QObject):
         self._show_merits(len(depths))
         if self.recorder is None and not self._refused:
             self.panel.show_status("", "", picture.done / max(1, picture.total))
-        if picture.alarms and self.recording:
-            self.context.attention.emit("acquire", True)
+        if self.recorder is not None and picture.alarms != self._alarms:
+            self._alarms = picture.alarms
+            self._attend()
         self._lamp = picture.lamp
 
     def _job_changed(self, job: WindowJob) -> None:
@@ -504,7 +506,11 @@ class RecordTab(QObject):
 
     def _failed(self, job: WindowJob) -> None:
         self._stopped = job.error.removeprefix("stopped ")  # the line of the next step begins with this word
-        self.context.attention.emit("acquire", True)
+        self._attend()
+
+    def _attend(self) -> None:
+        """Mark the page while something of the recording needs the user."""
+        self.context.attention.emit("acquire", bool(self._alarms or self._asked or self._stopped))
 
     def _job_finished(self, job: WindowJob) -> None:
         if job.number != self._job:

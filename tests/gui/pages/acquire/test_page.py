@@ -22,6 +22,7 @@ from lfcal_gui.models import Symbols
 from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_folder import folder_state
+from lfcal_gui.pages.acquire.model_recorder import picture_of
 from lfcal_gui.pages.acquire.page import Page
 from lfcal_gui.pages.acquire.step import step
 from lfcal_gui.theme import DARK, LIGHT, apply_theme, canvas_fair
@@ -514,7 +515,20 @@ def recording(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> Ite
     yield page
     if page.record.recorder is not None:
         page.record.recorder.control.abort()
-    qtbot.waitUntil(lambda: not page.record.recording, timeout=GUARD_MS)
+    idle(context.jobs, qtbot)  # the page itself is already closed if the test failed
+
+
+def test_an_alarm_that_ends_no_longer_asks_for_attention(recording: Page, context: Context, qtbot: QtBot) -> None:
+    """A complete session was still marked after the light had returned."""
+    tab, seen = recording.record, list[tuple[str, bool]]()
+    assert tab.recorder is not None
+    control = tab.recorder.control
+    qtbot.waitUntil(lambda: control.held == "paused", timeout=GUARD_MS)
+    picture = picture_of(tab.recorder, 0, "energy", None)
+    context.attention.connect(lambda *found: seen.append(found))
+    for alarms in (("the light is gone",), ()):
+        tab._show_picture(replace(picture, alarms=alarms), 0, PLAN.depths_um)
+        assert seen[-1] == ("acquire", bool(alarms))
 
 
 def test_a_recording_keeps_its_plan_and_its_buttons(recording: Page, context: Context, qtbot: QtBot) -> None:
