@@ -619,11 +619,12 @@ class AcquireUntil(_AcquireScan):
         label="Error of H",
         read=read_share,
     )
-    most: int = opt(
-        0,
+    most: int | None = opt(
+        None,
         "Largest number of positions. 0 allows all positions of the plan.",
         label="Largest number of positions",
         at_least=0,
+        empty="all positions of the plan",
     )
     unknowns: str | tuple[str, ...] = opt(
         (),

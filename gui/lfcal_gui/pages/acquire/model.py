@@ -100,7 +100,7 @@ class AcquireSettings(PageSettings):
     target: str = ""
     extent: str = "whole"
     until_error: float = 0.005
-    most: int = 0
+    most: int | None = None
     unknowns: tuple[str, ...] = ()
     positions: str = ""
     order: str | None = None
@@ -184,7 +184,7 @@ class AcquireSettings(PageSettings):
 
     def values(self, plan: ScanPlan) -> dict[str, Any]:
         """Return the value of every field of the form."""
-        own = {one.name: getattr(self, one.name) for one in fields(self)}
+        own = {one.name: getattr(self, one.name) for one in fields(self)} | {"most": self.most or None}
         shown = shown_of(AcquireUntil, own) | shown_of(Acquire, own | {"origin": plan.stage.origin_um})
         order = "coarse" if self.order == "coarse" else plan.order
         shown |= {"order": order, "frames_averaged": plan.frames_averaged}

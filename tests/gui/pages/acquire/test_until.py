@@ -26,7 +26,7 @@ from lfcal.simulate.effects.described import Entry, entries_json
 from lfcal.tasks import AcquireUntil
 from lfcal_gui.context import Context
 from lfcal_gui.models.project import ProjectState
-from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.acquire.model import UNTIL, AcquireSettings
 from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
 from lfcal_gui.pages.acquire.model_recorder import check_goal, error_curve, until_words
 from lfcal_gui.pages.acquire.page import Page
@@ -58,6 +58,15 @@ def test_settings_say_when_to_end() -> None:
             AcquireSettings(extent=wrong.pop("extent", "error"), **wrong).usable()
         settings = AcquireSettings.from_dict({"extent": "error", **wrong})
         settings.usable()
+
+
+@pytest.mark.parametrize("most", [None, 0])
+def test_no_largest_number_of_positions_is_shown_as_all(most: int | None) -> None:
+    """The form showed 0, which reads as a limit; earlier projects store it."""
+    settings = AcquireSettings.from_dict({"extent": "error", "most": most})
+    (shown,) = (spec for spec in UNTIL if spec.key == "most")
+    assert settings.values(PLAN)["most"] is None and shown.empty == "all positions of the plan"
+    assert settings.goal() == Goal(0.005)
 
 
 def test_the_curve_has_values_and_limits_in_per_cent() -> None:
