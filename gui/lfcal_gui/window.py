@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import QByteArray, QEvent, QObject, QSettings, Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
+from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
     QDialog,
@@ -458,9 +458,15 @@ class MainWindow(QMainWindow):
 
     def _place_log(self, shown: bool) -> None:
         """Show the log in a separate window if this one has no room for more than a line of it."""
-        if shown and self.height() < LOW:
+        if shown and self.height() < LOW and not self.log_dock.isFloating():
             self.log_dock.setFloating(True)
             self.log_dock.resize(*LOG_SIZE)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Keep several lines of the log in view in a low window."""
+        super().resizeEvent(event)
+        if self.isVisible():
+            self._place_log(self.log_dock.isVisible())
 
     def _restore(self) -> None:
         for key, restore in (("geometry", self.restoreGeometry), ("windowState", self.restoreState)):

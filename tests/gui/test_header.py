@@ -213,7 +213,7 @@ def test_a_step_that_was_left_out_stays_so_in_the_project(window: MainWindow, qt
     QTest.keyClick(window.next_line.button, Qt.Key.Key_Delete)
     qtbot.waitUntil(lambda: not window.next_line.other.isVisible(), timeout=GUARD_MS)
     QTest.keyClick(window, Qt.Key.Key_Return, Qt.KeyboardModifier.ControlModifier)
-    leads_to(window, qtbot, "Connect camera and stage")
+    leads_to(window, qtbot, "Use the simulated rig")
     assert window.context.state.plan is not None and "setup.white" in window.context.state.settings["declined"]
 
 

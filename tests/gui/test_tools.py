@@ -141,13 +141,15 @@ def test_preferences_are_kept_and_reset(window: MainWindow, monkeypatch: pytest.
     assert welcome_wanted(window.settings)
 
 
-@pytest.mark.parametrize(("height", "apart"), [(600, True), (800, False)])
+@pytest.mark.parametrize(("before", "height", "apart"), [(600, 600, True), (800, 800, False), (800, 600, True)])
 def test_the_log_shows_several_lines_in_a_window_of_any_height(
-    window: MainWindow, qtbot: QtBot, height: int, apart: bool
+    window: MainWindow, qtbot: QtBot, before: int, height: int, apart: bool
 ) -> None:
-    window.resize(1000, height)
+    """A window that was made lower showed half a line."""
+    window.resize(1000, before)
     window.log_dock.toggleViewAction().trigger()
     qtbot.waitUntil(window.log_view.isVisible, timeout=GUARD_MS)
+    window.resize(1000, height)
     QApplication.processEvents()
     assert window.log_dock.isFloating() == apart
     assert window.log_view.viewport().height() >= 3 * window.log_view.fontMetrics().height()

@@ -98,6 +98,7 @@ def sitting_of(
         wrong=_wrong(project),
         plan=project.plan is not None,
         source=_source(project, page),
+        simulated=_simulated(project),
         folder=_exists(project.frames),
         h=stamp is not None,
         h_camera=matrix is None or matrix.camera is not None,
@@ -129,6 +130,12 @@ def _source(project: ProjectState, page: str) -> Literal["rig", "folder", "compu
     if project.frames and project.plan is not None and shown != "compute":
         return "folder"
     return "rig" if shown is None or (shown == "compute" and project.plan is None) else shown
+
+
+def _simulated(project: ProjectState) -> bool:
+    """Return whether the simulated devices are chosen, as they are in a new project."""
+    chosen = project.settings.get("acquire")
+    return not isinstance(chosen, Mapping) or chosen.get("backend", "sim") == "sim"
 
 
 def _assumed(project: ProjectState) -> tuple[str, ...]:

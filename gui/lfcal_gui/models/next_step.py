@@ -71,9 +71,9 @@ class Sitting:
     make_s, compute_s, error
         Forecasts for assembling and for computing H, None where nothing was measured; and the share by which a
         computed H is off.
-    rig, rig_measured, free_bytes
-        Whether devices are connected; whether scale and axes of the stage are measured; space on the disk of the
-        session, None where it is not known.
+    simulated, rig, rig_measured, free_bytes
+        Whether the simulated devices are chosen; whether devices are connected; whether scale and axes of the stage
+        are measured; space on the disk of the session, None where it is not known.
     recording, paused, stopped
         Whether a session is being recorded, or held; why the last run stopped before its end.
     done, total, plane, left_s
@@ -114,6 +114,7 @@ class Sitting:
     make_s: float | None = None
     compute_s: float | None = None
     error: float | None = None
+    simulated: bool = False
     rig: bool = False
     rig_measured: bool = False
     free_bytes: float | None = None
@@ -362,7 +363,8 @@ def _connect(s: Sitting) -> Step | None:
     if s.h or s.rig:
         return None
     words = f"record the {'scan' if s.counted == 'position' else 'target'}: {_scan(s)}{_takes(s.record_s)}."
-    return Step("Next", words, "Connect camera and stage", "acquire.connect", "record")
+    button = "Use the simulated rig" if s.simulated else "Connect camera and stage"
+    return Step("Next", words, button, "acquire.connect", "record")
 
 
 def _disk(s: Sitting) -> Step | None:

@@ -85,7 +85,7 @@ def _jobs(stage: Stage) -> Iterator[Capture]:
     window.log_dock.show()
     window.log_dock.raise_()
     stage.turn()
-    yield Capture("log", window)
+    yield Capture("log", window.log_dock)
     window.log_dock.hide()
 
 

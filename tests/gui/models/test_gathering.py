@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -42,3 +43,16 @@ def test_the_time_of_the_scan_follows_the_speed_and_frame_rate_of_set_up() -> No
     steps_um = np.abs(np.diff(plan.stage_um(plan.order_indices()), axis=0)).max(axis=1)
     assert seconds(speed=10.0) - usual == pytest.approx(steps_um.sum() * (1 / 10 - 1 / 1000))
     assert seconds(speed=-1.0, frame_rate="fast") == usual, "refused values take their defaults"
+
+
+@pytest.mark.parametrize(
+    ("chosen", "button"),
+    [({}, "Use the simulated rig"), ({"acquire": {"backend": "micromanager"}}, "Connect camera and stage")],
+)
+def test_the_devices_that_are_connected_next_are_named(chosen: dict[str, Any], button: str) -> None:
+    """A new project connected "camera and stage", and got the simulated ones."""
+    plan = small_plan()
+    project = ProjectState(camera=plan.camera, plan=plan, settings=chosen)
+    found = sitting_of(project, {}, (), page="acquire", place="record")
+    step = next_step(replace(found, wrong="", white=True))
+    assert (step.button, step.action) == (button, "acquire.connect")
