@@ -355,7 +355,7 @@ class FoldedForm(QFrame):
         label.setBuddy(editor)
         editor.setAccessibleName(field.label)
         self._grid.addWidget(label, self._next, LABEL)
-        wide = unit is None and field.kind == "choice"  # its words take the room of a unit
+        wide = unit is None and field.kind not in ("bool", "shown")  # it takes the room of a unit
         self._grid.addWidget(editor, self._next, EDITOR, 1, 1 + wide)
         self._rows[field.key] = _Row(field, label, editor, unit, self._next, rare)
         self._next += LINES

@@ -53,7 +53,6 @@ from lfcal_gui.widgets._blank import Blank
 from lfcal_gui.widgets._measuring import Measuring
 from lfcal_gui.widgets.colours import outline_pen, ramp, row_of, theme_table
 from lfcal_gui.widgets.picture_menu import copy_picture, offer_menu, save_picture, save_values
-from lfcal_gui.widgets.words import shortened
 
 LARGE = 1 << 18
 """Pixels above which a picture is drawn in the background, and only what is seen of it."""
@@ -396,6 +395,7 @@ class Picture(QWidget):
         self.blank.show_blank(self._shot.values is None)
         self.graphics.viewport().update()
         if self.legend is not None:
+            self.legend.setToolTip(self.quantity)
             self.legend.update()
         if self._pointer is not None:
             self._point_at(self._pointer)
@@ -636,12 +636,11 @@ class _Legend(QWidget):
             x += wide + GAP
         painter.setPen(QColor(theme.muted))
         room = math.ceil(self.width() - x)
-        if room > 3 * LINE:
-            painter.drawText(
-                QRectF(x, 0, room, self.height()),
-                flags,
-                shortened(picture.quantity, metrics, room),
-            )
+        # the whole quantity, else its unit
+        for words in (picture.quantity, "".join(picture.quantity.rpartition("(")[1:])):
+            if metrics.horizontalAdvance(words) <= room:
+                painter.drawText(QRectF(x, 0, room, self.height()), flags, words)
+                break
         painter.end()
 
 

@@ -8,7 +8,7 @@ import pytest
 from PySide6.QtCore import QEvent, QPointF, Qt
 from PySide6.QtGui import QEnterEvent
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QComboBox, QLabel, QLineEdit, QToolButton
+from PySide6.QtWidgets import QApplication, QLabel, QLineEdit, QToolButton
 from pytestqt.qtbot import QtBot
 
 from lfcal.tasks import PlanScan
@@ -213,8 +213,8 @@ def test_labels_fields_and_units_have_their_edges(qtbot: QtBot) -> None:
     page.take("n2", 5)
     form.open()
     form.resize(300, 600)
-    qtbot.waitUntil(lambda: form.editor("n3").width() == form.editor("f").width())
-    editors = [form.editor(key) for key in form.fields if not isinstance(form.editor(key), QComboBox)]
+    qtbot.waitUntil(lambda: form.editor("n3").width() < form.editor("f").width())
+    editors = [form.editor(key) for key, field in form.fields.items() if field.unit]
     labels = [one for one in form.findChildren(QLabel) if one.buddy() is not None]
     units = [one for one in form.findChildren(QLabel) if one.text() == "px"]
     assert len({one.x() for one in labels}) == 1 and len({one.x() for one in units}) == 1
@@ -242,6 +242,19 @@ def test_fields_of_forms_with_units_end_at_one_edge(qtbot: QtBot) -> None:
         form.show()
         found.append(form.editor("f").geometry().right())
     assert found[0] == found[1]
+
+
+def test_fields_with_and_without_units_end_at_one_edge(qtbot: QtBot) -> None:
+    """Below each other, choices and numbers without a unit ended at three edges."""
+    choice = Field("order", "Order", kind="choice", choices=(("a", "a"), ("b", "b")))
+    edges = set()
+    for others in ((), (Field("time", "Time", "ms", kind="float"),)):
+        form = FoldedForm((Field("most", "Positions", kind="int", default=1), choice, *others))
+        qtbot.addWidget(form)
+        form.resize(260, 120)
+        form.show()
+        edges |= {form.editor(key).geometry().right() for key in ("most", "order")}
+    assert len(edges) == 1
 
 
 def test_the_words_of_a_choice_take_the_room_of_units(qtbot: QtBot) -> None:

@@ -55,9 +55,19 @@ def test_another_scaling_keeps_the_scale_that_pictures_share(view: Picture, disp
     assert view.levels == (-20.0, 2437.0)
 
 
-@pytest.mark.parametrize("wide", [210, 400])
-def test_the_quantity_of_a_legend_is_whole(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, wide: int) -> None:
-    """A narrow picture wrote "transmissio…" next to colours of full length."""
+@pytest.mark.parametrize(
+    ("quantity", "wide", "words"),
+    [
+        ("transmission (1)", 210, "transmission (1)"),
+        ("transmission (1)", 400, "transmission (1)"),
+        ("transmission (1)", 140, "(1)"),
+        ("fraction of the light", 180, "1"),
+    ],
+)
+def test_the_quantity_of_a_legend_is_whole(
+    qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, quantity: str, wide: int, words: str
+) -> None:
+    """Narrow pictures wrote "transmissio…" next to colours of full length, or "fraction …"."""
     said: list[str] = []
 
     class Painter(QPainter):
@@ -65,13 +75,13 @@ def test_the_quantity_of_a_legend_is_whole(qtbot: QtBot, monkeypatch: pytest.Mon
             said.append(given[-1])
             super().drawText(*given)
 
-    view = shown(qtbot, Picture("transmission (1)"))
+    view = shown(qtbot, Picture(quantity))
     view.resize(wide, 200)
     view.set_shot(Shot(np.linspace(0, 1, 16).reshape(4, 4)))
     monkeypatch.setattr(module, "QPainter", Painter)
     assert view.legend is not None
     view.legend.grab()
-    assert said[-1] == "transmission (1)"
+    assert said[-1] == words and view.legend.toolTip() == quantity
 
 
 @pytest.mark.parametrize("scale", ["linear", "gamma", "log"])

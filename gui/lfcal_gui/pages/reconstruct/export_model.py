@@ -218,9 +218,8 @@ def next_facts(project: ProjectState, H: PSFMatrix) -> dict[str, Any]:
 def facts_of(H: PSFMatrix, code: str, quality: str) -> ExportFacts:
     """Return size, axis order and quality of the file for a code."""
     reader = CODES[code]
-    size, _, unit = format_bytes(ExportSettings().nbytes(H, code)).partition(" ")
     return ExportFacts(
-        (size, f"{unit} uncompressed"),
+        (format_bytes(ExportSettings().nbytes(H, code)), "uncompressed"),
         (reader.order, f"as {reader.title} reads"),
         (quality or "not judged", "stored in the file" if quality else ""),
     )

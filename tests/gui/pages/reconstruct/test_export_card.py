@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from PySide6.QtWidgets import QLineEdit
+from PySide6.QtWidgets import QApplication, QLineEdit
 from pytestqt.qtbot import QtBot
 
 from lfcal.base import Judgement
@@ -164,3 +164,14 @@ def test_a_name_asks_for_its_kind_of_file(window: MainWindow, qtbot: QtBot, tmp_
     page.exporting.start(str(tmp_path / "H.npy"))
     idle(window.jobs, qtbot)
     np.testing.assert_array_equal(np.load(tmp_path / "H.npy"), np.asarray(matrix()))
+
+
+def test_the_facts_are_whole_in_the_smallest_window(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
+    """Before H was judged, "MB uncompressed" was cut."""
+    card = opened(window, qtbot, tmp_path / "H.h5").panel.export
+    window.resize(1000, 600)
+    card.show_settings(ExportSettings(), matrix(), "")
+    QApplication.processEvents()
+    remark = card.facts["H and HT"][1]
+    assert card.facts["Quality"][0].text() == "not judged" and remark.width() < 120
+    assert "uncompressed" in remark.text() and remark.toolTip() == "", "nothing is left out"

@@ -115,7 +115,7 @@ def test_a_code_is_a_task_with_the_quality_of_h(code: str) -> None:
     assert isinstance(task, ExportFor) and (task.code, task.quality, str(task.out)) == (code, "good", out)
     facts = facts_of(matrix(), code, "good")
     assert facts.order[0] == CODES[code].order and facts.quality == ("good", "stored in the file")
-    assert facts.size[1].endswith("B uncompressed"), "a longer remark was cut in a narrow window"
+    assert facts.size[1] == "uncompressed", "a longer remark was cut in a narrow window"
     assert facts_of(matrix(), code, "").quality == ("not judged", "")
 
 
