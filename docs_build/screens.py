@@ -23,7 +23,7 @@ PICTURES = {
     "accuracy": ("sample.accuracy", "accuracy_simulation"),
     "depth": ("sample.depth", "depth"),
     "sessions": ("sample.sessions", "sessions"),
-    "acquire": ("recording.recording", "acquire_record_running"),
+    "acquire": ("recording.recording", "acquire_record_paused"),
 }
 """The scene of each page in ``lfcal_gui.scenes``, and the state to show. The last one replaces the sample's camera."""
 

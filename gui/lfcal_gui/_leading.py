@@ -213,6 +213,11 @@ class Leading(QObject):
             needs=(state.psf,),
         )
 
+    @property
+    def due(self) -> bool:
+        """Whether the next step or the judgement of H is about to follow a change."""
+        return self._gathering.isActive() or self._judge.isActive()
+
     def _give_way(self) -> None:
         """Judge H later where something that was asked for waits for it."""
         if self._judging and self.context.jobs.waiting() and self._judging not in self.context.jobs.waiting():

@@ -71,13 +71,18 @@ class Stage:
                 raise TimeoutError(f"waited {LONGEST_S:.0f} s for {what}")
             self.turn(1)
 
+    @property
+    def busy(self) -> bool:
+        """Whether something is computed, or H is about to be judged."""
+        return self.window.jobs.busy or self.window.leading.due
+
     def settle(self) -> None:
         """Wait until nothing is computed, and all is drawn."""
         quiet = 0
         while quiet < TURNS:
-            self.until(lambda: not self.window.jobs.busy, "jobs to end")
+            self.until(lambda: not self.busy, "jobs to end")
             self.turn(1)
-            quiet = 0 if self.window.jobs.busy else quiet + 1
+            quiet = 0 if self.busy else quiet + 1
         self.turn()
 
     def done(self) -> None:
