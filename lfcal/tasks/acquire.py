@@ -624,7 +624,7 @@ class AcquireUntil(_AcquireScan):
         "Largest number of positions. 0 allows all positions of the plan.",
         label="Largest number of positions",
         at_least=0,
-        empty="all positions of the plan",
+        empty="all of the plan",
     )
     unknowns: str | tuple[str, ...] = opt(
         (),

@@ -65,7 +65,7 @@ def test_no_largest_number_of_positions_is_shown_as_all(most: int | None) -> Non
     """The form showed 0, which reads as a limit; earlier projects store it."""
     settings = AcquireSettings.from_dict({"extent": "error", "most": most})
     (shown,) = (spec for spec in UNTIL if spec.key == "most")
-    assert settings.values(PLAN)["most"] is None and shown.empty == "all positions of the plan"
+    assert settings.values(PLAN)["most"] is None and shown.empty == "all of the plan"
     assert settings.goal() == Goal(0.005)
 
 
