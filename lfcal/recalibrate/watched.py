@@ -78,7 +78,7 @@ class WatchedMean:
 
 @dataclass(frozen=True)
 class DriftTrend:
-    """Slope of the drift ``name`` over time and its standard deviation ``sigma``, per hour, day or frame (``per``).
+    """Slope ``slope`` of the drift ``name``, and its standard deviation ``sigma``, per hour, day or frame (``per``).
 
     Examples
     --------

@@ -112,7 +112,7 @@ class Phases:
 
 
 class Nearest(NamedTuple):
-    """Nearest positions ``(n, 2)`` as (y, x), and the phases of the images minus those of the positions (pixels)."""
+    """Nearest ``positions`` ``(n, 2)`` as (y, x), and ``residual_px``, image phases minus those of the positions."""
 
     positions: NDArray[np.intp]
     residual_px: NDArray[np.float64]

@@ -90,6 +90,7 @@ class PlannedSession(TaskResult):
 class RecordedSession(TaskResult):
     """A recorded session, complete or stopped by the signal ``ended_by``.
 
+    ``out`` is the folder, ``outcome`` states how the recording ended, and ``alarms`` are the alarms raised during it.
     ``facts`` contains observations and output files by name. If the session records until H reaches a target error,
     ``adapted`` states why it ended. ``error`` is an error that occurred after the last frame, when the recording was
     complete.

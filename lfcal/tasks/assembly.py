@@ -58,10 +58,10 @@ RATE = 100e6
 class Assembled(TaskResult):
     """One assembled H.
 
-    ``name`` is the name of the region, or else of the colour. ``out`` is the file of H; each colour has a separate
-    file. All regions of a colour share one file, and their matrices are closed. For a target, ``target``, ``points``
-    and ``facts`` are its plan, the points found and facts about the frames. ``unused`` is the number of points that
-    match no position.
+    ``name`` is the name of the region, or else of the colour. ``report`` contains the matrix and the results of its
+    assembly, which took ``seconds`` (s). ``out`` is the file of H; each colour has a separate file. All regions of a
+    colour share one file, and their matrices are closed. For a target, ``target``, ``points`` and ``facts`` are its
+    plan, the points found and facts about the frames. ``unused`` is the number of points that match no position.
     """
 
     name: str = ""

@@ -33,10 +33,12 @@ BYTES_PER_PIXEL = 70
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredDepth(TaskResult):
-    """A measured depth map, with the source of its lattice and of its metric depths (empty: there are none).
+    """A measured depth map, ``found``.
+
+    ``lattice`` and ``scale`` state the sources of the lattice and of the metric depths (empty: there are none).
 
     ``out`` and ``cloud`` are the files of the map and the point cloud, None before `written` or without a cloud.
-    ``points`` is the number of points in the cloud.
+    ``points`` is the number of points in the cloud, and ``seconds`` the duration (s).
     """
 
     found: DepthMap

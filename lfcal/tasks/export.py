@@ -35,7 +35,8 @@ __all__ = ["EXPORT", "ExportFor", "ExportH5", "ExportMat", "ExportNpy", "ExportT
 class ExportedFiles(TaskResult):
     """Files written by an export to ``out``; a large H exported to TIFF has one file for each plane.
 
-    ``dark`` lists the planes without light. ``notes`` describe the file for its users.
+    ``files`` are their paths, ``shape`` is that of the exported H, and ``seconds`` the duration (s). ``dark`` lists the
+    indices of planes without light. ``notes`` describe the file for its users.
     """
 
     out: Path

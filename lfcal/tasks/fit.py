@@ -41,10 +41,11 @@ FOLDER = Path("fit")
 class FitOutcome(TaskResult):
     """One fitted camera.
 
-    ``field`` is the fit of several regions or parts of the field, None for a single region. With it, ``fit`` and
-    ``source`` are those of the first region. ``hybrids`` describes, by region, what the hybrid H adds to the model; the
-    name of a single region is empty. For a target, ``points`` are the points found in its frames, and ``holes`` is the
-    fitted size of its holes as text.
+    ``fit`` is the fit to the patterns in ``source``, and ``files`` were written to the folder ``out``. ``field`` is the
+    fit of several regions or parts of the field, None for a single region. With it, ``fit`` and ``source`` are those of
+    the first region. ``hybrids`` describes, by region, what the hybrid H adds to the model; the name of a single region
+    is empty. For a target, ``points`` are the points found in its frames, and ``holes`` is the fitted size of its holes
+    as text.
     """
 
     fit: Fit

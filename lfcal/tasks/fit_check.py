@@ -38,7 +38,10 @@ ONE_COLOUR = "extract one colour, and use the H of that colour"
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedMatrix(TaskResult):
-    """Result of checking an old H with new frames."""
+    """Result of checking an old H with new frames.
+
+    ``check`` is the result, ``matrix`` the file of H, and ``frames`` the paths of the frames.
+    """
 
     check: Check
     matrix: Path

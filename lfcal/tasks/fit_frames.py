@@ -31,7 +31,10 @@ __all__ = ["FIT_FRAMES", "Recalibrate", "Recalibrated"]
 
 @dataclass(frozen=True, kw_only=True)
 class Recalibrated(TaskResult):
-    """A camera recalibrated on frames, and its files."""
+    """A camera recalibrated on frames, and its files.
+
+    ``found`` is the result of the fit, and ``files`` were written to the folder ``out``.
+    """
 
     found: Recalibration
     out: Path

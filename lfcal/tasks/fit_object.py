@@ -22,7 +22,7 @@ __all__ = ["FIT_OBJECT", "PredictObject", "PredictedObject"]
 
 @dataclass(frozen=True, kw_only=True)
 class PredictedObject(TaskResult):
-    """Result of comparing the measured frame of a known object with its prediction."""
+    """Result ``compared`` of comparing the measured frame of a known object with its prediction."""
 
     compared: Compared
 

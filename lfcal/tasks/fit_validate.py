@@ -30,7 +30,8 @@ __all__ = ["FIT_VALIDATE", "ValidateFit", "ValidateFitByFrames", "Validated"]
 class Validated(TaskResult):
     """Errors of the predictions of a fit for points that were not fitted.
 
-    ``name`` is the name of the region, or of the other recording; it is empty for a fit of a single region.
+    ``validation`` contains the errors for the points of ``source``, and ``files`` were written. ``name`` is the name of
+    the region, or of the other recording; it is empty for a fit of a single region.
     """
 
     name: str

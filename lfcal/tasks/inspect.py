@@ -32,8 +32,9 @@ RATE = 200e6
 class InspectedMatrix(TaskResult):
     """Quality of an H, whose file is closed.
 
-    ``loss`` contains the differences between regions, None if H has only one. ``page`` is the path of the report, None
-    if there is none.
+    ``found`` contains the metrics and findings of ``matrix``, and ``comparison`` its differences from the reference H,
+    None without a reference. ``loss`` contains the differences between regions, None if H has only one. ``page`` is the
+    path of the report, None if there is none.
     """
 
     task: Inspect
@@ -151,7 +152,7 @@ class Inspect(MatrixTask):
         return () if self.report is None else (self.report,)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[InspectedMatrix, ...]]:
-        """Measure the quality of H, compare H with its camera, and write the report."""
+        """Measure the quality of H, compare H with its camera and with the reference H, and write the report."""
         from lfcal.judge import fitted_setup, iter_compare, iter_inspection
         from lfcal.judge.quality import METRICS
         from lfcal.work import discard, note_joining, parts_folder

@@ -103,7 +103,11 @@ def solver_settings(name: str, **values: Any) -> SolverFields:
 
 @dataclass(frozen=True, kw_only=True)
 class Reconstructed(TaskResult):
-    """Results of reconstructing frames, and the file of each volume by the name of its frame."""
+    """Results of reconstructing frames, and the file of each volume by the name of its frame.
+
+    ``method`` is the projection method, ``forecast`` its forecast as text, and ``shape`` the shape ``(nz, Y, X)`` of a
+    volume.
+    """
 
     method: str
     forecast: str

@@ -23,7 +23,11 @@ RATE = 50e6
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedFile(TaskResult):
-    """The smaller file ``out`` that was written; ``matrix`` is its H, still open."""
+    """The smaller file ``out`` that was written; ``matrix`` is its H, still open.
+
+    ``tolerance`` is the requested limit of the relative L1 error of each pattern, ``source_bytes`` the size of the
+    source (bytes), and ``seconds`` the duration (s).
+    """
 
     out: Path
     matrix: PSFMatrix

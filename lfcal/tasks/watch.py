@@ -26,7 +26,10 @@ COMPARED = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Watched(TaskResult):
-    """Whether H is still valid for the frames of a series, and the files of the result."""
+    """Whether H is still valid for the frames of a series, and the files of the result.
+
+    ``found`` contains the tests of all frames, and ``files`` are the files written.
+    """
 
     found: DriftWatch
     files: tuple[Path, ...]

@@ -87,7 +87,7 @@ RowName = tuple[float, int, int]  # pitch, reach, and place of a node behind its
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """The symmetry that derives a response from one that was already computed."""
+    """Symmetry that derives a response from one already computed: axes swapped first, then flipped along y and x."""
 
     flip_y: bool
     flip_x: bool
