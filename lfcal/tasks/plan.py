@@ -37,11 +37,11 @@ __all__ = ["PLAN", "PLAN_FORMATS", "PlanRecorded", "PlanRegions", "PlanScan", "p
 
 
 PLAN_FORMATS = {
-    "plan": ("Plan", ".json", ""),
-    "csv": ("Table of stage positions", ".csv", "stage_table"),
-    "useq": ("Sequence of useq-schema", ".useq.json", "useq_sequence"),
+    "plan": ("Plan", ".json"),
+    "csv": ("Table of stage positions", ".csv"),
+    "useq": ("Sequence of useq-schema", ".useq.json"),
 }
-"""Title, usual suffix and function of `lfcal.camera` of each format of a plan file; the plan itself needs none."""
+"""Title and usual suffix of each format of a plan file."""
 
 
 def plan_text(plan: ScanPlan, written_as: str, positions: NDArray[np.intp] | None = None) -> str:
@@ -54,13 +54,11 @@ def plan_text(plan: ScanPlan, written_as: str, positions: NDArray[np.intp] | Non
     InputError
         If the format cannot describe the plan.
     """
-    writer = PLAN_FORMATS[written_as][2]
-    if not writer:
-        return plan.to_json()
-    from lfcal import camera
+    from lfcal.camera import stage_table, useq_sequence
 
-    text: str = getattr(camera, writer)(plan, positions)
-    return text
+    if written_as == "plan":
+        return plan.to_json()
+    return (useq_sequence if written_as == "useq" else stage_table)(plan, positions)
 
 
 def _exposures(text: str) -> float | tuple[float, ...]:

@@ -28,7 +28,7 @@ BASIC_OF_SCAN = ("virtual_depths", "depths", "cutout", "exposure")
 ROWS = {row.name: row for row in rows(PlanScan)}
 PLANES = ("depths", "virtual_depths")
 
-SAVED = ";;".join(f"{title} (*{suffix})" for title, suffix, _ in PLAN_FORMATS.values())
+SAVED = ";;".join(f"{title} (*{suffix})" for title, suffix in PLAN_FORMATS.values())
 """Formats of a plan file, for a file dialog."""
 
 
@@ -70,7 +70,7 @@ def _values(plan: ScanPlan) -> dict[str, Any]:
 
 def format_of(path: str | Path) -> str:
     """Return the format in which a plan is saved as ``path``, by its suffix; ``"plan"`` for an unknown one."""
-    found = [(len(suffix), name) for name, (_, suffix, _) in PLAN_FORMATS.items() if str(path).lower().endswith(suffix)]
+    found = [(len(suffix), name) for name, (_, suffix) in PLAN_FORMATS.items() if str(path).lower().endswith(suffix)]
     return max(found, default=(0, "plan"))[1]
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from lfcal.tasks import PLAN_FORMATS
 from lfcal_gui.models import CAMERA_FILE, PLAN_FILE, CommandStep, ProjectState, list_beside, needed_plan
 from lfcal_gui.pages.setup.model_scan import format_of, half_of, is_usual, scan_task
 from lfcal_gui.pages.setup.model_target import PlanSettings, target_task
@@ -49,8 +48,12 @@ def scan_step(project: ProjectState, out: str = "") -> CommandStep:
     return replace(found, python=_as_it_is(out, half=settings.half_cell))
 
 
+WRITERS = {"csv": "stage_table", "useq": "useq_sequence"}
+"""Functions of `lfcal.camera` that write a plan for another program, by format."""
+
+
 def _as_it_is(out: str, *, half: bool) -> str:
-    writer = PLAN_FORMATS[format_of(out)][2]
+    writer = WRITERS.get(format_of(out), "")
     names = ["Forecast", "ScanPlan", *(["half_cell"] if half else []), *([writer] if writer else [])]
     text = f"{writer}(plan{', positions' * half})" if writer else "plan.to_json()"
     listed = f"""
