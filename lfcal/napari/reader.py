@@ -110,7 +110,7 @@ def _matrices(source: Path) -> list[Layer]:
 
 
 def _matrix_layer(H: PSFMatrix, name: str, *, visible: bool) -> Layer:
-    known = _along_z(len(H), H.depths if H.camera is not None and H.knows_depths else None)
+    known = _along_z(len(H), H.depths if H.knows_depths else None)
     step, pixel = voxel_um(H), pixel_um(H)
     sides = (*(step or (1.0, 1.0)), *(pixel or (1.0, 1.0)))
     sides = (*sides[2:], *sides[:2]) if H.is_transposed else sides  # positions of HT are pixels

@@ -83,7 +83,7 @@ def iter_bars(
             "frames for error bars", "one frame", f"{len(run.frames)} frames", "reconstruct them one by one"
         )
     shape = (len(run.matrices[0]), *run.shape)
-    regions = check_labels(None if labels is None else load_labels(labels, _depths(run)), shape)
+    regions = check_labels(None if labels is None else load_labels(labels, run.projector.known_depths), shape)
     first, others = bar_units(run, out, settings, regions is not None, how)
     title = f"error bars of {out.name}"
     # a run of the first unit alone would delete finished replicates
@@ -208,14 +208,9 @@ def _iter_joined(
     made.append(bars)
 
 
-def _depths(run: FrameRun) -> NDArray[np.float64] | None:
-    """Return the depths that the files state (µm); None if unknown."""
-    return run.projector.depths if run.projector.camera is not None else None
-
-
 def _write(bars: ErrorBars, run: FrameRun, out: Path, details: Mapping[str, Any]) -> None:
     """Write volume, maps and table; the volume, for which all others exist, is the last."""
-    depths = _depths(run)
+    depths = run.projector.known_depths
     sides = voxel_um(run.matrices[0])
     paths = bar_outputs(out, regions=bool(bars.regions))
     if bars.regions:

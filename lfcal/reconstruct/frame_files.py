@@ -262,7 +262,7 @@ def saving(
     times_s
         Time of each frame (s); None for unknown times.
     """
-    depths = P.depths if P.camera is not None else None
+    depths = P.known_depths
     origin = None if grid is None else grid.origin_um
     if grid is not None:
         details = {**details, "voxel_um": grid.voxel_um, "origin_um": grid.origin_um}

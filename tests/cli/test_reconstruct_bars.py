@@ -12,6 +12,7 @@ import tifffile
 
 from lfcal.psf import PSFMatrix, open_psf, save
 from lfcal.reconstruct import BootstrapSettings, Projector, RlSolver, SolverChoice, VoxelGrid, error_bars, load_volume
+from lfcal.reconstruct.volumes import volume_facts
 from lfcal.tasks import ReconstructBars, command_of, python_of
 from tests.cli.conftest import Run
 
@@ -51,6 +52,9 @@ def test_maps_and_sums_are_those_of_python(lfcal: Run, place: Path, tmp_path: Pa
     bars = error_bars(P, frame, choice, settings, labels=labels)
     for name, values in (("v", bars.volume), ("v_sigma", bars.sigma), ("v_kappa", bars.kappa)):
         np.testing.assert_allclose(load_volume(tmp_path / f"{name}.tif"), values, rtol=1e-4)
+    for name in ("v", "v_sigma"):  # H states depths, although it has no camera
+        depths = volume_facts(tmp_path / f"{name}.tif").depths_um
+        assert depths is not None and depths.tolist() == [-200.0, -100.0]
     rows = list(csv.DictReader((tmp_path / "v_regions.csv").read_text().splitlines()))
     assert [int(row["label"]) for row in rows] == [1, 2] and rows[0]["first_plane"] == "0"
     for row, one in zip(rows, bars.regions, strict=True):

@@ -212,8 +212,14 @@ class Projector:
     @property
     def depths(self) -> NDArray[np.float64]:
         """Depth of each plane (µm), ``(nz,)``; the plane indices if H has no depths."""
-        depths = self._reader.H.depths if isinstance(self._reader.H, PSFMatrix) else None
-        return np.arange(self.volume_shape[0], dtype=float) if depths is None else np.asarray(depths, float)
+        known = self.known_depths
+        return np.arange(self.volume_shape[0], dtype=float) if known is None else known
+
+    @property
+    def known_depths(self) -> NDArray[np.float64] | None:
+        """Depth of each plane (µm), ``(nz,)``; None if H states none, as in some files of other software."""
+        H = self._reader.H
+        return np.asarray(H.depths, float) if isinstance(H, PSFMatrix) and H.knows_depths else None
 
     @property
     def noise(self) -> NDArray[np.float64] | None:

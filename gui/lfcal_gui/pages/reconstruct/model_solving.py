@@ -342,8 +342,8 @@ class Solving:
                 yield record
                 if self._stop.is_set():
                     return
+        self.depths = projector.known_depths
         if projector.camera is not None:
-            self.depths = projector.depths
             self.voxel_um = voxel_um(H)
         self._projector = projector
 
