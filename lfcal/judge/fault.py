@@ -86,7 +86,7 @@ class FoundFault:
     sigmas
         Significance of the fault, in standard deviations of the rest of H.
     share
-        Fraction of the light of the patterns that the fault changes (relative L1); an upper limit of ``cost``.
+        Fraction of the light of the patterns that the fault changes (relative L1); used if ``cost`` is not measured.
     positions
         Affected positions (z, y, x), ``(n, 3)``; empty: all.
     pixels

@@ -349,7 +349,7 @@ def coding_gain(patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, *, sig
     """Return the gain of a code for each entry of the patterns, relative to single points in as many frames.
 
     Each single point is shown in ``frames / points`` frames, so that both methods use the same number of frames.
-    Photo-response non-uniformity (PRNU) is the same in all frames and therefore does not affect the gain.
+    Photo-response non-uniformity (PRNU) is the same in all frames; it therefore causes the same error in both methods.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ SCAN = {
 
 
 def either_words(name: str) -> str:
-    """Return a text with the possible causes of an image motion as in frames with orientation ``name``."""
+    """Return a text with both causes that an image motion may have: frames of orientation ``name``, or other axes."""
     return f"the frames are {ORIENTATIONS[name].words}, or {SCAN[name]} relative to the plan"
 
 

@@ -170,7 +170,7 @@ def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[st
 def with_simulated(provenance: Mapping[str, Any], planes: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
     """Return provenance with the records of how each plane was simulated, which `simulated_planes` returns.
 
-    The level becomes that of the engines that ran; the requested one is kept as ``requested_level``.
+    The entry ``level`` becomes that of the engines that ran; the requested level is kept as ``requested_level``.
     """
     simulated = {**provenance.get("simulated", {}), "planes": list(planes)}
     engines = dict.fromkeys(str(one["engine"]) for one in planes if one is not None and "engine" in one)

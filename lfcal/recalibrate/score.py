@@ -74,7 +74,7 @@ def orthogonal(
     images
         Images to project.
     fields
-        Dark fields ``(d, rows, columns)``; None: none.
+        Dark fields ``(d, rows, columns)``. None: there is no dark field.
     steps
         Largest number of conjugate-gradient steps.
     """
