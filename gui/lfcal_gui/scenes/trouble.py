@@ -82,8 +82,7 @@ def _jobs(stage: Stage) -> Iterator[Capture]:
     stage.settle()
     yield Capture("jobs_ended", window)
     window.job_line.toggle()
-    window.log_dock.show()
-    window.log_dock.raise_()
+    window.log_dock.toggleViewAction().trigger()  # as a user opens it
     stage.turn()
     yield Capture("log", window.log_dock)
     window.log_dock.hide()
