@@ -45,6 +45,9 @@ class RecordTab(QObject):
     asked = Signal(str, arguments=["words"])
     """A person is asked to do something before the recording continues; empty: no longer."""
 
+    _alarms: tuple[str, ...] = ()
+    """Alarms of the recording that last until now."""
+
     def __init__(self, context: Context, setup: SetupTab, panel: RecordPanel, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.context, self.setup, self.panel = context, setup, panel
@@ -59,7 +62,6 @@ class RecordTab(QObject):
         self._job, self._lamp, self._refused, self._asked = 0, "", False, ""
         self._stopped, self._plane, self._follows = "", 0, True
         """Why the last recording stopped before its end, and the plane that was recorded last."""
-        self._alarms: tuple[str, ...] = ()
         self._expected_of: tuple[Any, ...] = ()
         """Camera, depths and cutout whose apertures are shown."""
         self._under_way: WindowJob | None = None  # the recording as it was reported last
