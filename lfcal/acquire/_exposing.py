@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire.control import Control
-from lfcal.base import InputError
+from lfcal.base import InputError, format_pixels
 from lfcal.devices import CameraError, CheckedCamera, Frame, IncompleteFrame, Rig, Roi, StaleFrame, WrongFrame
 
 __all__ = ["ExposedFrame", "Exposer", "average", "merge"]
@@ -34,8 +34,9 @@ def average(frames: Sequence[NDArray[Any]], max_value: int) -> tuple[NDArray[np.
         Mean (float32) and mask (bool), ``(rows, columns)``.
     """
     if not frames or any(frame.shape != frames[0].shape for frame in frames):
+        shapes = " and ".join(dict.fromkeys(format_pixels(frame.shape) for frame in frames))
         raise InputError.expected(
-            "frames to average", "one or more of the same shape", [f.shape for f in frames], "record them again"
+            "frames to average", "one or more frames of the same shape", shapes or "none", "record them again"
         )
     total = np.zeros(frames[0].shape, np.uint32)
     saturated = np.zeros(frames[0].shape, np.bool_)
@@ -79,7 +80,10 @@ def merge(
     """
     if not len(frames) == len(saturated) == len(exposures_s) > 0 or min(exposures_s) <= 0:
         raise InputError.expected(
-            "exposure bracket", "one positive exposure per frame", list(exposures_s), "give one exposure for each frame"
+            "exposure bracket",
+            "one exposure above 0 s for each frame",
+            f"{', '.join(f'{seconds:g} s' for seconds in exposures_s) or 'none'} for {len(frames)} frames",
+            "give one exposure for each frame",
         )
     shortest = int(np.argmin(exposures_s))
     light = np.zeros(frames[0].shape, np.float64)
@@ -153,7 +157,12 @@ class Exposer:
             return
         actual = self._camera.set_roi(roi).actual
         if not actual.holds(roi):
-            raise CameraError.expected("camera region", f"at least {roi}", actual, "reset the camera's region")
+            raise CameraError.expected(
+                "camera region",
+                f"one that contains {_region_words(roi)}",
+                _region_words(actual),
+                "reset the camera's region",
+            )
         self._wanted_roi, self.roi = roi, actual
 
     def expose(self, exposure_s: float, repeats: int, arrived_s: float) -> ExposedFrame:
@@ -205,6 +214,10 @@ class Exposer:
         if whole and frame.exposure_s > 0:
             self._reported.append(frame.exposure_s)
         return frame.data
+
+
+def _region_words(roi: Roi) -> str:
+    return f"{format_pixels(roi.shape)} from row {roi.row}, column {roi.column}"
 
 
 def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last_number: int, arrived_s: float) -> None:

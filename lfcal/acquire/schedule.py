@@ -120,7 +120,10 @@ def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | N
         for position in again.tolist():
             if not (there == position).all(axis=1).any():
                 raise InputError.expected(
-                    "frame to record again", "a frame of the plan", tuple(position), "use a list made for this plan"
+                    "frame to record again",
+                    "a frame of the plan",
+                    f"(z, y, x) = {tuple(position)}",
+                    "use a list made for this plan",
                 )
         count = len(again)
         return [Block.of(Kind.POSITION, again, np.arange(count)), *_references(middle, options, count, count)]
@@ -249,7 +252,7 @@ def _redo_positions(shape: tuple[int, ...], redo: Sequence[Position]) -> NDArray
     if bad.any():
         first = tuple(positions[np.flatnonzero(bad)[0]].tolist())
         raise InputError.expected(
-            "position to record again", f"(z, y, x) inside {shape}", first, "use a list made for this plan"
+            "position to record again", f"(z, y, x) inside {tuple(shape)}", first, "use a list made for this plan"
         )
     return positions
 
@@ -460,5 +463,5 @@ def _check_on_sensor(plan: ScanPlan, origins: NDArray[Any], positions: NDArray[A
             f"cutout of position z={z}, y={y}, x={x}",
             f"a cutout inside the sensor of {sensor[0]} x {sensor[1]} px",
             f"{shape[0]} x {shape[1]} px from row {row}, column {column}",
-            "choose a smaller margin or move the anchor inwards",
+            "choose a smaller margin, or move the anchor inwards",
         )

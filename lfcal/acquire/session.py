@@ -37,7 +37,7 @@ from lfcal.acquire.session_file import Devices, Run, SessionFile, frame_dtype, k
 from lfcal.acquire.setup import iter_stage_check
 from lfcal.acquire.spots import image_shift
 from lfcal.acquire.suspending import Suspender
-from lfcal.base import InputError, LfcalError, StorageError, Work, drained, require_space, storage_errors
+from lfcal.base import InputError, LfcalError, StorageError, Work, drained, format_pixels, require_space, storage_errors
 from lfcal.camera import ScanPlan
 from lfcal.devices import Rig
 from lfcal.frames import Position
@@ -242,8 +242,8 @@ def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
     if tuple(devices.sensor_shape) != tuple(plan.camera.sensor.shape):
         raise InputError.expected(
             f"sensor of {devices.camera}",
-            f"{plan.camera.sensor.shape} pixels as in the plan",
-            tuple(devices.sensor_shape),
+            f"{format_pixels(plan.camera.sensor.shape)}, as in the plan",
+            format_pixels(devices.sensor_shape),
             "correct the plan's camera, or choose the right one",
         )
     return devices
@@ -275,7 +275,7 @@ def _new(file: SessionFile, only: Sequence[Position] | None, kept_aside: Sequenc
         return replace(file, kept_aside=aside)
     if not len(only):
         raise InputError.expected(
-            "positions to record", "at least one", "an empty list", "leave the empty list out, to record all positions"
+            "positions to record", "at least one", "an empty list", "leave the empty list out to record all positions"
         )
     positions = tuple(tuple(map(int, p)) for p in file.plan.in_scan_order(only).tolist())
     return replace(file, redo=(positions,), kept_aside=aside)

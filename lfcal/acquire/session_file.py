@@ -283,7 +283,9 @@ class SessionFile:
             wanted = f'"format": "{FORMAT}", version {VERSION} or {TARGET_VERSION}'
             raise FileFormatError.expected(str(path), wanted, stated_format(data), "choose the folder of a session")
         if (version == TARGET_VERSION) != ("target" in data):
-            raise FileFormatError.expected(str(path), "a target in version 2", f"version {version}", "restore it")
+            got = "none" if version == TARGET_VERSION else f"one in version {version}"
+            wanted = f"a target in version {TARGET_VERSION}, and only there"
+            raise FileFormatError.expected(str(path), wanted, got, "restore it")
         body = {"kept_aside": (), "target": None, **data}
         del body["format"], body["version"]
         body["runs"] = _runs(body.get("runs"), body.get("recordings"))

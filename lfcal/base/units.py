@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "format_dates",
     "format_length",
     "format_number",
+    "format_pixels",
     "format_plane",
     "format_seconds",
     "format_share",
@@ -107,9 +108,14 @@ def format_number(value: float, digits: int = 3) -> str:
     return f"{float(f'{value:.{digits}g}'):.0f}"
 
 
+def format_pixels(shape: Sequence[int]) -> str:
+    """Return a number of rows and columns as text, such as ``'480 x 640 px'``."""
+    return f"{' x '.join(map(str, shape))} px"
+
+
 def format_count(many: int, one: str, several: str) -> str:
-    """Return a count with its noun in the singular or plural: ``1 position``, ``12 positions``."""
-    return f"{many} {one if many == 1 else several}"
+    """Return a count with its noun in the singular or plural: ``1 position``, ``1,254 positions``."""
+    return f"{many:,} {one if many == 1 else several}"
 
 
 def format_share(share: float, among: Iterable[float] = ()) -> str:

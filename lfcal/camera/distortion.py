@@ -9,7 +9,7 @@ from math import hypot, isqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, any_of, check_choice, check_number, check_tuple, check_type
+from lfcal.base import InputError, any_of, check_choice, check_number, check_tuple, check_type, format_count
 
 __all__ = ["MODELS", "BrownDistortion", "LatticeDistortion", "monomials", "polynomial_powers"]
 
@@ -198,16 +198,18 @@ class LatticeDistortion:
                 raise InputError.expected(
                     "terms of a radial distortion",
                     "one list of 1 to 4 terms",
-                    f"lists of {counts} terms",
-                    "combine the terms into one list, and leave out those of higher order",
+                    f"{format_count(len(counts), 'list', 'lists')} of {' and '.join(map(str, counts))} terms"
+                    if counts
+                    else "no list",
+                    "give a single list, without the terms of higher order",
                 )
             return
         right = [len(polynomial_powers(n)) for n in range(2, MAX_DEGREE + 1)]
         if len(counts) != 2 or counts[0] != counts[1] or counts[0] not in right:
             raise InputError.expected(
                 "terms of a polynomial distortion",
-                f"two lists of the same length ({any_of(map(str, right))})",
-                f"lengths {' and '.join(map(str, counts))}" if counts else "no lists",
+                f"two lists of {any_of(map(str, right))} terms each",
+                f"lists of {' and '.join(map(str, counts))} terms" if counts else "no lists",
                 "write 0 for each term that is not known",
             )
 

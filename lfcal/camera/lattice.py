@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_choice, check_length, check_number, check_tuple, check_type
+from lfcal.base import InputError, check_choice, check_length, check_number, check_tuple, check_type, format_count
 from lfcal.camera.distortion import LatticeDistortion
 
 __all__ = ["LensType", "LensletLattice", "Vector", "cell_corners", "cell_neighbours", "cell_size"]
@@ -71,7 +71,7 @@ class LensType:
                 "virtual depth in focus",
                 "a value above 1 or below 0",
                 virtual_depth,
-                "give inf for lenslets that are focused at infinity",
+                "give such a value, or inf for lenslets that are focused at infinity",
             )
         return cls(gap_um / (1.0 - 1.0 / virtual_depth), depth_range)
 
@@ -161,7 +161,7 @@ class LensletLattice:
             raise InputError.expected(
                 "lens types",
                 "one type, or three types on a hexagonal array",
-                len(self.types),
+                f"{format_count(len(self.types), 'type', 'types')} on a {self.kind} array",
                 "change the types or the array",
             )
         if self.row_pitch_um is not None:

@@ -100,7 +100,7 @@ class PupilLenslets:
             raise InputError.expected(
                 "centres of the lenslets",
                 "a different centre for each lenslet",
-                f"{max(centres, key=centres.count)} more than once",
+                "({:g}, {:g}) µm more than once".format(*max(centres, key=centres.count)),
                 "remove the repeated centre",
             )
         object.__setattr__(self, "lens_centres_um", centres)

@@ -11,7 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, check_tuple, check_type, parse_json, stated_format
+from lfcal.base import (
+    FileFormatError,
+    InputError,
+    check_tuple,
+    check_type,
+    format_count,
+    format_pixels,
+    parse_json,
+    stated_format,
+)
 from lfcal.camera.description import nearest_lens
 from lfcal.camera.plan import ScanPlan
 
@@ -66,16 +75,20 @@ class RegionPlan:
         bad = [name for name in names if not (isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_-]{1,40}", name))]
         if bad or len({name.lower() for name in names}) < len(names) or not 1 <= len(names) <= MAX_REGIONS:
             wanted = f"1 to {MAX_REGIONS} different names of letters, digits, _ and -"
-            got = repr(bad[0]) if bad else ", ".join(names[:8]) or "none"
-            raise InputError.expected("regions of the field", wanted, got, "rename the regions")
-        if len(anchors) != len(names) or anchors[0] != self.scan.anchor:
-            wanted = f"one for each of the {len(names)} regions, of which the first is that of the scan"
-            got = (
-                str(len(anchors))
-                if len(anchors) != len(names)
-                else f"{anchors[0]} as the first, not {self.scan.anchor}"
+            got, remedy = repr(bad[0]) if bad else ", ".join(names[:8]), "rename the regions"
+            if not 1 <= len(names) <= MAX_REGIONS:
+                got, remedy = format_count(len(names), "name", "names"), "change the number of regions"
+            raise InputError.expected("regions of the field", wanted, got, remedy)
+        if len(anchors) != len(names):
+            wanted = f"one for each of the {len(names)} regions"
+            raise InputError.expected("anchors of the regions", wanted, len(anchors), "give one anchor for each region")
+        if anchors[0] != self.scan.anchor:
+            raise InputError.expected(
+                "first anchor of the regions",
+                f"{self.scan.anchor}, the anchor of the scan",
+                anchors[0],
+                "start with the anchor of the scan",
             )
-            raise InputError.expected("anchors of the regions", wanted, got, "start with the anchor of the scan")
         for k in range(len(names)):
             self.plan(k)
 
@@ -123,7 +136,10 @@ class RegionPlan:
         if len(set(anchors)) < len(anchors):
             wanted = f"a sensor with room for {rows} x {columns} of {scan.cutout[0]} x {scan.cutout[1]} px"
             raise InputError.expected(
-                "regions", wanted, f"one of {scan.camera.sensor.shape} px", "choose fewer regions, or a smaller cutout"
+                "regions",
+                wanted,
+                f"one of {format_pixels(scan.camera.sensor.shape)}",
+                "choose fewer regions, or a smaller cutout",
             )
         return cls(replace(scan, anchor=anchors[0]), tuple(names), tuple(anchors))
 
@@ -209,7 +225,7 @@ def _room(scan: ScanPlan) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         raise InputError.expected(
             "regions",
             "a sensor larger than one period of the scan",
-            f"one of {scan.camera.sensor.shape} px",
+            f"one of {format_pixels(scan.camera.sensor.shape)}",
             "plan one scan, without regions",
         )
     return low, high

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from lfcal.base import InputError
+from lfcal.base import InputError, choose
 from lfcal.camera.quantities import QUANTITIES
 
 __all__ = ["read_camera_value", "read_length", "read_pitch", "read_sensor", "read_values"]
@@ -28,7 +28,7 @@ def read_camera_value(path: str, text: str) -> Any:
     known = [quantity.path for quantity in QUANTITIES] + ["lattice.focus"]
     if path not in known:
         raise InputError.expected(
-            "entry of a camera", f"PATH=VALUE, where PATH is one of {', '.join(known)}", path, "choose one of these"
+            "entry of a camera", f"PATH=VALUE, where PATH is one of {', '.join(known)}", path, choose(path, known)
         )
     text = text.strip()
     if path in TEXT:
@@ -48,12 +48,11 @@ def read_camera_value(path: str, text: str) -> Any:
 def _centre(text: str) -> tuple[float, float]:
     parts = text.split(",")
     if len(parts) != 2:
-        wanted = "centres as X,Y;X,Y; ... (µm)"
         raise InputError.expected(
-            "lattice.lens_centres_um",
-            wanted,
+            "centres of the lenslets (µm)",
+            "X,Y of each centre, with ; between centres",
             repr(text),
-            "write X,Y of each centre, with ; between centres: 0,0; 2500,0",
+            "write them in the form 0,0; 2500,0",
         )
     x, y = (read_length(part, "µm", "lattice.lens_centres_um") for part in parts)
     return x, y

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from lfcal.base import InputError, check_choice, map_npy, write_tiff
+from lfcal.base import InputError, check_choice, format_pixels, map_npy, write_tiff
 from lfcal.cli._console import print_json, print_written, run_work
 from lfcal.cli._options import (
     ExposureOption,
@@ -283,9 +283,9 @@ def views(
     described = None if sensor is None else load_camera(sensor, only=OF_WEIGHTS).sensor
     recorded = read_recorded(frame)
     if recorded.raw.shape != fit.shape:
-        wanted = f"the {fit.shape} px of the lattice"
+        wanted = f"{format_pixels(fit.shape)}, as the lattice has"
         raise InputError.expected(
-            str(frame), wanted, recorded.raw.shape, "use the lattice of the camera that recorded it"
+            str(frame), wanted, format_pixels(recorded.raw.shape), "use the lattice of the camera that recorded it"
         )
     level = recorded.level(sensor=described)
     weights = recorded.weights(level, described, mask, gain=gain, exposure_s=exposure)

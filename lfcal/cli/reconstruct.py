@@ -70,7 +70,7 @@ def _show_bars(made: ReconstructedBars) -> None:
             rows.append([str(one.label), *values, f"{low} to {high}"])
         print_table(["region", "sum", "sigma", "of it noise", "95 % interval"], rows, title="sums over regions")
     unknown = bars.unknown.mean()
-    typer.echo(f"{bars.replicates} replicates; nothing is known about details of {unknown:.0%} of the voxels")
+    typer.echo(f"{bars.replicates} replicates; nothing is known about details of {100 * unknown:.0f} % of the voxels")
     typer.echo(TESTED if made.tested else UNTESTED)
 
 

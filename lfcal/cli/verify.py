@@ -37,7 +37,7 @@ def command(
         check_output(redo, path, force=force)
     if is_regions(path):
         if redo is not None:
-            raise InputError("--redo: applies to one region; verify the region's folder inside this one")
+            raise InputError("--redo: applies to a session of one region; verify the folder of each region")
         checks = [_is_whole(folder, None, workers, json) for _, folder in region_sessions(path)]  # all are shown
         whole = all(checks)
     else:

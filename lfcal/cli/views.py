@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lfcal.base import InputError, check_choice, check_number
+from lfcal.base import InputError, check_choice, check_number, format_pixels
 from lfcal.camera import Camera
 from lfcal.cli._console import print_result, print_written
 from lfcal.cli._options import ForceOption, JsonOption, MaskOption, OriginOption, WorkersOption
@@ -137,7 +137,10 @@ def _by_white(
         fit, source = load_lattice(given.file), f"of {given.file.name}, light of {white.name}"
         if fit.shape != bright.shape:
             raise InputError.expected(
-                str(white), f"the {fit.shape} px of the lattice", bright.shape, "use the white image of this lattice"
+                str(white),
+                f"{format_pixels(fit.shape)}, as the lattice has",
+                format_pixels(bright.shape),
+                "use the white image of this lattice",
             )
     else:
         kind = given.kind or (camera.lattice.kind if camera else None)

@@ -43,7 +43,7 @@ def _name(device: object, usual: str) -> str:
     with driver_errors(usual):
         name = getattr(device, "name", None)
     if not isinstance(name, str) or not name.strip():
-        raise DeviceError.expected(f"name of the {usual}", "a text that is not empty", repr(name), REMEDY)
+        raise DeviceError.expected(f"name of the {usual}", "a text of at least one letter", repr(name), REMEDY)
     return name
 
 

@@ -60,9 +60,9 @@ CLIPPED = 0.9
 """Fraction of the brightest valid value of a pattern above which an invalid pixel counts as saturated."""
 
 INVALID = (
-    "expose shorter: its pixels are saturated",
-    "record these planes again: its pixels are NaN or infinite",
-    "correct the mask of defective pixels, or use a cutout inside the frame: its pixels are masked",
+    "shorten the exposure, because its pixels are saturated",
+    "record these planes again, because its pixels are NaN or infinite",
+    "correct the mask of defective pixels, or use a cutout inside the frame, because its pixels are masked",
 )
 """Remedy if too many pixels of an elemental image are invalid, by reason."""
 
@@ -344,7 +344,7 @@ def _remedy(measured: Measured, places: F8, unseen: NDArray[np.bool_]) -> str:
         counts += _invalid(measured, k, places[k])
     if not counts.any():
         return (
-            "correct the lenslet centres of the camera (lattice.lens_centres_um), or measure them in a white image "
+            "correct the lenslet centres in the description of the camera, or measure them in a white image "
             "(lfcal white)"
         )
     return INVALID[int(np.argmax(counts))]

@@ -26,7 +26,7 @@ def noises_of(
             check_number(f"noise: {name}", value, at_least=0)
         if sum(given) <= 0:
             raise InputError.expected(
-                "noise of the frames", "a variance above 0", "0", "state the constant and the slope of the variance"
+                "noise of the frames", "a variance above 0", "0", "state a constant or a slope above 0"
             )
         return [given] * len(frames), "as stated"
     if all(frame.noise is not None and _sound(frame.noise) for frame in frames):

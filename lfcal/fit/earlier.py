@@ -137,10 +137,12 @@ def read_earlier(folder: str | os.PathLike[str]) -> Earlier:
     camera = Camera.from_json(read_text(place / "camera.json"))
     try:
         return _earlier(data, camera, place)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, InputError | FileFormatError):
-            raise
-        raise FileFormatError.expected(str(path), "a result of lfcal fit", repr(error), "run lfcal fit again") from None
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise FileFormatError.expected(
+            str(path), "a result of lfcal fit", "missing or damaged entries", "run lfcal fit again"
+        ) from None
 
 
 def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
@@ -149,9 +151,12 @@ def _earlier(data: Mapping[str, Any], camera: Camera, place: Path) -> Earlier:
     values = np.array([one["value"] for one in found], np.float64)
     # correlations are those with all other parameters fixed
     sigmas = np.array([one.get("sigma_held", one["sigma"]) for one in found], np.float64)
-    if correlations.shape != (len(found), len(found)) or not np.isfinite([*values, *sigmas, *correlations.flat]).all():
-        wanted = f"{len(found)} parameters with their correlations"
-        raise FileFormatError.expected(f"{place / 'fit.json'}", wanted, "other contents", "run lfcal fit again")
+    path, again = place / "fit.json", "run lfcal fit again"
+    if correlations.shape != (len(found), len(found)):
+        wanted = f"correlations of {len(found)} parameters"
+        raise FileFormatError.expected(str(path), wanted, f"a table of shape {correlations.shape}", again)
+    if not np.isfinite([*values, *sigmas, *correlations.flat]).all():
+        raise FileFormatError.expected(str(path), "finite parameters and correlations", "NaN or infinity", again)
     aside, spread = data.get("aside_px", (0.0, 0.0)), data["spread"]
     return Earlier(
         Setup(

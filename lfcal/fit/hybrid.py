@@ -166,7 +166,9 @@ class RecordedPatterns:
         if given is not None:
             known = np.broadcast_to(np.asarray(given, np.float32), (*shape[:3], 2))
         if known is None or not np.isfinite(known[counts > 0]).all():
-            raise InputError.expected("noise of H", "a variance model", "none", "give noise=(constant, slope)")
+            raise InputError.expected(
+                "noise of H", "a variance model", "none", "state the constant and the slope (noise=)"
+            )
 
         def pattern(z: int, y: int, x: int) -> tuple[F4, NDArray[np.bool_]]:
             return np.asarray(source[z, y, x], np.float32), source.valid(z, y, x)
@@ -179,7 +181,7 @@ def _check_scan(planned: ScanPlan, shape: tuple[int, ...], depths: ArrayLike, an
     remedy = "give the H that was fitted"
     if tuple(shape) != tuple(planned.shape):
         raise InputError.expected(
-            "shape of the patterns (z, y, x, t, s)", f"{planned.shape}, as fitted", tuple(shape), remedy
+            "shape of the patterns (z, y, x, t, s)", f"the fitted shape {planned.shape}", tuple(shape), remedy
         )
     for name, wanted, got in (("depths (µm)", planned.depths_um, depths), ("anchor (pixels)", planned.anchor, anchor)):
         if not np.allclose(wanted, got, rtol=1e-9, atol=1e-6):

@@ -111,7 +111,7 @@ class Measured:
         if not good:
             got = "an unknown or zero variance"
             raise InputError.expected(
-                "noise of the patterns", "a variance above 0", got, "give noise=(constant, slope)"
+                "noise of the patterns", "a variance above 0", got, "state a constant or a slope above 0 (noise=)"
             )
 
     def __len__(self) -> int:
@@ -287,7 +287,7 @@ def _check_inside(index: NDArray[np.intp], shape: tuple[int, int, int]) -> None:
 def _plan_of(matrix: PSFMatrix, camera: Camera | None) -> ScanPlan:
     owner = camera or matrix.camera
     if owner is None:
-        raise InputError.expected("camera", "a description", "none in H", "state the camera")
+        raise InputError.expected("camera of H", "a description", "none", "state the camera")
     if matrix.pixel_scale != (1.0, 1.0):
         raise InputError.expected(
             "patterns",
@@ -320,6 +320,6 @@ def _noise(matrix: PSFMatrix, chosen: NDArray[np.intp], given: tuple[float, floa
         return np.tile(np.asarray(given, np.float64), (len(chosen), 1))
     known = matrix.facts.noise
     if known is None:
-        raise InputError.expected("noise of H", "a variance model", "none", "give noise=(constant, slope)")
+        raise InputError.expected("noise of H", "a variance model", "none", "state the constant and the slope (noise=)")
     found: NDArray[np.float64] = known[tuple(chosen.T)].astype(np.float64)
     return found

@@ -175,12 +175,10 @@ def with_given(effects: Sequence[Effect], settings: Mapping[str, str], given: Se
             found.pop(name, None)
         elif setting == "on" and name not in found:
             found[name] = CATALOGUE.get(name)()
-    wrong = [e.name for e in found.values() if isinstance(e, FrameEffect | MotionEffect)]
-    if wrong:
+    wrong = next((one for one in found.values() if isinstance(one, FrameEffect | MotionEffect)), None)
+    if wrong is not None:
+        why = "positions are fitted" if isinstance(wrong, MotionEffect) else "frames are corrected for it"
         raise InputError.expected(
-            "effects of a fit",
-            "effects on the light of a point",
-            wrong[0],
-            "leave it out, because the frames are corrected for it",
+            "effects of a fit", "effects on the light of a point", wrong.name, f"leave it out, because {why}"
         )
     return tuple(found.values())

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import LINES, Clock, InputError, Work, drained, figure, save_figure, write_text
+from lfcal.base import LINES, Clock, InputError, Work, drained, figure, format_pixels, save_figure, write_text
 from lfcal.fit.compared import Compared, compared_with
 from lfcal.fit.files import REPORT, json_text
 from lfcal.fit.locate import LocatedPattern, NewFrame
@@ -227,8 +227,8 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
         shapes = known_of.setup.camera.sensor.shape, withheld.plan.camera.sensor.shape
         raise InputError.expected(
             "sensor of the held-out points",
-            f"{shapes[0]} pixels",
-            f"{shapes[1]} pixels",
+            format_pixels(shapes[0]),
+            format_pixels(shapes[1]),
             "give a recording of this sensor",
         )
     clock = Clock("predict held-out points", len(known))
@@ -289,7 +289,10 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
     """
     if frame.values.shape != light.shape:
         raise InputError.expected(
-            f"{frame.label}, pixels", light.shape, frame.values.shape, "use a frame of this sensor"
+            f"{frame.label}, size",
+            format_pixels(light.shape),
+            format_pixels(frame.values.shape),
+            "use a frame of this sensor",
         )
     rows, columns = light.shape
     at = LocatedPattern(0, 0, 0, frame.origin[0] + (rows - 1) // 2, frame.origin[1] + (columns - 1) // 2, 1.0)

@@ -29,7 +29,7 @@ def check_cfa(cfa: str) -> str:
     if not isinstance(cfa, str) or len(cfa) not in _SIDES or any(letter not in _LETTERS for letter in cfa):
         raise InputError.expected(
             "colour filter pattern",
-            f"1, 4, 16 or 36 letters of {_LETTERS}",
+            f"1, 4, 16 or 36 of the letters {_LETTERS}",
             repr(cfa),
             'list the letters of one period row by row ("GRBG"), or give "" for a monochrome sensor',
         )
@@ -137,6 +137,6 @@ def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
         raise FileFormatError.expected(
             f"{name}, green pixels of {cfa}",
             "similar values at both green pixels of a cell",
-            f"a difference {ratio:.1f} times that of the other two",
+            f"a difference {ratio:.1f} times that of the other two pixels",
             "correct the Bayer tag of the file, or the colour filter pattern that was given",
         )

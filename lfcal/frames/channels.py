@@ -365,7 +365,7 @@ class ThinnedSource(SourceView):
         if not self._kept:
             raise InputError.expected(
                 f"frames of channel {scan.channel}",
-                f"some at rows {y0}, {y0 + step} … and columns {x0}, {x0 + step} …",
+                f"some at positions with y = {y0}, {y0 + step} … and x = {x0}, {x0 + step} …",
                 "none",
                 "record the whole scan",
             )

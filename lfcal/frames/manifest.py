@@ -75,9 +75,9 @@ class FrameEntry:
         if not name or "\0" in name or "\\" in name:
             raise InputError.expected(
                 "file of a frame",
-                "a path with / between folders",
+                "a path relative to the manifest, with / between folders",
                 repr(name),
-                "write the path relative to the manifest",
+                "correct this path",
             )
         # checked before any access to the file system: "..", drive letters and absolute paths would leave the folder
         if name[0] == "/" or name[1:2] == ":" or ".." in name.split("/"):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, Region, check_region
+from lfcal.base import InputError, Region, check_region, format_pixels
 from lfcal.frames.source import FrameInfo, FrameMetadata, Frames, FrameSource, Samples
 from lfcal.frames.view import SourceView
 
@@ -214,8 +214,8 @@ class OrientedSource(SourceView):
         if (last >= self.sensor).any():
             raise InputError.expected(
                 f"{info.label}, frame to turn",
-                f"rows and columns on the sensor of {self.sensor} px",
-                f"{first} … {last}",
+                f"a frame on the sensor of {format_pixels(self.sensor)}",
+                f"one from row {first[0]}, column {first[1]} to row {last[0]}, column {last[1]}",
                 "give the size of the whole sensor together with the orientation",
             )
         row, column = self.turn.places([first, last], self.sensor).min(axis=0).astype(int).tolist()

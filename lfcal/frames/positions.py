@@ -227,7 +227,9 @@ class NamePattern:
             If the template contains ``*``, which cannot be filled in.
         """
         if "*" in self.template:
-            raise InputError.expected("name pattern to write", "no *", repr(self.template), "replace * by fixed text")
+            raise InputError.expected(
+                "name pattern to write", "a pattern without *", repr(self.template), "replace * by fixed text"
+            )
         values = {k: v + self.first for k, v in zip("zyx", position, strict=True)} | {"page": page}
 
         def fill(match: re.Match[str]) -> str:

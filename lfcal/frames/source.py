@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeAlias, ru
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, Position, Region, check_region
+from lfcal.base import InputError, Position, Region, check_region, format_pixels
 
 if TYPE_CHECKING:
     from lfcal.camera import ScanPlan
@@ -532,12 +532,11 @@ def check_mask(mask: ArrayLike, shape: tuple[int, int], what: str) -> NDArray[np
         Unless it has ``shape`` and a valid pixel; ``what`` names the frames in the message.
     """
     checked = np.array(mask, np.bool_)
-    if checked.shape != shape or not checked.any():
+    if checked.shape != shape:
         raise InputError.expected(
-            f"{what}, pixel mask",
-            f"shape {shape} with at least one valid pixel",
-            checked.shape,
-            "mark valid pixels with 1",
+            f"{what}, pixel mask", format_pixels(shape), format_pixels(checked.shape), "use a mask for these frames"
         )
+    if not checked.any():
+        raise InputError.expected(f"{what}, pixel mask", "at least one valid pixel", "none", "mark valid pixels with 1")
     checked.flags.writeable = False
     return checked

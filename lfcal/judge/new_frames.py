@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, format_pixels
 from lfcal.camera import ScanPlan
 from lfcal.fit import NewFrame, spread_out
 from lfcal.frames import FrameSource, NamePattern
@@ -63,14 +63,17 @@ def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: 
     if origin == (0, 0) and view.shape != wanted and (plan is None or plan.camera.sensor.shape != view.shape):
         raise InputError.expected(
             f"{source}, pixels",
-            f"{wanted} pixels, as in the camera of H",
-            f"{view.shape} pixels",
+            f"{format_pixels(wanted)}, as in the camera of H",
+            format_pixels(view.shape),
             "give whole frames of this camera",
         )
     if plan is not None and plan.camera.sensor.shape != wanted:
         got = plan.camera.sensor.shape
         raise InputError.expected(
-            f"{source}, sensor", f"{wanted} pixels, as in the camera of H", got, "give the H of this sensor"
+            f"{source}, sensor",
+            f"{format_pixels(wanted)}, as in the camera of H",
+            format_pixels(got),
+            "give the H of this sensor",
         )
 
 

@@ -122,13 +122,12 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
     few = _large(part, kind, pitch_px)
     rough, share = few or _fine(flat, kind, pitch_px)
     if share < MIN_BRIGHT or rough.contrast <= 0:
-        raise overlapping(
-            "micro-images brighter than the gaps between them", f"only {100 * share:.0f} % that are brighter"
-        )
+        got = f"only {100 * share:.0f} % that are brighter" if share < MIN_BRIGHT else "gaps as bright as micro-images"
+        raise overlapping("micro-images brighter than the gaps between them", got)
     if rough.kind == "square" and few is None and not _alike(flat, rough):
         raise overlapping("micro-images of one shape", "two alternating shapes")
     if rough.kind == "square" and not _round(lit.flattened(), rough):
-        raise overlapping("separate round micro-images", "rings that touch, or other shapes")
+        raise overlapping("separate round micro-images", "micro-images of another shape, such as touching rings")
     if pitch_px is not None and not _near(rough.basis, pitch_px):
         got = f"{np.linalg.norm(rough.basis[0]):.2f} px"
         raise InputError.expected(

@@ -19,7 +19,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, InputError, Work, check_choice, check_number, chunks, drain, drained, for_each_chunk
+from lfcal.base import (
+    Clock,
+    InputError,
+    Work,
+    check_choice,
+    check_number,
+    chunks,
+    drain,
+    drained,
+    for_each_chunk,
+    format_pixels,
+)
 from lfcal.camera import Camera, Microscope, PupilLenslets
 from lfcal.lattice._depth_kernels import Lenslets, Matching, Raster, join_rows, match_lenslets
 from lfcal.lattice._depth_map import FLOOR, METHODS, DepthMap, confidence_of, half_window, supported
@@ -369,7 +380,9 @@ def _lenslets(lattice: FrameLattice, radius: float) -> tuple[NDArray[np.intp], A
     inside = ((centres >= margin) & (centres <= np.array(lattice.shape) - 1 - margin)).all(1)
     if not inside.any():
         wanted = f"a frame with a complete micro-image of radius {radius:.1f} px"
-        raise InputError.expected("light-field frame", wanted, f"a frame of {lattice.shape} px", "use a larger frame")
+        raise InputError.expected(
+            "light-field frame", wanted, f"a frame of {format_pixels(lattice.shape)}", "use a larger frame"
+        )
     order = np.argsort(centres[inside][:, 0], kind="stable")
     index: NDArray[np.intp] = np.stack([q, r], axis=-1)[inside][order]
     return index, centres[inside][order]

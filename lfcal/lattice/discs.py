@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, format_pixels
 from lfcal.camera import Camera, PupilLenslets
 
 __all__ = ["LensletDiscs", "fit_discs"]
@@ -103,14 +103,12 @@ def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
             "camera", "a Fourier light-field microscope", f"{camera.name}, which has a lattice", "use fit_lattice"
         )
     if light.shape != camera.sensor.shape:
-        wanted = f"the {camera.sensor.shape} px of {camera.name}"
-        raise InputError.expected("white image", wanted, light.shape, "use a whole frame of this camera")
+        wanted = f"{format_pixels(camera.sensor.shape)}, as {camera.name} has"
+        raise InputError.expected("white image", wanted, format_pixels(light.shape), "use a whole frame of this camera")
     seeds, levels = _seeds(light)
     count = len(lenslets.lens_centres_um)
     if len(seeds) != count:
-        remedy = (
-            "correct the lenslet centres of the camera (lattice.lens_centres_um), or record an evenly lit white image"
-        )
+        remedy = "correct the lenslet centres in the description of the camera, or record an evenly lit white image"
         raise InputError.expected(
             "separate discs in the white image", f"{count}, one for each lenslet of {camera.name}", len(seeds), remedy
         )
@@ -213,7 +211,7 @@ def _in_order(centres: F8, camera: Camera) -> NDArray[np.intp]:
             "discs",
             f"near the lenslets of {camera.name}",
             far,
-            "correct the lenslet centres of the camera (lattice.lens_centres_um)",
+            "correct the lenslet centres in the description of the camera",
         )
     found: NDArray[np.intp] = order
     return found

@@ -355,7 +355,9 @@ def check_cell(cell: Array) -> None:
             "record an evenly lit image of the lenslets",
         )
     if _overlap(level):
-        raise overlapping("separate micro-images with dark gaps", "light levels of overlapping micro-images")
+        raise overlapping(
+            "separate micro-images with dark gaps", "light between them, as from overlapping micro-images"
+        )
 
 
 def _overlap(level: Array) -> bool:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, format_pixels
 from lfcal.camera import Camera, LatticeDistortion, LensletLattice
 from lfcal.lattice._forms import DistortionFrame, FittedForm, design
 from lfcal.lattice._model import LatticeModel
@@ -204,8 +204,8 @@ class LatticeFit:
         if camera.sensor.shape != self.shape:
             raise InputError.expected(
                 "white image",
-                f"the camera's {camera.sensor.shape} pixels",
-                self.shape,
+                f"{format_pixels(camera.sensor.shape)}, as the camera has",
+                format_pixels(self.shape),
                 "choose the camera that recorded it",
             )
         stated = camera.periodic

@@ -184,8 +184,8 @@ def _expected(fit: LatticeFit, blur: Sequence[float]) -> Array:
     if fit.kind != "hexagonal":
         raise InputError.expected(
             "lattice with three lens types",
-            "hexagonal",
-            fit.kind,
+            "a hexagonal one",
+            f"a {fit.kind} one",
             f"leave the lens types out, because a {fit.kind} lattice has only one",
         )
     expected = np.array(check_tuple("expected blur of the lens types", blur, 3, at_least=0))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, as_sensor_frame, check_number, for_each_chunk
+from lfcal.base import InputError, as_sensor_frame, check_number, for_each_chunk, format_pixels
 from lfcal.lattice._view_grid import ViewGrid, view_grid
 from lfcal.lattice._view_kernels import Sites, ViewReading, sample_rows
 from lfcal.lattice.micro_images import FrameLattice, MicroImageLattice
@@ -164,7 +164,7 @@ def extract_views(
         raise InputError.expected(
             "light-field frame",
             f"room for a micro-image of {2 * half + 1} x {2 * half + 1} px",
-            f"{tuple(lattice.shape)} px",
+            format_pixels(lattice.shape),
             "give a larger frame or a smaller radius",
         )
     offsets = np.arange(-half, half + 1, dtype=float)

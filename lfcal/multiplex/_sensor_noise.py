@@ -194,14 +194,12 @@ def pixel_weights(
     raw = np.asarray(frame, float)
     level = raw if expected is None else np.asarray(expected, float)
     bad = np.zeros(raw.shape, bool) if dead is None else np.asarray(dead).astype(bool)
-    if raw.ndim != 2 or level.shape != raw.shape or bad.shape != raw.shape:
-        got = f"{raw.shape}, {level.shape}, {bad.shape}"
-        raise InputError.expected(
-            "frame, expected signal, dead pixels",
-            "three arrays of the same shape (rows, columns)",
-            got,
-            "crop them to the same pixels",
-        )
+    if raw.ndim != 2:
+        raise InputError.expected("frame", "two axes (rows, columns)", f"shape {raw.shape}", "give one frame")
+    for what, other in (("expected signal", level), ("dead pixels", bad)):
+        if other.shape != raw.shape:
+            wanted = f"shape {raw.shape}, as the frame has"
+            raise InputError.expected(what, wanted, f"shape {other.shape}", "crop both to the same pixels")
     noise = sensor_noise(sensor, gain=gain, exposure_s=exposure_s, flat_corrected=flat_corrected)
     step = sensor.electrons_per_count / gain
     black = black_level_map(sensor.black_level if black_level is None else black_level, raw.shape)

@@ -160,10 +160,12 @@ def display_frames(
     """
     lit, positions = np.asarray(code, float), np.asarray(places, float)
     rows, columns = check_tuple("display (rows, columns)", shape, 2, at_least=1, at_most=20_000, integer=True)
-    if lit.ndim != 2 or positions.shape != (lit.shape[1], 2):
+    if lit.ndim != 2:
+        raise InputError.expected("code", "two axes (frames, points)", f"shape {lit.shape}", "give one row per frame")
+    if positions.shape != (lit.shape[1], 2):
         raise InputError.expected(
             "positions of the points",
-            f"shape ({lit.shape[-1]}, 2)",
+            f"shape ({lit.shape[1]}, 2)",
             positions.shape,
             "give one row and column for each point",
         )
@@ -181,7 +183,10 @@ def display_frames(
     steps = (rows, columns) if repeat is None else tuple(math.ceil(n * scale) for n in repeat)
     if any(n < size for n, size in zip(steps, (height, width), strict=True)):
         raise InputError.expected(
-            "distance of blocks", f"{height} x {width} display pixels or more", steps, "increase the distance"
+            "distance of blocks (display pixels)",
+            f"{height} x {width} or more",
+            f"{steps[0]} x {steps[1]}",
+            "increase the distance",
         )
     corners = [_corners(n, size, step) for n, size, step in zip((rows, columns), (height, width), steps, strict=True)]
     for frame in lit:

@@ -75,7 +75,7 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
     if row or not filters_only or len({len(r) for r in rows}) != 1 or not rows[0]:
         raise InputError.expected(
             "colour filter pattern",
-            f"{', '.join(CFA_PATTERNS)}, or equal rows of {''.join(filters)}",
+            f"{', '.join(CFA_PATTERNS)}, or rows of equal length of the letters {''.join(filters)}",
             repr(pattern),
             f'write stripes as "{rows[0]}/{rows[0]}"'
             if row and len(text) <= MAX_SIDE

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lfcal.base import FileFormatError, InputError, check_choice, note
+from lfcal.base import FileFormatError, InputError, check_choice, format_pixels, note
 
 if TYPE_CHECKING:
     import numpy as np
@@ -176,8 +176,8 @@ def dark_level(dark: Path, shape: tuple[int, ...], colour: str | None = None) ->
     if level.shape != shape:
         raise InputError.expected(
             str(dark),
-            f"{shape} px",
-            f"{level.shape} px",
+            format_pixels(shape),
+            format_pixels(level.shape),
             "record dark frames with the sensor settings of the other frames",
         )
     return level

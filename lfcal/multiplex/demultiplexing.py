@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_choice, check_number, check_tuple
+from lfcal.base import InputError, check_choice, check_number, check_tuple, format_pixels
 from lfcal.multiplex.filters import COLOUR_FILTERS, SPATIAL_FILTERS
 from lfcal.multiplex.modulator import Modulator
 
@@ -99,9 +99,9 @@ def demultiplex(
         check_choice("filter", filter, (*SPATIAL_FILTERS, *COLOUR_FILTERS))
     if weights is not None:
         if route != "spatial" or filter not in (None, "linear"):
-            got = f"{route}, {filter or 'default'}"
+            got = f"the route {route} with {f'the filter {filter}' if filter else 'the default filter'}"
             raise InputError.expected(
-                "reconstruction route for given weights",
+                "reconstruction with weights",
                 "the route spatial with the filter linear",
                 got,
                 "omit the route and the filter",
@@ -215,8 +215,8 @@ def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
     if image.shape[0] < side[0] or image.shape[1] < side[1]:
         raise InputError.expected(
             "frame",
-            f"at least one super-pixel of {side} px",
-            f"{image.shape} px",
+            f"at least one super-pixel of {format_pixels(side)}",
+            format_pixels(image.shape),
             "give a larger frame, or a modulator of a shorter period",
         )
     if image.dtype.kind == "f":

@@ -154,7 +154,7 @@ def best_array(
     number = len(kinds) ** count if crosstalk else math.comb(len(kinds) + count - 1, count)
     if number > MOST_TRIED:
         remedy = "choose fewer filters or a smaller super-pixel"
-        raise InputError.expected("number of candidates", f"at most {MOST_TRIED}", number, remedy)
+        raise InputError.expected("number of candidates", f"at most {MOST_TRIED:,}", f"{number:,}", remedy)
     table = np.array([FILTERS[kind] for kind in kinds], float)
     best, least, tried = None, math.inf, 0
     for batch in _batches(len(kinds), count, places=bool(crosstalk)):

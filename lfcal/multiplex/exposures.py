@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, any_of, array_words, check_tuple
+from lfcal.base import InputError, array_words, check_tuple
 from lfcal.multiplex.modulator import Modulator, modulator_from_matrix
 
 __all__ = ["camera_array", "coded_shutter", "interleave", "neutral_density"]
@@ -132,11 +132,11 @@ def interleave(frames: Sequence[ArrayLike], side: tuple[int, int]) -> NDArray[np
     arrays = [np.asarray(frame) for frame in frames]
     shapes = {a.shape for a in arrays}
     if len(arrays) != rows * columns or len(shapes) != 1 or arrays[0].ndim != 2:
-        wanted = f"{rows * columns} frames of the same shape"
+        wanted = f"{rows * columns} frames (rows, columns) of the same shape"
         raise InputError.expected(
             "frames to interleave",
             wanted,
-            f"{len(arrays)} of shape {any_of(map(str, sorted(shapes)))}",
+            f"{len(arrays)} of shape {' and '.join(map(str, sorted(shapes)))}" if arrays else "none",
             "give one frame for each pixel of a super-pixel",
         )
     h, w = arrays[0].shape

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, check_choice, check_number, check_tuple
+from lfcal.base import InputError, check_choice, check_number, check_tuple, format_pixels
 from lfcal.lattice import MicroImageLattice, ViewGrid, sample_views, view_grid
 from lfcal.multiplex.demultiplexing import check_frame
 from lfcal.multiplex.modulator import Modulator
@@ -275,9 +275,9 @@ def _check_linear(route: str, filter: str) -> None:
     if (route, filter) != ("spatial", "linear"):
         remedy = "choose the route spatial with the filter linear, or omit the weights"
         raise InputError.expected(
-            "reconstruction route for given weights",
+            "reconstruction with weights",
             "the route spatial with the filter linear",
-            f"{route}, {filter}",
+            f"the route {route} with the filter {filter}",
             remedy,
         )
 
@@ -374,7 +374,7 @@ def _channel_grid(
         raise InputError.expected(
             "frame",
             f"at least one complete super-pixel of {2 * half[0] + 1:.0f} x {2 * half[1] + 1:.0f} px",
-            f"{shape} px",
+            format_pixels(shape),
             "give a larger frame, or choose fewer views",
         )
     return grid, count, step
@@ -481,7 +481,7 @@ def _check_single(modulator: Modulator) -> None:
             "modulator on a lattice",
             "a square super-pixel that samples only views",
             modulator.name,
-            "separate the colours first (lfcal.frames.channel_source)",
+            "choose a mask or lenslets, and separate the colours of the frame first",
         )
 
 

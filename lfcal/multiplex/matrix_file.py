@@ -61,7 +61,9 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
         return _made(file.stem, found)
     except FileFormatError:
         raise
-    except (ValueError, TypeError, OverflowError, RecursionError, InputError) as error:
+    except InputError as error:
+        raise FileFormatError(f"{file}: {error}") from error
+    except (ValueError, TypeError, OverflowError, RecursionError) as error:
         wanted = "transmissions (rows, columns, N) or (K, N)"
         raise FileFormatError.expected(
             str(file), wanted, str(error)[:160], "correct the file as described in the manual (Modulators)"
@@ -82,7 +84,7 @@ def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
     file = Path(path)
     if file.suffix.lower() not in MATRIX_SUFFIXES:
         raise InputError.expected(
-            "file of a modulator", any_of(MATRIX_SUFFIXES), file.name, "convert the file to one of these formats"
+            "file of a modulator", any_of(MATRIX_SUFFIXES), file.name, "end the name of the file with one of these"
         )
     if file.suffix.lower() == ".json":
         kept = {key: getattr(modulator, key) for key in sorted(KEYS)}
@@ -110,7 +112,7 @@ def _made(stem: str, found: dict[str, Any]) -> Modulator:
     if array.dtype.kind not in "uif" or array.ndim not in (2, 3) or not array.size:
         raise ValueError(f"an array of {array.dtype} with shape {array.shape}")
     if array.size > MAX_SAMPLES**2 or max(array.size // array.shape[-1], array.shape[-1]) > MAX_SAMPLES:
-        raise ValueError(f"an array of shape {array.shape}, with more than {MAX_SAMPLES} pixels or samples")
+        raise ValueError(f"an array of shape {array.shape}, with more than {MAX_SAMPLES:,} pixels or samples")
     side = tuple(found.get("side") or _side(array.shape))
     if len(side) != 2 or (array.ndim == 3 and side != array.shape[:2]):
         raise ValueError(f'the entry "side" {side} for an array of shape {array.shape}')

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, array_words, check_number, check_tuple
+from lfcal.base import InputError, array_words, check_number, check_tuple, format_pixels
 
 __all__ = ["Modulator", "default_rcond", "modulator_from_matrix"]
 
@@ -257,7 +257,7 @@ class Modulator:
         if self.lenslets and (rows % self.cell[0] or columns % self.cell[1]):
             raise InputError.expected(
                 f"shift of {self.name}",
-                f"a shift by whole lenslets of {self.cell} px",
+                f"a shift by whole lenslets of {format_pixels(self.cell)}",
                 (rows, columns),
                 "crop the frame at the edges of lenslets",
             )
@@ -313,8 +313,8 @@ def _check_factors(one: Modulator, two: Modulator, entries: int) -> None:
     if entries > MAX_SAMPLES:
         raise InputError.expected(
             "super-pixel of the product",
-            f"at most {MAX_SAMPLES} entries (pixels times samples)",
-            entries,
+            f"at most {MAX_SAMPLES:,} entries (pixels times samples)",
+            f"{entries:,}",
             "choose smaller factors",
         )
 

@@ -15,6 +15,9 @@ __all__ = ["STOKES", "degree_of_polarisation", "polarisers"]
 STOKES = ("S0", "S1", "S2", "S3")
 """Stokes parameters: all light, horizontal minus vertical, +45° minus -45°, right minus left circular."""
 
+MOST_POLARISERS = 4096
+"""Largest number of pixels of a super-pixel."""
+
 
 def polarisers(
     angles_deg: ArrayLike, *, retardance_deg: ArrayLike | None = None, extinction: float = math.inf
@@ -50,7 +53,11 @@ def polarisers(
     [1.  0.6 0.8]
     """
     angles = np.asarray(angles_deg, float)
-    if angles.ndim != 2 or not angles.size or np.isinf(angles).any() or angles.size > 4096:
+    if angles.size > MOST_POLARISERS:
+        raise InputError.expected(
+            "angles of polarisers", f"at most {MOST_POLARISERS:,}", f"{angles.size:,}", "give one period of the array"
+        )
+    if angles.ndim != 2 or not angles.size or np.isinf(angles).any():
         raise InputError.expected(
             "angles of polarisers",
             "rows and columns of angles in degrees",

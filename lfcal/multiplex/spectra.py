@@ -231,7 +231,7 @@ def band_edges(bands: int | Sequence[float]) -> Array:
         raise InputError.expected(
             "edges of the bands (nm)",
             "two or more increasing numbers",
-            edges,
+            ", ".join(f"{edge:g}" for edge in edges),
             "list the edges in increasing order, without repetition",
         )
     return edges

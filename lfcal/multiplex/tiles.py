@@ -42,7 +42,7 @@ def tile_pixels(pixels: Sequence[tuple[int, int]], vectors: Sequence[tuple[int, 
     rows, columns = area // math.gcd(b, d), area // math.gcd(a, c)
     if rows * columns > MAX_SAMPLES:
         raise InputError.expected(
-            "period of the tiles", f"at most {MAX_SAMPLES} px", rows * columns, "choose shorter vectors"
+            "period of the tiles", f"at most {MAX_SAMPLES:,} px", f"{rows * columns:,} px", "choose shorter vectors"
         )
     found = np.full((rows, columns), -1, np.intp)
     reach = range(-max(rows, columns) - 1, max(rows, columns) + 2)

@@ -352,7 +352,7 @@ def check_missing(matrix: PSFMatrix, suffix: str, options: ExportOptions) -> Non
         raise InputError.expected(
             f"H for a {suffix} file, which cannot mark missing positions",
             "every position recorded or filled",
-            empty_words(matrix),
+            f"an H in which {empty_words(matrix)}",
             "fill the missing ones (lfcal assemble --fill), write an H file (.h5), or write zeros in their "
             "place (--allow-missing)",
         )

@@ -219,7 +219,12 @@ def create_mat_data(file: Any, name: str, matrix: PSFMatrix, options: MatOptions
     data = file.create_dataset(name, shape, matrix.dtype, track_times=False, **storage)
     kind = matrix.dtype.str[1:]
     if kind not in _CLASSES:
-        raise InputError.expected("values for MATLAB", "real numbers", matrix.dtype, "export the squared magnitudes")
+        raise InputError.expected(
+            "values for MATLAB",
+            "real numbers in a type of MATLAB",
+            matrix.dtype,
+            "export the squared magnitudes" if matrix.dtype.kind == "c" else "convert H to float32",
+        )
     # MATLAB reads the class from this attribute: without it the data set cannot be loaded
     data.attrs["MATLAB_class"] = np.bytes_(_CLASSES[kind])
     return data

@@ -124,12 +124,12 @@ class _Reader(pickle.Unpickler):
         if (module, name) == ("_codecs", "encode"):
             stand_in = _text
         if stand_in is None:
-            raise _Refused(f"{module}.{name}")
+            raise _Refused(f"the object {module}.{name}")
         return lambda *arguments: stand_in(*arguments)
 
     def persistent_load(self, pid: Any) -> Any:
         """Refuse objects that are stored outside of the pickle."""
-        raise _Refused("data outside of it")
+        raise _Refused("references to data in other files")
 
 
 def load_plain(data: bytes, classes: frozenset[str], where: str) -> Any:
@@ -147,11 +147,11 @@ def load_plain(data: bytes, classes: frozenset[str], where: str) -> Any:
         return _resolved(_Reader(data, classes).load(), 0, {})
     except _Refused as error:
         raise UnsafeFileError.expected(
-            where, "numbers and arrays", f"a pickle that requires {error}", "get the file from its source again"
+            where, "numbers and arrays", f"a pickle that contains {error}", "get the file from its source again"
         ) from error
     except Exception as error:  # a damaged pickle may raise any error
         raise FileFormatError.expected(
-            where, "an intact pickle", type(error).__name__, "get the file from its source again"
+            where, "an intact pickle", f"a damaged one ({type(error).__name__})", "get the file from its source again"
         ) from error
 
 
@@ -159,7 +159,7 @@ def _check_memo(data: bytes) -> None:
     """Refuse a pickle that numbers its parts beyond its own length: the reader would make room for all of them."""
     for code, argument, _ in pickletools.genops(data):
         if code.name in ("PUT", "BINPUT", "LONG_BINPUT") and argument is not None and argument > len(data):
-            raise _Refused(f"part number {argument}")
+            raise _Refused(f"part number {argument}, but is too short for so many parts")
 
 
 def _resolved(value: Any, depth: int, known: dict[int, Any]) -> Any:
@@ -167,7 +167,7 @@ def _resolved(value: Any, depth: int, known: dict[int, Any]) -> Any:
     if isinstance(value, int | float | str | bytes | None):
         return value
     if depth > 8:
-        raise _Refused("tables within tables")
+        raise _Refused("tables that are nested too deeply")
     if id(value) not in known:
         known[id(value)] = _made(value, depth + 1, known)
     return known[id(value)]

@@ -325,7 +325,7 @@ def border_warning(H: Any, limit: float = BORDER_LIMIT) -> str | None:
         return None
     _, ny, nx, _, _ = check_psf_shape(tuple(H.shape))
     return (
-        f"{share:.2%} of the energy is within {ny // 2} rows or {nx // 2} columns of the cutout's edge, "
+        f"{100 * share:.2f} % of the energy is within {ny // 2} rows or {nx // 2} columns of the cutout's edge, "
         "where the transposers of other codes (and the method paper) drop values; choose a larger cutout, or "
         "transpose with the method exact"
     )

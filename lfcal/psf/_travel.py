@@ -58,7 +58,7 @@ def reduced(
             raise InputError.expected(
                 "H for another process",
                 "a file opened by open_psf, or an array",
-                type(stored).__name__,
+                "a dataset or memory map that another library opened",
                 "open the file with open_psf",
             )
     return _rebuilt, (kind, {key: value for key, value in state.items() if key not in _fresh()})

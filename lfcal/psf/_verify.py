@@ -104,7 +104,7 @@ class MatrixCheck:
         """Clause that states the number of intact planes, for use in a quality verdict."""
         bad = len({(one.region, one.z) for one in self.damaged})
         how = "compared with their checksums" if self.compared else "read; a file of version 1 has no checksums"
-        return f"intact in {self.planes - bad} of {format_count(self.planes, 'plane', 'planes')} ({how})"
+        return f"intact in {self.planes - bad:,} of {format_count(self.planes, 'plane', 'planes')} ({how})"
 
 
 def iter_verify(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[MatrixCheck]:

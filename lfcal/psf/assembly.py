@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, InputError, Progress, Work, drained, plain, worker_count
+from lfcal.base import Clock, InputError, Progress, Work, drained, format_count, plain, worker_count
 from lfcal.camera import Camera, ScanPlan
 from lfcal.frames import AS_IS, FrameSource, Position, check_stated
 from lfcal.psf._pedestal import check_pedestal
@@ -361,20 +361,22 @@ def _check_complete(
             "check the folder and the name pattern (--pattern)",
         )
     if strict and missing:
-        what = f"{len(missing)} missing, first (z, y, x) = {tuple(missing[0])}"
+        many = format_count(len(missing), "position", "positions")
+        what = f"{many} without a frame, the first at (z, y, x) = {tuple(missing[0])}"
         raise InputError.expected(
             "positions of the scan",
             "a frame at each position",
             what,
-            "record the missing positions, or switch off strict (stop at gaps)",
+            "record the missing positions, or do not stop at gaps (leave --strict out)",
         )
     if strict and repeated:
-        what = f"{len(repeated)} given more than once, first (z, y, x) = {tuple(repeated[0])}"
+        many = format_count(len(repeated), "position", "positions")
+        what = f"{many} with several frames, the first at (z, y, x) = {tuple(repeated[0])}"
         raise InputError.expected(
-            "positions",
+            "positions of the scan",
             "one frame at each position",
             what,
-            "remove the other frames, or switch off strict (stop at gaps)",
+            "remove the other frames, or do not stop at gaps (leave --strict out)",
         )
 
 

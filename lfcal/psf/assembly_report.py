@@ -74,7 +74,7 @@ class AssemblyReport:
     def known(self) -> str:
         """Clause that states the numbers of frames and recorded positions, for use in a quality verdict."""
         positions = math.prod(self.matrix.shape[:3])
-        there = f"{positions - len(self.missing)} of {format_count(positions, 'position', 'positions')}"
+        there = f"{positions - len(self.missing):,} of {format_count(positions, 'position', 'positions')}"
         return f"made of {format_count(self.frames, 'frame', 'frames')}, which show {there}"
 
     @property

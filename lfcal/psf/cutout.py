@@ -15,7 +15,18 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Region, any_of, centre, check_cutout, clipped, moved, part_of, region_shape
+from lfcal.base import (
+    InputError,
+    Region,
+    any_of,
+    centre,
+    check_cutout,
+    clipped,
+    format_pixels,
+    moved,
+    part_of,
+    region_shape,
+)
 from lfcal.camera import ScanPlan
 from lfcal.frames import FrameInfo, FrameSource, Noise, Position, Samples
 
@@ -227,7 +238,7 @@ def find_cutout(
     """
     if not 0 < lost < 1:
         raise InputError.expected(
-            "energy that a cutout may lose", "a fraction from 0 to 1", lost, "give a fraction, usually 0.005"
+            "energy that a cutout may lose", "a fraction above 0 and below 1", lost, "give a fraction, usually 0.005"
         )
     height = width = 0
     for image, (row, column) in zip(images, centres, strict=True):
@@ -328,7 +339,10 @@ class Gatherer:
         found = self.source.samples(index, inside)
         if found.values.shape != region_shape(inside):
             raise InputError.expected(
-                self.where(index), f"{region_shape(inside)} pixels", found.values.shape, "record the frame again"
+                self.where(index),
+                format_pixels(region_shape(inside)),
+                format_pixels(found.values.shape),
+                "record the frame again",
             )
         if found.values.dtype.kind == "f" and not np.isfinite(found.values).all():
             raise InputError.expected(

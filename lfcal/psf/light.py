@@ -38,4 +38,6 @@ def empty_words(matrix: PSFMatrix) -> str:
         return ""
     verb = "is" if len(empty) == 1 else "are"
     first = tuple(empty[0].tolist())
-    return f"{len(empty)} of {math.prod(matrix.shape[:3])} positions {verb} missing, first (z, y, x) = {first}"
+    return (
+        f"{len(empty):,} of {math.prod(matrix.shape[:3]):,} positions {verb} missing, the first at (z, y, x) = {first}"
+    )

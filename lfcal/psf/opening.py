@@ -369,12 +369,16 @@ def scaling_of(file: H5File, data: H5Data) -> tuple[NDArray[np.float64], NDArray
         given = (data.attributes.numbers(name, (1, data.shape[0])) for name in ("scale", "offset"))
     scale, offset = (np.full(1, default) if v is None else v for v, default in zip(given, (1.0, 0.0), strict=True))
     largest = float(np.iinfo(data.dtype).max) if data.dtype.kind in "iu" else 1.0
-    if not scale.all() or (np.abs(scale) * largest + np.abs(offset) > np.finfo(np.float32).max).any():
+    again = "get the file from its source again"
+    if not scale.all():
+        raise FileFormatError.expected(f"{data.where}, scale", "a number other than 0", "0", again)
+    ends = np.abs(scale) * largest + np.abs(offset)
+    if (ends > np.finfo(np.float32).max).any():
         raise FileFormatError.expected(
             f"{data.where}, scale and offset",
             "numbers that give finite values",
-            f"{scale[0]:g} and {offset[0]:g}",
-            "get the file from its source again",
+            f"values up to {ends.max():.3g}",
+            again,
         )
     return scale, offset
 

@@ -194,8 +194,8 @@ class MatrixGroup:
         if not (np.isfinite(largest) and low >= 0):
             raise InputError.expected(
                 f"uncertainty of plane {z}",
-                "values of 0 or more",
-                f"{low:g} to {largest:g}",
+                "finite values of 0 or more",
+                f"values from {low:g} to {largest:g}",
                 "check how the uncertainty was computed",
             )
         if self._uncertainty is None:

@@ -69,7 +69,7 @@ def whole_frame(frame: NewFrame, name: str, plan: ScanPlan, given: tuple[float, 
     good = np.isfinite(frame.values) if frame.valid is None else frame.valid & np.isfinite(frame.values)
     flat = good & (frame.values == frame.values.max(where=good, initial=-math.inf))
     if flat.sum() > PLATEAU:
-        note(f"{name}: {flat.sum()} pixels have the largest value and are left out as saturated")
+        note(f"{name}: {flat.sum():,} pixels have the largest value, and are left out as saturated")
         good = good & ~flat
     whole[inside] = np.where(good, frame.values, 0) / np.float32(noise[1])
     valid[inside] = good

@@ -61,7 +61,7 @@ def stated_contents(provenance: Mapping[str, Any]) -> Contents | None:
         raise InputError.expected(
             "description of the frames in H",
             "that of a recalibration",
-            repr(dict(said))[:60],
+            "an incomplete one",
             "run lfcal fit frames again",
         ) from None
 

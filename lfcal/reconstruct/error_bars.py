@@ -198,15 +198,15 @@ def check_labels(labels: ArrayLike | None, shape: tuple[int, int, int]) -> NDArr
             "labels of regions", f"shape {shape} or {shape[1:]}", found.shape, "label the voxels of this volume"
         )
     if found.dtype.kind not in "iub" and not (np.isfinite(found).all() and (found == np.round(found)).all()):
-        raise InputError.expected("labels of regions", "integers", "fractions", "give an image of integer labels")
-    whole = np.broadcast_to(found.astype(np.int64), shape)
-    if whole.min() < 0 or whole.max() < 1:
         raise InputError.expected(
-            "labels of regions",
-            "0 outside, and positive integers inside of regions",
-            f"values from {whole.min()} to {whole.max()}",
-            "label at least one region",
+            "labels of regions", "integers", "fractions, NaN or infinity", "give an image of integer labels"
         )
+    whole = np.broadcast_to(found.astype(np.int64), shape)
+    wanted = "0 outside of regions, and positive integers inside"
+    if whole.min() < 0:
+        raise InputError.expected("labels of regions", wanted, whole.min(), "replace the negative labels")
+    if whole.max() < 1:
+        raise InputError.expected("labels of regions", wanted, "only zeros", "label at least one region")
     return whole
 
 

@@ -91,7 +91,7 @@ class MetricGrid:
             counts.append(max(1, math.ceil((high - low) / side - 1e-6)))
         if math.prod(counts) * len(sides_um) > MOST_VOXELS:
             got = f"{len(sides_um)} x {counts[0]} x {counts[1]}"
-            raise InputError.expected("voxels of the volume", f"at most {MOST_VOXELS}", got, "choose larger voxels")
+            raise InputError.expected("voxels of the volume", f"at most {MOST_VOXELS:,}", got, "choose larger voxels")
         matrices = [
             tuple(_shares(shape[k], axis[k], pair[k], lows[k], counts[k], side) for pair in sides_um) for k in range(2)
         ]

@@ -31,10 +31,11 @@ def nrmse(estimate: ArrayLike, truth: ArrayLike) -> float:
 
 def _pair(a: ArrayLike, b: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     x, y = np.asarray(a, np.float64), np.asarray(b, np.float64)
-    if x.shape != y.shape or x.size == 0:
-        raise InputError.expected(
-            "arrays to compare", f"arrays of the same shape, {y.shape}", x.shape, "crop them to the same shape"
-        )
+    if x.shape != y.shape:
+        got = f"the shapes {x.shape} and {y.shape}"
+        raise InputError.expected("arrays to compare", "the same shape", got, "crop them to the same shape")
+    if x.size == 0:
+        raise InputError.expected("arrays to compare", "at least one value", "none", "give arrays with values")
     return x, y
 
 

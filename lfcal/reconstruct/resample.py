@@ -78,12 +78,9 @@ class Resampling:
     def __post_init__(self) -> None:
         """Check that the map exists."""
         if min(self.period) < 1 or min(self.shape) < 1:
-            raise InputError.expected(
-                "period and shape",
-                "positive values",
-                (self.period, self.shape),
-                "give the period in pixels, and the rows and columns",
-            )
+            got = f"the period {self.period} and the shape {self.shape}"
+            remedy = "give the period in pixels, and the rows and columns"
+            raise InputError.expected("period and shape", "positive values", got, remedy)
         _invertible(self.down, self.across, self.period)
 
     @classmethod

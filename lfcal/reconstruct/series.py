@@ -61,7 +61,8 @@ class FrameResult:
 def check_any(results: Sequence[FrameResult]) -> None:
     """Raise `InputError` if no frame of a series has a volume, because all frames may then have a common fault."""
     if results and all(result.failed for result in results):
-        raise InputError(f"{results[0].failed}; none of the {len(results)} frames was reconstructed")
+        others = f"; none of the {len(results)} frames was reconstructed" if len(results) > 1 else ""
+        raise InputError(f"{results[0].failed}{others}")
 
 
 def check_warm(choice: SolverChoice) -> None:

@@ -207,7 +207,7 @@ def _original(stored: Any, planes: int) -> NDArray[np.intp]:
     """Return the index in the file of each plane of the volume."""
     order = np.asarray(stored)
     if order.shape != (planes,) or order.dtype.kind != "i" or (np.sort(order) != np.arange(planes)).any():
-        raise ValueError(f"{STORED} is no order of {planes} planes")
+        raise ValueError(f"{STORED}, which is no order of {planes} planes")
     return np.argsort(order)
 
 

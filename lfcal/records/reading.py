@@ -175,9 +175,11 @@ def show_planes(values: Iterable[Any]) -> str:
 def check_planes(depths: object, virtual_depths: object) -> None:
     """Raise `InputError` unless exactly one of depths and virtual depths is given."""
     if bool(depths) == bool(virtual_depths):
-        raise InputError(
-            "planes: expected either depths in µm (--depths) or virtual depths (--virtual-depths, for "
-            "example 2:5.5:0.5); give one of them"
+        raise InputError.expected(
+            "planes",
+            "depths in µm (--depths) or virtual depths (--virtual-depths)",
+            "both" if depths else "neither",
+            "give one of them, such as --virtual-depths 2:5.5:0.5",
         )
 
 

@@ -382,7 +382,7 @@ class Scene:
         b = self.pupil_um
         # 1 + a/b > 0: the image lies behind the pupil
         if not (b > 0 and 1.0 + self.image_um / b > 0):
-            limit = f"beyond {max(0.0, -self.image_um):g} µm, or inf for a telecentric lens"
+            limit = f"above {max(0.0, -self.image_um):g} µm, or inf for a telecentric lens"
             raise InputError.expected("distance of the exit pupil (µm)", limit, b, "correct the pupil or the depth")
 
     def _check_offsets(self, offsets: NDArray[np.float64]) -> None:

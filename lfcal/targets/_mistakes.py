@@ -124,7 +124,11 @@ def _uneven(holes: Index, light: NDArray[np.float64]) -> list[Finding]:
         own = _tuples(holes[dim])
         least = float(share[dim].min())
         out.append(
-            _mistake("dim", f"{_words(own)} with only {least:.0%} of the light of others: dirty or partly closed", own)
+            _mistake(
+                "dim",
+                f"{_words(own)} with only {100 * least:.0f} % of the light of others: dirty or partly closed",
+                own,
+            )
         )
     return out
 
@@ -155,7 +159,9 @@ def _pitch(target: Target, fit: PoseFit, camera: Camera, step_um: float) -> list
             wrong.append((name, scale))
     if not wrong:
         return []
-    words = " and ".join(f"{name} {abs(s - 1):.1%} {'farther apart' if s > 1 else 'closer'}" for name, s in wrong)
+    words = " and ".join(
+        f"{name} {100 * abs(s - 1):.1f} % {'farther apart' if s > 1 else 'closer'}" for name, s in wrong
+    )
     remedy = ", or the target is nearer or farther away" if len(wrong) == sum(several) else ""
     return [_mistake("pitch", f"{words} than described: the pitch differs{remedy}")]
 

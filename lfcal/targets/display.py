@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Work, check_number, check_tuple, storage_errors, write_png
+from lfcal.base import InputError, Work, check_number, check_tuple, format_pixels, storage_errors, write_png
 from lfcal.camera import ScanPlan
 from lfcal.targets.images import hole_images
 from lfcal.targets.offsets import iter_whole_offsets
@@ -220,7 +220,7 @@ def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray
         if not inside.all():
             raise InputError.expected(
                 "points",
-                f"points within the {display.shape} pixels of the display",
+                f"points within the {format_pixels(display.shape)} of the display",
                 "some outside it",
                 "plan the target again",
             )

@@ -457,7 +457,7 @@ def _chosen(spots: Spots, places: Index, target: Target, camera: Camera, seen: t
     near = [one for one in right if _within(one, spots, places, target, (camera, z_um, lattice))]
     if len(near) == 1:
         return near[0]
-    shifts = any_of(f"{a.shift[0] - right[0].shift[0]}:{a.shift[1] - right[0].shift[1]}" for a in right[:4])
+    shifts = any_of(f"{a.shift[0] - right[0].shift[0]}:{a.shift[1] - right[0].shift[1]}" for a in right[1:5])
     raise InputError.expected(
         "labels of the points",
         "a unique assignment to the holes of the target",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lfcal.base import InputError
+from lfcal.base import InputError, format_pixels
 from lfcal.frames import FrameInfo, FrameMetadata, Frames, FrameSource, SourceView, open_frames
 from lfcal.targets.plan import FORMAT, TargetPlan
 
@@ -38,9 +38,9 @@ class TargetFrames(SourceView):
                 "frames of a target", wanted, len(self._order), "use the plan by which these frames were recorded"
             )
         if source.shape != plan.scan.camera.sensor.shape:
-            wanted = f"{plan.scan.camera.sensor.shape} pixels, as on the sensor of the plan"
+            wanted = f"{format_pixels(plan.scan.camera.sensor.shape)}, as on the sensor of the plan"
             raise InputError.expected(
-                "frames of a target", wanted, f"{source.shape} pixels", "give whole sensor frames"
+                "frames of a target", wanted, format_pixels(source.shape), "give whole sensor frames"
             )
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:

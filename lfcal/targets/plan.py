@@ -42,7 +42,7 @@ def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
     order = len(code)
     if code.shape != (order, order) or count % order:
         raise InputError.expected(
-            "offsets that are shown together", f"groups of {order}", count, "add the missing offsets"
+            "offsets that are shown together", f"a multiple of {order}", count, "add the missing offsets"
         )
     return tuple(tuple(group + int(m) for m in np.flatnonzero(row)) for group in range(0, count, order) for row in code)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lfcal.base import Clock, InputError, Work, check_number, drained, format_length, format_share
+from lfcal.base import Clock, InputError, Work, check_number, drained, format_length, format_pixels, format_share
 from lfcal.camera import ScanPlan
 from lfcal.simulate import PlaneResponse, plan_effects
 from lfcal.simulate.accuracy import steps_for
@@ -126,7 +126,7 @@ def proposed_target(
     if rows.holes * columns.holes < 2:
         room = f"a sensor with room for two cutouts {least_px:g} px apart"
         raise InputError.expected(
-            "target", room, f"one of {plan.camera.sensor.shape} px", "record a single point instead"
+            "target", room, f"one of {format_pixels(plan.camera.sensor.shape)}", "record a single point instead"
         )
     step = plan.camera.step_um(plan.depths_um[z])
     pitch = (rows.pitch_px * step, columns.pitch_px * step)

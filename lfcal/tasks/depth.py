@@ -369,7 +369,8 @@ def _measured(matrix: PSFMatrix, camera: Camera | None, workers: int | None) -> 
     found = tuple((float(z), slope_of_virtual_depth(known, float(v))) for z, v in pairs if math.isfinite(v))
     if not found:
         note(
-            f"{matrix}: the virtual depths cannot be measured in the patterns; the depths follow from the camera alone"
+            f"{Path(matrix.path).name}: the virtual depths cannot be measured in the patterns; the depths follow from "
+            "the camera alone"
         )
     return found
 
@@ -394,7 +395,10 @@ def _measured_points(matrix: PSFMatrix, camera: Camera, workers: int | None) -> 
         if bright.any():
             found.append((float(depth), float(np.average(at.slope[bright], weights=at.image[bright]))))
     if not found:
-        note(f"{matrix}: the patterns of a point show no disparity; the depths follow from the camera alone")
+        note(
+            f"{Path(matrix.path).name}: the patterns of a point show no disparity; the depths follow from the camera "
+            "alone"
+        )
     return tuple(found)
 
 

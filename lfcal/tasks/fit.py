@@ -269,10 +269,11 @@ class FitMatrix(_Fit):
     def _choice(self, run: RunSettings) -> RunChoice | None:
         """Return how H is computed in units; for several H, the choice for the first applies to all."""
         if self.hybrid or not self.write_h:
-            if run.executor or run.scheduler or run.resume:
+            given = next((name for name in ("executor", "scheduler", "resume") if getattr(run, name)), "")
+            if given:
                 got = "--hybrid" if self.hybrid else "--no-h"
                 wanted = "an H of the model, which is computed in units"
-                raise InputError.expected("--executor, --scheduler, --resume", wanted, got, f"leave {got} out")
+                raise InputError.expected(f"--{given}", wanted, got, f"leave --{given} or {got} out")
             return None
         return next((one for one in [run.choice(place) for place in self._places] if one is not None), None)
 

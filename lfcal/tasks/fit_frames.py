@@ -113,7 +113,10 @@ class Recalibrate(Task):
         given = [name for name in ("camera", "depths", "virtual_depths", "cutout") if getattr(self, name)]
         if self.psf is not None and given:
             raise InputError.expected(
-                "start of the recalibration", "either H or a camera with planes", f"H and {given[0]}", "leave one out"
+                "start of the recalibration",
+                "either H or a camera with planes",
+                f"H and {given[0].replace('_', ' ')}",
+                "leave one out",
             )
         if self.psf is None and not self.camera:
             raise InputError.expected(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Work, read_text
+from lfcal.base import InputError, Work, format_count, read_text
 from lfcal.records import opt, read_share, record, required
 from lfcal.tasks.planned import Planned, PlanTask, scan_of, write_plan
 from lfcal.tasks.task import RunSettings, Task, TaskSet
@@ -149,7 +149,12 @@ class _PlanTarget(PlanTask):
         verdict = coding_verdict(plan, signal_e=self.signal)
         if verdict is None and self.signal is not None:
             wanted = "at least two points, and enough frames to show some of them together"
-            raise InputError.expected("target for coded frames", wanted, "too few", "leave the signal out (--signal)")
+            frames = len(plan.offsets_px[len(scan.depths_um) // 2])
+            got = (
+                f"{format_count(len(plan.target.holes), 'point', 'points')}, and "
+                f"{format_count(frames, 'frame', 'frames')} in a plane"
+            )
+            raise InputError.expected("target for coded frames", wanted, got, "leave the signal out (--signal)")
         if self.display is not None:
             plan = planned_for_display(plan, self.display, verdict)
         return self.planned(plan, verdict)

@@ -516,9 +516,12 @@ def kind_of(given: Mapping[str, Any]) -> type[Task]:
     if given.get("plan_only"):
         return SimulateForecast
     if bool(given.get("out")) == bool(given.get("frames")):
-        raise InputError(
-            "output: expected a file or a folder to write, got none; add -o H.h5 for H, --frames DIR for a "
-            "session, or --plan-only"
+        both = bool(given.get("out"))
+        raise InputError.expected(
+            "output",
+            "a file for H (-o H.h5) or a folder for frames (--frames DIR)",
+            "both" if both else "neither",
+            "leave one out, and simulate the other afterwards" if both else "add one of them, or --plan-only",
         )
     if ready_regions(str(given.get("camera", ""))) is not None:
         return SimulateRegions

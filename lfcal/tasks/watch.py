@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from lfcal.base import InputError, Work
+from lfcal.base import InputError, Work, format_share
 from lfcal.records import CorrectionRecipe, opt, panel, read_share, record, required
 from lfcal.tasks._object_frames import ObjectFrameReading, channel_field, turn_field, windows_field
 from lfcal.tasks._patterns import noise_field, open_upright
@@ -152,7 +152,7 @@ class Watch(Task):
             got = (
                 "an H without a camera"
                 if found is None
-                else f"a camera that leaves {found.misfit:.0%} of H unexplained"
+                else f"a camera that leaves {format_share(found.misfit)} of H unexplained"
             )
             raise InputError.expected(
                 str(self._h()), "an H with a camera that explains it", got, "fit the camera first (lfcal fit)"

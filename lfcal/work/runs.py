@@ -69,8 +69,8 @@ def check_begun(folder: Path, *, resume: bool) -> None:
         return
     state = read_run(folder)
     raise InputError(
-        f"{folder}: an earlier run left {state.count('done')} of {len(state.units)} units; "
-        "continue with them (--resume), or start again (--force)"
+        f"{folder}: an earlier run left {state.count('done')} of {len(state.units)} units finished; "
+        "continue from them (--resume), or start again (--force)"
     )
 
 

@@ -77,7 +77,7 @@ def test_a_plan_comes_back_from_its_file() -> None:
         ({"regions": [{"name": "a"}]}, "a name and an anchor"),
         ({"regions": [{"name": "../a", "anchor": [150, 144]}]}, "letters, digits, _ and -"),
         ({"regions": [{"name": "a", "anchor": [150, 144]}, {"name": "A", "anchor": [55, 45]}]}, "different names"),
-        ({"regions": [{"name": "a", "anchor": [55, 45]}]}, "the first is that of the scan"),
+        ({"regions": [{"name": "a", "anchor": [55, 45]}]}, "first anchor of the regions: expected"),
         ({"regions": [{"name": "a", "anchor": [150, 144]}, {"name": "b", "anchor": [0, 45]}]}, "cutout"),
     ],
 )

@@ -104,7 +104,10 @@ def test_what_does_not_fit_into_the_time_is_said(lfcal: Lfcal, scan: Path, monke
 
 def test_a_camera_needs_planes(lfcal: Lfcal) -> None:
     run = lfcal("accuracy", "bench", "--part", "bases")
-    assert run.code == 2 and "expected either depths in µm (--depths) or virtual depths" in run.err
+    assert (
+        run.code == 2
+        and "expected depths in µm (--depths) or virtual depths (--virtual-depths), got neither" in run.err
+    )
     assert lfcal("accuracy", "bench", "--depths", "-20mm", "--cutout", "31", "--part", "bases", "--json").code == 0
 
 

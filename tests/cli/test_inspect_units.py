@@ -87,7 +87,7 @@ def test_planes_are_kept_until_the_report_is_written(lfcal: Lfcal, H: Path, monk
     status = lfcal("status", "out")
     assert "inspect H.h5: 3 of 3 units done; not running" in status.out
     refused = lfcal(*words)
-    assert refused.code == 2 and "left 3 of 3 units; continue with them (--resume)" in refused.err
+    assert refused.code == 2 and "left 3 of 3 units finished; continue from them (--resume)" in refused.err
     run = lfcal(*words, "--resume")
     assert run.code == 0, run.err
     assert (H.parent / "out" / "index.html").exists() and not parts_folder(H.parent / "out").exists()

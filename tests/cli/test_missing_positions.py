@@ -17,7 +17,7 @@ from tests.cli.conftest import Run
 
 Lfcal = Callable[..., Run]
 SHAPE = (2, 3, 3, 5, 5)
-SAID = "2 of 18 positions are missing, first (z, y, x) = (0, 1, 2)"
+SAID = "2 of 18 positions are missing, the first at (z, y, x) = (0, 1, 2)"
 
 
 def matrix(origin: int = Origin.MEASURED) -> PSFMatrix:
@@ -42,7 +42,7 @@ def H(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PSFMatrix:
 def test_what_a_model_filled_is_not_missing() -> None:
     assert empty_positions(matrix()).tolist() == [[0, 1, 2], [1, 0, 0]] and empty_words(matrix()) == SAID
     filled = matrix(Origin.MODEL)
-    assert empty_words(filled) == "1 of 18 positions is missing, first (z, y, x) = (0, 1, 2)"
+    assert empty_words(filled) == "1 of 18 positions is missing, the first at (z, y, x) = (0, 1, 2)"
     assert empty_words(filled.T) == empty_words(filled), "HT keeps the facts of H"
     assert empty_words(PSFMatrix(np.ones(SHAPE))) == ""
 
@@ -52,7 +52,9 @@ def test_what_a_model_filled_is_not_missing() -> None:
 def test_a_format_that_cannot_mark_them_needs_leave(tmp_path: Path, suffix: str, turned: bool) -> None:
     made = matrix().T if turned else matrix()
     target = tmp_path / f"H{suffix}"
-    with pytest.raises(InputError, match=r"expected every position recorded or filled, got 2 of 18 .*--allow-missing"):
+    with pytest.raises(
+        InputError, match=r"expected every position recorded or filled, got an H in which 2 of 18 .*--allow-missing"
+    ):
         export(made, target)
     assert not list(tmp_path.iterdir())
     assert export(made, target, allow_missing=True) == target

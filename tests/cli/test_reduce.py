@@ -63,7 +63,7 @@ def test_what_an_earlier_run_left(lfcal: Lfcal, place: Path) -> None:
     words = ("reduce", "H.h5", "-o", "out.h5")
     interrupted(place / "out.h5")
     refused = lfcal(*words)
-    assert refused.code == 2 and "continue with them (--resume), or start again (--force)" in refused.err
+    assert refused.code == 2 and "continue from them (--resume), or start again (--force)" in refused.err
     assert lfcal(*words, "--resume").code == 0
     assert not parts_folder(place / "out.h5").exists()
     interrupted(place / "out.h5")

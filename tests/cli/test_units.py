@@ -215,7 +215,7 @@ def test_what_an_earlier_run_left(lfcal: Lfcal, place: Path, command: str, out: 
     refused = lfcal(*words)
     assert (
         refused.code == 2
-        and "left 1 of 2 units; continue with them (--resume), or start again (--force)" in refused.err
+        and "left 1 of 2 units finished; continue from them (--resume), or start again (--force)" in refused.err
     )
     status = lfcal("status", out)
     assert status.code == 0 and f"make {out}: 1 of 2 units done; not running" in status.out

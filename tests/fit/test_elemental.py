@@ -162,7 +162,7 @@ def test_what_does_not_suffice_is_refused_with_one_message():
     elsewhere = camera_of([*CENTRES.tolist(), (-480.0, 500.0)])
     with pytest.raises(
         InputError,
-        match=r"lenslet at \(-480, 500\) µm: .* got light in 0 of 5 planes; correct the lenslet centres of the camera",
+        match=r"lenslet at \(-480, 500\) µm: .* got light in 0 of 5 planes; correct the lenslet centres in the",
     ):
         fit_camera(measured(elsewhere, light), unknowns=ASKED)
 
@@ -172,8 +172,8 @@ def test_the_reason_of_invalid_pixels_is_named():
     bright, far, gone = light > 0.02 * light.max(), np.zeros(light.shape, bool), light.copy()
     far[:, :, 230:], gone[:, :, :100] = True, 0.0
     for invalid, values, words in (
-        (bright, light, "expose shorter: its pixels are saturated"),
-        (bright, np.where(bright, np.nan, light), "record these planes again: its pixels are NaN or infinite"),
+        (bright, light, "shorten the exposure, because its pixels are saturated"),
+        (bright, np.where(bright, np.nan, light), "record these planes again, because its pixels are NaN or infinite"),
         (bright, np.where(bright, 0.0, light), "correct the mask of defective pixels.* its pixels are masked"),
         (far, gone, r"correct the lenslet centres .*lattice\.lens_centres_um"),
     ):

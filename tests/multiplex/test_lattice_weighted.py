@@ -150,7 +150,7 @@ def test_bad_weights() -> None:
         with pytest.raises(InputError, match="weights of the pixels"):
             lattice_channels(frame, given, 5, weights=bad)
     for options in ({"filter": "cubic"}, {"route": "fourier"}, {"filter": "sinc"}):
-        with pytest.raises(InputError, match="route for given weights"):
+        with pytest.raises(InputError, match="reconstruction with weights"):
             demultiplex_lattice(frame, given, mask("MURA", 5), weights=np.ones(frame.shape), **options)
     with pytest.raises(InputError, match="super-pixel"):
         demultiplex_lattice_weighted(frame, given, cfa("Bayer"), np.ones(frame.shape))

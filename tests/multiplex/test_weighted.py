@@ -122,7 +122,7 @@ def test_what_no_pixel_measures_is_said() -> None:
     for bad in (-np.ones((12, 12)), np.ones((3, 3)), np.full((12, 12), np.nan)):
         with pytest.raises(InputError, match="weights"):
             demultiplex_weighted(frame, cfa("Bayer"), bad)
-    with pytest.raises(InputError, match="route for given weights"):
+    with pytest.raises(InputError, match="reconstruction with weights"):
         demultiplex(frame, cfa("Bayer"), weights=np.ones((12, 12)), filter="cubic")
 
 

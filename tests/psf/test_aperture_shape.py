@@ -79,7 +79,7 @@ def test_f_number_withstands_one_wrong_diameter_and_the_edge_blur():
 @pytest.mark.parametrize(
     ("shifts", "message"),
     [
-        ([1.0], "expected one diameter for each of two or more depths, got 1 diameters and 1 depths"),
+        ([1.0], "expected one diameter for each of two or more depths, got 1 diameter and 1 depth"),
         ([2.0, 2.0], "expected two or more different depths, got equal depths"),
         ([1.0, math.nan], "expected finite numbers, got NaN or infinity"),
     ],

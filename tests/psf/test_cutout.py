@@ -103,5 +103,5 @@ def test_the_size_follows_from_the_energy_lost(lost: float) -> None:
 def test_a_dark_frame_has_no_cutout() -> None:
     with pytest.raises(InputError, match="light"):
         find_cutout([np.full((20, 20), 7.0)], [(10, 10)])
-    with pytest.raises(InputError, match="a fraction from 0 to 1"):
+    with pytest.raises(InputError, match="a fraction above 0 and below 1"):
         find_cutout([spot(5, 5, (20, 20))], [(5, 5)], lost=2)

@@ -124,7 +124,7 @@ def test_a_pickle_runs_nothing(tmp_path: Path, database: type) -> None:
     evil = Evil(target)
     for k, value in enumerate((evil, {"a": evil}, np.array([evil], object), sys.exit, np.load)):
         db.extra = value
-        with pytest.raises(UnsafeFileError, match="expected numbers and arrays, got a pickle that requires") as caught:
+        with pytest.raises(UnsafeFileError, match="expected numbers and arrays, got a pickle that contains") as caught:
             open_psf(save_lfc(tmp_path / f"{k}.lfc", db))
         assert "\n" not in str(caught.value)
     assert not target.exists()

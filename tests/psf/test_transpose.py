@@ -344,7 +344,7 @@ def test_border_energy_of_known_patterns(dtype: str) -> None:
     assert border_warning(H) is None
     H[:, :, :, 1, 7] = 1
     assert border_energy(H) == pytest.approx(1 / 78)
-    assert "1.28% of the energy is within 2 rows or 2 columns" in str(border_warning(H))
+    assert "1.28 % of the energy is within 2 rows or 2 columns" in str(border_warning(H))
     assert border_warning(H, limit=0.02) is None
     assert border_energy(PSFMatrix(H)) == border_energy(H)
 

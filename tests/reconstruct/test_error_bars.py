@@ -274,8 +274,8 @@ def test_frames_have_the_stated_noise(noise: SampleNoise, light: float, variance
         (SolverChoice("rl", tolerance=0.1), None, "tolerance of a reconstruction with error bars"),
         (CHOICE, np.ones((3, 5)), r"labels of regions: expected shape \(2, 77, 77\) or \(77, 77\), got \(3, 5\)"),
         (CHOICE, np.full(SHAPE, 0.5), "labels of regions: expected integers"),
-        (CHOICE, np.zeros(SHAPE), "labels of regions: expected 0 outside, and positive integers"),
-        (CHOICE, np.full(SHAPE, -1), "labels of regions: expected 0 outside, and positive integers"),
+        (CHOICE, np.zeros(SHAPE), "positive integers inside, got only zeros; label at least one region"),
+        (CHOICE, np.full(SHAPE, -1), "positive integers inside, got -1; replace the negative labels"),
     ],
 )
 def test_bad_input_is_refused(P: Projector, choice: SolverChoice, labels: np.ndarray | None, words: str) -> None:

@@ -310,7 +310,7 @@ def test_what_a_solver_honours_reaches_it(scene, name):
 
 def test_an_image_of_another_size_is_refused(scene):
     P, _, image = scene
-    with pytest.raises(InputError, match="make the projector for this image"):
+    with pytest.raises(InputError, match="make a projector for this size"):
         richardson_lucy(P, image[:-1], 2)
     with pytest.raises(InputError, match="solver"):
         SolverChoice("magic")
@@ -319,7 +319,7 @@ def test_an_image_of_another_size_is_refused(scene):
 @pytest.mark.parametrize(
     ("columns", "settings", "message"),
     [
-        (3, {}, r"image: expected shape \(1, 7\), got \(1, 3\); crop the image to the shape of the projector"),
+        (3, {}, r"image: expected 1 x 7 px, got 1 x 3 px; make a projector for this size"),
         (7, {"iterations": 0}, "iterations: expected at least 1, got 0; correct this value"),
         (7, {"damping": -0.5}, "damping: expected at least 0, got -0.5; correct this value"),
     ],

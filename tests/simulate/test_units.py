@@ -65,7 +65,7 @@ def test_what_an_earlier_run_left(plan: ScanPlan, direct: dict[str, Any], tmp_pa
     folder = parts_folder(out)
     kept = next(folder.glob("*.h5"))
     stamp = kept.stat().st_mtime_ns
-    with pytest.raises(InputError, match="left 1 of 3 units; continue with them"):
+    with pytest.raises(InputError, match="left 1 of 3 units finished; continue from them"):
         drain(work("refuse"))
     again = work("resume")
     next(again)

@@ -108,7 +108,10 @@ def test_what_does_not_apply_is_refused_on_the_command_line(lfcal: Lfcal, place:
     ("job", "said"),
     [
         ('task = "plan"\ncamera = "bench"\nvirtual_depths = [3]\nframes = "f"', "frames: expected a recorded scan"),
-        ('task = "plan"\ncamera = "bench"\nvirtual_depths = [3]\ndepths = [1]', "planes: expected either depths in µm"),
+        (
+            'task = "plan"\ncamera = "bench"\nvirtual_depths = [3]\ndepths = [1]',
+            "virtual depths (--virtual-depths), got both",
+        ),
         ('task = "plan fit"\nplan = "scan.json"', "--count: expected a value"),
         ('task = "plan target"\nplan = "p"\nsource = "array"\npatterns = "p"', "patterns: expected a display"),
     ],

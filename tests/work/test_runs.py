@@ -241,7 +241,7 @@ def test_what_an_earlier_run_left_is_asked_about(folder: Path) -> None:
     with pytest.raises(InputError):
         drain(iter_run([unit("a"), unit("b", "refuse")], folder, Threads(1)))
     with pytest.raises(
-        InputError, match=r"left 1 of 2 units; continue with them \(--resume\), or start again \(--force\)"
+        InputError, match=r"left 1 of 2 units finished; continue from them \(--resume\), or start again \(--force\)"
     ):
         check_begun(folder, resume=False)
     check_begun(folder, resume=True)

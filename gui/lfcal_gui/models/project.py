@@ -84,12 +84,13 @@ class ProjectState:
         try:
             data = _modern(data) if data["format"] == OLD_FORMAT else data
             given = {name: data[name] for name in ENTRIES}
-        except (KeyError, TypeError, ValueError) as error:
+        except KeyError as error:
             raise FileFormatError.expected(
-                "project",
-                "every entry",
-                f"a file without {error}",
-                "the file is incomplete; choose another project file",
+                "project", f"the entry {error}", "none", "the file is incomplete; choose another project file"
+            ) from None
+        except (TypeError, ValueError):
+            raise FileFormatError.expected(
+                "project", "the entries of a project", "damaged entries", "choose another project file"
             ) from None
         left_out: list[str] = []
         readers: dict[str, Callable[[Any], Any]] = {

@@ -87,10 +87,12 @@ class Solid:
         depths, sides, measured = np.arange(len(volume), dtype=float), (1.0, 1.0), False
         if depths_um is not None and voxel_um is not None:
             depths, sides, measured = np.asarray(depths_um, np.float64), voxel_um, True
-        if len(depths) != len(volume) or not np.isfinite(depths).all() or not min(sides) > 0:
-            raise InputError.expected(
-                "volume", "a depth for each plane", (depths, sides), "give one depth for each plane"
-            )
+        if len(depths) != len(volume) or not np.isfinite(depths).all():
+            got = f"{len(depths)} depths for {len(volume)} planes" if np.isfinite(depths).all() else "NaN or infinity"
+            raise InputError.expected("depths of the volume", "a depth for each plane", got, "choose another volume")
+        if not min(sides) > 0:
+            got = f"{sides[0]:g} x {sides[1]:g} µm"
+            raise InputError.expected("voxels of the volume", "sides above 0 µm", got, "choose another volume")
         values = np.asarray(volume, np.float32)
         known = np.isfinite(values)
         if not known.all():

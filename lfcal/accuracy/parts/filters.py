@@ -32,11 +32,13 @@ def measure(subject: Subject, seconds: float) -> Measuring:
     rms = math.sqrt(level / 2 + sensor.read_noise_e**2) / level
     noise = rms * np.random.default_rng(0).standard_normal((SIDE, SIDE))
     pixels = math.prod(sensor.shape)
-    named = "the sensor's" if sensor.cfa else "the sensor has no colour filters; assumed is a"
+    named = (
+        f"the sensor's {pattern} pattern" if sensor.cfa else f"a {pattern} pattern, because the sensor has no filters"
+    )
     yield Truth(
         f"the scene itself, a zone plate up to {HIGHEST:g} cycles per pixel",
         (
-            f"{named} {pattern} pattern, noise of {100 * rms:.2g} %",
+            f"{named}; noise of {100 * rms:.2g} %",
             f"times scaled from {SIDE} x {SIDE} px to a frame",
         ),
     )

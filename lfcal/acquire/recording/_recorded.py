@@ -23,7 +23,16 @@ from lfcal.acquire.recording.records import FILES, RECORD, Kind, file_name
 from lfcal.acquire.recording.store import files_of
 from lfcal.acquire.schedule import Schedule
 from lfcal.acquire.session_file import SessionFile, frame_dtype
-from lfcal.base import OPEN_FLAGS, FileFormatError, LfcalError, reserve, storage_errors, sync_data, write_at
+from lfcal.base import (
+    OPEN_FLAGS,
+    FileFormatError,
+    LfcalError,
+    format_pixels,
+    reserve,
+    storage_errors,
+    sync_data,
+    write_at,
+)
 from lfcal.base.h5 import trust
 
 __all__ = ["RecordedFile", "Slots", "files_made", "opened", "restore", "slots_of"]
@@ -114,7 +123,9 @@ def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFil
         file = RecordingFile(path)
         got = file.layout
         if (got.count, got.shape, got.dtype) != made.frames:
-            fault = f"it contains {got.count} frames of {got.shape} {got.dtype}, not those of this session"
+            fault = (
+                f"it contains {got.count} frames of {format_pixels(got.shape)} ({got.dtype}), not those of this session"
+            )
         elif got.attributes.get("session") != identity:
             fault = "the file belongs to another session"
     except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
@@ -137,9 +148,9 @@ def opened(path: Path, made: Made, identity: str) -> Iterator[tuple[RecordingFil
 
 
 def _in_sentence(error: str) -> str:
-    """Return an error's message in the form "found instead of expected", for use in a sentence."""
+    """Return an error's message without its remedy, in the form "found instead of expected" if it states both."""
     found = re.fullmatch(r"(?:[^:]*: )?expected (.+?), got (.+?)(?:; .*)?", error)
-    return f"{found[2]} instead of {found[1]}" if found else error
+    return f"{found[2]} instead of {found[1]}" if found else error.partition("; ")[0]
 
 
 class Slots(NamedTuple):
@@ -235,7 +246,7 @@ class RecordedFile:
         if self.fault:
             raise FileFormatError(
                 f"{self._path}: {self.fault}; copy the file again, or leave out the lost frames (--skip-damaged); "
-                "lfcal verify lists them"
+                "lfcal verify lists these frames"
             )
 
     def read(self, slot: int) -> NDArray[Any]:

@@ -121,7 +121,7 @@ class SessionReport:
     def known(self) -> str:
         """Text that states how many of all frames are intact."""
         whole, total = (sum(getattr(file, name) for file in self.files) for name in ("whole", "frames"))
-        return f"intact in {whole} of {format_count(total, 'frame', 'frames')}"
+        return f"intact in {whole:,} of {format_count(total, 'frame', 'frames')}"
 
     @property
     def to_redo(self) -> tuple[Position, ...]:
@@ -140,7 +140,7 @@ class SessionReport:
             said = f"{found.what}; recorded again since" if found.replaced else found.what
             yield f"{found.kind} (z, y, x) = {tuple(found.position)}, {found.file}[{found.slot}]: {said}"
         if len(self.damaged) > most:
-            yield f"and {len(self.damaged) - most} more (listed by --json)"
+            yield f"and {len(self.damaged) - most:,} more (listed by --json)"
 
     def slots(self, file: str) -> NDArray[np.int64]:
         """Return the indices of the damaged frames in the file named ``file``, ``(n,)``."""

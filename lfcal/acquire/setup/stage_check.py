@@ -331,7 +331,7 @@ def _check_repeat(repeat: float, still: float, notes: list[str]) -> None:
         return
     raise InputError.expected(
         f"image at one position, visited {VISITS} times",
-        f"within {REPEAT_PX:g} px rms",
+        f"a scatter of at most {REPEAT_PX:g} px rms",
         f"{repeat:.2f} px rms ({still:.2f} px without a move)",
         "the stage is not repeatable: check coupling, load and encoder, or record without this check "
         "(--no-check-stage)",
@@ -356,7 +356,7 @@ def _judged(plan: ScanPlan, looks: list[_Looks], optics: str, notes: list[str], 
         # between lenslets, a centroid is wrong by up to half a pitch
         seen = max(ROUGH, plan.camera.pitch_px / 2 / float(np.ptp(moves, axis=0).min()))
     if rough:
-        notes.append(f"stage scale checked only to {seen:.0%}, depth axis not checked: {rough}")
+        notes.append(f"stage scale checked only to {100 * seen:.0f} %, depth axis not checked: {rough}")
     depth = None
     if len(fits) == 2 and not rough:
         depth = depth_fit(

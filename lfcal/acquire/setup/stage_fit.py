@@ -216,7 +216,7 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
             raise InputError.expected(
                 f"image movement to the {sense}" if sense == "right" else "image movement down",
                 f"{period} ± {cell_px:.2g} px over a period of the lenslets",
-                f"{value * period:.2f} px, {100 * (value - 1):+.2f} %",
+                f"{value * period:.2f} px ({100 * (value - 1):+.2f} %)",
                 "correct the camera's magnification or working distance in the plan, or the stage's scale",
             )
     most = cell_px / max(plan.period)

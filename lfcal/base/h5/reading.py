@@ -16,7 +16,7 @@ from lfcal.base.files import MAX_EXPANSION, check_regular, storage_errors, syste
 from lfcal.base.h5.chunks import ChunkTable
 from lfcal.base.h5.codecs import has_codecs, require_codecs
 from lfcal.base.h5.probe import probe
-from lfcal.base.units import format_bytes
+from lfcal.base.units import format_bytes, format_count
 
 __all__ = ["MAX_BYTES", "Attributes", "H5Data", "H5File", "damage"]
 
@@ -222,8 +222,9 @@ class H5File:
         """
         data = self.dataset(name, max_bytes=1 << 32)
         if data.dtype.kind not in kinds or (shape is not None and data.shape != shape):
-            wanted = f"{'whole numbers' if 'f' not in kinds else 'numbers'}, shape {shape if shape else 'any'}"
-            raise self._wrong(name, wanted, f"{data.dtype}, shape {data.shape}")
+            wanted = "whole numbers" if "f" not in kinds else "numbers"
+            wanted += f" of shape {shape}" if shape is not None else ""
+            raise self._wrong(name, wanted, f"{data.dtype} of shape {data.shape}")
         values = data.read()
         if finite and not np.isfinite(values).all():
             raise self._wrong(name, "finite numbers", "NaN or infinity")
@@ -370,10 +371,10 @@ class H5Data:
         self.shape = tuple(int(n) for n in data.shape)
         self.chunks = None if data.chunks is None else tuple(int(n) for n in data.chunks)
         self.filters = tuple(int(plist.get_filter(k)[0]) for k in range(plist.get_nfilters()))
-        if set(self.filters) - KNOWN_FILTERS:
+        if other := sorted(set(self.filters) - KNOWN_FILTERS):
             raise self._unsafe(
                 "gzip, lzf, zstd, blosc or lz4",
-                f"HDF5 filter {self.filters}",
+                f"HDF5 filter {', '.join(map(str, other))}",
                 "repack the file with one of these filters (h5repack)",
             )
         if not all(h5py.h5z.filter_avail(number) for number in self.filters):
@@ -418,7 +419,9 @@ class H5Data:
             return
         self.table = ChunkTable(self._data, self.path, self.where)
         if self.table.missing and not self._holes:
-            raise self._unfinished("all chunks written", f"{self.table.missing} missing")
+            raise self._unfinished(
+                "all chunks written", format_count(self.table.missing, "missing chunk", "missing chunks")
+            )
 
     def _file_size(self) -> int:
         # while a file is being written, HDF5 may know of more bytes than the system

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from lfcal.base import FileFormatError, InputError
+from lfcal.base import FileFormatError, InputError, format_count
 from lfcal.camera.draft import Draft
 from lfcal.camera.importers.camera_format import CameraFormat, Imported, ImportOptions, number, required
 
@@ -133,7 +133,9 @@ def _lit_centres(entries: Mapping[str, Any], draft: Draft, what: str) -> tuple[t
     counts = [number(entries, name, what) for name in ("noLensHoriz", "noLensVert")]
     if not all(n is not None and n == int(n) and 1 <= n <= MOST_ACROSS for n in counts):
         wanted = f"whole numbers from 1 to {MOST_ACROSS}"
-        raise FileFormatError.expected(f"{what}: noLensHoriz, noLensVert", wanted, counts, "correct these entries")
+        raise FileFormatError.expected(
+            f"{what}: noLensHoriz, noLensVert", wanted, " and ".join(map(str, counts)), "correct these entries"
+        )
     across, down = (int(n or 0) for n in counts)
     spacing = number(entries, "spacingPixels", what)
     pitch = draft.get("lattice.clear_um") if spacing is None else spacing * draft.get("sensor.pixel_um")
@@ -175,7 +177,9 @@ def _focal_lengths(entries: Mapping[str, Any], what: str) -> tuple[float, ...]:
     several = entries.get("focus") == "multi"
     if len(lengths) != len(parts) or len(lengths) != (3 if several else 1):
         wanted = "three focal lengths" if several else "one focal length (focus: single)"
-        raise FileFormatError.expected(f"{what}: fm", wanted, f"{len(lengths)} focal lengths", "correct this entry")
+        raise FileFormatError.expected(
+            f"{what}: fm", wanted, format_count(len(lengths), "focal length", "focal lengths"), "correct this entry"
+        )
     return lengths
 
 

@@ -329,7 +329,7 @@ def _check_sub_grid(vector: NDArray[np.float64], types: int, source: Path) -> No
     """Raise unless the sub-grid is the rectangular cell of the lattice: (3, √3) lens diameters for three types."""
     wanted = (3.0 if types == 3 else 1.0, math.sqrt(3))
     if np.abs(np.abs(vector) - wanted).max() > 0.01:
-        got = np.abs(vector).round(4).tolist()
+        got = "({:.4g}, {:.4f}) lenses".format(*np.abs(vector).tolist())
         raise FileFormatError.expected(
             f"{source}: sub-grid base", f"({wanted[0]:g}, {wanted[1]:.4f}) lenses", got, "export the file again"
         )

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, LfcalError, write_text
+from lfcal.base import InputError, LfcalError, format_pixels, write_text
 from lfcal.camera import ScanPlan
 from lfcal.devices.backends._common import CameraFacts, ExternalStage
 from lfcal.devices.errors import DeviceLost, FrameTimeout, IncompleteFrame
@@ -182,8 +182,8 @@ class _Camera(CameraFacts):
         if frame.shape != self._shape:
             raise InputError.expected(
                 path.name,
-                f"{self._shape} pixels",
-                frame.shape,
+                format_pixels(self._shape),
+                format_pixels(frame.shape),
                 "correct the sensor of the plan, or the region of the camera",
             )
         if frame.dtype != self._dtype and not (frame.dtype == np.uint8 and self._dtype == np.uint16):

@@ -93,9 +93,11 @@ def _chosen(harvester: Any, wanted: str) -> int:
         return int(wanted)
     if wanted in serials:
         return serials.index(wanted)
+    if not devices:
+        raise DeviceMissing.expected("GenTL camera", "a camera", "none", "check its power and cable")
     raise DeviceMissing.expected(
         "GenTL camera",
-        f"0 to {len(devices) - 1}, or one of {serials}",
+        f"a number from 0 to {len(devices) - 1}, or a serial number ({', '.join(serials)})",
         wanted,
         "choose one of these, or plug the camera in",
     )

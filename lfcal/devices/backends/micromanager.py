@@ -198,7 +198,10 @@ def _rig(core: Any, options: Mapping[str, str], limits: Limits, end: Callable[[]
     for key, label in labels.items():
         if label not in core.getLoadedDevices():
             raise DeviceMissing.expected(
-                f"Micro-Manager {key}", f"one of {core.getLoadedDevices()}", label, "choose one of these"
+                f"Micro-Manager {key}",
+                f"one of {', '.join(core.getLoadedDevices())}",
+                label or "none",
+                "choose one of these",
             )
     core.setCameraDevice(labels["camera"])
     light = _Shutter(core, options["light"]) if options.get("light") else None
@@ -218,9 +221,7 @@ def _config(options: Mapping[str, str]) -> tuple[str, str]:
         try:
             adapters: Any = importlib.import_module("mm_test_adapters")
         except ImportError:
-            raise DeviceMissing(
-                "mm-test-adapters: not installed; install it with pip install mm-test-adapters"
-            ) from None
+            raise DeviceMissing("mm-test-adapters: not installed; run pip install mm-test-adapters") from None
         folder = str(adapters.device_adapter_path())
     if config == "demo":
         config = os.path.join(folder, "MMConfig_demo.cfg")

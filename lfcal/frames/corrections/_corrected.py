@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, LfcalError, Region, check_region, grow_region, moved, part_of, whole
+from lfcal.base import InputError, LfcalError, Region, check_region, format_pixels, grow_region, moved, part_of, whole
 from lfcal.frames.cfa import pattern_side
 from lfcal.frames.corrections.chain import CorrectionChain
 from lfcal.frames.corrections.defects import repair_nan
@@ -55,13 +55,14 @@ class CorrectedSource(SourceView):
                 raise InputError.expected(
                     "frames and their calibration frames",
                     "the same orientation of all",
-                    f"frames {source.shape} and dark or white {chain.shape}, rotated by 90°",
+                    f"frames of {format_pixels(source.shape)}, and dark or white frames of "
+                    f"{format_pixels(chain.shape)}, rotated by 90°",
                     "give dark and white frames as the camera delivers them; the orientation is applied to all",
                 )
             raise InputError.expected(
                 "frames",
-                f"shape {chain.shape} of the calibration frames",
-                source.shape,
+                f"{format_pixels(chain.shape)}, as in the calibration frames",
+                format_pixels(source.shape),
                 "record frames, dark and white with the same sensor settings",
             )
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import Clock, InputError, Work, check_number, drained, for_each_chunk
+from lfcal.base import Clock, InputError, Work, check_number, drained, for_each_chunk, format_pixels
 from lfcal.frames.cfa import check_cfa, pattern_side, same_colour_offsets
 from lfcal.frames.corrections import _kernels
 from lfcal.frames.corrections.steps import fingerprint
@@ -77,13 +77,13 @@ class Defects:
                 "kinds of defects",
                 f"as many as defective pixels ({len(pixels)})",
                 len(self.kinds),
-                "complete the list of kinds",
+                "give one kind for each pixel",
             )
         if pixels.size and (pixels.min() < 0 or (pixels >= np.array(self.shape)).any()):
             raise InputError.expected(
                 "defect pixels",
-                f"on the sensor of {self.shape[0]} x {self.shape[1]} px",
-                f"{pixels.min(axis=0).tolist()} … {pixels.max(axis=0).tolist()}",
+                f"pixels on the sensor of {format_pixels(self.shape)}",
+                "rows {} to {}, columns {} to {}".format(*np.stack([pixels.min(0), pixels.max(0)], 1).ravel().tolist()),
                 "check rows and columns",
             )
         # row-major numbers sort the pixels and drop repeated ones in one go

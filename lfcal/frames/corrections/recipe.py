@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, StorageError, check_choice
+from lfcal.base import InputError, StorageError, check_choice, format_count, format_pixels
 from lfcal.camera import ScanPlan
 from lfcal.frames.aligned import ShiftedSource, shifted
 from lfcal.frames.channels import ChannelSource, are_cutouts
@@ -290,12 +290,20 @@ def _white_dark(dark: Dark | DarkSet | None, shape: tuple[int, ...]) -> NDArray[
     if dark is None:
         return 0.0
     one = dark.at(None) if isinstance(dark, DarkSet) and len(dark.darks) == 1 else dark
-    if isinstance(one, DarkSet) or (one.frame is not None and one.frame.shape != shape):
+    if isinstance(one, DarkSet):
+        known = ", ".join(f"{seconds:g}" for seconds in sorted(one.darks))
         raise InputError.expected(
             "dark frame for the white image",
-            "the whole sensor",
-            "only a part of it",
-            "record the dark frame on the whole sensor",
+            "a single dark frame",
+            f"those of several exposures ({known} s)",
+            "give one dark frame for all frames (--dark), or leave the white image out (--white)",
+        )
+    if one.frame is not None and one.frame.shape != shape:
+        raise InputError.expected(
+            "dark frame for the white image",
+            format_pixels(shape),
+            format_pixels(one.frame.shape),
+            "record the dark frame on the same part of the sensor",
         )
     return one.level if one.frame is None else one.frame
 
@@ -320,7 +328,7 @@ def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
         raise InputError.expected(
             "exposures of the frames",
             "an exposure for every frame, because exposures differ",
-            f"{counts[None]} frames without one",
+            format_count(counts[None], "frame without one", "frames without one"),
             "complete the list, or do not scale by exposure (--exposure none)",
         )
     # the most frequent exposure leaves most frames unscaled; among equal counts take the longest, for reproducibility
@@ -341,7 +349,7 @@ def _white(
     try:
         field = vignetting_map(fit_lattice(white, dark=dark)).frame()
     except InputError as error:
-        raise InputError(f"{error}; or divide by the pixels of the white frame itself (--white-mode pixels)") from None
+        raise InputError(f"{error}, or divide by the pixels of the white frame itself (--white-mode pixels)") from None
     return White(field, 0.0, floor=recipe.white_floor)
 
 

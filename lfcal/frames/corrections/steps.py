@@ -118,9 +118,7 @@ class PixelMask:
         """Check and freeze the mask."""
         lost = np.array(self.lost, np.bool_)
         if lost.ndim != 2 or lost.all():
-            raise InputError.expected(
-                "mask", "at least one usable pixel", f"none of {lost.shape}", "mark usable pixels with 0"
-            )
+            raise InputError.expected("mask", "at least one usable pixel", "none", "mark usable pixels with 0")
         lost.flags.writeable = False
         object.__setattr__(self, "lost", lost)
 

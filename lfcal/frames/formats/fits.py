@@ -62,7 +62,7 @@ class FitsImage(ImageFile):
                 self._describe(header, file.tell(), tuple(lengths), np.dtype(_TYPES[bits]))
                 return
             compressed = " compressed" if header.get("ZIMAGE") == "T" else ""
-            shape = lengths if len(lengths) <= len("zyxts") else f"{len(lengths)} axes"
+            shape = " x ".join(map(str, lengths)) if len(lengths) <= len("zyxts") else f"{len(lengths)} axes"
             seen.append(f"{'a' + compressed + ' table' if table else shape or 'no data'}")
             count = int(np.prod(lengths, dtype=object)) if lengths else 0
             size = (count + max(0, _whole(header, "PCOUNT"))) * abs(bits) // 8

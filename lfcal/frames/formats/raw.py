@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, storage_errors
+from lfcal.base import FileFormatError, format_pixels, storage_errors
 from lfcal.frames.formats._decoder_messages import caught_messages
 from lfcal.frames.formats._sensor_tags import CFA, LINEAR, check_pattern
 from lfcal.frames.formats.codecs import LOSSLESS, check_tiff_codec, codec_fact
@@ -88,7 +88,7 @@ class RawImage(ImageFile):
             frame = np.array(raw.raw_image_visible, self.dtype, order="C")
         if frame.shape != self.shape:
             raise FileFormatError.expected(
-                str(self.path), f"{self.shape} px", frame.shape, "the file changed; copy it again"
+                str(self.path), format_pixels(self.shape), format_pixels(frame.shape), "the file changed; copy it again"
             )
         return frame
 

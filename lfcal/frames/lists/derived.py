@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, any_of, format_pixels
 from lfcal.camera import Camera, ScanPlan, StageAxes
 from lfcal.frames.lists._depths import ListedPlanes, find_depths, with_depths
 from lfcal.frames.lists._grid import PlaneGrid, ScanGrid
@@ -181,11 +181,11 @@ def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
     """Raise if frames have the shape of the sensor turned by 90 degrees."""
     rows, columns = camera.sensor.shape
     if light is not None and light.shape == (columns, rows) and rows != columns:
-        sides = ", ".join(turn.option for turn in ORIENTATIONS.values() if turn.transposed)
+        sides = any_of(turn.option for turn in ORIENTATIONS.values() if turn.transposed)
         raise InputError.expected(
             "shape of the frames",
-            f"{camera.sensor.shape} as the camera's sensor",
-            f"{light.shape}, rotated by 90°",
+            f"{format_pixels(camera.sensor.shape)}, as the camera's sensor has",
+            f"{format_pixels(light.shape)}, rotated by 90°",
             f"turn them upright (--orientation {sides}), or correct the camera's sensor",
         )
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, StorageError, parse_json, read_text
+from lfcal.base import FileFormatError, InputError, StorageError, format_count, parse_json, read_text
 from lfcal.frames.formats import container_in, image_suffixes, open_image
 from lfcal.frames.lists.entries import located, manifest_of
 from lfcal.frames.lists.listing import MAX_EXPOSURE_S, Listing, read_listing
@@ -166,7 +166,8 @@ def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
         if file != Path(file).name or not (path.parent / file).is_file():
             remedy = "copy it there under this name, or list the frames that are there (--manifest LIST)"
             raise StorageError(
-                f"{path}: {files.count(file)} of its planes are in {file!r}, which is not in the same folder; {remedy}"
+                f"{path}: {format_count(files.count(file), 'plane is', 'planes are')} in {file!r}, which is not in the "
+                f"same folder; {remedy}"
             )
     places = metadata["stage_um"]
     times = None if exposures is None else tuple(exposures.tolist())

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.acquire import Kind, read_checks
-from lfcal.base import Clock, InputError, Work
+from lfcal.base import Clock, InputError, Work, format_pixels
 from lfcal.frames import files_of
 from lfcal.judge.quality._inspect import Controls, iter_inspect_plane, judged, straight
 from lfcal.judge.quality.measure import PASSES
@@ -39,8 +39,8 @@ def control_frames(session: Path, H: PSFMatrix) -> Controls:
         if min(top, left) < 0:
             raise InputError.expected(
                 "control frames",
-                f"at least {H.cutout} pixels, as in H",
-                f"{check.frame.shape} pixels",
+                f"at least {format_pixels(H.cutout)}, as in H",
+                format_pixels(check.frame.shape),
                 "give the session in which H was recorded",
             )
         frames, places = found.setdefault(check.position.z, ([], []))

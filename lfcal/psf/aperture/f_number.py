@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lfcal.base import InputError
+from lfcal.base import InputError, format_count
 
 __all__ = ["FNumber", "working_f_number"]
 
@@ -86,7 +86,7 @@ def working_f_number(
         raise InputError.expected(
             "diameters over depth",
             "one diameter for each of two or more depths",
-            f"{d.size} diameters and {a.size} depths",
+            f"{format_count(d.size, 'diameter', 'diameters')} and {format_count(a.size, 'depth', 'depths')}",
             "give one diameter for each plane",
         )
     if not np.isfinite([a, d]).all():

@@ -49,7 +49,10 @@ class Sparse:
         # offsets are 32-bit, because the kernel is limited by reading them
         if grid.phases * self.block >= 1 << 31:
             raise InputError.expected(
-                "image for the projection method sparse", "fewer than 2^31 pixels", grid.pixels, "split the image"
+                "image and its margins, for the projection method sparse",
+                f"fewer than {1 << 31:,} pixels",
+                f"{grid.phases * self.block:,}",
+                "choose another method, or reconstruct a smaller region of the image",
             )
 
     def prepare(self, plane: NDArray[Any]) -> SparseOperand:

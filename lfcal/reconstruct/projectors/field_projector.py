@@ -89,7 +89,7 @@ def _check_apart(places: F8) -> None:
             raise InputError.expected(
                 "regions of the field",
                 "a different position for each",
-                f"{near[0] + 1} and {k + 1} at the same position",
+                f"regions {near[0] + 1} and {k + 1} at the same position",
                 "leave one out",
             )
 
@@ -436,6 +436,10 @@ class FieldProjector(Projector):
         return f"<FieldProjector {self.volume_shape} -> {self.image_shape}, {self.regions} regions, {self.method}>"
 
 
+def _depths(H: PSFMatrix) -> str:
+    return ", ".join(f"{z:.6g}" for z in H.depths)
+
+
 def _check_together(matrices: Sequence[Any]) -> None:
     """Raise `InputError` unless there are matrices with the same period and planes, each with a position."""
     if not matrices:
@@ -453,7 +457,10 @@ def _check_together(matrices: Sequence[Any]) -> None:
             raise InputError.expected(what, wanted, got, "measure all regions by the same plan")
         if not np.allclose(H.depths, first.depths, rtol=1e-3, atol=1e-6):
             raise InputError.expected(
-                what, f"depths {list(first.depths)}", list(H.depths), "use H with the same planes"
+                what,
+                f"the depths {_depths(first)} µm, as in the first",
+                f"{_depths(H)} µm",
+                "use H with the same planes",
             )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, any_of, array_words, for_each_chunk, in_order
+from lfcal.base import InputError, any_of, array_words, for_each_chunk, format_pixels, in_order
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers._model_noise import ModelNoise
 from lfcal.reconstruct.solvers._repeating import Repeating
@@ -386,7 +386,7 @@ def _why_stop(change: float, iteration: int, options: EmOptions) -> str:
 def _check(P: Projector, data: Measurement, iterations: int) -> None:
     if data.image.shape != P.image_shape:
         raise InputError.expected(
-            "image", f"shape {P.image_shape}", data.image.shape, "make the projector for this image"
+            "image", format_pixels(P.image_shape), format_pixels(data.image.shape), "make a projector for this size"
         )
     if iterations < 1:
         raise InputError.expected("iterations", "a number of at least 1", iterations, "choose a number such as 20")

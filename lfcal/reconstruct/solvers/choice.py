@@ -168,7 +168,7 @@ class SolverChoice:
         if self.auto and self.stop == "left-out":
             raise InputError.expected(
                 f"iterations of solver {self.name}",
-                "a number, because this solver cannot hold out pixels, which auto needs",
+                "a number, because this solver cannot hold out the pixels that auto needs",
                 "auto",
                 f"give a number, stop by the discrepancy, or choose {known}",
             )

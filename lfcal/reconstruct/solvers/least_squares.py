@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, drained
+from lfcal.base import InputError, drained, format_pixels
 from lfcal.reconstruct.projectors import Projector
 from lfcal.reconstruct.solvers.measurement import Measurement, no_light
 from lfcal.reconstruct.solvers.records import (
@@ -140,7 +140,7 @@ conjugate_gradient = drained(
 def _check(P: Projector, data: Measurement, iterations: int, damping: float) -> None:
     if data.image.shape != P.image_shape:
         raise InputError.expected(
-            "image", f"shape {P.image_shape}", data.image.shape, "crop the image to the shape of the projector"
+            "image", format_pixels(P.image_shape), format_pixels(data.image.shape), "make a projector for this size"
         )
     if iterations < 1:
         raise InputError.expected("iterations", "at least 1", iterations, "correct this value")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, for_each_chunk
+from lfcal.base import InputError, check_number, for_each_chunk
 from lfcal.reconstruct.solvers.planes import separable
 
 __all__ = ["SIEVE", "DepthSmoothing", "Sieve", "coarseness", "lanczos_kernel", "smoothing_widths"]
@@ -105,13 +105,9 @@ class DepthSmoothing:
     def __post_init__(self) -> None:
         """Check every value."""
         object.__setattr__(self, "widths", tuple(float(w) for w in self.widths))
-        if not all(0 <= w < 1e4 for w in self.widths) or self.lobes < 1:
-            raise InputError.expected(
-                "smoothing widths (voxels), lobes",
-                "widths from 0 to below 10000, and at least one lobe",
-                f"{self.widths}, {self.lobes}",
-                "correct the value that is outside its limits",
-            )
+        for width in self.widths:
+            check_number("smoothing width (voxels)", width, at_least=0, below=10_000)
+        check_number("lobes of the smoothing", self.lobes, at_least=1, integer=True)
 
     @classmethod
     def for_camera(cls, camera: Any, depths: ArrayLike, lobes: int = 4) -> DepthSmoothing:

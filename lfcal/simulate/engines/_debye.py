@@ -181,7 +181,7 @@ def pupil_light(scene: Scene, nodes: int) -> PupilLight:
         raise InputError.expected(
             "wavefront of the microscope",
             "only rotationally symmetric terms (m = 0)",
-            scene.wavefront,
+            f"a term with m = {next(m for _, m, _ in scene.wavefront if m)}",
             "leave the other terms out",
         )
     theta, weight = _sections(scene, nodes)

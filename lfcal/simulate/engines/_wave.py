@@ -283,7 +283,10 @@ class WavePlane:
             used = self.scene.reduced_pixel_um / lens.field.dx_um
             finer = f"samples_per_px above {used:g} or nodes_per_px above {self.tables.rule.per_px}"
             remedy = f"choose a smaller tolerance, or in Python increase {finer}"
-            wanted, got = f"at most the transmitted energy (+{TOLERANCE:.0%})", f"{float(ratio.max()):.3g} times that"
+            wanted, got = (
+                f"at most the transmitted energy (+{100 * TOLERANCE:.0f} %)",
+                f"{float(ratio.max()):.3g} times that",
+            )
             raise EnergyError.expected("energy behind a lenslet", wanted, got, remedy)
         bright = energy_in >= FAINT * float(lens.energy.max())
         worst = float(ratio[bright].max(initial=0.0))

@@ -290,10 +290,11 @@ def _turns(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> Co
 def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> tuple[Complex, bool]:
     """U-mode: the in-focus field, known in closed form, tapered far out, goes to the pupil and is defocused there."""
     a, lam, fc = scene.reduced_image_um, scene.wavelength_um, 1 / (2 * scene.wavelength_um * scene.rim_f_number)
-    if dx > 0.98 / (2 * fc * float(np.abs(outline).max())):
+    limit = 0.98 / (2 * fc * float(np.abs(outline).max()))
+    if dx > limit:
         raise InputError.expected(
             "distance of the samples near the native image plane",
-            f"at most {0.98 / (2 * fc):.3g} µm",
+            f"at most {limit:.3g} µm",
             f"{dx:.3g} µm",
             "increase the number of samples per pixel",
         )

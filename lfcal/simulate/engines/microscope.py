@@ -109,7 +109,7 @@ def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
             "effect 'angles beyond the paraxial'",
             "a plane whose light fits into one grid, or the level reference",
             "a plane with a wider field",
-            "switch the effect off (--effect exact_angles=off)",
+            "choose the level reference (--level reference), or switch the effect off (--effect exact_angles=off)",
         )
     margin = max(chosen.margin_px, MARGIN_PER_NODE * chosen.nodes_per_px)
     return wave_plane(scene, replace(chosen, margin_px=margin))

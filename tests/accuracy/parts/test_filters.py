@@ -43,5 +43,5 @@ def test_a_sensor_without_filters_is_compared_with_bayer(subject: Subject, monke
     monkeypatch.setattr(filters, "SIDE", 64)
     monkeypatch.setattr(filters, "WAYS", (("spatial", "linear"),))
     curve = measure_curve(PARTS.get("filters"), subject, 100)
-    assert curve.notes[0].startswith("the sensor has no colour filters; assumed is a Bayer")
+    assert curve.notes[0].startswith("a Bayer pattern, because the sensor has no filters; noise")
     assert curve.points[0].settings == {"route": "spatial", "filter": "linear", "pattern": "Bayer"}

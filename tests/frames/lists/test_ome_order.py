@@ -159,7 +159,7 @@ def test_planes_in_several_files(tmp_path: Path, found: Scan) -> None:
                 z, y, x = source.info(k).position
                 np.testing.assert_array_equal(source.read(k), frame((y, x), seed=1000 * z + y * COLUMNS + x))
     (tmp_path / "s_0.ome.tif").unlink()
-    with pytest.raises(StorageError, match=r"30 of its planes are in 's_0\.ome\.tif', which is not in the same"):
+    with pytest.raises(StorageError, match=r"30 planes are in 's_0\.ome\.tif', which is not in the same"):
         open_frames(tmp_path / "s_1.ome.tif", plan=plan())
 
 

@@ -188,7 +188,7 @@ def points_px(plan: TargetPlan, position: Position) -> NDArray[np.float64]:
         raise InputError.expected(
             "frame of the target",
             "a frame of the plan of this target",
-            tuple(position),
+            f"frame {position.x} of plane {position.z}",
             "open the session of this plan",
         )
     return plan.points(position.z, position.x).pixels

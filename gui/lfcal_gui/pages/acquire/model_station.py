@@ -249,9 +249,9 @@ def read_target(words: str, limits: Limits) -> tuple[float | None, ...]:
     if len(target) != 3 or all(value is None for value in target):
         raise InputError.expected(
             "position of the stage",
-            "x, y and z in µm; an empty value leaves its axis unchanged",
+            "x, y and z in µm",
             repr(words),
-            "separate the values by commas: 100, -20, 1500",
+            "separate three values by commas (100, -20, 1500); an empty value leaves its axis unchanged",
         )
     middles = [(low + high) / 2 for low, high in limits]
     x, y, z = (middle if value is None else value for value, middle in zip(target, middles, strict=True))

@@ -223,7 +223,7 @@ def iter_taken(asked: FitRequest, fit: Fit, kept: FitRun) -> Work[None]:
     if measured.plan.shape != fit.planned.shape:
         got, want = measured.plan.shape, fit.planned.shape
         raise InputError.expected(
-            f"{asked.name}, shape of the patterns", f"{want}, as fitted", got, "press Fit to fit this H"
+            f"{asked.name}, shape of the patterns", f"the fitted shape {want}", got, "press Fit to fit this H"
         )
     kept.found = _found(asked, FittedPatterns(measured, {"source": asked.name}, fit), unit)
     yield Progress(1, 1, "patterns of the fit", time.perf_counter() - start)

@@ -381,7 +381,10 @@ class MultiplexSettings(PageSettings):
         entries = math.prod(math.lcm(self.size, n) for n in array.side) * self.size**2 * array.count
         if entries > MAX_ENTRIES:  # the singular values would take minutes
             raise InputError.expected(
-                f"matrix of {kind} over {array.name}", f"up to {MAX_ENTRIES} entries", entries, "choose a smaller mask"
+                f"matrix of {kind} over {array.name}",
+                f"up to {MAX_ENTRIES:,} entries",
+                f"{entries:,}",
+                "choose a smaller mask",
             )
         return mask(kind, self.size) * array
 
@@ -413,7 +416,10 @@ def _small(modulator: Modulator) -> Modulator:
     if modulator.pixels * modulator.count > MAX_ENTRIES:
         entries = modulator.pixels * modulator.count
         raise InputError.expected(
-            f"matrix of {modulator.name}", f"up to {MAX_ENTRIES} entries", entries, "choose a smaller modulator"
+            f"matrix of {modulator.name}",
+            f"up to {MAX_ENTRIES:,} entries",
+            f"{entries:,}",
+            "choose a smaller modulator",
         )
     return modulator
 

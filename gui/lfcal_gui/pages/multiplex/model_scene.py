@@ -13,7 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Clock, FileFormatError, InputError, LfcalError, Work, format_seconds, map_npy, storage_errors
+from lfcal.base import (
+    Clock,
+    FileFormatError,
+    InputError,
+    LfcalError,
+    Work,
+    format_pixels,
+    format_seconds,
+    map_npy,
+    storage_errors,
+)
 from lfcal.camera import Camera, Sensor
 from lfcal.frames import read_image
 from lfcal.frames.corrections import read_average
@@ -71,7 +81,10 @@ def dead_pixels(path: str, part: FramePart, shape: tuple[int, ...]) -> NDArray[n
     marked = read_image(path)
     if marked.shape != part.whole:
         raise InputError.expected(
-            "dead pixels", f"{part.whole} px", marked.shape, "choose an image of the size of the frame"
+            "dead pixels",
+            format_pixels(part.whole),
+            format_pixels(marked.shape),
+            "choose an image of the size of the frame",
         )
     return np.asarray(part.cut(marked, shape) != 0)
 
@@ -195,12 +208,18 @@ def frame_lattice(
             return cropped(fit, shape, part.corner), f"lattice measured in {Path(path).name}"
         if path == white:
             raise InputError.expected(
-                "white image", f"the {part.whole} px of the frame", fit.shape, "choose a white image of the same camera"
+                "white image",
+                f"{format_pixels(part.whole)}, as the frame has",
+                format_pixels(fit.shape),
+                "choose a white image of the same camera",
             )
     sensor = camera.sensor.shape
     if part is not None and part.whole != sensor:
         raise InputError.expected(
-            "frame", f"the {sensor} px of the project's camera", part.whole, "open a whole frame of this camera"
+            "frame",
+            f"{format_pixels(sensor)}, as the project's camera has",
+            format_pixels(part.whole),
+            "open a whole frame of this camera",
         )
     corner = _middle(sensor, shape) if part is None else part.corner
     return lattice_of(camera, shape, corner), f"lattice of {camera.name}, {camera.marks['lattice.pitch_um']}"

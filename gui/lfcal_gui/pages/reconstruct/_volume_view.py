@@ -495,7 +495,9 @@ class VolumeView(QWidget):
 
     def _tip(self, z: int, tile: PlaneTile, count: int) -> str:
         prepared = self.prepared
-        share = "" if prepared is None or z >= len(prepared.shares) else f"\n{prepared.shares[z]:.0%} of the light"
+        share = (
+            "" if prepared is None or z >= len(prepared.shares) else f"\n{100 * prepared.shares[z]:.0f} % of the light"
+        )
         return f"{plane_words(z, count)}: {format_plane(tile.depth_um, z)}{share}"
 
     def _change(self, **changes: Any) -> None:

@@ -410,8 +410,10 @@ def _lattice(lattice: LensletLattice | PupilLenslets, name: str, value: Any) -> 
         own = read_camera_value("lattice.lens_centres_um", value) if name == "lens_centres_um" else value
         return replace(lattice, **{name: own})
     if name == "focus":
-        if any(FARTHEST < abs(v) < math.inf for v in value):
-            raise InputError.expected("virtual depths in focus", "at most 1e6, or inf", value, "write inf for infinity")
+        if far := [v for v in value if FARTHEST < abs(v) < math.inf]:
+            raise InputError.expected(
+                "virtual depths in focus", "numbers up to 1e6, or inf", f"{far[0]:g}", "write inf for infinity"
+            )
         ranges = [t.depth_range for t in lattice.types] + [None] * 3
         types = tuple(LensType.focused_at(v, lattice.gap_um, r) for v, r in zip(value, ranges, strict=False))
         return replace(lattice, types=types)

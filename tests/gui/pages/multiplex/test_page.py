@@ -248,7 +248,7 @@ def test_any_modulator_as_written(page: Page, qtbot: QtBot) -> None:
     assert page.body.minimumSizeHint().width() <= 1100, "a long name does not widen the page"
     type_in(page, "written", "polarisers:0,45/90")
     settle(page, qtbot)
-    assert "equal rows" in page.panel.curve_hint.text() and page.panel.views[2].values is None
+    assert "rows of equal length" in page.panel.curve_hint.text() and page.panel.views[2].values is None
     type_in(page, "written", "shutter:100,010/001,111")
     type_in(page, "reference_written", "shutter:100,010,001")
     page.panel.tabs.setCurrentIndex(1)

@@ -73,7 +73,7 @@ def test_missing_positions_of_h_are_named(page: Page, context: Context, qtbot: Q
     path = str(save(PSFMatrix(np.ones((2, 4, 4, 5, 5), np.float32), recorded=recorded), tmp_path / "gaps.h5"))
     context.project.update("open", psf=path)
     qtbot.waitUntil(lambda: context.matrix(path) is not None, timeout=GUARD_MS)
-    assert "1 of 32 positions is missing, first (z, y, x) = (1, 2, 3)" in page.hint.text()
+    assert "1 of 32 positions is missing, the first at (z, y, x) = (1, 2, 3)" in page.hint.text()
 
 
 def test_a_light_field_that_cannot_be_made_yet_is_refused_in_words(
