@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError
+from lfcal.base import FileFormatError, InputError, any_of
 
 __all__ = [
     "cfa_from",
@@ -75,9 +75,11 @@ def channel_phase(cfa: str, channel: str) -> tuple[int, int]:
         If the pattern is monochrome or has no such channel.
     """
     names = channel_names(cfa)
+    if not names:
+        wanted = "none for monochrome frames"
+        raise InputError.expected("colour channel", wanted, repr(channel), "leave the channel out (--channel)")
     if channel not in names:
-        known = ", ".join(names) or "none (monochrome frames)"
-        raise InputError.expected("colour channel", f"one of {known}", repr(channel), "choose one of these")
+        raise InputError.expected("colour channel", any_of(names), repr(channel), "choose one of these")
     return divmod(names.index(channel), pattern_side(cfa))
 
 

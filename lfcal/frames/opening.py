@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from lfcal.base import FileFormatError, Registry, StorageError
+from lfcal.base import FileFormatError, InputError, Registry, StorageError, any_of
 from lfcal.camera import ScanPlan
 from lfcal.frames.formats import image_suffixes, split_dataset, stacks_in
 from lfcal.frames.manifest import Manifest
@@ -165,12 +165,18 @@ def open_component(opened: Callable[..., T], channel: str) -> T:
     Raises
     ------
     FileFormatError
+        If the frames are colour images, and ``channel`` is empty.
+    InputError
         If the frames are colour images, and ``channel`` is not one of their components.
     """
     try:
         return opened()
-    except FileFormatError:
+    except FileFormatError as error:
         component = "G" if channel == "each" else channel
+        if component and component not in COMPONENTS and 'colour="G"' in str(error):
+            raise InputError.expected(
+                "colour channel", any_of(COMPONENTS), repr(channel), "choose one of these"
+            ) from None
         if component not in COMPONENTS:
             raise
     # damaged grey frames fail again, with the same message

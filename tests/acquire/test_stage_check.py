@@ -231,7 +231,7 @@ def narrow() -> tuple[ScanPlan, Rig]:
 UNMEASURED: dict[str, tuple[Callable[[], tuple[ScanPlan, Rig]], str]] = {
     "in focus": (lambda: (PLAN, rig_for(PLAN, optics=_Focused(PLAN))), "stage not checked: source: expected light"),
     "elsewhere": (lambda: (PLAN, elsewhere()), "stage not checked: another program moves it"),
-    "no room": (narrow, "stage scale checked only to 10%, depth axis not checked: the sensor has no room"),
+    "no room": (narrow, "stage scale checked only to 10 %, depth axis not checked: the sensor has no room"),
     "no travel": (
         lambda: (PLAN, rig_for(PLAN, model=StageModel(limits=((-600, 600), (-600, 600), (-3e4, 1e3))))),
         "stage not checked: stage axis x: expected -600 to 600 µm",
@@ -242,7 +242,7 @@ UNMEASURED: dict[str, tuple[Callable[[], tuple[ScanPlan, Rig]], str]] = {
     ),
     "period": (
         lambda: (small_plan((11, 19), 2), rig_for(small_plan((11, 19), 2))),
-        "stage scale checked only to 25%, depth axis not checked: the plan's period is not the lenslets'",
+        "stage scale checked only to 25 %, depth axis not checked: the plan's period is not the lenslets'",
     ),
 }
 

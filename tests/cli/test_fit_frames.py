@@ -145,6 +145,8 @@ def test_one_component_of_a_colour_image_is_used(
     assert np.array_equal(found.values, beads.astype(np.float32) - 100) and found.valid is None
     run = lfcal("fit", "frames", "rgb.tif", *START, *FAST)
     assert run.code == 2 and "use one colour: --channel G" in run.err and "colour=" not in run.err
+    wrong = lfcal("fit", "frames", "rgb.tif", *START, *FAST, "--channel", "X")
+    assert wrong.code == 2 and "colour channel: expected R, G or B, got 'X'; choose one of these" in wrong.err
 
 
 def test_pixels_of_one_colour_of_a_mosaic_are_used(
@@ -161,7 +163,10 @@ def test_pixels_of_one_colour_of_a_mosaic_are_used(
     run = lfcal("fit", "frames", "beads.tif", *start, *FAST)
     assert run.code == 2 and "got a mosaic of G1, R, B, G2; choose one of them (--channel G1)" in run.err
     run = lfcal("fit", "frames", "beads.tif", *START, *FAST, "--channel", "R")
-    assert run.code == 2 and "colour channel: expected one of none (monochrome frames)" in run.err
+    assert (
+        run.code == 2
+        and "colour channel: expected none for monochrome frames, got 'R'; leave the channel out (--channel)" in run.err
+    )
 
 
 def test_frames_of_the_camera_of_one_channel_are_thinned(read: Callable[..., list[NewFrame]], place: Path) -> None:
