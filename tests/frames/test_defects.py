@@ -167,7 +167,7 @@ def test_channel_names_are_numbered_by_rows() -> None:
     assert channel_names("RGGB") == ("R", "G1", "G2", "B")
     assert channel_names("RGBW") == ("R", "G", "B", "W")
     assert channel_phase("GRBG", "G2") == (1, 1)
-    with pytest.raises(InputError, match="one of G1, R, B, G2, got 'G'"):
+    with pytest.raises(InputError, match="expected G1, R, B or G2, got 'G'"):
         channel_phase("GRBG", "G")
     with pytest.raises(InputError, match="monochrome"):
         channel_phase("", "G")

@@ -87,7 +87,7 @@ def test_samples_and_colours(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_frame(again, first).raw, red.shown[0].raw)
     again.view.close()
     red.close()
-    assert "one of G1, R, B, G2" in survey(ImportChoice(str(tmp_path), channel="X"), plan_of(), None).problem
+    assert "expected G1, R, B or G2" in survey(ImportChoice(str(tmp_path), channel="X"), plan_of(), None).problem
 
 
 def test_the_dialog_opens_the_frames(qtbot: QtBot, context: Context, open_page: Any, folder: Path) -> None:
