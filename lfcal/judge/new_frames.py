@@ -62,7 +62,7 @@ def _check_grid(H: PSFMatrix, view: FrameSource, plan: ScanPlan | None, source: 
     origin = view.info(0).origin
     if origin == (0, 0) and view.shape != wanted and (plan is None or plan.camera.sensor.shape != view.shape):
         raise InputError.expected(
-            f"{source}, pixels",
+            f"{source}, size",
             f"{format_pixels(wanted)}, as in the camera of H",
             format_pixels(view.shape),
             "give whole frames of this camera",

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lfcal.base import InputError, check_number, format_bytes, free_memory, note
+from lfcal.base import InputError, check_number, format_bytes, format_pixels, free_memory, note
 from lfcal.camera import ScanPlan
 from lfcal.fit import NewFrame
 from lfcal.recalibrate._scene import ObjectFrame
@@ -59,9 +59,9 @@ def whole_frame(frame: NewFrame, name: str, plan: ScanPlan, given: tuple[float, 
     complete = frame.origin != (0, 0) or frame.values.shape == sensor.shape
     if not complete or row + rows > sensor.shape[0] or column + columns > sensor.shape[1]:
         raise InputError.expected(
-            f"{name}, pixels",
-            f"{sensor.shape}, as in the camera",
-            f"{frame.values.shape} from {frame.origin} on",
+            f"{name}, size",
+            f"{format_pixels(sensor.shape)}, as in the camera",
+            f"{format_pixels(frame.values.shape)} from row {row}, column {column}",
             "give whole frames of this camera",
         )
     whole, valid = np.zeros(sensor.shape, np.float32), np.zeros(sensor.shape, np.float32)

@@ -182,7 +182,7 @@ def _cut(path: Path) -> None:
         (lambda path: path.mkdir(), "frames in new.tif: expected images, got none"),
         (_text, "new.tif: expected"),
         (_dark, "new.tif, light: expected more light than noise, got no light"),
-        (_small, "new.tif, pixels: expected 120 x 120 px, as in the camera of H, got 100 x 120 px"),
+        (_small, "new.tif, size: expected 120 x 120 px, as in the camera of H, got 100 x 120 px"),
         (_one_value, "new.tif: expected an image, got the value 100 in every pixel"),
         (_nan, "new.tif: expected finite values"),
         (_colour, "new.tif: expected"),

@@ -175,7 +175,7 @@ def test_the_reason_of_invalid_pixels_is_named():
         (bright, light, "shorten the exposure, because its pixels are saturated"),
         (bright, np.where(bright, np.nan, light), "record these planes again, because its pixels are NaN or infinite"),
         (bright, np.where(bright, 0.0, light), "correct the mask of defective pixels.* its pixels are masked"),
-        (far, gone, r"correct the lenslet centres .*lattice\.lens_centres_um"),
+        (far, gone, r"correct the lenslet centres in the description"),
     ):
         given = measured(camera, light, valid=~invalid)
         given = replace(given, patterns=(12e3 * values / light.max()).astype(np.float32))

@@ -175,8 +175,8 @@ def test_saturated_pixels_are_left_out_and_named() -> None:
     [
         (NewFrame(np.ones((60, 60), np.float32), label="a.tif"), r"a.tif, noise: .* got none; give the constant"),
         (NewFrame(np.ones((60, 60), np.float32), noise=(9, 0)), r"got the variance 9 \+ 0 x value"),
-        (NewFrame(np.ones((80, 60), np.float32), noise=(9, 1)), r"got \(80, 60\) from \(0, 0\) on"),
-        (NewFrame(np.ones((50, 50), np.float32), noise=(9, 1)), r"expected \(60, 60\), as in the camera"),
+        (NewFrame(np.ones((80, 60), np.float32), noise=(9, 1)), "got 80 x 60 px from row 0, column 0"),
+        (NewFrame(np.ones((50, 50), np.float32), noise=(9, 1)), "expected 60 x 60 px, as in the camera"),
         (NewFrame(np.ones((60, 60), np.float32), np.zeros((60, 60), bool), noise=(9, 1)), "valid pixels in a window"),
     ],
 )

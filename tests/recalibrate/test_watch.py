@@ -142,7 +142,7 @@ def test_options_that_cannot_be_used_are_refused(options: dict[str, object], mes
 
 
 def test_frames_of_another_camera_are_refused() -> None:
-    with pytest.raises(InputError, match=r"pixels: expected \(56, 56\), as in the camera, got \(80, 60\)"):
+    with pytest.raises(InputError, match="size: expected 56 x 56 px, as in the camera, got 80 x 60 px"):
         watched([NewFrame(np.ones((80, 60), np.float32), noise=(9, 1), label="a.tif")])
     plan = ScanPlan.for_camera(preset("flfm_20x05"), depths_um=[0.0], cutout=21)
     with pytest.raises(NoLatticeError, match="watching frames"):

@@ -159,11 +159,11 @@ def test_a_pitch_wrong_by_three_percent_is_named(share: float) -> None:
     target = array(absent=MARKS)
     really = array(pitch=57.0 * share, absent=MARKS)
     points = found(drawn(really, CAMERA, Z), target)
-    assert kinds(points) == {"pitch"} and "3.0%" in str(points.mistakes[0])
+    assert kinds(points) == {"pitch"} and "3.0 %" in str(points.mistakes[0])
     assert errors(points, really).max() < 0.1
     one_axis = Target("square", (7, 7), (57.0 * PX, 57.0 * share * PX), absent=MARKS)
     said = str(found(drawn(one_axis, CAMERA, Z), target).mistakes[0])
-    assert "holes in a row 3.0%" in said and "nearer" not in said
+    assert "holes in a row 3.0 %" in said and "nearer" not in said
 
 
 def test_a_distance_that_may_be_off_explains_a_pitch() -> None:

@@ -15,6 +15,7 @@ from lfcal.base import (
     Region,
     any_of,
     check_region,
+    format_pixels,
     grow_region,
     kernel_input,
     region_shape,
@@ -301,8 +302,8 @@ class CorrectionChain:
         if self.shape is not None and shape != self.shape:
             raise InputError.expected(
                 "frame",
-                f"shape {self.shape} of the calibration frames",
-                shape,
+                f"{format_pixels(self.shape)}, as in the calibration frames",
+                format_pixels(shape),
                 "record frame, dark and white with the same sensor settings",
             )
         return shape
