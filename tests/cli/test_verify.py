@@ -74,7 +74,7 @@ def test_json_lists_everything(lfcal: Lfcal, sample: Path) -> None:
     for slot in range(30):
         rot_frame(sample / "recording.h5", slot)
     text = lfcal("verify", sample).out
-    assert "and 10 more (listed by --json)" in text and text.count("frame damaged") == 20
+    assert "and 10 more (--json lists all)" in text and text.count("frame damaged") == 20
     run = lfcal("verify", sample, "--json")
     found: Any = run.json
     assert run.code == 1 and not found["ok"] and len(found["damaged"]) == len(found["to_redo"]) == 30
@@ -100,7 +100,7 @@ def test_resume_takes_damaged_frames_again(lfcal: Lfcal, tmp_path: Path) -> None
     run = lfcal(*options, "--resume", "--assemble", tmp_path / "again.h5")
     assert run.code == 0 and "2 damaged frames were found; those recorded now replace them" in run.out
     run = lfcal("verify", session)
-    assert run.code == 0 and "recording.h5[13]: frame damaged; recorded again since" in run.out
+    assert run.code == 0 and "recording.h5[13]: frame damaged, but recorded again since then" in run.out
     with open_psf(tmp_path / "H.h5") as before, open_psf(tmp_path / "again.h5") as after:
         assert all(np.array_equal(before.plane(z), after.plane(z)) for z in range(3))
 

@@ -137,10 +137,10 @@ class SessionReport:
     def lines(self, most: int = 20) -> Iterator[str]:
         """Yield a line of text for each damaged frame, at most ``most`` of them, and a line that counts the others."""
         for found in self.damaged[:most]:
-            said = f"{found.what}; recorded again since" if found.replaced else found.what
+            said = f"{found.what}, but recorded again since then" if found.replaced else found.what
             yield f"{found.kind} (z, y, x) = {tuple(found.position)}, {found.file}[{found.slot}]: {said}"
         if len(self.damaged) > most:
-            yield f"and {len(self.damaged) - most:,} more (listed by --json)"
+            yield f"and {len(self.damaged) - most:,} more (--json lists all)"
 
     def slots(self, file: str) -> NDArray[np.int64]:
         """Return the indices of the damaged frames in the file named ``file``, ``(n,)``."""
