@@ -64,7 +64,7 @@ WRONG: dict[str, tuple[Callable[[int, Point], Point], str]] = {
     "scale of one axis": (scaled(1.0, 1.02, 1.0), "image movement down: expected 19 ± 0.25 px over a period"),
     "angle": (turned(0.8), "angle between stage and sensor"),
     "sign": (scaled(-1.0, 1.0, 1.0), "stage axes .right, down.: expected"),
-    "jitter": (jittered(0.5), "image at one position, visited 5 times: expected within 0.25 px rms"),
+    "jitter": (jittered(0.5), "image at one position, visited 5 times: expected a scatter of at most 0.25 px rms"),
     "depth scale 1.1": (scaled(1.0, 1.0, 1.1), r"depth axis z of the stage: expected a move of 12294.8 µm .* 1.1\d\d"),
     "depth scale 0.9": (scaled(1.0, 1.0, 0.9), r"depth axis z of the stage: .* got 0.89\d times that"),
     "depth scale 2": (scaled(1.0, 1.0, 2.0), r"depth axis z of the stage: .* got 2.1\d\d times that"),

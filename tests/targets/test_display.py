@@ -118,7 +118,7 @@ def test_groups_are_filled_up_by_repeats(plan: TargetPlan) -> None:
     assert up.offsets_px[0][2][0] < 0
     with pytest.raises(InputError, match="at least 4 offsets in plane 0, got 3 offsets"):
         coded_plan(plan, s_matrix(7), DISPLAY.pixel_um)
-    with pytest.raises(InputError, match="groups of 3"):
+    with pytest.raises(InputError, match="a multiple of 3, got 4"):
         lit_by(CODE, 4)
 
 
