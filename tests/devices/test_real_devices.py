@@ -118,15 +118,18 @@ def test_micromanager_demo_records_27_positions(tmp_path: Path) -> None:
     check_session(tmp_path, plan)
 
 
-@pytest.fixture
-def running(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """Open the demo devices in the core that pymmcore-plus would return; it is a real core."""
+@pytest.fixture(params=["pymmcore", "pymmcore-plus"])
+def running(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Open the demo devices in the core of pymmcore-plus, or in a core that it would return."""
     pymmcore, adapters = pytest.importorskip("pymmcore"), pytest.importorskip("mm_test_adapters")
-    core = pymmcore.CMMCore()
+    if request.param == "pymmcore-plus":
+        core = pytest.importorskip("pymmcore_plus", reason="pymmcore-plus is not installed").CMMCorePlus.instance()
+    else:
+        core = pymmcore.CMMCore()
+        module = types.SimpleNamespace(__version__="0.1", CMMCorePlus=types.SimpleNamespace(instance=lambda: core))
+        monkeypatch.setitem(sys.modules, "pymmcore_plus", module)
     core.setDeviceAdapterSearchPaths([str(adapters.device_adapter_path())])
     core.loadSystemConfiguration(str(Path(str(adapters.device_adapter_path())) / "MMConfig_demo.cfg"))
-    module = types.SimpleNamespace(__version__="0.1", CMMCorePlus=types.SimpleNamespace(instance=lambda: core))
-    monkeypatch.setitem(sys.modules, "pymmcore_plus", module)
     yield core
     core.reset()
 

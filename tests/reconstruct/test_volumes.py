@@ -326,6 +326,7 @@ def by_ome(path: Path) -> Placed:
 def by_ome_types(path: Path) -> Placed:
     """By ome-types, which also validates the metadata against the schema."""
     ome_types = pytest.importorskip("ome_types", reason="ome-types is not installed")
+    pytest.importorskip("lxml", reason="lxml, with which ome-types validates, is not installed")
     pixels = ome_types.from_tiff(path, validate=True).images[0].pixels
     values = tifffile.imread(path).reshape(2, 3, 4, 5)
     planes = {(plane.the_t, plane.the_z): plane for plane in pixels.planes}
@@ -367,6 +368,7 @@ def by_ngff(path: Path) -> Placed:
 def by_ome_zarr(path: Path) -> Placed:
     """By the reader of ome-zarr."""
     pytest.importorskip("ome_zarr", reason="ome-zarr is not installed")
+    pytest.importorskip("dask", minversion="2025.1")  # with which it reads; earlier ones do not know zarr 3
     from ome_zarr.io import parse_url
     from ome_zarr.reader import Reader
 
