@@ -102,8 +102,9 @@ PUPIL_MARGINS = (8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 670, 1000)
 PUPIL_NODES, PUPIL_FLOOR = 8, 1e-5
 """Nodes per pixel behind single lenslets, at most, and error that never matters."""
 
-REFERENCE = ((1.0, 0.03), (1.25, 0.006), (1.6, 0.002), (2.4, 0.0005))
-"""Samples of the reference relative to the smallest number for the light's angles, and the expected error of each."""
+REFERENCE = ((1.0, 3, 0.03), (1.25, 4, 0.006), (1.6, 6, 0.002), (2.4, 10, 0.0005))
+"""Samples of the reference: the ratio to the fewest for the light's angles, the fewest for the lenslets' edges, and the
+expected error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +198,7 @@ def steps_for(
         more = range(len(known) + 1, MAX_NODES + 1)
         return (*known, *(LevelSampling(level, Sampling(nodes_per_px=n), 0.04 / n**2) for n in more))
     if level == "reference":
-        counts = [(max(3, math.ceil(share * fringes.angle)), error) for share, error in REFERENCE]
+        counts = [(max(fewest, math.ceil(share * fringes.angle)), error) for share, fewest, error in REFERENCE]
         return tuple(LevelSampling(level, Sampling(samples_per_px=n), error) for n, error in counts)
     if level == "geometric":
         return (LevelSampling(level, Sampling(), 0.0),)
