@@ -38,9 +38,12 @@ VISIBLE_COHERENT, VISIBLE_SUMMED = 0.65, 0.5
 VISIBLE_BY_GRID = 0.9
 """The same for windows compared with a grid, which has no such error."""
 
-VISIBLE_NODES = {1: 0.9, 2: 0.8}
-"""Fraction of the error of one and two nodes per pixel on the Debye path that one node more shows (measured: at least
-0.87 and 0.79)."""
+VISIBLE_NODES = {1: 0.9, 2: 0.8, 3: 0.6, 4: 0.6}
+"""Fraction of the error of up to four nodes per pixel on the Debye path that one node more shows (measured: at least
+0.87, 0.79, 0.6 and 0.6)."""
+
+VISIBLE_MORE_NODES = 0.4
+"""The same for more nodes (measured: at least 0.45): an odd number and one node more err alike."""
 
 OF_WINDOWS = 1.5
 """Factor by which the error of windows may exceed the expected one."""
@@ -259,8 +262,8 @@ class _ErrorProbe:
         What changes from a step to a finer one is the error less that of the finer one. ``level`` is the engine's.
         """
         if step.level == "debye":
-            visible = VISIBLE_NODES.get(sampling.nodes_per_px) if level == "debye" else None
-            yield step.level, finer(sampling), visible or 1 - 1 / DEBYE_GAIN
+            visible = VISIBLE_NODES.get(sampling.nodes_per_px, VISIBLE_MORE_NODES)
+            yield step.level, finer(sampling), visible if level == "debye" else 1 - 1 / DEBYE_GAIN
         elif step.level == "reference":
             for more in (3, 1):
                 yield step.level, replace(sampling, samples_per_px=(sampling.samples_per_px or 8) + more), 1.0
