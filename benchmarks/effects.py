@@ -20,13 +20,16 @@ if TYPE_CHECKING:
     from lfcal.simulate import EffectSelection
     from lfcal.simulate.effects import Effect
 
-__all__ = ["Judged", "judge", "register"]
+__all__ = ["Judged", "difference", "finest", "judge", "other_positions", "register"]
 
 FINEST = 0.003
 """Expected error of the computation that estimates are judged by."""
 
 REFERENCE = 0.002
 """Expected error of the coherent reference that judges what is simulated."""
+
+JUDGE = 2
+"""Index of the grid that judges microscopes with exact angles: finer than those that they usually take."""
 
 SMALLEST = 0.002
 """Estimates are judged where they or the truth exceed this share of the image."""
@@ -135,10 +138,10 @@ def judge(number: int, tolerance: float) -> Judged:
     counting = _counting(selection, known)
     pairs = tuple(_pairs(plan, selection, counting))
     chosen, share = budgeted(selection, plan, tolerance).at(plan.depths_um[0])
-    ys, xs = _others(plan)
+    ys, xs = other_positions(plan)
     response = PlaneResponse(plan, 0, chosen, tolerance=share)
     some = (ys[:2], xs[:4]) if len(xs) > 3 else (ys[:1], xs[:2])
-    error = _difference(response.rows(*some), _finest(plan, counting, *some))
+    error = difference(response.rows(*some), finest(plan, counting, *some))
     kind = f"v {outlook.virtual_depth:.2g}" if outlook.has_lens else f"z {outlook.z_um:.2g} µm"
     name = f"scene {number}, {plan.camera.name} f/{outlook.f_number:.3g}, {kind}"
     return Judged(name, pairs, tolerance, error, response.reached + selection.left_out[0], seconds)
@@ -151,7 +154,7 @@ def _counting(selection: EffectSelection, known: Sequence[Effect]) -> tuple[Effe
     return tuple(e for e in rows if e.acts_on.enters_h and (not e.deviation or e.name in names))
 
 
-def _others(plan: ScanPlan) -> tuple[list[int], list[int]]:
+def other_positions(plan: ScanPlan) -> tuple[list[int], list[int]]:
     """Return rows and columns of positions where nothing was measured or settled."""
     from lfcal.simulate.engines.extent import SWITCH
     from lfcal.simulate.staging import outlook_of
@@ -170,7 +173,7 @@ def _pairs(
     from lfcal.simulate.staging import outlook_of
 
     outlook = outlook_of(plan, 0)
-    ys, xs = _others(plan)
+    ys, xs = other_positions(plan)
     still = tuple(e for e in counting if not isinstance(e, LightEffect))
     beside = _wave(plan, still, ys, xs)
     for effect in counting:
@@ -178,16 +181,16 @@ def _pairs(
         if effect.runs(outlook) > MOST_RUNS:
             continue
         if isinstance(effect, LightEffect):
-            truth = _difference(beside, _wave(plan, (*still, effect), ys, xs))
+            truth = difference(beside, _wave(plan, (*still, effect), ys, xs))
         else:
             # without diffraction rays are followed, and nothing that calls for waves is seen
             rays = isinstance(effect, LensletDiffraction)
             others = tuple(e for e in still if e is not effect and not (rays and e.needs_waves))
-            truth = _difference(_wave(plan, others, ys, xs), beside)
+            truth = difference(_wave(plan, others, ys, xs), beside)
         yield effect.name, estimate.error, estimate.measured, truth
 
 
-def _difference(without: NDArray[np.float32], with_it: NDArray[np.float32]) -> float:
+def difference(without: NDArray[np.float32], with_it: NDArray[np.float32]) -> float:
     import numpy as np
 
     a, b = np.asarray(without, np.float64), np.asarray(with_it, np.float64)
@@ -204,13 +207,11 @@ def _wave(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[i
     if level == "geometric":
         return PlaneResponse(plan, 0, effects, level=level).rows(ys, xs)
     steps = [step for step in steps_for(scene, level) if step.level != "wave" or step.sampling.coherent]
-    # slow cones vary little from sample to sample: the coarsest grid is within 0.2 % of a microscope's light
-    allowed = FINEST if scene.objective is None else 2 * FINEST
-    step = next((step for step in steps if step.expected <= allowed), steps[-1])
+    step = next((step for step in steps if step.expected <= FINEST), steps[-1])
     return PlaneResponse(plan, 0, effects, level=step.level, sampling=step.sampling).rows(ys, xs)
 
 
-def _finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[int]) -> NDArray[np.float32]:
+def finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[int]) -> NDArray[np.float32]:
     """Return responses by the coherent reference; of a microscope by a fine grid, or the finest of the Debye path."""
     from lfcal.base.errors import LfcalError
     from lfcal.simulate.accuracy.sampling import steps_for
@@ -220,7 +221,7 @@ def _finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list
     scene, level = resolve_level(scene_for(plan, 0, effects))
     steps = steps_for(scene, level)
     if level == "debye" and steps[0].level == "grid":  # one field after the other by the reference takes minutes
-        step = next((step for step in steps if step.expected <= REFERENCE), steps[-1])
+        step = steps[min(JUDGE, len(steps) - 1)]
         return PlaneResponse(plan, 0, effects, level=step.level, sampling=step.sampling).rows(ys, xs)
     if level == "wave":
         finest = next(step.sampling for step in steps_for(scene, "reference") if step.expected <= REFERENCE)
