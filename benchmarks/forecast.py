@@ -129,8 +129,10 @@ class Kept:
         Number of the random camera.
     tolerance, error
         Relative L1 error requested, and that of a few positions compared with the reference.
-    planned, predicted, taken
-        CPU-seconds forecast from the description, forecast by a short run, and measured.
+    planned, taken
+        CPU-seconds forecast from the description, and measured without any tables of earlier simulations.
+    predicted, repeated
+        CPU-seconds forecast by a short run, and measured after it, with the tables that scenes share.
     engine
         Engine that ran.
     """
@@ -141,6 +143,7 @@ class Kept:
     planned: float
     predicted: float
     taken: float
+    repeated: float
     engine: str
 
 
@@ -166,10 +169,12 @@ def _scene(number: int) -> Iterator[Kept]:
     found: list[Kept] = []
     for tolerance in reversed(TOLERANCES):
         chosen = plan_effects(plan, tolerance, off)
-        predicted = predict_seconds(plan, chosen, tolerance=tolerance)
+        _forget_tables()
         taken, H, engine = _simulated(plan, chosen, tolerance)
+        predicted = predict_seconds(plan, chosen, tolerance=tolerance)
+        repeated = _simulated(plan, chosen, tolerance)[0]
         error = difference(np.stack([[H[0, y, x] for x in xs] for y in ys]), truth)
-        found.append(Kept(number, tolerance, error, chosen.seconds, predicted, taken, engine))
+        found.append(Kept(number, tolerance, error, chosen.seconds, predicted, taken, repeated, engine))
         _repeat(plan, off, found)
     yield from found
 
@@ -184,8 +189,18 @@ def _repeat(plan: ScanPlan, settings: dict[str, str], found: list[Kept]) -> None
     last, fastest = len(found) - 1, min(range(len(found)), key=lambda k: found[k].taken)
     for k in REPEATS * (last, fastest) if found[last].taken > RISE * found[fastest].taken else ():
         chosen = plan_effects(plan, found[k].tolerance, settings)
+        _forget_tables()
         taken = _simulated(plan, chosen, found[k].tolerance)[0]
         found[k] = replace(found[k], taken=min(found[k].taken, taken))
+
+
+def _forget_tables() -> None:
+    """Discard the tables of lenslets that simulations of one process share."""
+    from lfcal.simulate.engines import masks
+
+    for made in vars(masks).values():
+        if clear := getattr(made, "cache_clear", None):
+            clear()
 
 
 def _simulated(plan: ScanPlan, chosen: EffectSelection, tolerance: float) -> tuple[float, PSFMatrix, str]:
@@ -204,17 +219,17 @@ def summary_rows(found: Sequence[Kept]) -> list[list[str]]:
     slow = {(a.scene, a.tolerance) for a, b in pairs if a.taken > RISE * b.taken}
     coarse = {(a.scene, a.tolerance) for a, _ in pairs}
 
-    def within(factor: float, forecast: str) -> str:
-        ratios = [getattr(one, forecast) / one.taken for one in found]
+    def within(factor: float, forecast: str, measured: str) -> str:
+        ratios = [getattr(one, forecast) / getattr(one, measured) for one in found]
         return _share(sum(1 / factor <= ratio <= factor for ratio in ratios), len(ratios))
 
     return [
         ["slower than a finer tolerance by more than 15 %", _share(len(slow), len(coarse))],
         ["error within the tolerance", _share(sum(one.error <= one.tolerance for one in found), len(found))],
-        ["forecast from the description within a factor of 1.5", within(1.5, "planned")],
-        ["forecast from the description within a factor of 2.5", within(2.5, "planned")],
-        ["forecast by a short run within a factor of 1.5", within(1.5, "predicted")],
-        ["forecast by a short run within a factor of 2.5", within(2.5, "predicted")],
+        ["forecast from the description within a factor of 1.5", within(1.5, "planned", "taken")],
+        ["forecast from the description within a factor of 2.5", within(2.5, "planned", "taken")],
+        ["forecast by a short run within a factor of 1.5", within(1.5, "predicted", "repeated")],
+        ["forecast by a short run within a factor of 2.5", within(2.5, "predicted", "repeated")],
     ]
 
 

@@ -401,16 +401,16 @@ def test_forecast_of_random_cameras(bench: Bench, monkeypatch: pytest.MonkeyPatc
     found = bench.json("forecast", "--random", 1, "--first", 8)
     assert [(one["scene"], one["tolerance"]) for one in found] == [(8, 0.1), (8, 0.3)]
     assert all(one["error"] <= one["tolerance"] for one in found)
-    assert all(one[key] > 0 for one in found for key in ("planned", "predicted", "taken", "error"))
+    assert all(one[key] > 0 for one in found for key in ("planned", "predicted", "taken", "repeated", "error"))
 
 
 def test_the_table_of_random_cameras_counts_what_is_kept() -> None:
     """A tolerance that is slower than a finer one counts once, and not if the finer one is of another camera."""
     from benchmarks.forecast import Kept, summary_rows
 
-    one = Kept(1, 0.01, 0.005, planned=2.0, predicted=1.2, taken=1.0, engine="grid")
+    one = Kept(1, 0.01, 0.005, planned=2.0, predicted=1.2, taken=1.0, repeated=1.0, engine="grid")
     found = [one, replace(one, tolerance=0.1, error=0.2, taken=1.2), replace(one, tolerance=0.3, taken=1.1)]
-    found.append(replace(one, scene=2, tolerance=0.3, taken=9.0))
+    found.append(replace(one, scene=2, tolerance=0.3, taken=9.0, repeated=0.1))
     shares = dict(summary_rows(found))
     assert shares["slower than a finer tolerance by more than 15 %"] == "50.0 % (1 of 2)"
     assert shares["error within the tolerance"] == "75.0 % (3 of 4)"

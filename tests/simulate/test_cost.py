@@ -264,6 +264,15 @@ def test_a_grid_of_a_dim_cutout_is_as_forecast(z_um: float, monkeypatch: pytest.
     assert tried == [forecast.sampling] + ([finer[0].sampling] if finer else [])
 
 
+@pytest.mark.usefixtures("same_machine")
+def test_fringes_of_the_iris_are_forecast_once() -> None:
+    """The engine tabulates the field with fringes in the same time; forecasts were up to twice too long."""
+    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0], cutout=21)
+    off, on = (plan_effects(plan, 0.03, {"iris_diffraction": setting}) for setting in ("off", "on"))
+    row = on.row("iris_diffraction")
+    assert on.seconds == pytest.approx(off.seconds) and row.seconds_with == row.seconds_without
+
+
 def effects_named(*names: str) -> list[Effect]:
     return [effect for effect in catalogue() if effect.name in names]
 

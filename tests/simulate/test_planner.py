@@ -178,9 +178,9 @@ def test_overrides() -> None:
 
 def test_deviations_count_once_they_are_known() -> None:
     plan = small_plan()
-    assert not plan_effects(plan, 0.03).row("lenslet_gap").on
-    assert plan_effects(plan, 0.03, effects=(LensletGap(5.0),)).row("lenslet_gap").on
-    assert not plan_effects(plan, 0.03, effects=(LensletGap(0.01),)).row("lenslet_gap").on
+    assert not plan_effects(plan, 0.05).row("lenslet_gap").on
+    assert plan_effects(plan, 0.05, effects=(LensletGap(5.0),)).row("lenslet_gap").on
+    assert not plan_effects(plan, 0.05, effects=(LensletGap(0.01),)).row("lenslet_gap").on
 
 
 def test_decisions_are_made_for_each_plane() -> None:
@@ -447,7 +447,7 @@ def test_the_forecasts_with_and_without_an_effect_are_those_of_such_a_plan(monke
     monkeypatch.setattr(calibration, "_SPEED", None)
     monkeypatch.setattr(calibration, "_timed_rate", lambda: _work.FITTED_RATE)
     plan = ScanPlan.for_camera(small_camera(), virtual_depths=[3.0, 4.0], cutout=41)
-    found = plan_effects(plan, 0.03, effects=(FiniteSource(1.0),))
+    found = plan_effects(plan, 0.05, effects=(FiniteSource(1.0),))
     for row in found.rows:
         assert row.seconds_with >= row.seconds_without
         if not row.effect.acts_on.enters_h:
@@ -455,9 +455,9 @@ def test_the_forecasts_with_and_without_an_effect_are_those_of_such_a_plan(monke
             continue
         assert (row.seconds_with if row.on else row.seconds_without) == pytest.approx(found.seconds)
         if row.on:
-            other = plan_effects(plan, 0.03, {row.name: "off"}, effects=(FiniteSource(1.0),))
+            other = plan_effects(plan, 0.05, {row.name: "off"}, effects=(FiniteSource(1.0),))
             assert row.seconds_without == pytest.approx(other.seconds), row.name
-    source = plan_effects(plan, 0.03, {"finite_source": "on"}, effects=(FiniteSource(1.0),))
+    source = plan_effects(plan, 0.05, {"finite_source": "on"}, effects=(FiniteSource(1.0),))
     assert found.row("finite_source").seconds_with == pytest.approx(source.seconds) and source.seconds > found.seconds
     diffraction = found.row("lenslet_diffraction")
     assert diffraction.seconds_without < diffraction.seconds_with, "rays are faster"

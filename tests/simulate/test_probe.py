@@ -12,15 +12,18 @@ import numpy as np
 import pytest
 from pytest import MonkeyPatch
 
+from benchmarks._effect_scenes import random_plan
 from lfcal.camera import LensletLattice, LensType, ScanPlan
 from lfcal.simulate import simulate_psf
 from lfcal.simulate.accuracy import _work, cost, probe, sampling
 from lfcal.simulate.accuracy.probe import settle
 from lfcal.simulate.accuracy.sampling import Fringes, LevelSampling, steps_for
+from lfcal.simulate.effects import catalogue
 from lfcal.simulate.engines import engine_for
 from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.scene import PupilIris, Scene
+from lfcal.simulate.staging import lattice_scene_for, outlook_of
 from tests.simulate.common import BASE, small_camera
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, relative_error
 
@@ -137,6 +140,33 @@ def finer_or_equal(after: LevelSampling, before: LevelSampling) -> bool:
         return before.level == "wave" or (a.samples_per_px, a.margin_px) >= (b.samples_per_px, b.margin_px)
     grown = a.nodes_per_px >= b.nodes_per_px and a.margin_px >= b.margin_px and a.energy_floor <= b.energy_floor
     return grown or (a.coherent is True and b.coherent is None)
+
+
+@pytest.mark.parametrize(("number", "step"), [(2072, 0), (2072, 1), (2011, 1)])
+def test_a_grid_errs_as_expected(number: int, step: int) -> None:
+    """Of random cameras: steep light was expected to err by a quarter of its error."""
+    scene = scene_of(number, cutout=(25, 25))
+    grids = steps_for(scene, "grid")
+    engines = [engine_for(scene, "grid", grids[k].sampling) for k in (step, -1)]
+    found, wanted = (np.concatenate([engine.rows([y], [x]) for y, x in ((2, 3), (7, 6))]) for engine in engines)
+    assert relative_error(found, wanted) < grids[step].expected < 4 * relative_error(found, wanted)
+
+
+def scene_of(number: int, **changes: Any) -> Scene:
+    """Return the scene of a random camera with all effects of its design."""
+    plan, _ = random_plan(number)
+    names = ("lens_types", "lenslet_diffraction", "iris_diffraction", "iris_shape", "telecentricity", "exact_angles")
+    scene = lattice_scene_for(plan, 0, [effect for effect in catalogue() if effect.name in names])
+    return replace(scene, **changes)
+
+
+@pytest.mark.parametrize("number", [2063, 2065, 2066, 2072, 2076, 3011])
+def test_a_plane_is_forecast_with_the_samplings_that_it_tries(number: int) -> None:
+    """A shadow 5 % wider than the scene's was forecast with a finer grid, which takes three times as long."""
+    outlook = outlook_of(random_plan(number)[0], 0)
+    for forecast, tried in zip(steps_for(outlook, "grid"), steps_for(scene_of(number), "grid"), strict=True):
+        assert forecast.sampling == tried.sampling
+        assert forecast.expected == pytest.approx(tried.expected, rel=0.01)
 
 
 def test_spots_larger_than_pixels_need_wider_windows() -> None:

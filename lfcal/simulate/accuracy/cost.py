@@ -32,7 +32,6 @@ __all__ = [
     "seconds_within",
     "step_for",
     "step_seconds",
-    "table_seconds",
 ]
 
 PROBED, PROBED_NEAR = 4, 12
@@ -222,11 +221,3 @@ def step_for(
     """
     steps = efficient_steps(described, level, traits)
     return next((step for step in steps if step.expected <= tolerance), steps[-1])
-
-
-def table_seconds(outlook: Outlook) -> float:
-    """Return the estimated CPU-seconds of the Fourier transform that tabulates a plane's main-iris fringes."""
-    if isinstance(outlook, PupilOutlook):
-        return 0.0
-    side = 4 * (outlook.shadow_px + 4 * outlook.camera.pitch_px)
-    return _slowness() * 2.5e-7 * side**2

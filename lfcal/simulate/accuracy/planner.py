@@ -11,7 +11,7 @@ from lfcal.base import InputError, LfcalError, any_of, check_number, choose, for
 from lfcal.camera import ScanPlan
 from lfcal.simulate._pupil_scene import PupilScene
 from lfcal.simulate.accuracy._estimates import estimates_of
-from lfcal.simulate.accuracy.cost import Traits, engine_seconds, seconds_within, step_seconds, table_seconds
+from lfcal.simulate.accuracy.cost import Traits, engine_seconds, seconds_within, step_seconds
 from lfcal.simulate.effects import (
     SETTINGS,
     ActsOn,
@@ -300,20 +300,19 @@ class _Costs:
         self.outlooks, self.waves, self.tolerance = planes, wave_level(plan.camera), tolerance
         self._plan = plan
         self._steps: dict[tuple[int, Traits | None], tuple[tuple[float, float], ...]] = {}
-        # with rays, and of a table of fringes
-        self._others = [(engine_seconds(one, "geometric"), table_seconds(one)) for one in planes]
+        self._rays = [engine_seconds(one, "geometric") for one in planes]
         self._traits: dict[tuple[str, ...], Traits | None] = {}
-        self.rays = sum(rays for rays, _ in self._others)
+        self.rays = sum(self._rays)
 
     def times(self, plane: int, share: float, effects: Iterable[Effect] = ()) -> EngineSeconds:
         """Return the engines' times for a plane with some effects if the computation may have the error ``share``."""
-        rays, fringes = self._others[plane]
+        rays = self._rays[plane]
         key = plane, self._traits_of(e for e in effects if _changes_work(e))
         if key[1] is None:  # single lenslets
-            return EngineSeconds(rays, engine_seconds(self.outlooks[plane], self.waves, share), fringes)
+            return EngineSeconds(rays, engine_seconds(self.outlooks[plane], self.waves, share))
         if key not in self._steps:
             self._steps[key] = step_seconds(self.outlooks[plane], self.waves, key[1])
-        return EngineSeconds(rays, seconds_within(self._steps[key], share), fringes)
+        return EngineSeconds(rays, seconds_within(self._steps[key], share))
 
     def _traits_of(self, effects: Iterable[Effect]) -> Traits | None:
         """Return the traits of the scene with some effects; None behind single lenslets."""

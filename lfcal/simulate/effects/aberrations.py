@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lfcal.simulate.effects.base import EngineSeconds, Estimate, SceneEffect
+from lfcal.simulate.effects.base import Estimate, SceneEffect
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene, Wavefront, check_wavefront, seidel
 
@@ -44,11 +44,6 @@ class _Aberration(SceneEffect):
         del outlook
         terms = self.terms_of()
         return replace(scene, wavefront=scene.wavefront + terms, lenslet_diffraction=True) if terms else scene
-
-    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time for tabulating the aberrated field (s)."""
-        del outlook
-        return engine.fringes
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,11 +253,6 @@ class FieldAberrations(SceneEffect):
             total[n, m] = total.get((n, m), 0.0) + waves
         found = tuple((n, m, waves) for (n, m), waves in total.items())
         return replace(scene, wavefront=found, lenslet_diffraction=True)
-
-    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time for tabulating the aberrated field (s)."""
-        del outlook
-        return engine.fringes
 
 
 def wavefront_rms(terms: Wavefront) -> tuple[float, float]:

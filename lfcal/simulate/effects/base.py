@@ -69,22 +69,20 @@ class EngineSeconds:
     rays
         Time of the geometric engine, which traces rays (s).
     waves
-        Time of the wave engine, or of the Debye integral for a microscope (s).
-    fringes
-        Time for one table of the diffraction fringes of the main iris, a large Fourier transform (s).
+        Time of the wave engine, or of the Debye integral for a microscope (s). It includes the table of the main lens's
+        field, with or without diffraction.
 
     Examples
     --------
     >>> from lfcal.camera import preset
     >>> from lfcal.simulate.effects import EngineSeconds, LensletDiffraction, Outlook
     >>> plane = Outlook(preset("r29"), -52e3, cutout=(127, 127), period=(55, 95))
-    >>> LensletDiffraction().seconds(plane, EngineSeconds(rays=1.0, waves=30.0, fringes=2.0))  # waves less rays
+    >>> LensletDiffraction().seconds(plane, EngineSeconds(rays=1.0, waves=30.0))  # waves less rays
     29.0
     """
 
     rays: float
     waves: float
-    fringes: float
 
 
 @dataclass(frozen=True, slots=True)

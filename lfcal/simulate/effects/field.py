@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, MainLens
-from lfcal.simulate.effects.base import EngineSeconds, Estimate, FrameEffect, SceneEffect, SensorStrip
+from lfcal.simulate.effects.base import Estimate, FrameEffect, SceneEffect, SensorStrip
 from lfcal.simulate.effects.outlook import Outlook
 from lfcal.simulate.scene import Scene
 
@@ -121,11 +121,6 @@ class MechanicalVignetting(SceneEffect):
         if overlap(math.hypot(y, x), self.radius) >= 1.0:
             return scene
         return replace(scene, iris=replace(scene.iris, stop=(x, y, self.radius)))
-
-    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time for tabulating the field of the clipped pupil (s)."""
-        del outlook
-        return engine.fringes
 
 
 def overlap(distance: float, radius: float) -> float:

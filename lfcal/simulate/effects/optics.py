@@ -138,11 +138,6 @@ class IrisDiffraction(SceneEffect):
         del outlook
         return replace(scene, main_diffraction=True)
 
-    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time for tabulating the fringes (s)."""
-        del outlook
-        return engine.fringes
-
 
 @dataclass(frozen=True, slots=True)
 class IrisShape(SceneEffect):
@@ -342,10 +337,6 @@ class LensLaw(SceneEffect):
         if not outlook.has_lens or self.tangent == 0:
             return scene
         return replace(scene, lens_law=self.tangent, exact_defocus=True, exact_rays=True, lenslet_diffraction=True)
-
-    def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time for tabulating the field of a pupil with curved edges (s)."""
-        return engine.fringes if outlook.has_lens else 0.0
 
 
 EFFECTS = (LensTypeDefocus, LensletDiffraction, IrisDiffraction, IrisShape, ExactAngles, LensLaw)

@@ -34,7 +34,7 @@ def check_effect(kind: type[Effect]) -> None:
     found = kind().estimate(outlook)
     if not isinstance(found, Estimate) or not math.isfinite(found.error):
         raise TypeError("estimate() did not return an Estimate with a finite error")
-    kind().seconds(outlook, EngineSeconds(1.0, 1.0, 1.0))
+    kind().seconds(outlook, EngineSeconds(1.0, 1.0))
 
 
 def find_effects() -> Registry[type[Effect]]:
