@@ -191,6 +191,7 @@ def _pairs(
 
 
 def difference(without: NDArray[np.float32], with_it: NDArray[np.float32]) -> float:
+    """Return sum(|without - with|) / sum(|with|)."""
     import numpy as np
 
     a, b = np.asarray(without, np.float64), np.asarray(with_it, np.float64)
