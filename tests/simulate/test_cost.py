@@ -289,6 +289,15 @@ def test_exact_angles_of_a_microscope_are_forecast_on_the_grid() -> None:
     assert list(used.values()) == ["debye", "grid"]
 
 
+def test_a_sampling_whose_failure_costs_much_is_tried_with_a_reserve() -> None:
+    """A failed first sampling made coarse tolerances up to 1.3 times slower than finer ones."""
+    names = ("lenslet_diffraction", "iris_diffraction", "iris_shape", "telecentricity", "exact_angles")
+    scene = lattice_scene_for(random_plan(2036)[0], 0, effects_named(*names))
+    first, plain = efficient_steps(scene, "wave")[0], steps_for(scene, "wave")[0]
+    assert first.sampling == plain.sampling and 1.1 < first.expected / plain.expected <= cost.WARY
+    assert settle(scene, "wave", 1.01 * plain.expected).sampling != plain.sampling
+
+
 @pytest.mark.parametrize("number", range(12))
 @pytest.mark.few(4)
 def test_the_work_of_a_plane_does_not_rise_with_the_tolerance(number: int, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,7 +26,7 @@ def plan_of(name: str, where: float) -> ScanPlan:
     [
         ("bench", 4.0, "auto", 0.05),
         ("bench", 4.0, "auto", 0.02),
-        ("bench", 0.0, "auto", 0.03),
+        ("bench", 0.0, "auto", 0.05),
         ("bench", 4.0, "geometric", 0.05),
         ("bench", 3.0, "reference", 0.03),
         ("lfm_20x05", 5.0, "auto", 0.03),

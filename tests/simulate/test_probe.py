@@ -158,7 +158,7 @@ def test_one_node_errs_as_expected(number: int) -> None:
     scene = lattice_scene_for(random_plan(number)[0], 0, (LensletDiffraction(),))
     scene, one = replace(scene, cutout=(31, 31)), steps_for(scene, "debye")[0]
     few, many = (engine_for(scene, "debye", Sampling(nodes_per_px=n)).rows([0, 5], [2, 7]) for n in (1, 8))
-    assert one.sampling.nodes_per_px == 1 and 0.7 < one.expected / relative_error(few, many) < 4
+    assert one.sampling.nodes_per_px == 1 and 1 < one.expected / relative_error(few, many) < 5
 
 
 def test_one_node_is_not_tried_where_its_energy_does_not_balance() -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 
 from lfcal.base import kernels_spared
 from lfcal.camera import Microscope
@@ -41,7 +42,10 @@ PER_PLANE, PER_VALUE = 4e-3, 4e-9
 """CPU-seconds of a plane besides the engine: to start it, and for each value of its responses."""
 
 RISK = 0.12
-"""Largest fraction of a grid's time that may be lost if windows turn out to be too coarse."""
+"""Largest fraction of a plane's time that may be lost if a coarser sampling turns out to be too coarse."""
+
+WARY = 1.5
+"""Largest ratio of the allowed to the expected error from which a sampling is tried whose failure would lose more."""
 
 REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 280.0, 200.0
 """Ratio of the reference's time to that of windows, and of a grid."""
@@ -190,26 +194,36 @@ def efficient_steps(
     """Return the efficient samplings of a level, fastest first: those for which no finer sampling is as fast.
 
     The first sampling with an expected error within a tolerance is therefore the fastest such sampling, and never
-    slower than that for a smaller tolerance. Windows are left out if a failed attempt at them would noticeably delay
-    the grid. Times are those of the reference machine, so that an H does not depend on the machine that computes it.
-    ``traits`` are those of the effects on an outlook, as in `engine_seconds`.
+    slower than that for a smaller tolerance. If a failed attempt would noticeably delay the finer samplings, windows
+    are left out, and the expected errors of other samplings include a reserve (`WARY`). Times are those of the
+    reference machine, so that an H does not depend on the machine that computes it. ``traits`` are those of the effects
+    on an outlook, as in `engine_seconds`.
     """
     steps = _steps(described, level, traits)
-    if isinstance(described, PupilScene) or len({step.level for step in steps}) == 1:
+    if isinstance(described, PupilScene) or all(step.level != "grid" for step in steps):
         return steps  # samplings of one engine become slower as they become finer
     if traits is None and isinstance(described, Scene):
         traits = Traits.of(described)
     best, kept = math.inf, []
     for step in reversed(steps):
         seconds = _plane_seconds(described, steps, step, traits)
-        if step.level == "wave":
-            attempt = engine_work(described, step, traits).tables + _probe_seconds(described, steps, step, traits)
-            if attempt > RISK * best:
-                continue
-        if seconds < best:
-            best = seconds
-            kept.append(step)
+        risk = _attempt_seconds(described, steps, step, traits) / (RISK * best)
+        if (risk > 1 and step.level == "wave") or seconds >= best:
+            continue
+        best = seconds
+        # a gradual reserve: times of a scene and of the outlook on it differ slightly
+        kept.append(replace(step, expected=min(risk, WARY) * step.expected) if risk > 1 else step)
     return tuple(reversed(kept))
+
+
+def _attempt_seconds(
+    described: Scene | Outlook, steps: Sequence[LevelSampling], step: LevelSampling, traits: Traits | None
+) -> float:
+    """Return the CPU-seconds that are lost if a sampling fails; the next one uses the comparison of a grid again."""
+    work = engine_work(described, step, traits)
+    if step.level == "wave":
+        return work.tables + _probe_seconds(described, steps, step, traits)
+    return work.tables + work.positions(_probed(described))
 
 
 def step_for(
