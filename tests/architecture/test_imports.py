@@ -157,8 +157,8 @@ def test_calls_that_differ_between_systems_have_one_home() -> None:
     assert not {name: found[0] for name, found in calls.items() if found}, "use lfcal.base.system"
 
 
-PART_OF = {"dask": "distributed", "shiboken6": "pyside6-essentials"}
-"""Modules of distributions that another one pins to its own version exactly."""
+PART_OF = {"cv2": "opencv-python-headless", "dask": "distributed", "shiboken6": "pyside6-essentials"}
+"""Modules that several distributions contain, or that a declared one pins to its own version exactly."""
 
 AS_MAKERS_SAY = {"torch", "cupy"}
 """Installed as their makers say for the driver at hand; see the extra ``gpu``."""
