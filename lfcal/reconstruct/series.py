@@ -80,10 +80,10 @@ def iter_frame(
     weights: ArrayLike | None = None,
     initial: ArrayLike | None = None,
 ) -> Generator[SolverProgress, None, Reconstruction | InputError]:
-    """Return the reconstruction of one frame, or the error if the frame is damaged or has no light.
+    """Reconstruct one frame; return a `Reconstruction`, or the error if the frame is damaged or has no valid light.
 
     Other errors are raised, because they would also occur with the next frame. ``read`` is a function that returns the
-    frame; the other arguments are as in `iter_reconstruct`.
+    frame ``(Y, X)`` in counts; the other arguments are as in `iter_reconstruct`.
     """
     try:
         image = read()
@@ -108,17 +108,17 @@ def iter_series(
 ) -> Work[tuple[FrameResult, ...]]:
     """Reconstruct each frame, pass the result to ``save``, and return a `FrameResult` for each.
 
-    If one of several frames is damaged or has no light, its `FrameResult` states the reason, and the run continues with
-    the next frame. Progress is counted in iterations over the entire series.
+    If a frame is damaged or has no light, its `FrameResult` states the reason, and the run continues with the next
+    frame. If there is only one frame, its error is raised. Progress is counted in iterations over the entire series.
 
     Parameters
     ----------
     P
-        Projector for the shape of the frames; its preparation is shared by all frames.
+        Projector for the shape of the frames, extended by the margin of ``choice`` on each side.
     frames
         Pairs of the name of a frame and a function that returns it, ``(Y, X)`` in counts.
     count
-        Number of frames, for progress records.
+        Number of frames.
     choice
         Solver and its settings.
     save
@@ -126,10 +126,10 @@ def iter_series(
     weights
         Weight of each pixel, ``(Y, X)``, not negative, for all frames. None: 1.
     warm
-        Whether to start each frame from the volume of the previous one. Fewer iterations are then needed if the object
-        hardly changes between frames. With multiplicative solvers, voxels that became zero stay zero.
+        Whether to start each frame from the last volume, if there is one. Fewer iterations are then needed if the
+        object hardly changes between frames. With multiplicative solvers, voxels that became zero stay zero.
     missing
-        Function that is called with the name of each frame without a volume, instead of ``save``.
+        Function that is called instead of ``save`` with the name of each frame without a volume. None: no function.
 
     Raises
     ------

@@ -72,9 +72,9 @@ class VolumeFacts:
     details
         Further metadata to store, by name, as plain JSON types.
     origin_um
-        Position (y, x) of the centre of the first voxel relative to the optical axis (µm); None if unknown.
+        Position (y, x) of the centre of the first voxel relative to the optical axis (µm). None: unknown.
     times_s
-        Time of each volume of a series (s); None if unknown.
+        Time of each volume of a series (s), ``(n,)``. None: unknown.
     """
 
     depths_um: NDArray[np.float64] | None = None
@@ -112,10 +112,10 @@ AXES = (("t", "time"), ("z", "space"), ("y", "space"), ("x", "space"))
 def write_ome_zarr(
     target: Path, shape: tuple[int, ...], facts: VolumeFacts
 ) -> Iterator[Callable[[NDArray[np.float32]], None]]:
-    """Yield a function that appends a volume to the OME-Zarr folder ``target``, which appears when it is complete.
+    """Yield a function that appends a volume ``(nz, Y, X)`` to the OME-Zarr folder ``target``.
 
-    ``shape`` is ``(nz, Y, X)`` or ``(n, nz, Y, X)``; the stored axes are always ``(t, z, y, x)``, with a single time in
-    the first case.
+    The folder appears when the block ends without error. ``shape`` is ``(nz, Y, X)`` or ``(n, nz, Y, X)``; the stored
+    axes are always ``(t, z, y, x)``, with a single time in the first case. ``facts`` is the metadata to store.
     """
     zarr = check_zarr()
     check_writable(target)
@@ -212,12 +212,14 @@ def _original(stored: Any, planes: int) -> NDArray[np.intp]:
 
 
 def zarr_contents(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
-    """Return the full-resolution array of an OME-Zarr without reading it, the image's metadata, and lfcal's metadata.
+    """Open an OME-Zarr; return its full-resolution array, the metadata of the image, and those of lfcal.
+
+    The values of the array are not read. The metadata of lfcal are empty if there are none.
 
     Raises
     ------
     FileFormatError, StorageError, InputError
-        If the folder is not an OME-Zarr or cannot be read, or the library is not installed.
+        If the folder is not an OME-Zarr or cannot be read, or the library zarr is not installed.
     """
     images, said = ome_images(source)
     array, image = images[0]
@@ -232,8 +234,8 @@ def open_ome_zarr(source: Path) -> tuple[Any, dict[str, Any], dict[str, Any]]:
 
     Raises
     ------
-    FileFormatError
-        If the declared size is larger than the files can contain.
+    FileFormatError, StorageError, InputError
+        As in `zarr_contents`; also if the declared size is larger than the files can contain.
     """
     array, image, own = zarr_contents(source)
     check_stored(source, [array])
@@ -275,7 +277,7 @@ def check_suffix(path: str | os.PathLike[str]) -> Path:
     Raises
     ------
     InputError
-        If the suffix is a different one.
+        If the suffix is not in `SUFFIXES`.
     """
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
@@ -302,7 +304,7 @@ def save_volume(
         File to write: ``.tif`` (a stack for ImageJ), ``.ome.tif`` (OME-TIFF, with the depth of each plane),
         ``.ome.zarr`` (an OME-Zarr folder; requires the library zarr), ``.h5`` (dataset ``volume``, axes z, y, x, with
         ``depths``), or ``.npy`` (values only). TIFF and OME-Zarr files contain the planes in the order of increasing
-        depth.
+        depth, if the depths are known.
     volume
         Volume ``(nz, Y, X)``.
     depths_um
@@ -545,12 +547,16 @@ def _mark_plot(file: Any, shape: tuple[int, ...], facts: VolumeFacts) -> None:
 
 
 def load_volume(path: str | os.PathLike[str]) -> NDArray[np.float32]:
-    """Read the volume ``(nz, Y, X)`` in ``path``, a file written by `save_volume` or a stack of the same format.
+    """Read the volume ``(nz, Y, X)`` from a file that `save_volume` wrote, or from a stack of the same format.
+
+    A single image becomes a volume of one plane.
 
     Raises
     ------
+    InputError
+        If the suffix is not that of a volume file, or the file contains several volumes.
     FileFormatError, StorageError
-        If the file does not contain such a volume.
+        If the file is damaged or cannot be read.
 
     Examples
     --------
@@ -589,9 +595,9 @@ def load_labels(path: str | os.PathLike[str], depths_um: NDArray[np.float64] | N
     Raises
     ------
     InputError
-        If a label is too large to be stored exactly.
-    FileFormatError, StorageError
-        If the file does not contain such labels.
+        If a label is larger than `MOST_LABELS`.
+    InputError, FileFormatError, StorageError
+        As in `load_volume`.
     """
     source, found = Path(path), load_volume(path)
     if float(np.max(found, initial=0)) > MOST_LABELS:
@@ -625,8 +631,10 @@ def volume_facts(path: str | os.PathLike[str]) -> VolumeFacts:
 
     Raises
     ------
+    InputError
+        If the suffix is not that of a volume file.
     FileFormatError, StorageError
-        If the file does not contain such a volume, or its metadata are damaged.
+        If the file cannot be read, or its metadata are damaged.
     """
     source = check_suffix(path)
     with understood(source, "metadata of a volume", "copy the file again"):

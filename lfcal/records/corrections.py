@@ -14,7 +14,7 @@ class CorrectionRecipe:
     """Corrections applied to frames, and the calibration frames they use.
 
     Two fields depend on the frames. ``channel`` is the colour channel of a mosaic, such as ``"G1"``; if it is empty,
-    all pixels are used. ``shift`` is the number of bits by which left-aligned samples are shifted down.
+    all pixels are used. ``shift`` is the number of bits by which left-aligned samples are shifted to the right.
 
     Examples
     --------

@@ -64,13 +64,13 @@ class Opt:
     help
         Help text of one or two sentences for the command line, the form and the reference.
     label
-        Name in forms and tables; by default derived from the field's name.
+        Name in forms and tables; empty: derived from the field's name.
     unit
         Unit of the value; empty: none.
     choices
         Allowed names, or a function that returns them; empty: any.
     examples
-        Values that a shell or a form suggests; other values are also allowed.
+        Values that a shell or a form suggests, or a function that returns them; other values are also allowed.
     above, below, at_least, at_most
         Range of a number.
     flag, short
@@ -85,7 +85,7 @@ class Opt:
         Functions for a value that is not of a plain type: ``read`` parses a text, and ``show`` returns a value as
         text. Without ``show``, the values of a tuple are given and parsed separately.
     chooses
-        Whether setting the field chooses the kind of a task. Such a flag is True in all kinds that have it.
+        Whether setting the field selects one of the variants of a task. A flag with this attribute is never False.
     file
         For a path: ``"in"`` or ``"out"``.
     is_path
@@ -129,24 +129,30 @@ class Opt:
         return ", ".join(f"{signs[name]} {self.bounds[name]:g}" for name in signs if name in self.bounds)
 
     def described(self, default: str = "") -> str:
-        """Return the help text with the unit, range, choices and ``default``."""
+        """Return the help text with the unit, the range, the choices and ``default`` in brackets.
+
+        ``default`` is the default value as text; empty: not stated. Choices that a function returns are left out.
+        """
         choices = ", ".join(self.choices) if isinstance(self.choices, tuple) else ""
         notes = [part for part in (self.unit, self.range_words, choices, default and f"default: {default}") if part]
         return self.help + (f" ({'; '.join(notes)})" if notes else "")
 
 
 def opt(default: T, help: str, **more: Any) -> T:
-    """Declare a field of a record with its default; ``more`` are further attributes of `Opt`."""
+    """Declare a field of a record with its default and help text; ``more`` contains further attributes of `Opt`."""
     return dataclasses.field(default=default, metadata={"opt": Opt(help=help, **more)})
 
 
 def required(help: str, **more: Any) -> Any:
-    """Declare a field of a record that has no default; ``more`` are further attributes of `Opt`."""
+    """Declare a field of a record without a default; ``more`` contains further attributes of `Opt`."""
     return dataclasses.field(metadata={"opt": Opt(help=help, **more)})
 
 
 def panel(default: T, title: str, without: tuple[str, ...] = ()) -> T:
-    """Declare a nested record: ``title`` is the heading of its fields in forms, ``without`` names fields to omit."""
+    """Declare a nested record, by default ``default``.
+
+    ``title`` is the heading of its fields in forms. ``without`` contains the names of fields to omit.
+    """
     return dataclasses.field(default=default, metadata={"panel": (title, without)})
 
 
@@ -175,12 +181,15 @@ class Variants:
     names: Callable[[], tuple[str, ...]]
 
     def name_of(self, kind: type) -> str:
-        """Return the name of the kind ``kind``."""
+        """Return the name of ``kind``: the default of its field `by`."""
         return str(_defaults(kind)[self.by])
 
 
 def one_of(default: T, title: str, variants: Variants) -> T:
-    """Declare a nested record of one of the kinds ``variants``, with the heading ``title`` of its fields in forms."""
+    """Declare a nested record that is of one of several kinds, by default ``default``.
+
+    ``title`` is the heading of its fields in forms.
+    """
     return dataclasses.field(default=default, metadata={"panel": (title, ()), "variants": variants})
 
 
@@ -257,12 +266,12 @@ class FieldRow:
 
     @property
     def turns_off(self) -> bool:
-        """Whether the option turns off a flag that is on by default."""
+        """Whether the field is a flag that is on by default, so that its option turns it off."""
         return self.default is True and not self.opt.chooses
 
     @property
     def off(self) -> str:
-        """Option that turns off a flag whose default is None; empty for other fields."""
+        """Option that turns off a flag that may be None; empty for other fields."""
         return f"--no-{self.name.replace('_', '-')}" if self.kind is bool and self.optional else ""
 
     @property
@@ -288,13 +297,13 @@ class FieldRow:
 
     @property
     def described(self) -> str:
-        """Help text of the field with its unit, range, choices and default."""
+        """Help text of the field with its unit, range, choices and default; the default of a flag is not stated."""
         shown = self.default is not MISSING and self.kind is not bool
         return self.opt.described(self.opt.empty or self.text(self.default) if shown else "")
 
     @property
     def option_help(self) -> str:
-        """`described` for the command line, where the option of a flag that is on by default turns it off."""
+        """Help text for the command line; that of an option that turns a flag off begins with "Do not"."""
         said = self.described
         return f"Do not {said[0].lower()}{said[1:]}" if self.turns_off else said
 
@@ -322,12 +331,14 @@ class FieldRow:
         return text.removesuffix(".0") if isinstance(value, float) else text
 
     def value(self, given: Any, called: str) -> Any:
-        """Return the value of a text or of an entry of a file; messages refer to the field as ``called``.
+        """Return the value of the field from ``given``, a text or an entry of a file; messages call it ``called``.
+
+        The value is `empty` if ``given`` is None, or an empty text that is not itself a value of the field.
 
         Raises
         ------
         InputError
-            If the text cannot be parsed, or its value is not allowed.
+            If a required value is missing, or ``given`` cannot be parsed or is not allowed.
         """
         found = self._value(given, called)
         self.check(found, called)
@@ -370,7 +381,10 @@ class FieldRow:
         return given
 
     def check(self, value: Any, called: str) -> None:
-        """Raise `InputError` unless ``value`` is within the range and among the choices."""
+        """Raise `InputError` unless ``value`` is within the range and among the choices; messages call it ``called``.
+
+        The default and empty values need not be among the choices. A flag that selects a variant must not be False.
+        """
         if self.opt.chooses and value is False:
             raise InputError.expected(called, "true", "false", "leave it out")
         for one in value if isinstance(value, tuple) else (value,):
@@ -422,7 +436,10 @@ def _rows_of_kinds(variants: Variants, path: tuple[str, ...], heading: str) -> I
 
 
 def described_by(kind: type) -> Callable[[F], F]:
-    """Return a decorator that documents a function's parameters with the help of the fields of ``kind``."""
+    """Return a decorator that documents the parameters of a function with the help texts of the fields of ``kind``.
+
+    It applies to parameters that are named like a field, and inserts them before the others.
+    """
 
     def add(function: F) -> F:
         said, mark, more = inspect.cleandoc(function.__doc__ or "").partition("Parameters\n----------\n")
@@ -439,7 +456,10 @@ def described_by(kind: type) -> Callable[[F], F]:
 
 
 def rows_of(whole: Any) -> tuple[FieldRow, ...]:
-    """Return the fields of the record ``whole``; for a nested record of several kinds, those of its current kind."""
+    """Return the fields of the record ``whole`` and of its nested records.
+
+    Of a nested record of several kinds, only the fields of its current kind are returned.
+    """
     return tuple(row for row in rows(type(whole)) if row.variants is None or _has(whole, row))
 
 

@@ -38,7 +38,7 @@ CHOSEN = ("background", "read_noise", "saturation", "strength", "subsets", "tole
 
 
 def check_solver(solver: Solver) -> None:
-    """Raise `TypeError` unless ``solver`` is a `Solver`."""
+    """Raise `TypeError` unless ``solver`` is a `Solver` whose ``iterate`` is a function."""
     if not isinstance(solver, Solver) or not callable(solver.iterate):
         raise TypeError(f"expected a Solver with a function, got {type(solver).__name__}")
 
@@ -86,15 +86,16 @@ class SolverChoice:
     auto
         Whether to stop automatically, according to ``stop``.
     stop
-        Rule for stopping. ``"left-out"``: stop when the prediction of held-out pixels (one in 25) gets worse; the
-        result is the volume with the best prediction. ``"discrepancy"``: stop when the image of the volume agrees with
-        the frame to within the noise.
+        Rule for stopping. ``"left-out"``: stop when the prediction of held-out pixels (one in 25) no longer improves
+        by more than its noise. ``"discrepancy"``: stop when the image of the volume agrees with the frame to within the
+        noise.
     goal
-        Purpose of a run that stops by held-out pixels. ``"view"``: a volume for viewing. ``"measure"``: sums and means
-        over regions of the volume. These need more iterations, after which single voxels are noisier.
+        Purpose of a run that stops by held-out pixels. ``"view"``: the result is the volume with the best prediction.
+        ``"measure"``: for sums and means over regions of the volume. These need more iterations, after which single
+        voxels are noisier.
     gain
-        Counts per photo-electron. None: unknown (``"discrepancy"`` then assumes 1). If it is known, the result states
-        chi-square per pixel.
+        Counts per photo-electron. None: unknown (``"discrepancy"`` then assumes 1). If the gain is known, the result
+        states chi-square per pixel.
     noise
         ``(constant, slope)``: measured variance of a pixel without light (counts²), and its increase per count of light
         (counts). Used for chi-square if ``gain`` is None. None: unknown.
@@ -102,8 +103,8 @@ class SolverChoice:
         Width by which the volume extends beyond each edge of the frame (px). The shape of the projector must include
         this margin.
     denoise
-        Whether to reduce the noise of a recorded H (`Projector.denoised`); this requires the noise of H, which is
-        stored with it.
+        Whether to reduce the noise of a recorded H (`Projector.denoised`). It has no effect if the noise is not stored
+        with H.
 
     Raises
     ------
@@ -203,7 +204,10 @@ class SolverChoice:
 
 
 def check_option(solver: Solver, option: str, given: object) -> None:
-    """Raise `InputError` if the solver would ignore ``given``; the message lists the solvers that use it."""
+    """Raise `InputError` if ``solver`` does not use ``option`` and its value ``given`` is not the default.
+
+    The message lists the solvers that use the option.
+    """
     solver.check(option, given, tuple(other.name for other in SOLVERS if option in other.honours))
 
 
@@ -229,9 +233,9 @@ def iter_reconstruct(
     weights
         Weight of each pixel, ``(Y, X)``, not negative. None: 1.
     initial
-        Initial volume ``(nz, Y, X)``. None: the solver's default.
+        Initial volume ``(nz, Y, X)``, with or without the margin. None: the solver's default.
     resume
-        State of a stopped run to continue from.
+        State of a stopped run to continue from. None: start a new run.
 
     Yields
     ------
@@ -289,7 +293,7 @@ def iter_solve(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Reconstruct ``image`` like `iter_reconstruct`, for callers that have already resampled it to the period of H."""
+    """Reconstruct ``image`` like `iter_reconstruct`, but without a note if it should be resampled to H's period."""
     c = SolverChoice() if choice is None else choice
     for option, given in (("weights", weights), ("initial", initial), ("resume", resume)):
         check_option(c.solver, option, given)

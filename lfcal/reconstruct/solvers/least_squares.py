@@ -40,7 +40,7 @@ class LeastSquaresSettings(SolverSettings):
     iterations
         Number of iterations, in addition to those of ``resume``.
     damping
-        Damping lambda, as a fraction of the largest value of ``HT w H 1``; at least 0.
+        Damping, at least 0, as in `iter_conjugate_gradient`.
     """
 
     iterations: int = 20
@@ -52,9 +52,9 @@ class LeastSquaresSettings(SolverSettings):
 def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquaresSettings) -> SolverWork:
     """Minimize ``sum w (Hg + b - f)^2 + lambda |g|^2`` over volumes g by conjugate gradients (CGLS).
 
-    f is the image, w its weights, b the background, and lambda the damping (Bjoerck 1996, section 7.4). The volume of
-    the returned `Reconstruction` may be negative. The ``likelihood`` of a record is minus half the weighted sum of
-    squares.
+    f is the image, w its weights, and b the background (Bjoerck 1996, section 7.4). lambda is ``damping`` times the
+    largest value of ``HT w H 1``, where HT is the transpose of H and 1 a volume of ones. The volume of the returned
+    `Reconstruction` may be negative. The ``likelihood`` of a record is minus half the weighted sum of squares.
 
     Parameters
     ----------
@@ -67,11 +67,11 @@ def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquar
     background, weights, saturation
         As in `Measurement.of`.
     damping
-        Damping lambda, as a fraction of the largest value of ``HT w H 1``; at least 0.
+        Damping, relative to the largest value of ``HT w H 1``; at least 0.
     tolerance
-        Stop when the relative change of the volume falls below this value.
+        Stop when the relative change of the volume is at most this value.
     resume
-        State of a stopped run to continue from.
+        State of a stopped run to continue from. None: start a new run.
 
     Yields
     ------

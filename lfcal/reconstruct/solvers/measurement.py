@@ -37,7 +37,11 @@ class NothingMeasured(InputError):
 
 
 def check_counts(read_noise: float, saturation: float | None) -> None:
-    """Raise `InputError` unless read noise and saturation are possible numbers of counts. None: no saturation."""
+    """Raise `InputError` unless ``read_noise`` and ``saturation`` (counts; None: no saturation) are in range.
+
+    The read noise must be from 0 to the square root of `MAX_SAMPLE`, and the saturation above 0 and at most
+    `MAX_SAMPLE`.
+    """
     check_number("read noise (counts)", read_noise, at_least=0, at_most=math.sqrt(MAX_SAMPLE))
     if saturation is not None:
         check_number("saturation (counts)", saturation, above=0, at_most=MAX_SAMPLE)
@@ -45,7 +49,7 @@ def check_counts(read_noise: float, saturation: float | None) -> None:
 
 @dataclass(frozen=True, slots=True)
 class GoodnessOfFit:
-    """Residual and likelihood of a model image; see `SolverProgress`."""
+    """Residual, likelihood and held-out likelihood of a model image, as in `SolverProgress`."""
 
     residual: float
     likelihood: float
@@ -55,16 +59,17 @@ class GoodnessOfFit:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """Image to reconstruct, with weights, background and noise; create one with `Measurement.of`.
+    """Image to reconstruct, with weights and background; create one with `Measurement.of`.
 
     Attributes
     ----------
     image
-        Image (counts), ``(Y, X)``, finite, and not negative unless created with ``signed``; 0 where the weight is 0.
+        Image (counts), ``(Y, X)``, plus the square of the read noise; finite, and not negative unless created with
+        ``signed``.
     weights
         Weight of each pixel, ``(Y, X)``. None: 1 everywhere.
     background
-        Expected image without light (counts), a number or ``(Y, X)``.
+        Expected image without light (counts), plus the square of the read noise; a number or ``(Y, X)``.
     notes
         Notes on how the image was changed.
     held
@@ -109,10 +114,10 @@ class Measurement:
             Rms of the Gaussian read noise (counts). Its square is added to image and background, which is the shifted
             Poisson approximation of Snyder et al. 1995.
         signed
-            Whether to keep negative values, for least squares; otherwise they count as zero, and a note states their
-            number.
+            Whether to keep negative values, for least squares; otherwise they are set to 0, and a note states how many.
         held_out
-            Mask ``(Y, X)``, True at held-out pixels, which get weight 0 and test the prediction.
+            Mask ``(Y, X)``, True at held-out pixels, which get weight 0 and test the prediction. None: no held-out
+            pixels.
 
         Raises
         ------
@@ -165,14 +170,15 @@ class Measurement:
         return image if self.weights is None else image * self.weights
 
     def ones(self) -> NDArray[Any]:
-        """Return the weights as an image, whose back projection is the sensitivity HT1."""
+        """Return the weights ``(Y, X)``, ones if there are none; their back projection is the sensitivity."""
         return np.ones_like(self.image) if self.weights is None else self.weights
 
     def fit(self, model: NDArray[Any], mask: NDArray[Any] | None = None, floor: float = 0.0) -> GoodnessOfFit:
-        """Return residual and likelihood of the image ``model`` (with background) over pixels where ``mask`` is True.
+        """Return how well ``model``, an image with background, fits the measurement where ``mask`` is True.
 
-        Both images are ``(Y, X)``. The likelihood is ``-sum w (f log(f/m) - f + m)``, computed in float64. Here f is
-        the image, w its weights, and m the model, at least ``floor``. Without a mask, all pixels are used.
+        Both arrays are ``(Y, X)``; without a mask, all pixels are used. The likelihood is
+        ``-sum w (f log(f/m) - f + m)``, computed in float64. Here f is the measured image, w its weights, and m the
+        model, at least ``floor``.
         """
         rows, columns = model.shape
         step = max(1, BAND // columns)
@@ -221,9 +227,10 @@ class Measurement:
 def held_out_fit(terms: NDArray[np.float64], held: NDArray[Any]) -> tuple[float, float]:
     """Return the score of the prediction of held-out pixels, and its standard deviation due to noise.
 
-    ``terms`` contains half the deviance of each pixel, ``held`` the weights of the held-out pixels. For a correct
-    model, the terms are distributed like half of chi-square times a scale that depends on the gain. The scale is
-    estimated from the median, so that errors of the model in a few pixels do not count as noise.
+    ``terms`` contains half the deviance of each pixel. ``held``, of the same shape, contains the weight of each
+    held-out pixel, and 0 for all others. The score is minus the weighted sum of these terms. For a correct model, the
+    terms are distributed like half of chi-square times a scale that depends on the gain. The scale is estimated from
+    the median, so that errors of the model in a few pixels do not count as noise.
     """
     chosen = held > 0
     weights, values = held[chosen].astype(np.float64), terms[chosen]

@@ -25,9 +25,10 @@ __all__ = ["SOLVER", "iter_richardson_lucy", "richardson_lucy"]
 def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLucySettings) -> SolverWork:
     """Deconvolve ``image`` ``(Y, X)`` by the Richardson-Lucy algorithm, and return a `Reconstruction`.
 
-    The update of the volume g is ``g <- g / HT1 * HT( f / (Hg + b) )``, where f is the image and b the background
-    (Eberhart et al. 2020, equation 2). With weights w, the factor is ``HT(w f / (Hg + b)) / HTw``. Where Hg + b is
-    below the rounding error, the ratio is 0. Voxels without light on any pixel are not changed.
+    The update of the volume g is ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2). Here f is
+    the image, b the background, HT the transpose of H, and 1 an image of ones. With weights w, the factor is
+    ``HT(w f / (Hg + b)) / HTw``. Where Hg + b is below the rounding error, the ratio is 0. Voxels whose sensitivity HTw
+    is almost 0 are not changed.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLuc
     initial
         Non-negative initial volume ``(nz, Y, X)``. None: uniform, with the total light of the image.
     resume
-        State of a stopped run to continue from; it replaces ``initial``.
+        State of a stopped run to continue from; it replaces ``initial``. None: start a new run.
 
     Yields
     ------

@@ -21,7 +21,7 @@ __all__ = ["SOLVER", "views_of"]
 def iterate_pixels(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     """Run Richardson-Lucy over one subset of the pixels after another; the default is 4 subsets.
 
-    The arguments are those of `Solver.iterate`.
+    There are at most as many subsets as pixels in a period of H. The arguments are those of `Solver.iterate`.
     """
     count = _pixel_parts(run.subsets)
     # a short period may have fewer phases than the default; each phase is then a subset.
@@ -50,7 +50,10 @@ def _view_parts(subsets: int | None) -> int:
 
 
 def views_of(P: Projector, image: ArrayLike, blocks: int) -> Masks:
-    """Return masks ``(ny, nx)`` of ``blocks`` x ``blocks`` blocks of views, the brightest in ``image`` first."""
+    """Return a mask ``(ny, nx)`` of the period for each block of views, the brightest in ``image`` ``(Y, X)`` first.
+
+    There are ``blocks`` x ``blocks`` blocks, but at most one per row and column of the period.
+    """
     views = min(blocks, P.period[0]), min(blocks, P.period[1])
     masks = angular_subsets(P.period, views, lenslet_phase(P))
     # pixels without a value get weight 0 later; here they must not affect the brightness of views.
@@ -58,7 +61,10 @@ def views_of(P: Projector, image: ArrayLike, blocks: int) -> Masks:
 
 
 def lenslet_phase(P: Projector) -> tuple[float, float]:
-    """Return the phase (row, column) of a lenslet's centre from H's camera; without one, the middle of the period."""
+    """Return the position (row, column) of a lenslet's centre in the period of H (px), from the camera of H.
+
+    It is the middle of the period if H has no camera, or the camera has no lattice.
+    """
     (ny, nx), camera = P.period, P.camera
     if camera is None or not camera.has_lattice:
         return (ny - 1) / 2, (nx - 1) / 2

@@ -19,10 +19,13 @@ SLAB = 4
 
 
 class Penalty(Protocol):
-    """Protocol for a penalty on the roughness of a volume, given by its gradient."""
+    """Protocol for a penalty on the roughness of a volume; a penalty is defined by its gradient."""
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return the derivative of the penalty with respect to each voxel, dimensionless and multiplied by `weight`."""
+        """Return the weighted derivative of the penalty with respect to each voxel of ``volume`` ``(nz, Y, X)``.
+
+        It is dimensionless, relative to the sensitivity HT1.
+        """
         ...
 
 

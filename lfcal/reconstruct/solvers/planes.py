@@ -22,7 +22,10 @@ SHARE = 0.1
 
 
 def plane_threads(planes: int, plane_bytes: int) -> int:
-    """Return the number of planes to process at once: 1 for small planes, else one per thread if memory allows."""
+    """Return how many of ``planes`` planes, each of ``plane_bytes`` bytes, to process at once.
+
+    It is 1 for planes below `LEAST`, else one per thread if memory allows.
+    """
     if plane_bytes < LEAST:
         return 1
     room = int(SHARE * free_memory()) // max(1, UPDATING * plane_bytes)
@@ -30,9 +33,10 @@ def plane_threads(planes: int, plane_bytes: int) -> int:
 
 
 def box_mean(plane: NDArray[Any], window: tuple[int, int]) -> NDArray[Any]:
-    """Return the mean of ``plane`` ``(Y, X)`` over ``window`` (rows, columns); border values are extended outwards.
+    """Return the mean of ``plane`` ``(Y, X)`` in a window (rows, columns) about each pixel.
 
-    A window of even size extends one pixel further up and to the left than down and to the right.
+    Beyond the border, the plane is extended by its border values. A window of even size extends one pixel further up
+    and to the left than down and to the right.
     """
     from lfcal.base import cv2  # slow to import
 
@@ -41,7 +45,10 @@ def box_mean(plane: NDArray[Any], window: tuple[int, int]) -> NDArray[Any]:
 
 
 def separable(plane: NDArray[Any], kernel: NDArray[np.float64]) -> NDArray[Any]:
-    """Return ``plane`` ``(Y, X)`` filtered with an odd, symmetric ``kernel`` along both axes; values outside are 0."""
+    """Return ``plane`` ``(Y, X)`` filtered along both axes with a symmetric ``kernel`` of odd length.
+
+    Values beyond the border are 0.
+    """
     from lfcal.base import cv2
 
     found: NDArray[Any] = cv2.sepFilter2D(plane, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT)

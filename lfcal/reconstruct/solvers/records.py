@@ -68,12 +68,13 @@ class SolverProgress(Progress):
     iteration
         Number of iterations done, including those before a resume.
     residual
-        Weighted rms difference between the image and the projection of the volume at the start of the iteration,
-        relative to the rms of the image.
+        Weighted rms difference between the image and the model (projection plus background) of the volume at the start
+        of the iteration, relative to the weighted rms of the image.
     likelihood
-        Poisson log-likelihood of the same volume minus the largest possible value; at most 0 (a perfect fit).
+        Poisson log-likelihood of the same volume minus the largest possible value; 0 for a perfect fit, otherwise
+        negative.
     change
-        L2 norm of the change of the volume, relative to that of the volume.
+        L2 norm of the change of the volume, relative to the norm of the new volume.
     held_out
         Poisson log-likelihood of the held-out pixels minus the largest possible value; NaN if there are none.
     held_out_error
@@ -111,7 +112,7 @@ class Reconstruction:
     volume
         Reconstructed volume ``(nz, Y, X)``.
     history
-        One record for each iteration, without its state.
+        One record for each iteration of this run, without its state.
     state
         State from which another run can continue, as the argument ``resume``.
     notes
@@ -119,8 +120,8 @@ class Reconstruction:
     stopped
         Reason why the solver stopped early; empty if all requested iterations were done.
     chi2
-        Mean squared residual divided by the noise variance (chi-square per pixel); 1 if only noise remains. NaN if the
-        noise is unknown (`SolverChoice.gain`, `SolverChoice.noise`).
+        Chi-square per pixel, the weighted mean of the squared residual divided by the noise variance of the same pixel;
+        1 if only noise remains. NaN if the noise is unknown (`SolverChoice.gain`, `SolverChoice.noise`).
 
     Examples
     --------
@@ -177,7 +178,7 @@ def progress_of(
 
 
 def relative_change(new: NDArray[Any], old: NDArray[Any]) -> float:
-    """Return the norm of ``new - old`` relative to that of ``new`` (0 if both are zero)."""
+    """Return the L2 norm of ``new - old`` relative to that of ``new`` (0 if both are zero, 1 if only ``new`` is)."""
     size, change = _sums(new, old)
     return math.sqrt(change / size) if size > 0 else float(old.any())
 

@@ -45,7 +45,10 @@ def sieve_of(P: Projector) -> Sieve:
 
 
 def repeating_of(P: Projector) -> Repeating | None:
-    """Return the filter that removes repeating patterns from coarsely sampled planes; None if none is needed."""
+    """Return the filter that removes patterns with the period of H from updates of coarsely sampled planes.
+
+    None: no plane of H needs it, or H has no camera.
+    """
     if P.camera is None:
         return None
     shares = coarseness(P.camera, P.depths)
@@ -53,7 +56,10 @@ def repeating_of(P: Projector) -> Repeating | None:
 
 
 def stretch_of(P: Projector) -> Stretch:
-    """Return the extrapolation of updates, which excludes repeating patterns in coarsely sampled planes."""
+    """Return the settings for stretching updates.
+
+    In coarsely sampled planes, details finer than a period are not stretched, because they may be artefacts.
+    """
     repeating = repeating_of(P)
     return Stretch(P.grid.cutout, P.period, () if repeating is None else repeating.shares)
 
@@ -81,8 +87,8 @@ class _Sieved:
 def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     """Run Richardson-Lucy with a sieve S, on all pixels or over ``subsets`` x ``subsets`` blocks of views.
 
-    Records and result contain the volume S s, where s is the estimate before the sieve. The arguments are those of
-    `Solver.iterate`.
+    If a period contains several lenslets, pixels are distributed evenly instead of by views. Records and result contain
+    the volume S s, where s is the estimate before the sieve. The arguments are those of `Solver.iterate`.
     """
     sieve = sieve_of(P)
     if run.resume is not None and run.resume.arrays:

@@ -26,10 +26,10 @@ FINE = 0.5
 
 
 def coarseness(camera: Any, depths: ArrayLike) -> tuple[float, ...]:
-    """Return how coarsely lenslets sample each plane at ``depths`` (µm): 1 for virtual depths up to 1, 0 from 2 on.
+    """Return how coarsely the lenslets of ``camera`` sample each plane at ``depths`` (µm).
 
-    The values decrease linearly in between. They are 0 for lenslets in a pupil plane, which sample every plane with all
-    pixels.
+    The value is 1 for absolute virtual depths up to 1, and 0 from 2 on; it decreases linearly in between. All values
+    are 0 for lenslets in a pupil plane, which sample every plane with all pixels.
     """
     if not camera.has_lattice:
         return (0.0,) * np.size(depths)
@@ -43,8 +43,8 @@ def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
     ``camera`` is a `lfcal.camera.Camera`, as in `PSFMatrix.camera`. At virtual depth v, corresponding pixels under
     neighbouring lenslets image points that are ``p/|v|`` apart, where p is the pitch. A lenslet that is in focus at
     virtual depth vf has the blur ``p/2 |1/vf - 1/v|``. The result is twice the absolute difference of the two, at most
-    p (Stefanoiu et al. 2019, equations 8-10, written with v). Up to virtual depth 1, it is p. Of several lens types,
-    the one with the smallest blur is used.
+    p (Stefanoiu et al. 2019, equations 8-10, written with v). If |v| < 1, it is p. Of several lens types, the one with
+    the smallest blur is used. For lenslets in a pupil plane, the result is 1.
     """
     if not camera.has_lattice:  # every pixel is a sample
         return np.ones(np.size(depths))
@@ -64,7 +64,11 @@ def smoothing_widths(camera: Any, depths: ArrayLike) -> NDArray[np.float64]:
 
 
 def lanczos_kernel(width: float, lobes: int = 4) -> NDArray[np.float64]:
-    """Return a 1-D low-pass kernel that preserves periods above ``2 * width`` pixels: a sinc with a Lanczos window."""
+    """Return a 1-D low-pass kernel that preserves periods above ``2 * width`` pixels: a sinc with a Lanczos window.
+
+    ``lobes`` is the number of zeros of the sinc on each side, at the last of which the window ends. For a width of 1 or
+    less, the kernel is ``[1.0]``.
+    """
     # 1 pixel or less: nothing to filter, and np.sinc(x / width) would divide by zero
     if width <= 1:
         return np.ones(1)
@@ -142,7 +146,7 @@ class Sieve:
     Attributes
     ----------
     sigmas
-        Standard deviation for each plane (voxels); planes with less than a third of a voxel are not changed.
+        Standard deviation for each plane (voxels); planes for which it is below 1/3 are not changed.
     """
 
     sigmas: tuple[float, ...]
@@ -151,9 +155,9 @@ class Sieve:
     def for_camera(cls, camera: Any, depths: ArrayLike) -> Sieve:
         """Return the sieve for planes at ``depths`` (µm) of ``camera``.
 
-        Up to virtual depth 1, a lenslet cannot distinguish points closer together than its pitch. There, the Gaussian
-        has a standard deviation of `SIEVE` times the pitch. It decreases towards virtual depth 2, where several
-        lenslets image every point, but is at least `FINE`.
+        Up to an absolute virtual depth of 1, lenslets cannot distinguish points closer together than the pitch. There,
+        the Gaussian has a standard deviation of `SIEVE` times the pitch. It decreases towards virtual depth 2, where
+        several lenslets image every point, but is at least `FINE`.
         """
         wide = SIEVE * camera.pitch_px if camera.has_lattice else FINE
         return cls(tuple(max(FINE, wide * share) for share in coarseness(camera, depths)))

@@ -76,7 +76,10 @@ class SolverSettings:
         held_out: ArrayLike | None = None,
         signed: bool = False,
     ) -> Measurement:
-        """Return ``image`` ``(Y, X)`` with its weights and background; other arguments as in `Measurement.of`."""
+        """Return ``image`` ``(Y, X)`` with its weights and background, in the floating-point type of ``P``.
+
+        The other arguments are as in `Measurement.of`.
+        """
         return Measurement.of(
             image,
             dtype=P.dtype,
@@ -90,7 +93,10 @@ class SolverSettings:
 
 
 def with_settings(settings: Callable[Q, S]) -> Callable[[Solving[S]], SolverFunction[Q]]:
-    """Decorate a solver so that it accepts the fields of its settings class as arguments."""
+    """Return a decorator for a solver whose third argument is an instance of the class ``settings``.
+
+    The decorated solver accepts the fields of this class as arguments instead.
+    """
 
     def taken(solver: Solving[S]) -> SolverFunction[Q]:
         def iterate(P: Projector, image: ArrayLike, *args: Q.args, **kwargs: Q.kwargs) -> SolverWork:
@@ -121,7 +127,7 @@ class SolverRun(SolverSettings):
         Mask ``(Y, X)``, True at held-out pixels; `SolverProgress.held_out` measures their prediction. None: no held-out
         pixels.
     measured
-        Result of `measure`, if it is already computed.
+        Result of `measure`, if it is already computed. None: compute it.
     noise
         Counts per photo-electron, and rms read noise (counts), of the image. None: unknown.
 
@@ -147,9 +153,9 @@ class SolverRun(SolverSettings):
     noise: tuple[float, float] | None = None
 
     def measure(self, P: Projector, image: ArrayLike, *, signed: bool = False) -> Measurement:
-        """Return ``image`` ``(Y, X)`` with weights, background and noise, for the projector ``P``.
+        """Return ``image`` ``(Y, X)`` as a `Measurement` for the projector ``P``, with the settings of this run.
 
-        With ``signed``, negative values are kept.
+        With ``signed``, negative values are kept. Without it, `measured` is returned if it is set.
         """
         if self.measured is not None and not signed:
             return self.measured
@@ -169,12 +175,12 @@ class Solver:
     name
         Name used in commands and files. It must not change, because files contain it.
     title
-        Short description with a reference to the literature.
+        Short description, if possible with a reference to the literature.
     iterate
         Function that takes a projector, an image ``(Y, X)`` and a `SolverRun`, yields a `SolverProgress` for each
         iteration, and returns a `Reconstruction`.
     honours
-        Names in `OPTIONS` that the solver uses; other options raise an error.
+        Names in `OPTIONS` that the solver uses. Values of the other options that are not the default raise an error.
     rank
         Sort key in lists; smaller numbers come first.
     volumes
@@ -182,7 +188,7 @@ class Solver:
         projections.
     parts
         Function that takes ``subsets`` (None: the default), and returns the number of parts into which an image is
-        divided. Each part after the first requires one more array.
+        divided. Each part after the first requires one more array of the volume's size.
     settles
         Whether the solver suppresses noise for any number of iterations, for example by a penalty. A run that stops
         automatically then ends only after its best estimate.
@@ -224,9 +230,9 @@ class Solver:
             )
 
     def check(self, option: str, given: Any, others: tuple[str, ...] = ()) -> None:
-        """Raise `InputError` if the solver would ignore the value ``given`` of ``option``.
+        """Raise `InputError` if the solver does not use ``option`` and its value ``given`` is not the default.
 
-        The message suggests the solvers ``others``, which use the option.
+        The message suggests ``others``, names of solvers that use the option.
         """
         idle = OPTIONS[option]
         if option in self.honours or given is idle or (idle is not None and given == idle):

@@ -60,7 +60,10 @@ Score = Callable[[SolverState], tuple[float, float]]
 
 
 def held_out_pixels(shape: tuple[int, int], seed: int = 0) -> NDArray[np.bool_]:
-    """Return a random mask ``(Y, X)`` of held-out pixels, which is always the same for the same ``seed``."""
+    """Return a random mask of ``shape`` that is True at about one in 25 pixels, those to hold out.
+
+    The mask is always the same for the same shape and ``seed``.
+    """
     return np.random.default_rng(seed).random(shape) < SHARE
 
 
@@ -112,7 +115,10 @@ class _Best:
 def iter_until_best(
     work: SolverWork, notes: tuple[str, ...], score: Score | None = None, *, settles: bool = False, goal: str = GOALS[0]
 ) -> SolverWork:
-    """Run ``work`` until the prediction of held-out pixels gets worse; return the best estimate.
+    """Run ``work`` until the prediction of held-out pixels stops improving.
+
+    The result contains the estimate with the best prediction, or a later one for the goal ``"measure"``. If ``work``
+    ends earlier, its own result is returned.
 
     Parameters
     ----------
@@ -124,7 +130,8 @@ def iter_until_best(
         Function that returns the score of a state's prediction of held-out pixels, and the error of the score. None:
         use the solver's records, which refer to the estimate at the start of each iteration.
     settles
-        Whether further iterations do not amplify noise; the run then ends only after the best prediction.
+        Whether further iterations do not amplify noise. The run then ends only when the prediction has become worse,
+        not when it improves by less than its noise.
     goal
         One of `GOALS`, as in `SolverChoice`.
     """
@@ -158,9 +165,9 @@ def misfit(model: NDArray[Any], data: Measurement, read_noise: float, gain: floa
     Parameters
     ----------
     model
-        Image m of a volume ``(Y, X)``, including the background of ``data``.
+        Model m of the image ``(Y, X)``: the projection of a volume plus the background of ``data``.
     data
-        Measurement with the frame f and the background b, which includes the square of the read noise.
+        Measurement with the frame f and the background b, both including the square of the read noise.
     read_noise
         Rms read noise r (counts).
     gain
@@ -183,6 +190,8 @@ def iter_until_noise(
 ) -> SolverWork:
     """Run ``work`` until the residual of the volume is no larger than the noise, and return the result.
 
+    If ``work`` ends earlier, a note of the result states the residual relative to the noise.
+
     Parameters
     ----------
     work
@@ -190,7 +199,7 @@ def iter_until_noise(
     notes
         Notes on the measurement, for the result.
     misfit_of
-        Function that returns the `misfit` of a volume.
+        Function that returns the `misfit` of a volume ``(nz, Y, X)``; the run ends when it is at most 1.
     """
     history: list[SolverProgress] = []
     left = np.inf
