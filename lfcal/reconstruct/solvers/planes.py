@@ -22,7 +22,7 @@ SHARE = 0.1
 
 
 def plane_threads(planes: int, plane_bytes: int) -> int:
-    """Return how many of ``planes`` planes, each of ``plane_bytes`` bytes, to process at once.
+    """Return how many of ``planes`` planes, each of ``plane_bytes`` bytes, to process together.
 
     It is 1 for planes below `LEAST`, else one per thread if memory allows.
     """
