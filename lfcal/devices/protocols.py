@@ -251,27 +251,27 @@ class Gauge(Protocol):
         ...
 
     def read(self) -> float:
-        """Return the current reading."""
+        """Return the current reading, in `unit`."""
         ...
 
 
 @runtime_checkable
 class Rendered(Protocol):
-    """Protocol for a simulated camera, or its optics, that states how the frames are computed."""
+    """Protocol for a simulated camera, or for its renderer, that states how frames are computed."""
 
     @property
     def optics(self) -> str:
-        """Method by which frames are computed: ``"pattern"``, or a level of `lfcal.simulate`."""
+        """Method by which frames are computed, such as ``"pattern"`` or a level of `lfcal.simulate`."""
         ...
 
 
 @runtime_checkable
 class MovedElsewhere(Protocol):
-    """Protocol for a stage that another program may move."""
+    """Protocol for a stage that states whether something other than lfcal moves it."""
 
     @property
     def moved_elsewhere(self) -> bool:
-        """Whether another program moves the stage; moves are then not checked."""
+        """Whether a person or another program moves the stage; sessions then omit the check of its axes and scale."""
         ...
 
 
@@ -281,12 +281,12 @@ class Waiting(Protocol):
 
     @property
     def waits(self) -> bool:
-        """Whether calls take real time; if False, they need no thread."""
+        """Whether calls take real time; if False, they are made directly, without a thread or a time limit."""
         ...
 
 
 class TimeSource(Protocol):
-    """Protocol for the clock of a rig; the simulator's clock does not wait, but advances by each requested pause."""
+    """Protocol for the clock of a rig, which may be a virtual clock that advances by each pause without waiting."""
 
     def monotonic(self) -> float:
         """Return the time since an arbitrary start (s); it never decreases."""
@@ -297,12 +297,12 @@ class TimeSource(Protocol):
         ...
 
     def wall(self) -> float:
-        """Return the time since 1970-01-01 UTC (s) by the computer's clock, which may be adjusted."""
+        """Return the time since 1970-01-01 UTC (s); unlike `monotonic`, it may jump when the clock is set."""
         ...
 
 
 class SystemTime:
-    """Clock of real devices: that of the computer.
+    """The computer's clock, used with real devices.
 
     Examples
     --------
@@ -319,7 +319,7 @@ class SystemTime:
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Wait for ``seconds`` with `time.sleep`."""
+        """Wait for ``seconds`` with `time.sleep`; a negative value does not wait."""
         time.sleep(max(0.0, seconds))
 
     def wall(self) -> float:

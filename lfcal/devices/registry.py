@@ -41,7 +41,7 @@ class Backend(Protocol):
     options
         Mapping from the name of each option of `open` to its one-line meaning.
     has_stage
-        Whether the backend includes a stage; otherwise the stage of another backend is used.
+        Whether the backend includes a stage; if not, `open_rig` needs the name of another backend for the stage.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Backend(Protocol):
     has_stage: bool
 
     def probe(self) -> str:
-        """Return the version of the driver library; raises `DeviceMissing` with reason and remedy if it is missing."""
+        """Return the version of the driver library; raise `DeviceMissing` with reason and remedy if it is missing."""
         ...
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
@@ -103,7 +103,7 @@ BACKENDS = backend_registry()
 
 
 def get_backend(name: str) -> Backend:
-    """Return the backend ``name``; raises `InputError` if there is none, `DeviceMissing` if it cannot be loaded.
+    """Return the backend ``name``; raise `InputError` if there is none, `DeviceMissing` if it cannot be loaded.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def get_backend(name: str) -> Backend:
 
 
 def find_backends() -> list[BackendStatus]:
-    """Return the status of every backend, with the reason if it is unavailable.
+    """Return the status of every backend, including those that cannot be loaded.
 
     Examples
     --------
@@ -145,17 +145,17 @@ def _probed(backend: Backend) -> BackendStatus:
 def open_rig(
     plan: ScanPlan, backend: str | Backend, options: Mapping[str, str] | None = None, *, stage: str = ""
 ) -> Rig:
-    """Open the devices of ``backend`` for ``plan``; if ``stage`` names another backend, its stage is used.
+    """Open the devices of ``backend`` for ``plan``; if ``stage`` names another backend, use the stage of that one.
 
-    ``options`` maps option names to texts. Names of options for the stage's backend begin with its name, such as
+    ``options`` maps option names to texts. Options for the backend of the stage are prefixed with its name, such as
     ``micromanager.config``.
 
     Raises
     ------
     InputError
-        If an option is unknown, or the backend of the stage has no stage.
+        If a backend or an option is unknown, or the backend that should provide the stage has none.
     DeviceError
-        If a device is missing.
+        If a driver or a device is missing, or the devices cannot be opened.
 
     Examples
     --------
@@ -193,7 +193,7 @@ def open_rig(
 
 
 def check_options(backend: Backend, options: Mapping[str, str]) -> None:
-    """Raise `InputError` if the backend does not have one of the options."""
+    """Raise `InputError` if ``options`` contains a name that is not an option of ``backend``."""
     for key in options:
         if key not in backend.options:
             known = ", ".join(sorted(backend.options)) or "none"
@@ -224,7 +224,7 @@ def number_option(
 ) -> float:
     """Return ``options[key]`` as a number; ``default`` if it is missing.
 
-    A text that is not a number from ``low`` to ``high`` raises `InputError`.
+    Raise `InputError` if the text is not a number from ``low`` to ``high``, inclusive.
 
     Examples
     --------
@@ -249,7 +249,7 @@ def number_option(
 def limits_option(options: Mapping[str, str], key: str = "limits") -> Limits | None:
     """Return the stage's limits (µm) from the text ``x0:x1,y0:y1,z0:z1`` in ``options[key]``; None if it is missing.
 
-    Raises `InputError` if the text has another form, or an upper limit is not above the lower one.
+    Raise `InputError` if the text has another form, or an upper limit is not above the lower one.
 
     Examples
     --------

@@ -17,12 +17,13 @@ __all__ = ["FileGauge", "Rig"]
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """Camera, stage and, if it can be switched, light source; as a context manager, the rig closes them at the end.
+    """Camera, stage and, if it can be switched, light source; as a context manager, the rig is closed at the end.
 
-    Every call of the camera, the stage or the light source has a time limit; a call that exceeds it raises
-    `DeviceLost`. Every answer of a device is checked; see `lfcal.devices.checked`. ``others`` are devices that were
-    opened together with these, and are closed with them. ``gauges`` measure the conditions in the lab. ``switches``
-    states whether the stage's moves switch the points of a display, as in a simulator.
+    Every call of a camera, stage or light source that waits in real time has a time limit; a call that exceeds it
+    raises `DeviceLost`. The answers of camera and stage are checked; see `lfcal.devices.checked`. ``time`` is the
+    clock. ``others`` are devices that were opened together with these, and are closed with them. ``gauges`` measure the
+    conditions in the lab. ``switches`` states whether the stage's moves switch the points of a display, as in a
+    simulator.
 
     Examples
     --------
@@ -53,12 +54,14 @@ class Rig:
             object.__setattr__(self, "light", CheckedLight.of(self.light))
 
     def close(self) -> None:
-        """Release all devices, even if one of them fails; a device whose driver does not respond is not released.
+        """Release the cameras and stages, even if one of them fails.
+
+        A device whose driver still hangs in an earlier call is not released, and no error is raised for it.
 
         Raises
         ------
         DeviceError
-            If a device could not be released.
+            If releasing a device fails or takes too long.
         """
         with ExitStack() as stack:
             for device in (self.camera, *self.others, self.stage):
@@ -85,12 +88,12 @@ NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
 
 class FileGauge:
-    """Gauge that reads the last number in a text file to which a logger appends.
+    """Gauge that reads the last number in the last complete line of a text file to which a logger appends.
 
     Parameters
     ----------
     path
-        The file; in a line such as ``2026-05-04 12:00:03, 21.37``, the last number is used.
+        The file; of a line such as ``2026-05-04 12:00:03, 21.37``, the reading is 21.37.
     """
 
     unit = ""
@@ -99,7 +102,7 @@ class FileGauge:
         self.path, self.name = path, path.name
 
     def read(self) -> float:
-        """Return the last number; raises `DeviceError` if there is none."""
+        """Return the last number; raise `DeviceError` if the line has none, or the file cannot be read."""
         try:
             with self.path.open("rb") as file:
                 size = file.seek(0, 2)

@@ -39,14 +39,15 @@ class Compared:
     label
         Name of the frame.
     found
-        Position of the matching pattern in H, position of its cutout on the sensor, and their correlation.
+        Position in H of the pattern with which the frame was compared, sensor pixel at the middle of its cutout, and
+        correlation of frame and pattern.
     displacement_px, displacement_sigma
         Displacement (dy, dx) of the source from the position in H, fitted together with gain and background, and its
         standard deviation (pixels).
     gain, background
-        Gain and background of the frame relative to H.
+        Factor from the light of H to that of the frame, and constant added to the product (counts).
     error
-        Error of H beyond the noise, relative to the light.
+        Relative error (L2) of H beyond the noise.
     chi_square
         Chi-square of the residuals.
     doubt
@@ -54,8 +55,8 @@ class Compared:
     beside_px
         Offset (dy, dx) of the source from its known position (pixels); None if the position is not known.
     values, light, noise, weight
-        Arrays ``(nt, ns)``: samples minus background, prediction of H times ``gain``, variance, and 1/sigma (0: not
-        measured).
+        Arrays ``(nt, ns)``: samples minus background, prediction of H times ``gain``, variance of their difference, and
+        inverse of its standard deviation (0: sample not used).
     moved
         Derivative of ``light`` with respect to the displacement (dy, dx) of the source, per pixel, ``(2, nt, ns)``.
     """
@@ -78,7 +79,7 @@ class Compared:
 
     @property
     def strange(self) -> bool:
-        """Whether the frame is not similar to any pattern of H."""
+        """Whether the correlation with the pattern of H is so low that the frame has nothing in common with H."""
         return self.found.correlation < STRANGE
 
 
@@ -93,18 +94,18 @@ class Says(Protocol):
     """Largest displacement from the position that can be predicted (dy, dx)."""
 
     def at(self, offset: F8) -> F8:
-        """Return the pattern ``(nt, ns)`` of a source displaced by ``offset`` (dy, dx) pixels."""
+        """Return the pattern ``(nt, ns)`` of a source displaced from the position by ``offset`` (dy, dx; px)."""
 
     def doubt(self, offset: F8) -> float:
-        """Return the uncertainty (relative L2) of the prediction for a source displaced by ``offset`` (dy, dx; px)."""
+        """Return the relative uncertainty (L2) of the prediction of `at` for ``offset`` (dy, dx; px)."""
 
 
 def compared_with(expected: Says, frame: NewFrame, at: LocatedPattern, noise: tuple[float, float]) -> Compared:
     """Compare a frame with its prediction at the best-fit gain, background and position of the source.
 
-    ``at`` is the position of H to which ``expected`` belongs, and ``noise`` the constant and the slope of the variance
-    of a sample, as in `NewFrame`. `InputError` is raised if the frame has fewer than nine usable samples, or no light
-    above its noise.
+    The displacement of the source is limited to ``expected.reach``. ``at`` is the position of H to which ``expected``
+    belongs, and ``noise`` the constant and the slope of the variance of a sample, as in `NewFrame`. Raise `InputError`
+    if the cutout has fewer than nine usable samples, or no light above its noise.
     """
     raw, there = window_of(frame, at.row, at.column, expected.noise.shape)
     data, good = raw.astype(np.float64), there & expected.valid

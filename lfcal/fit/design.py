@@ -63,12 +63,12 @@ class Chosen:
         return found
 
     def add(self, *rows: int) -> None:
-        """Add the patterns with the indices ``rows`` to the set."""
+        """Add the patterns with the indices ``rows``, as in `Information.index`, to the set."""
         self._rows += rows
         self._summed({int(self._planes[row]) for row in rows})
 
     def remove(self, row: int) -> None:
-        """Remove the pattern with the index ``row`` from the set."""
+        """Remove the pattern with the index ``row``, as in `Information.index`, from the set."""
         self._rows.remove(row)
         self._summed({int(self._planes[row])})
 
@@ -113,10 +113,11 @@ def _inverse(matrices: F8) -> F8:
 
 
 def choose(information: Information, count: int, allowed: NDArray[np.intp]) -> list[int]:
-    """Return the indices of the ``count`` patterns in ``allowed`` that lower the expected error of H most, best first.
+    """Return the indices of ``count`` patterns, chosen to lower the expected error of H, the most useful first.
 
-    Patterns are first added greedily. Each is then exchanged for a better one, in at most `PASSES` rounds, until no
-    exchange lowers the error.
+    ``allowed`` contains the indices of the candidates; all are returned if they are fewer than ``count``. Patterns are
+    first added greedily. Each is then exchanged for a better one, in at most `PASSES` rounds, until no exchange lowers
+    the error. The result may be a local optimum.
     """
     chosen, free = Chosen(information), np.asarray(allowed, np.intp)
     taken = _greedy(chosen, free, count)
@@ -168,18 +169,18 @@ POINTS = 12
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """Expected result for a number of frames.
+    """Expected result for a number of recorded positions.
 
     Attributes
     ----------
     positions
         Number of recorded positions, including held-out ones.
     error
-        Expected relative error (L2) of H from the chosen positions.
+        Expected relative error (L2) of H from this number of chosen positions.
     spread_error
         Expected relative error (L2) of H from the same number of evenly spread positions.
     hours
-        Recording time (h).
+        Recording time of the chosen positions (h).
     """
 
     positions: int
@@ -199,13 +200,13 @@ class PositionDesign:
     held_out
         Held-out positions ``(m, 3)``, spread evenly.
     curve
-        Expected error as a function of the number of positions; the last point is for all positions.
+        Expected error as a function of the number of positions; the last point is for all positions of this design.
     pattern_error
         Relative error (L2) of an H in which every position was recorded once, due to the noise of each pattern.
     start_error
-        Expected error before any of these positions is recorded; None without an earlier fit.
+        Expected relative error (L2) of H before any of these positions is recorded; None without an earlier fit.
     sigmas
-        Expected standard deviation of each unknown by name, in its unit.
+        Expected standard deviation of each unknown after a fit to ``fitted``, in its unit, by name.
     candidates
         Number of candidate positions.
     """
@@ -224,7 +225,7 @@ class PositionDesign:
         return np.concatenate([self.fitted, self.held_out])
 
     def enough_for(self, error: float) -> CurvePoint | None:
-        """Return the first point of the curve whose expected error is at most ``error``; None if there is none."""
+        """Return the first point of the curve whose relative error is at most ``error``; None if there is none."""
         return next((point for point in self.curve if point.error <= error), None)
 
 
@@ -244,8 +245,9 @@ def iter_next_positions(
 ) -> Work[PositionDesign]:
     """Return the positions to record next, chosen by their effect on the error of H.
 
-    This is an I-optimal design. The squared error of H is trace(C M). C is the covariance of the unknowns from the
-    patterns. M is the mean over all positions and depths of the outer products of the derivatives of the model.
+    This is an I-optimal design. The squared relative error of H is trace(C M). C is the covariance of the unknowns from
+    the patterns. M sums the outer products of the derivatives of the model over all candidate positions, and is divided
+    by the summed squares of the model.
 
     Parameters
     ----------
@@ -256,11 +258,12 @@ def iter_next_positions(
     setup
         The assumed camera. None: the camera of ``earlier``, or of the plan.
     groups
-        Groups of unknowns. None: those of ``earlier``, or else gap, rotation and offset, focal lengths and iris.
+        Groups of unknowns. None: those of ``earlier``, or else those with which ``"auto"`` starts in
+        `fit_camera`.
     earlier
         An earlier fit whose covariance is used as a prior; its positions are not chosen again.
     recorded
-        Further positions ``(n, 3)`` that have already been recorded.
+        Further positions ``(n, 3)`` as (z, y, x) that have already been recorded and are not chosen again.
     expected
         Expected light and stability. None: the brightest pixel at 80 % of the full well, and sources exactly at their
         positions.
@@ -275,12 +278,13 @@ def iter_next_positions(
     Yields
     ------
     Progress
-        Counted in patterns, then in positions.
+        Counted in patterns, then in steps of the choice.
 
     Raises
     ------
     InputError
-        If too few positions are left, or ``earlier`` belongs to another scan.
+        If ``count`` is below 3 or above the number of remaining positions, a group is unknown, or ``earlier`` belongs
+        to another scan.
     """
     expected = expected or Expected()
     check_number("number of positions to record", count, at_least=FEWEST, integer=True)

@@ -32,15 +32,16 @@ class FitResiduals:
     index
         Positions ``(n, 3)`` as (z, y, x).
     measured, model, residual
-        Patterns ``(n, nt, ns)``: as recorded, as predicted with gain and background, and their difference in standard
-        deviations.
+        Patterns ``(n, nt, ns)``: as recorded; as predicted, with gain and background, for sources at their planned
+        positions; and residuals in standard deviations, for sources at their fitted positions.
     chi2
-        Mean square of the residuals of each pattern ``(n,)``, weighted by the light.
+        Mean Huber loss of the residuals of each pattern ``(n,)``, weighted by the light; the loss of a small residual
+        is its square.
     by_plane
-        Mean square of the residuals of each plane ``(nz,)``; NaN without a measurement.
+        The same for each plane ``(nz,)``; NaN without a measurement.
     by_type
-        Mean square of the residuals of the pixels behind each lens type or, in a Fourier light-field microscope, behind
-        each lenslet, ``(types,)``.
+        The same for the pixels behind each lens type or, in a Fourier light-field microscope, behind each lenslet,
+        ``(types,)``.
     maps
         Mean square of the residuals over the patterns of each plane ``(nz, nt, ns)``; NaN without a measurement.
     type_name
@@ -59,7 +60,10 @@ class FitResiduals:
 
 
 def leftover_of(fit: Fit, measured: Measured) -> FitResiduals:
-    """Return the residuals of the fitted and held-out patterns, without outliers."""
+    """Return the residuals of the patterns of ``fit``, including held-out ones but not outliers.
+
+    ``measured`` are the patterns from which the fit was computed.
+    """
     index = np.array(list(fit.residuals), np.intp).reshape(-1, 3)
     rows = {tuple(at): k for k, at in enumerate(measured.index.tolist())}
     own = np.array([rows[tuple(at)] for at in index.tolist()], np.intp)
@@ -118,7 +122,7 @@ def lens_types(camera: Camera, plan: ScanPlan, y: int, x: int) -> NDArray[np.int
 
 
 def draw_patterns(left: FitResiduals, path: str | os.PathLike[str]) -> None:
-    """Draw measurement, model and residual of some patterns, from the best-fitting to the worst-fitting."""
+    """Draw measurement, model and residual of up to four patterns, from the best-fitting to the worst-fitting."""
     order = np.argsort(np.nan_to_num(left.chi2))
     chosen = order[np.unique(np.linspace(0, len(order) - 1, SHOWN).round().astype(int))]
     rows = len(chosen)
@@ -143,7 +147,7 @@ def draw_patterns(left: FitResiduals, path: str | os.PathLike[str]) -> None:
 
 
 def draw_leftover(left: FitResiduals, path: str | os.PathLike[str]) -> None:
-    """Draw the mean squared residuals over the cutouts of each plane, and chi² by position, plane and lens type."""
+    """Draw mean squared residuals over the cutout in up to three planes, and chi² by position, plane and lens type."""
     shown = [z for z in range(len(left.maps)) if np.isfinite(left.maps[z]).any()]
     few = [shown[k] for k in np.unique(np.linspace(0, len(shown) - 1, min(3, len(shown))).round().astype(int))]
     with figure(9.6, 6.0) as fig:

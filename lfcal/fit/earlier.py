@@ -40,7 +40,7 @@ class Earlier:
     values
         Fitted values of the parameters ``(k,)``.
     spread
-        Scatter of the positions of the sources, and stability of the lamp.
+        Scatter of the source positions, of the brightness of the lamp, and of the response of the pixels.
     positions
         Positions ``(n, 3)`` of the patterns used, as (z, y, x), including held-out ones.
     depths_um
@@ -78,7 +78,7 @@ class Earlier:
         )
 
     def check_plan(self, plan: ScanPlan) -> None:
-        """Raise `InputError` unless the fit has the depth planes of ``plan`` and positions within it."""
+        """Raise `InputError` unless ``plan`` has the depth planes of the fit and contains all its positions."""
         if len(plan.depths_um) != len(self.depths_um) or not np.allclose(plan.depths_um, self.depths_um, rtol=1e-6):
             got = ", ".join(f"{z:g}" for z in plan.depths_um)
             wanted = ", ".join(f"{z:g}" for z in self.depths_um)
@@ -90,7 +90,7 @@ class Earlier:
     def information(self, unknowns: Sequence[Unknown]) -> F8:
         """Return the information ``(k, k)`` that the fit provides about ``unknowns``, each in units of its scale.
 
-        The information is zero for unknowns that were not fitted.
+        The information is zero for unknowns that were not fitted or not determined.
         """
         places = {name: k for k, name in enumerate(self.names)}
         both = [(k, places[one.name]) for k, one in enumerate(unknowns) if one.name in places]
@@ -121,7 +121,7 @@ def read_earlier(folder: str | os.PathLike[str]) -> Earlier:
     Raises
     ------
     InputError, FileFormatError
-        If there is no fit, or one of its files is damaged.
+        If the folder contains no fit, or one of its files is damaged or of another version.
     """
     place = Path(folder)
     lacking = [name for name in NAMES if not (place / name).is_file()]

@@ -122,8 +122,8 @@ def regional_of(patterns: Mapping[str, Measured], camera: Camera | None = None) 
     Raises
     ------
     InputError
-        If there are fewer than two regions, they are too close to each other, or they differ in camera, depths or
-        cutout.
+        If there are fewer than two regions, they are closer to each other than two cutouts, or they differ in depths,
+        cutout, shape of the sensor, pixel size or pitch of the lenslets.
     """
     parts = list(patterns.values())
     if len(parts) < 2:
@@ -178,8 +178,8 @@ ALONE = ("geometry", "focal_lengths", "iris")
 class Term:
     """Zernike term of the wavefront at a position in the field.
 
-    ``n`` and ``m`` are its orders. ``waves`` is the coefficient, normalized at the rim of the pupil, and ``sigma`` its
-    standard deviation (waves).
+    ``n`` is its radial and ``m`` its azimuthal order. ``waves`` is the coefficient of a term whose radial polynomial is
+    1 at the rim of the pupil, and ``sigma`` its standard deviation (both in waves).
     """
 
     n: int
@@ -203,7 +203,7 @@ class FieldFit:
 
     @property
     def first(self) -> Fit:
-        """Fit in the first region."""
+        """Fit of the first region."""
         return next(iter(self.fits.values()))
 
     @property
@@ -213,23 +213,23 @@ class FieldFit:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """The fitted effects; in a simulation with them, the wavefront differs between positions in the field."""
+        """The fitted effects, including the variation of the wavefront over the field, if it was fitted."""
         return self.first.effects
 
     def setup_at(self, plan: ScanPlan) -> Setup:
         """Return the setup for a scan elsewhere in the field.
 
-        Sources are at their planned positions. Depth errors of the planes are those of the first region.
+        Sources are at their planned positions. Depth errors are interpolated from the planes of the first region.
         """
         first = self.first.setup
         depths = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, first.depth_errors_um))
         return replace(first, depth_errors_um=tuple(map(float, depths)), aside_px=(0.0, 0.0), stage_scale=0.0)
 
     def fit_at(self, plan: ScanPlan) -> Fit:
-        """Return the fit for a scan elsewhere in the field.
+        """Return the fit for a scan elsewhere in the field, without residuals and outliers.
 
-        Its `Fit.model` is H at that part of the field, with the mean light of all regions. The fitted camera replaces
-        the camera of ``plan``.
+        Its `Fit.model` is H in that part of the field, with the mean light of all regions. The camera of ``plan`` is
+        not used.
         """
         gains = np.mean([fit.levels.gains for fit in self.fits.values()], axis=0)
         light = np.interp(plan.depths_um, *_rising(self.first.planned.depths_um, gains))
@@ -239,7 +239,7 @@ class FieldFit:
         return replace(self.first, setup=setup, planned=planned, levels=levels, residuals={}, outliers=())
 
     def wavefront_at(self, field_um: tuple[float, float]) -> tuple[Term, ...]:
-        """Return the terms of the wavefront at the point (x, y) on the sensor, relative to the axis (µm)."""
+        """Return the Zernike terms of the wavefront at the sensor point ``field_um``, (x, y) from the axis (µm)."""
         x, y = field_um
         names = list(self.first.parameters)
         sigmas = np.array([one.sigma for one in self.first.parameters.values()])

@@ -30,14 +30,14 @@ OF_ALL = (
 
 
 class WrittenField(NamedTuple):
-    """Files of a fit of several regions, and the summary of each hybrid H."""
+    """Paths of the files of a fit of several regions, and the summaries of its hybrid H, by name of the region."""
 
     files: list[Path]
     hybrids: dict[str, HybridSummary]
 
 
 def field_outputs(folder: Path, names: Iterable[str]) -> list[Path]:
-    """Return the paths of all files that a fit of the regions ``names`` writes to ``folder``."""
+    """Return the paths of all files that a fit of the regions ``names`` can write to ``folder``."""
     files = [folder / name for name in (CAMERA, EFFECTS, FIELD)]
     files += field_report_files(folder / REPORT)
     return [*files, *(path for name in names for path in fit_outputs(folder / name))]
@@ -90,10 +90,10 @@ def iter_write_field(
     folder
         Output folder, created if needed, with a subfolder for each region like that of a fit of a single region.
     known
-        Facts about the source of the patterns of each region, as plain JSON types.
+        Facts about the source of the patterns of each region, as plain JSON types, by name of the region.
     hybrids, noise
-        Patterns for the hybrid H of each region, by its name, and their noise if they do not state it. None: H is the
-        model.
+        Patterns for the hybrid H of each region, by name of the region, and constant and slope of the variance of their
+        samples, if they do not state it. If ``hybrids`` is None, H is the model.
     with_h
         Whether to compute and write H of each region.
     workers

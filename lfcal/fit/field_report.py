@@ -77,7 +77,7 @@ def iter_field_report(fit: FieldFit, folder: Path, hybrids: Mapping[str, HybridS
 
 
 def wavefront_table(fit: FieldFit) -> tuple[list[str], list[list[str]]]:
-    """Return the headers and rows of a table of the wavefront in each region; there are no rows without terms."""
+    """Return the headers and rows of a table of the wavefront in each region; without Zernike terms, it has no rows."""
     places = {name: field_of(own.planned) for name, own in fit.fits.items()}
     fronts = {name: {(t.n, t.m): t for t in fit.wavefront_at(at)} for name, at in places.items()}
     terms = sorted({term for front in fronts.values() for term in front})
@@ -138,7 +138,7 @@ def _outliers(fit: FieldFit) -> str:
 
 
 def draw_field(fit: FieldFit, path: str | os.PathLike[str]) -> None:
-    """Draw the wavefront over the pupil at several positions on the sensor, and the rms wavefront over the sensor."""
+    """Draw the wavefront over the pupil at several positions on the sensor, and its rms over the sensor, to a file."""
     camera = fit.camera
     rows, columns = (n * camera.sensor.pixel_um / 1e3 for n in camera.sensor.shape)
     step = max(rows, columns) / ACROSS

@@ -83,7 +83,7 @@ def effects_text(fit: CameraResult) -> str:
 
 
 def fit_dict(fit: Fit) -> dict[str, Any]:
-    """Return all results of a fit as plain JSON types; lengths in µm, angles in radians."""
+    """Return the results of a fit as plain JSON types, without H and residuals; lengths in µm, ``aside_px`` in px."""
     error = fit.held_out_error
     found: dict[str, Any] = plain(
         {
@@ -135,12 +135,13 @@ def iter_write_model(
     run: RunChoice | None = None,
     keep: bool = False,
 ) -> Work[Path]:
-    """Write H of the fitted camera to a file, with one plane in memory at a time.
+    """Write H of the fitted camera to the file ``out``, with one plane in memory at a time, and return the path.
 
     Progress counts rows. Closing the generator leaves no incomplete file. ``provenance`` is stored in addition to that
-    of the fit. With ``run``, each plane is computed as a separate unit; ``keep`` keeps the files of the units. The fit
-    itself has no units, because each of its steps takes seconds and needs the previous step. After a stop, the fit is
-    repeated with the same result, and H is resumed.
+    of the fit. ``compression`` is as in `lfcal.psf.PSFWriter`. With ``run``, each plane is computed as a separate unit;
+    ``keep`` keeps the files of the units. The fit itself has no units, because each of its steps takes seconds and
+    needs the previous step. After a stop, the fit is repeated with the same result, and the computation of H is
+    resumed.
 
     Raises
     ------
@@ -163,9 +164,10 @@ def iter_write_hybrid(
 ) -> Work[HybridSummary]:
     """Write the hybrid H of a fit and recorded patterns to a file, plane by plane, and return its summary.
 
-    Yields progress. Closing the generator leaves no incomplete file. ``noise`` is the constant and the slope of the
-    variance of a sample, as in `lfcal.fit.NewFrame`, required if ``source`` does not state them. ``provenance`` is
-    stored in addition to that of the fit.
+    Yields progress. Closing the generator leaves no incomplete file. ``source`` contains the recorded patterns.
+    ``noise`` is the constant and the slope of the variance of a sample, as in `lfcal.fit.NewFrame`, required if
+    ``source`` does not state them. ``provenance`` is stored in addition to that of the fit. ``compression`` is as in
+    `lfcal.psf.PSFWriter`.
 
     Raises
     ------
@@ -199,7 +201,7 @@ class Written(NamedTuple):
 def write_found(fit: CameraResult, folder: Path, name: str, numbers: Mapping[str, Any]) -> list[Path]:
     """Write the camera, the effects and then ``numbers`` into ``folder``, and return the paths.
 
-    ``name`` is the file name for ``numbers``, to which the current time is added.
+    The current time is added to ``numbers``, which are written as JSON to the file ``name``.
 
     Raises
     ------
@@ -217,7 +219,7 @@ def write_found(fit: CameraResult, folder: Path, name: str, numbers: Mapping[str
 
 
 def fit_outputs(folder: Path) -> list[Path]:
-    """Return the paths of all files that a fit writes to ``folder``."""
+    """Return the paths of all files that a fit can write to ``folder``."""
     files = [folder / name for name in (MODEL, CAMERA, EFFECTS, NUMBERS)]
     return [*files, *report_files(folder / REPORT)]
 
@@ -245,7 +247,8 @@ def iter_write_fit(
     known
         Facts about the source of the patterns, as plain JSON types; ``"source"`` is its name.
     patterns, noise
-        Patterns for a hybrid H, and their noise if they do not state it. None: H is the model.
+        Patterns for a hybrid H, and constant and slope of the variance of their samples, if they do not state it.
+        If ``patterns`` is None, H is the model.
     with_h
         Whether to compute and write H of the fitted camera.
     workers

@@ -70,12 +70,12 @@ class FitProgress(Progress):
     ----------
     chi2
         Mean square of the residuals of the fitted patterns, weighted by the light. Residuals are divided by their
-        standard deviation, which includes the error of a coarsely sampled model. The value approaches 1 from round to
-        round, but may rise when the fit continues with finer sampling.
+        standard deviation, which includes the error of a coarsely sampled model. For a correct model, the value
+        approaches 1 from round to round, but it may rise when the fit continues with finer sampling.
     held_out, below_noise
         Error of the prediction of the held-out patterns in addition to noise, as a fraction of their rms (relative L2),
-        and whether it is below the noise. NaN without held-out patterns. If it is below the noise, the value is an
-        upper limit at two standard deviations.
+        and whether it is too small to be detected. ``held_out`` is then an upper limit at two standard deviations. It
+        is NaN without held-out patterns.
     """
 
     chi2: float = math.nan
@@ -84,7 +84,7 @@ class FitProgress(Progress):
 
 
 def rounds() -> Callable[[Problem, Point, str], FitProgress]:
-    """Return a function that creates the progress record of a round in a stage of a fit."""
+    """Return a function that creates the progress record of a round from problem, point and name of the stage."""
     start = time.perf_counter()
 
     def record(problem: Problem, point: Point, stage: str) -> FitProgress:
@@ -146,7 +146,9 @@ def iter_fit_camera(
         Camera from which the fit starts. None: the camera of the source.
     unknowns
         Groups of unknowns by name; or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
-        all other groups that lower the error of held-out patterns.
+        all other groups that lower the error of held-out patterns. In a Fourier light-field microscope, the positions
+        of lenslets and optical axis, the focal length of the Fourier lens and the tilt of the source's travel are
+        fitted instead of rotation and offset.
     effects
         Effects simulated at the start. None: those in the camera's description, and the vector field if its effect is
         noticeable (`starting_effects`).
@@ -236,7 +238,10 @@ def iter_summarised(
     outliers: tuple[Outlier, ...],
     candidates: Sequence[str],
 ) -> Work[tuple[Fit, ...]]:
-    """Return the fit in each region from the result of `iter_retrieved`; ``candidates`` are groups that were tried."""
+    """Return the fit in each region.
+
+    The first five arguments are the result of `iter_retrieved`; ``candidates`` are names of groups that were tried.
+    """
     untried: Degeneracies | None = None
     if not candidates:
         untried = yield from iter_degeneracies(problem, point, columns, groups)
@@ -252,10 +257,9 @@ def iter_retrieved(
     start: NDArray[np.float64] | None = None,
     local: Local | None = None,
 ) -> Work[Finished]:
-    """Return the result of a problem at its best-fit point.
+    """Find the best-fit point of a problem.
 
-    The result contains the problem without outliers, the point, the names of the fitted groups, the derivatives, and
-    the outliers.
+    Return the problem without outliers, the point, the names of the fitted groups, the derivatives, and the outliers.
 
     Parameters
     ----------
@@ -299,7 +303,7 @@ def with_cut_pupil(problem: Problem, point: Point, core: Sequence[str]) -> Point
     """Return ``point``, or a better point at which the edge of the pupil cuts lenslets of a Fourier microscope.
 
     If the pupil is described too large, its edge cuts no lenslet, and the derivatives with respect to the aperture are
-    zero.
+    zero. ``core`` are names of fitted groups; without ``"iris"``, ``point`` is returned.
     """
     camera = problem.vector.setup_at(point.u).camera
     which = problem.vector.of_groups(["iris"])
@@ -320,7 +324,7 @@ def with_cut_pupil(problem: Problem, point: Point, core: Sequence[str]) -> Point
 
 
 def problem_of(measured: Measured, setup: Setup, groups: Sequence[str], workers: int | None = None) -> Problem:
-    """Return the problem of fitting ``groups`` of unknowns, starting from a setup."""
+    """Return the problem of fitting the unknowns of ``groups`` (names) to ``measured``, starting from ``setup``."""
     frame = ScanScales.over(measured.plans) if len(measured.plans) > 1 else ScanScales.of(measured.plan)
     return Problem(measured, Vector(setup, frame, groups), workers)
 
@@ -347,7 +351,7 @@ def addable(candidates: Sequence[str]) -> list[str]:
 
 
 def check_stage(stage: str | float) -> None:
-    """Raise `InputError` unless ``stage`` is a position error of the sources (rms), or ``"auto"``."""
+    """Raise `InputError` unless ``stage`` is a source position error from 0 to 5 px rms, or ``"auto"``."""
     if stage != "auto":
         check_number("source position error (px rms)", stage, at_least=0, at_most=5, remedy="or 'auto'")
 

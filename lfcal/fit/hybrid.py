@@ -77,7 +77,7 @@ class Fitted(Protocol):
 
     @property
     def spread(self) -> Spread:
-        """Scatter of the positions of the sources, and stability of the lamp."""
+        """Scatter of the source positions, of the brightness of the lamp, and of the response of the pixels."""
         ...
 
     @property
@@ -87,11 +87,11 @@ class Fitted(Protocol):
 
     @property
     def held_out_error(self) -> ModelError:
-        """Error of the patterns of the model."""
+        """Relative error (L2) of the patterns of the model."""
         ...
 
     def planes(self) -> ModelPlanes:
-        """Return the source of the planes of the model."""
+        """Return an object that computes the planes of the model."""
         ...
 
 
@@ -140,9 +140,11 @@ class RecordedPatterns:
 
     @classmethod
     def of(cls, source: PSFMatrix | Measured, planned: ScanPlan, given: tuple[float, float] | None) -> RecordedPatterns:
-        """Return the patterns of ``source``; ``given`` replaces the noise that an H states.
+        """Return the patterns of ``source``.
 
-        `InputError` is raised if the patterns belong to a scan other than ``planned``, or if their noise is unknown.
+        ``given`` is the constant and the slope of the variance of a sample, and replaces the noise that an H states
+        (None: as stated). For `Measured`, it is ignored. Raise `InputError` if the shape, depths or anchor of the
+        patterns differ from ``planned``, or if their noise is unknown.
         """
         shape = planned.shape
         if isinstance(source, Measured):
@@ -193,7 +195,8 @@ def iter_plane_data(
 ) -> Work[tuple[PlaneResiduals, Facts]]:
     """Return the residuals of plane ``z`` from its ``model`` ``(ny, nx, nt, ns)``, and facts on its positions.
 
-    In the residuals, outliers count as not recorded. Progress counts patterns.
+    If the fit found the lamp or the source positions to be unstable, their effects are removed from the residuals. In
+    the residuals, outliers count as not recorded. Progress counts patterns.
     """
     counts = recorded.counts[z]
     residual, precision = np.zeros_like(model), np.zeros_like(model)
@@ -348,7 +351,7 @@ class HybridSummary:
     between
         Number of the positions in ``hybrid`` that were not recorded but interpolated from their neighbours.
     change, largest
-        Root-mean-square and largest difference of the changed positions from the model (relative L2).
+        Root mean square and largest value, over the changed positions, of the relative difference (L2) from the model.
     """
 
     hybrid: int
@@ -369,7 +372,7 @@ class HybridSummary:
 
     @classmethod
     def of(cls, planes: Sequence[tuple[Facts, NDArray[np.float64]]]) -> HybridSummary:
-        """Return the summary of all planes, from their facts and their relative changes by position ``(ny, nx)``."""
+        """Return the summary of ``planes``, each with its facts and relative changes (L2) by position ``(ny, nx)``."""
         origin = np.stack([facts.origin for facts, _ in planes if facts.origin is not None])
         recorded = np.stack([facts.recorded for facts, _ in planes if facts.recorded is not None])
         changed = np.stack([change for _, change in planes])[origin == Origin.HYBRID]
@@ -391,7 +394,8 @@ class HybridPlanes(PlaneSource):
     source
         Recorded patterns of the same scan, including those that were not fitted.
     noise
-        Constant and slope of the variance of a sample, as in `lfcal.fit.NewFrame`. None: as stated by the source.
+        Constant and slope of the variance of a sample, as in `lfcal.fit.NewFrame`. None, and for `Measured`: as stated
+        by the source.
 
     Raises
     ------

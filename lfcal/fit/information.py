@@ -70,14 +70,15 @@ class Information:
     unknowns
         The unknowns to fit; all matrices are in units of their scales.
     patterns
-        ``(n, k + 2, k + 2)``: J^T V^-1 J of each pattern for the ``k`` unknowns, then for the gain and background of
-        its plane. The unknowns of the single pattern are eliminated.
+        ``(n, k + 2, k + 2)``: J^T V^-1 J of each pattern, with the derivatives J of its samples with respect to the
+        ``k`` unknowns, then to the gain and background of its plane, and the covariance V of the samples. The unknowns
+        of the single pattern are eliminated.
     wanted
         ``(k, k)``: for the covariance C of the unknowns, trace(C wanted) is the squared relative error (L2) of H.
     prior
         ``(k, k)``: prior information about the unknowns.
     pattern_error
-        Relative error (L2) of an H with a single frame per pattern.
+        Relative error (L2) of an H in which every position was recorded once, due to the noise of each pattern.
     """
 
     index: NDArray[np.intp]

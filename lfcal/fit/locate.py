@@ -76,7 +76,7 @@ class LocatedPattern:
     row, column
         Sensor pixel at the middle of the cutout.
     correlation
-        Correlation of the samples of the frame with the values of H; 1 for equal patterns.
+        Correlation of the samples of the frame with the values of H; 1 if they differ only in gain and background.
     """
 
     z: int
@@ -88,7 +88,10 @@ class LocatedPattern:
 
 
 def window_of(frame: NewFrame, row: int, column: int, cutout: tuple[int, int]) -> tuple[F4, NDArray[np.bool_]]:
-    """Return the samples ``(nt, ns)`` around a sensor pixel, and a mask of those inside the frame that are valid."""
+    """Return the samples ``(nt, ns)`` around a pixel of the sensor, and the mask of valid ones.
+
+    ``cutout`` is ``(nt, ns)``. Samples outside the frame, and invalid ones, are 0 and not in the mask.
+    """
     nt, ns = cutout
     out, valid = np.zeros(cutout, np.float32), np.zeros(cutout, np.bool_)
     top, left = row - (nt - 1) // 2 - frame.origin[0], column - (ns - 1) // 2 - frame.origin[1]
@@ -109,8 +112,8 @@ def find_source(matrix: PSFMatrix, frame: NewFrame) -> LocatedPattern:
     """Return the position of H whose pattern best correlates with a frame.
 
     The lenslet array must not have moved since H was recorded, because H has one pattern for each pixel of the period.
-    If the position of the source in the frame is known, only the surrounding pixels are tried. Otherwise, one period
-    around the middle of the light is tried. If the depth plane is known, only that plane is tried.
+    If ``frame.place`` is known, only pixels up to two rows and columns away are tried. Otherwise, one period around the
+    middle of the light is tried. If ``frame.plane`` is known, only that plane is tried.
 
     Raises
     ------

@@ -160,7 +160,8 @@ class Measured:
     def more_light(self, hole_um: float | None) -> NDArray[np.float32] | None:
         """Return the light ``(n, nt, ns)`` to add to predictions for holes of diameter ``hole_um`` (µm), or None.
 
-        A ``hole_um`` of None is the diameter `blurred_um`. The result is None if there is no additional light.
+        If ``hole_um`` or `blur` is None, the light is that for the diameter `blurred_um`. The result is None if there
+        is no additional light.
         """
         if self.extra_light is None or self.blur is None or hole_um is None:
             return self.extra_light
@@ -182,11 +183,11 @@ def measured_of(
     Parameters
     ----------
     matrix
-        H. Positions that were never recorded, and copied patterns of a half-cell scan, are left out.
+        H with the recorded patterns.
     camera
         Camera from which the fit starts. None: that of H.
     positions
-        Positions (z, y, x) to use. None: all recorded ones.
+        Positions (z, y, x) to use. None: all recorded ones, without copied patterns of a half-cell scan.
     noise
         ``(constant, slope)``: the variance of a sample of value v is ``constant + slope * max(v, 0)`` (counts²). None:
         as stated in H.
@@ -194,7 +195,8 @@ def measured_of(
         Rows and columns of the middle part of the cutout to use (odd; px), or one number for both. None: the whole
         cutout.
     most
-        Largest number of patterns to use, evenly spread over the positions. None: all.
+        Largest number of patterns to use, evenly spread over the positions; ignored if ``positions`` is given. None:
+        all.
     held_out
         Fraction of the patterns to hold out, evenly spread over each plane, or the positions (z, y, x) to hold out. If
         none or all of the patterns are at such positions, the default fraction is held out.
@@ -245,7 +247,7 @@ def check_optics(matrix: PSFMatrix) -> None:
 
 
 def kept_aside(matrix: PSFMatrix) -> list[list[int]]:
-    """Return the positions (z, y, x) that the provenance of H excludes from a fit; usually none."""
+    """Return the positions (z, y, x) that the provenance of H excludes from a fit; empty if none or invalid ones."""
     said = matrix.provenance.get("kept_aside")
     shape = (matrix.shape[0], *matrix.period)
     # provenance comes from a file that anyone may have written

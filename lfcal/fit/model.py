@@ -95,10 +95,10 @@ class PlaneModel:
         self._scene = replace(scene, offsets_um=self._planned + self._reach)
 
     def patterns(self, places: NDArray[np.intp], offsets_px: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the patterns ``(n, nt, ns)`` at the positions ``places`` ``(n, 2)`` (y, x) of displaced sources.
+        """Return the patterns ``(n, nt, ns)`` of sources displaced from the positions ``places`` ``(n, 2)`` (y, x).
 
         ``offsets_px`` ``(n, 2)`` are the displacements (dy, dx) of the sources in pixels on the sensor, in addition to
-        those of the stage in the setup.
+        those of the stage in the setup. Values are fractions of the light that passes the iris.
         """
         moved = offsets_px + self._aside + self._scale * (places - self._middle)
         layers = list(_once_each(places))
@@ -156,9 +156,10 @@ def predict(
     offsets_px: NDArray[np.float64],
     sampling: Sampling,
 ) -> NDArray[np.float32]:
-    """Return the patterns ``(n, nt, ns)`` at positions ``index`` ``(n, 3)`` (z, y, x) of displaced sources.
+    """Return the patterns ``(n, nt, ns)`` of sources displaced from the positions ``index`` ``(n, 3)`` (z, y, x).
 
-    ``offsets_px`` ``(n, 2)`` are the displacements (dy, dx) of the sources in pixels on the sensor. Values are
+    ``setup``, ``planned`` and ``sampling`` are as in `PlaneModel`. ``offsets_px`` ``(n, 2)`` are the displacements
+    (dy, dx) of the sources in pixels on the sensor, in addition to those of the stage in the setup. Values are
     fractions of the light that passes the iris.
     """
     out = np.empty((len(index), *planned.cutout), np.float32)
@@ -209,7 +210,7 @@ class ModelPlanes(PlaneSource):
         return Plane(values, Facts.of(self.planned.period, self.planned.cutout))
 
     def reopening(self, z: int, stored: Stored) -> Reopening:
-        """Return setup, scan and gains as plain JSON types, with the function that reads them: `open_model`."""
+        """Return setup, scan and gains as plain JSON types, and the name of the function that reads them."""
         setup = self.setup
         values = {
             "camera": setup.camera.to_dict(),
@@ -227,7 +228,7 @@ class ModelPlanes(PlaneSource):
 
 
 def open_model(values: Mapping[str, Any], workers: int) -> ModelPlanes:
-    """Return the planes of a model from ``values`` of `ModelPlanes.reopening`."""
+    """Return the planes of a model from ``values`` of `ModelPlanes.reopening`; ``workers`` is not used."""
     planned = ScanPlan.from_dict(values["plan"])
     rows, columns = values["aside_px"]
     setup = Setup(

@@ -73,7 +73,7 @@ class ModelError:
     statistical
         Contribution of the errors of the unknowns (relative L2).
     patterns
-        Number of held-out patterns.
+        Number of held-out patterns; of fitted ones if none was held out.
     among
         Additional standard deviation of ``squared``, because some patterns are predicted worse than others.
     skew
@@ -101,7 +101,7 @@ class ModelError:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of the value; infinite if it is not `known`."""
+        """Standard deviation of `value`; infinite if the error is not `known`."""
         return 0.5 * math.hypot(self.squared_sigma, self.among) / math.sqrt(self.squared) if self.known else math.inf
 
     @property
@@ -122,7 +122,11 @@ class ModelError:
 
 
 def chi_square(point: Point, keep: NDArray[np.bool_], unknowns: int) -> ChiSquare:
-    """Return chi² of the patterns that the mask ``keep`` selects; ``unknowns`` is the number of fitted unknowns."""
+    """Return chi² of the patterns that the mask ``keep`` ``(n,)`` selects.
+
+    ``unknowns`` is the number of fitted unknowns. If there are not more samples than unknowns, chi² is 1, and its
+    standard deviation is infinite.
+    """
     seen = point.seen.of(keep)
     good = (seen.inverse > 0) & ~seen.outlying
     size = np.abs(seen.residual[good], dtype=np.float64)
@@ -138,10 +142,11 @@ def chi_square(point: Point, keep: NDArray[np.bool_], unknowns: int) -> ChiSquar
 
 
 def covariance(problem: Problem, point: Point, columns: Columns, which: NDArray[np.intp]) -> tuple[F8, F8]:
-    """Return the covariance of the unknowns ``which`` and of gains and backgrounds, and the information of the data.
+    """Return the covariance of some unknowns and of gains and backgrounds, and the information of the data.
 
-    Both matrices are in units of the scales, for the stated noise. The covariance includes priors. The information
-    matrix ``(k, k)`` is without priors, and gains and backgrounds are eliminated from it.
+    ``which`` are the indices of the ``k`` unknowns. Both matrices are in units of the scales, for the stated noise. The
+    covariance includes priors. The information matrix ``(k, k)`` is without priors, and gains and backgrounds are
+    eliminated from it.
     """
     normal = problem.normal(columns, point, problem.fitted)
     matrix, _ = with_prior(problem, normal, point.u)
@@ -151,7 +156,7 @@ def covariance(problem: Problem, point: Point, columns: Columns, which: NDArray[
 
 
 def eliminated(matrix: F8, k: int) -> F8:
-    """Return the matrix of the first ``k`` unknowns, with all others eliminated."""
+    """Return the information matrix of the first ``k`` unknowns, with all others eliminated (Schur complement)."""
     found: F8 = matrix[:k, :k] - matrix[:k, k:] @ _inverse(matrix[k:, k:]) @ matrix[k:, :k]
     return found
 

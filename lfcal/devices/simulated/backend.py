@@ -90,7 +90,7 @@ def simulated_rig(
 
 
 def inject(rig: Rig, fault: DeviceFault) -> None:
-    """Add a fault to a simulated rig in use; it begins ``fault.at`` calls after the next one.
+    """Add a fault to a simulated rig in use; the next call is affected if ``fault.at`` is 0, the one after it if 1.
 
     Raises
     ------
@@ -133,7 +133,7 @@ class SimBackend:
         return __version__
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return a simulated rig with these ``options``."""
+        """Return a simulated rig for ``plan`` with ``options`` (texts by name); raise `InputError` for invalid ones."""
         options = with_defaults(options)
         clock = options.get("time", "virtual")
         check_choice("option time", clock, CLOCKS)
@@ -152,7 +152,7 @@ class SimBackend:
 
 
 def with_defaults(options: Mapping[str, str]) -> dict[str, str]:
-    """Return ``options`` with the simulator's default optics and effects, unless ``options`` contains ``optics``.
+    """Return a copy of ``options``; without ``optics``, the simulator's defaults for optics and effects are added.
 
     The plan's camera is simulated with the effects that it needs, because ideal optics focus a point into single
     pixels, which cannot be distinguished from hot pixels. A target has the quick pattern at every hole, because
@@ -224,7 +224,19 @@ def _axes(plan: ScanPlan, text: str | None) -> StageAxes | None:
 
 
 class SimGauge:
-    """Gauge with a constant reading, and with another one during a fault."""
+    """Gauge with a constant reading, and with another one during a fault.
+
+    Parameters
+    ----------
+    name, unit
+        Name of the quantity, and unit of the readings.
+    values
+        The constant reading, and the reading during the fault.
+    fault
+        Kind of the fault, one of `lfcal.devices.simulated.faults.GAUGE_FAULTS`.
+    faults
+        Faults to inject; those of other kinds are ignored.
+    """
 
     def __init__(
         self, name: str, unit: str, values: tuple[float, float], fault: str, faults: Iterable[DeviceFault]
@@ -240,7 +252,10 @@ class SimGauge:
 
 
 def simulated_gauges(faults: Iterable[DeviceFault] = ()) -> tuple[SimGauge, SimGauge]:
-    """Return a thermometer (21 °C; 27 °C with a fault) and a photodiode (100 %; 60 % with a fault of the lamp)."""
+    """Return a thermometer (21 °C) and a photodiode (100 %).
+
+    A fault "too warm" changes the reading to 27 °C, and "lamp low" to 60 %.
+    """
     faults = tuple(faults)
     return (
         SimGauge("temperature", "°C", (21.0, 27.0), "too warm", faults),

@@ -54,8 +54,8 @@ class DeviceFault:
     kind
         One of `FAULTS`.
     at
-        Number of the first affected call to ``move`` (stage faults), ``grab`` (camera faults) or ``read`` (gauge
-        faults), from 0.
+        Index, from 0, of the first affected call to ``move`` (stage faults), ``grab`` (camera faults) or ``read``
+        (gauge faults).
     times
         Number of consecutive affected calls; a vanished device and lost steps never recover.
     """
@@ -76,7 +76,10 @@ class DeviceFault:
 
 
 def parse_faults(text: str) -> list[DeviceFault]:
-    """Return the faults in a text ``kind@call[*times]``, separated by ``;``; raises `InputError` if it is invalid."""
+    """Return the faults in a text of entries ``kind@call[*times]``, separated by ``;``.
+
+    Raise `InputError` if an entry is invalid.
+    """
     faults = []
     for part in filter(None, (p.strip() for p in text.split(";"))):
         kind, _, call = part.partition("@")
@@ -93,7 +96,10 @@ def parse_faults(text: str) -> list[DeviceFault]:
 
 
 class FaultSchedule:
-    """Fault schedule of one device, which counts the device's calls and decides which faults occur."""
+    """Schedule of the faults of one device: it counts the device's calls and decides which faults occur.
+
+    Faults of kinds other than ``kinds`` are ignored.
+    """
 
     def __init__(self, faults: Iterable[DeviceFault], kinds: tuple[str, ...]) -> None:
         self.kinds = kinds
@@ -107,7 +113,7 @@ class FaultSchedule:
         return active
 
     def inject(self, fault: DeviceFault) -> None:
-        """Add a fault that begins ``fault.at`` calls after the next one."""
+        """Add a fault; the next call is affected if ``fault.at`` is 0, the one after it if 1, and so on."""
         # one assignment: another thread may be counting
         self._faults = [*self._faults, replace(fault, at=self.calls + fault.at)]
 

@@ -25,10 +25,11 @@ STEP_GAP = 0.002
 
 
 def about(lattice: LensletLattice, point_um: tuple[float, float], turn_rad: float, grow: float) -> LensletLattice:
-    """Return the lattice rotated and scaled about a point (x, y), so that a lenslet there does not move.
+    """Return the lattice rotated and scaled about ``point_um``, so that a lenslet there does not move.
 
-    ``turn_rad`` is the rotation and ``grow`` the relative increase of the pitch. If the lattice were rotated and scaled
-    about the centre of the sensor, an error of rotation or pitch would also cause an error of the offset at the point.
+    The point is (x, y) relative to the centre of the sensor (µm). ``turn_rad`` is the rotation from x to y, and
+    ``grow`` the relative increase of the pitch. If the lattice were rotated and scaled about the centre of the sensor,
+    an error of rotation or pitch would also cause an error of the offset at the point.
     """
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     away = np.array(lattice.offset_um) - point_um
@@ -53,7 +54,10 @@ class Geometry(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: gap (µm), rotation about the region's middle (rad), and change of the offset (µm)."""
+        """Return the unknowns: gap (µm), rotation about the middle of the region (rad), offset change (y, x) (µm).
+
+        The result is empty without a periodic array.
+        """
         if not setup.camera.has_lattice:
             return ()
         lattice, pixel = setup.camera.lattice, setup.camera.sensor.pixel_um
@@ -67,7 +71,7 @@ class Geometry(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the gap, rotation and offset of the array in ``values``."""
+        """Return the setup with gap, rotation and change of the offset of the array as in ``values``."""
 
         def placed(camera: Camera) -> Camera:
             lattice = about(camera.periodic, frame.middle_um, values["rotation_rad"] - camera.lattice.rotation_rad, 0.0)
@@ -87,7 +91,7 @@ class Pitch(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknown: the pitch of the array (µm)."""
+        """Return the unknown: the pitch of the array (µm); empty without a periodic array."""
         if not setup.camera.has_lattice:
             return ()
         pitch = setup.camera.lattice.pitch_um
@@ -114,7 +118,7 @@ class ArrayTiltGroup(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: the slopes of the gap down the rows and along the columns (rad)."""
+        """Return the unknowns: the slopes of the gap in y and in x (rad); empty without a periodic array."""
         if not setup.camera.has_lattice:
             return ()
         own, camera = setup.effect(ArrayTilt), setup.camera
@@ -127,7 +131,7 @@ class ArrayTiltGroup(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the tilt of the array in ``values``; a tilt of 0 adds no effect."""
+        """Return the setup with the tilt of the array in ``values``; with a tilt of 0, the effect is removed."""
         del frame
         tilt = ArrayTilt(values["tilt_rows_rad"], values["tilt_columns_rad"])
         if tilt == ArrayTilt(0.0, 0.0):

@@ -52,14 +52,14 @@ class CommonDepth(Group):
         return (Unknown("distance_um", self.name, "µm", 0.0, scale, known, gauge=HELD),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with all planes displaced by the value in ``values``."""
+        """Return the setup with all planes displaced in depth by the value in ``values``."""
         del frame
         moved = tuple(error + values["distance_um"] for error in setup.depth_errors_um)
         return replace(setup, depth_errors_um=moved)
 
 
 class PlaneDepths(Group):
-    """Displacement of each plane in depth, relative to the stage."""
+    """Displacement of each plane from its planned depth."""
 
     name = "depths"
     title = "depth of each plane"
@@ -67,7 +67,10 @@ class PlaneDepths(Group):
     needs = "at least two planes"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: the depth change (µm) of each plane, with a stage's depth error as prior."""
+        """Return the unknowns: the depth change (µm) of each plane, with a stage's depth error as prior.
+
+        The result is empty for a single plane.
+        """
         if frame.planes < 2:
             return ()
         known, scale = DepthError().rms(setup.camera), depth_scale(setup.camera)
@@ -77,7 +80,7 @@ class PlaneDepths(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with each plane displaced by its value in ``values``."""
+        """Return the setup with each plane displaced in depth by its value in ``values``."""
         del frame
         pairs = zip(setup.depth_errors_um, values.values(), strict=True)
         return replace(setup, depth_errors_um=tuple(error + more for error, more in pairs))

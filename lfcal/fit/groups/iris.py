@@ -58,7 +58,10 @@ class ApertureGroup(Group):
     needs = "lenslets that the edge of the pupil cuts"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: f-number and rotation (rad) of the iris, or the numerical aperture of a microscope."""
+        """Return the unknowns: f-number and rotation (rad) of the iris, or the numerical aperture of a microscope.
+
+        A round iris has no rotation. The result is empty if the edge of the pupil of a microscope cuts no lenslet.
+        """
         del frame
         optics = setup.camera.optics
         if isinstance(optics, Microscope):
@@ -91,7 +94,7 @@ class BladeCurvature(Group):
     needs = "an iris with blades"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknown: the curvature of the blades (0 to 1); empty for an iris without blades."""
+        """Return the unknown: the curvature of the blades (0 to 1); empty without an iris that has blades."""
         del frame
         optics = setup.camera.optics
         if not isinstance(optics, MainLens) or optics.blades == 0:
@@ -105,7 +108,7 @@ class BladeCurvature(Group):
 
 
 class Law(Group):
-    """Lens law of the main lens; no scan distinguishes the sine condition from a different size of the iris."""
+    """Lens law of the main lens; no scan distinguishes a different law from a different size of the iris."""
 
     name = "lens_law"
     title = "lens law of the main lens: sine condition or tangent law"
@@ -115,7 +118,10 @@ class Law(Group):
     needs = "a main lens and the effect exact_angles"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknown: the parameter of the lens law, 0 for the sine condition and 1 for the tangent law."""
+        """Return the unknown: the parameter of the lens law, 0 for the sine condition and 1 for the tangent law.
+
+        The result is empty for telecentric optics, or if the setup does not have the effect `ExactAngles`.
+        """
         del frame
         if setup.camera.optics.telecentric or setup.effect(ExactAngles) is None:
             return ()
@@ -123,7 +129,7 @@ class Law(Group):
         return (Unknown("lens_law", self.name, "", 0.0 if own is None else own.tangent, LAW, LAW, *LAWS),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the lens law in ``values``; the sine condition adds no effect."""
+        """Return the setup with the lens law in ``values``; for the sine condition, the effect is removed."""
         del frame
         if values["lens_law"] == 0:
             return replace(setup, effects=tuple(one for one in setup.effects if not isinstance(one, LensLaw)))
@@ -139,7 +145,11 @@ class SecondStop(Group):
     needs = "the effect vignetting, and points off the axis"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: distance (µm) and radius (pupil radii) of the rim; empty near the axis."""
+        """Return the unknowns: distance (µm) and radius (pupil radii) of the rim.
+
+        The result is empty without a main lens or the effect `MechanicalVignetting`, or if all regions are within 100
+        pixels of the axis.
+        """
         own = setup.effect(MechanicalVignetting)
         seen = frame.fields_um or (frame.middle_um,)
         off = max(math.hypot(*field) for field in seen) > 100.0 * setup.camera.sensor.pixel_um

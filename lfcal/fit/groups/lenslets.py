@@ -16,7 +16,7 @@ __all__ = ["FocalLengths", "LensletAberration"]
 
 
 class FocalLengths(Group):
-    """Focal length of each lens type."""
+    """Focal length of each lens type, or of the lenslets in a pupil plane."""
 
     name = "focal_lengths"
     title = "focal length of each lens type, or of lenslets in a pupil plane"
@@ -26,7 +26,7 @@ class FocalLengths(Group):
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the unknowns: the focal length of each lens type (µm).
 
-        For lenslets in a pupil plane, it is a common focal length, or one for each lenslet.
+        For lenslets in a pupil plane, there is a common focal length, or one for each lenslet.
         """
         del frame
         lenslets = lenslets_of(setup)
@@ -40,7 +40,7 @@ class FocalLengths(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the focal lengths of the lenslets in ``values``."""
+        """Return the setup whose lenslets have the focal lengths in ``values``."""
         del frame
 
         def ground(camera: Camera) -> Camera:
@@ -62,7 +62,10 @@ class LensletAberration(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: the coefficient W040 at the rim of the clear diameter for each lens type (waves)."""
+        """Return the unknowns: the coefficient W040 at the rim of the clear diameter for each lens type (waves).
+
+        The result is empty without a periodic array.
+        """
         del frame
         if not setup.camera.has_lattice:
             return ()
@@ -74,7 +77,7 @@ class LensletAberration(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the spherical aberration of the lenslets in ``values``."""
+        """Return the setup whose lenslets have the spherical aberration in ``values``."""
         del frame
         own = {f"type_{k}": value for k, value in enumerate(values.values())}
         return setup.with_effect(LensletSpherical(0.0, **own))

@@ -18,7 +18,7 @@ MOST_PX = 6.0
 
 
 class SourceSize(Group):
-    """Diameter of the source; blur is proportional to the square of the diameter."""
+    """Diameter of the source; the squared width of the blur is proportional to the squared diameter."""
 
     name = "source"
     title = "diameter of the source"
@@ -28,7 +28,7 @@ class SourceSize(Group):
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
         """Return the unknown: the diameter of the source (µm).
 
-        A quarter of the image of this diameter adds in quadrature to the rms width of spots.
+        A quarter of the diameter of the source's image adds in quadrature to the rms width of spots along each axis.
         """
         del frame
         own, camera = setup.effect(FiniteSource), setup.camera
@@ -47,7 +47,7 @@ class SourceSize(Group):
 
 
 class Holes(Group):
-    """Diameter of the holes of a target; blur is proportional to the square of the diameter."""
+    """Diameter of the holes of a target; the squared width of the blur is proportional to the squared diameter."""
 
     name = "hole"
     title = "diameter of the target's holes"

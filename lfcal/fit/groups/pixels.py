@@ -13,20 +13,20 @@ __all__ = ["CrosstalkGroup", "Filter"]
 
 
 class CrosstalkGroup(Group):
-    """Fraction of the light that each of the four nearest pixels collects."""
+    """Fraction of a pixel's light that each of its four nearest neighbours collects."""
 
     name = "crosstalk"
     title = "pixel crosstalk"
     rank = 70
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknown: the fraction of a pixel's light that each neighbour along an axis collects."""
+        """Return the unknown: the fraction of a pixel's light that each of its four nearest neighbours collects."""
         del frame
         own = setup.effect(Crosstalk)
         return (Unknown("crosstalk", self.name, "", 0.0 if own is None else own.share, 0.02, None, 0.0, 0.2),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the crosstalk in ``values``; a fraction of 0 adds no effect."""
+        """Return the setup with the crosstalk in ``values``; with a fraction of 0, the effect is removed."""
         del frame
         if values["crosstalk"] == 0.0:
             return replace(setup, effects=tuple(one for one in setup.effects if not isinstance(one, Crosstalk)))
@@ -50,7 +50,7 @@ class Filter(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the pixel kernel in ``values``; if all fractions are 0, no effect is added."""
+        """Return the setup with the pixel kernel in ``values``; if all fractions are 0, the effect is removed."""
         del frame
         found = PixelKernel(**{name: values[f"kernel_{name}"] for name in NEIGHBOURS})
         if found == PixelKernel():

@@ -23,7 +23,7 @@ MOST_TILT = 0.3
 
 
 def lenslets_of(setup: Setup) -> PupilLenslets | None:
-    """Return the lenslets in the pupil plane; None for a camera with a lattice."""
+    """Return the lenslets in the pupil plane; None for a camera with a periodic array."""
     lattice = setup.camera.lattice
     return lattice if isinstance(lattice, PupilLenslets) else None
 
@@ -92,7 +92,7 @@ class AxisPlace(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the optical axis at the position in ``values``, and with the source on it."""
+        """Return the setup with the optical axis at the position in ``values``, and the sources displaced with it."""
         del frame
         lenslets = lenslets_of(setup)
         assert lenslets is not None
@@ -127,7 +127,7 @@ class PupilLength(Group):
         self.name, self.title, self.rank, self.field, self.share, self.gauge = name, title, rank, field, share, gauge
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknown: the length (µm); empty for a camera with a lattice."""
+        """Return the unknown: the length (µm); empty for a camera with a periodic array."""
         del frame
         lenslets = lenslets_of(setup)
         if lenslets is None:

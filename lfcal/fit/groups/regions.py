@@ -22,7 +22,7 @@ SHOWS_UM = 20.0
 
 
 def farthest_um(frame: ScanScales) -> float:
-    """Return the distance of the farthest region from the axis (µm), at least about a pixel."""
+    """Return the distance of the farthest region from the middle of the sensor (µm), at least 10 µm."""
     return max([10.0, *(math.hypot(*at) for at in frame.fields_um)])
 
 
@@ -39,7 +39,11 @@ class FieldWavefront(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: coefficients in the farthest region (waves). Linear astigmatism needs three regions."""
+        """Return the unknowns: coefficients in the farthest region (waves); empty for a single region.
+
+        Astigmatism that is linear in the field needs three regions. For telecentric optics, only spherical aberration
+        is an unknown.
+        """
         if len(frame.fields_um) < 2:
             return ()
         start, names = self._start(setup, frame), ["spherical"]
@@ -53,7 +57,7 @@ class FieldWavefront(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the coefficients in ``values``; if all are 0, no effect is added."""
+        """Return the setup with the coefficients in ``values``; if all are 0, the effect is removed."""
         found = {name.removeprefix("field_"): value for name, value in values.items()}
         if not any(found.values()):
             return replace(setup, effects=tuple(e for e in setup.effects if not isinstance(e, FieldAberrations)))
@@ -84,7 +88,10 @@ class Curvature(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknown: the additional distance of the image in the farthest region (µm)."""
+        """Return the unknown: the additional distance of the image in the farthest region (µm).
+
+        The result is empty for a single region.
+        """
         if len(frame.fields_um) < 2:
             return ()
         own, far = setup.effect(FieldCurvature), farthest_um(frame)
@@ -93,7 +100,7 @@ class Curvature(Group):
         return (Unknown("field_sag_um", self.name, "µm", start, scale, None, -1e4, 1e4),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the field curvature in ``values``; a flat field adds no effect."""
+        """Return the setup with the field curvature in ``values``; for a flat field, the effect is removed."""
         sag = values["field_sag_um"]
         if sag == 0:
             return replace(setup, effects=tuple(e for e in setup.effects if not isinstance(e, FieldCurvature)))
@@ -136,14 +143,14 @@ class RegionDepthsGroup(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: the depth change (µm) of each region but the first, due to non-orthogonal axes."""
+        """Return the unknowns: the depth change (µm) of each region but the first, as from non-orthogonal axes."""
         scale = depth_scale(setup.camera)
         return tuple(
             Unknown(f"region_{k}_farther_um", self.name, "µm", 0.0, scale) for k in range(1, len(frame.fields_um))
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the planes of each region displaced by the values in ``values``."""
+        """Return the setup with the planes of each region displaced in depth by its value in ``values``."""
         found = [
             replace(own, farther_um=values.get(f"region_{k}_farther_um", 0.0))
             for k, own in enumerate(_regions(setup, frame))
@@ -160,7 +167,10 @@ class TargetTiltGroup(Group):
     needs = "parts of the field at different depths, as with a target"
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: the added depth (µm) at the farthest part's radius, down and to the right."""
+        """Return the unknowns: the slopes (y, x) of the plane, each as the depth (µm) added at the farthest part.
+
+        "Farthest" refers to the distance from the middle of the sensor. The result is empty for fewer than three parts.
+        """
         if not setup.regions or len(frame.fields_um) < 3:
             return ()
         scale = depth_scale(setup.camera)

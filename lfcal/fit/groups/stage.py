@@ -18,8 +18,8 @@ BESIDE_PX = 2.0
 class StageZero(Group):
     """Common lateral displacement of all sources.
 
-    A tilt of the wavefront of the main lens has exactly the same effect. Seidel coma, W131 rho^3 cos(theta), contains
-    such a tilt.
+    A tilt of the wavefront of the main lens has exactly the same effect. Seidel coma, W131 rho^3 cos(theta) at the
+    pupil radius rho and azimuth theta, contains such a tilt.
     """
 
     name = "stage_zero"
@@ -53,7 +53,11 @@ class StageScale(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknown: relative step length minus 1, with a prior of 2 % for the pitch of the stage's screw."""
+        """Return the unknown: the step length relative to the planned one, minus 1.
+
+        The prior standard deviation of 2 % allows for the pitch of the stage's screw. The result is empty without a
+        periodic array.
+        """
         if not setup.camera.has_lattice:  # it has one position
             return ()
         return (Unknown("stage_scale", self.name, "", setup.stage_scale, 0.1 / frame.reach_px, 0.02, -0.3, 0.3),)

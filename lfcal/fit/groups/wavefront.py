@@ -21,14 +21,14 @@ def _name(n: int, m: int) -> str:
 
 
 class WavefrontGroup(Group):
-    """Some terms of the wavefront.
+    """Group of Zernike terms of the wavefront.
 
     Parameters
     ----------
     name, title, rank
         As in `Group`.
     terms
-        Orders (n, m) of the terms, each normalized to 1 at the rim of the pupil.
+        Radial and azimuthal orders (n, m) of the terms, whose radial polynomials are 1 at the rim of the pupil.
     late
         Whether the terms are tried only after the other groups.
     """
@@ -41,7 +41,10 @@ class WavefrontGroup(Group):
         self.name, self.title, self.rank, self.terms, self.late = name, title, rank, terms, late
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: the coefficients of the Zernike terms (waves at the rim)."""
+        """Return the unknowns: the coefficients of the Zernike terms (waves at the rim).
+
+        For an objective, only terms with m = 0 are unknowns. The result is empty without a periodic array.
+        """
         del frame
         own = setup.effect(Zernike)
         known = {} if own is None else {(n, m): waves for n, m, waves in own.terms}
@@ -51,7 +54,7 @@ class WavefrontGroup(Group):
         )
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the terms in ``values``; its other terms are unchanged."""
+        """Return the setup with the coefficients in ``values``; the other terms of its wavefront are unchanged."""
         del frame
         own = setup.effect(Zernike)
         known = {} if own is None else {(n, m): waves for n, m, waves in own.terms}
@@ -67,7 +70,10 @@ class WavefrontGroup(Group):
 
 
 class ThirdOrder(WavefrontGroup):
-    """Third-order terms, whose Seidel forms also contain defocus and tilt, which displace all sources."""
+    """Third-order terms; distance and displacement of the sources are tried with them.
+
+    The reason is that Seidel forms of these terms also contain defocus and tilt.
+    """
 
     along = ("distance", "stage_zero")
 
@@ -76,8 +82,8 @@ class Defocus(WavefrontGroup):
     """Defocus of the wavefront, proportional to the square of the pupil radius.
 
     For a main lens, defocus has the same effect as a common displacement of all planes, and is included in it. For the
-    wide pupil of an objective, defocus differs from a displacement of the planes, whose phase depends on the cosine of
-    the angle. For objectives, the fit therefore uses distance, depth in a specimen and spherical aberration instead.
+    wide pupil of an objective, the two differ, because the phase of a displacement depends on the cosine of the angle.
+    For objectives, the fit therefore uses distance, depth in a specimen and spherical aberration instead.
     """
 
     held = True
