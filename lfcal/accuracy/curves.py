@@ -37,14 +37,15 @@ class CostPoint:
     note
         Remark; may be empty.
     efficient
-        Whether the point is on the Pareto front: all cheaper points of the curve have larger errors.
+        Whether the point is on the Pareto front of its curve: all points that cost less or the same have larger errors.
+        It is set by `marked`.
     in_use
         Whether the measured scan plan has these settings.
 
     Raises
     ------
     InputError
-        If the error or the cost is negative or not finite.
+        If the error or the cost is negative or not finite, or the unit is not one of `UNITS`.
 
     Examples
     --------
@@ -86,7 +87,7 @@ class Curve:
     truth
         Description of the reference with which results are compared.
     points
-        Measured points, cheapest first; `CostPoint.efficient` marks those on the Pareto front.
+        Measured points, cheapest first, with ``efficient`` set as by `marked`.
     notes
         Conditions of the measurement, one line each.
     stopped
@@ -125,7 +126,7 @@ class Curve:
 
     @property
     def in_use(self) -> CostPoint | None:
-        """The point with the settings of the measured scan plan; None if it was not measured."""
+        """The first point with the settings of the scan plan (`CostPoint.in_use`); None if there is none."""
         return next((point for point in self.points if point.in_use), None)
 
     @property
@@ -145,12 +146,16 @@ class Curve:
     def error_text(self, error: float, *others: float) -> str:
         """Return a relative error as text in per cent.
 
-        It has enough digits to be distinguished from the errors of the points and from the relative errors ``others``.
+        It has two digits, or up to six where these distinguish it from the errors of the points and from the relative
+        errors ``others``.
         """
         return format_share(error, (*others, *(point.error for point in self.points)))
 
     def answer(self, error: float) -> str:
-        """Return a sentence that states the lowest cost of a relative error of at most ``error``."""
+        """Return a sentence that states the lowest cost of a relative error of at most ``error``.
+
+        If no point reaches this error, the sentence states the smallest error and its cost instead.
+        """
         found, best, asked = self.cheapest(error), self.best, self.error_text(error)
         if found is not None:
             return (
@@ -167,7 +172,10 @@ class Curve:
 
 
 def marked(points: Iterable[CostPoint]) -> tuple[CostPoint, ...]:
-    """Return copies of the points, cheapest first; ``efficient`` is True where all cheaper points have larger errors.
+    """Return copies of the points, cheapest first, with ``efficient`` True for those on the Pareto front.
+
+    A point is on the front if its error is smaller than that of all points before it in this order. Of equally
+    expensive points, the most accurate comes first.
 
     Examples
     --------

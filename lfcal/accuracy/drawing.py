@@ -32,7 +32,8 @@ def draw_curves(
 ) -> None:
     """Plot the curves that have points in one figure, each in a log-log panel with the Pareto front as a line.
 
-    Points are labelled where the labels do not overlap. A square marks the point with `CostPoint.in_use`.
+    Points are labelled where the labels do not overlap. A square marks points whose `CostPoint.in_use` is True; these
+    points and the one with the star (see ``error``) are always labelled.
 
     Parameters
     ----------

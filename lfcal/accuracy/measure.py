@@ -124,8 +124,9 @@ def iter_measure_curve(
     subject
         Plan or H to measure.
     seconds
-        Approximate time limit (s): no point is begun that would end later. A reference that would end later than twice
-        the limit, but at least 20 s, is not begun. A slow reference leaves at least 0.4 times the limit for the points.
+        Approximate time limit (s): no further point is begun if it is expected to end later. A reference is not begun
+        if it is expected to end later than twice the limit or 20 s, whichever is longer. After a slow reference, at
+        least 0.4 times the limit remains for the points.
     number, total
         Index of this curve (from 0), and total number of curves, for progress records.
 

@@ -35,7 +35,7 @@ REFERENCE = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A sample of H over whole periods: some of its planes, with the middle part of each cutout.
+    """A sample of H: all positions of some of its planes, with the middle part of each cutout.
 
     Attributes
     ----------
@@ -88,6 +88,11 @@ class Subject:
     workers
         Number of threads. None: all processors.
 
+    Raises
+    ------
+    InputError
+        If there is neither a plan nor an H.
+
     Examples
     --------
     >>> from lfcal.accuracy import Subject
@@ -115,10 +120,10 @@ class Subject:
 
     @classmethod
     def of_matrix(cls, matrix: PSFMatrix, name: str, workers: int | None = None) -> Subject:
-        """Return the subject for H; for a transposed matrix, its H is measured.
+        """Return the subject for ``matrix``; if it is transposed, the H of which it is the transpose is measured.
 
-        The plan is read from the provenance of H, or else derived from its camera. ``name`` is used in titles, and
-        ``workers`` is the number of threads (None: all processors).
+        The plan is read from the provenance of H, or else derived from its camera. If neither is possible, the subject
+        has no plan. ``name`` is used in titles, and ``workers`` is the number of threads (None: all processors).
         """
         H = matrix.T if matrix.is_transposed else matrix
         plan, reason = _plan_of(H)
@@ -148,9 +153,9 @@ class Subject:
 
     # -- samples ---------------------------------------------------------------------------------------
     def iter_sample(self, planes: int) -> Work[Sample]:
-        """Return a sample of at most ``planes`` planes from the middle of H; repeated calls return the same object.
+        """Return a sample of at most ``planes`` planes from the middle of H.
 
-        Raises `InputError` if these planes contain no light.
+        Repeated calls with the same number return the same object. Raises `InputError` if the sample contains no light.
         """
         count = min(planes, self.shape[0])
         if count not in self._samples:
@@ -161,7 +166,9 @@ class Subject:
         return self._samples[count]
 
     def iter_patterns(self) -> Work[Patterns]:
-        """Return patterns of the middle plane, spread over the period; repeated calls return the same object.
+        """Return at most 8 x 8 patterns of the middle plane, spread over the period.
+
+        Repeated calls return the same object.
 
         Raises `InputError` if they contain no light.
         """
@@ -235,7 +242,7 @@ class Subject:
 def reference_seconds(plan: ScanPlan, z: int, tolerance: float) -> float:
     """Return the estimated time (s) to simulate one position of plane ``z`` at the reference level.
 
-    ``tolerance`` is the relative error allowed to the simulation. The estimate is correct to within a factor of 3.
+    ``tolerance`` is the largest relative error of the simulation. The estimate may be wrong by a factor of 3.
     """
     return REFERENCE * few_seconds(outlook_of(plan, z), "reference", tolerance, 1)
 

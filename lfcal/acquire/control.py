@@ -27,7 +27,7 @@ class Control:
     Examples
     --------
     >>> from lfcal.acquire import Control
-    >>> control = Control()  # handed to iter_record, and asked by it between frames
+    >>> control = Control()  # pass it to iter_record, which checks it between frames
     >>> control.stop()
     >>> print(control.stopping, control.aborting)
     True False

@@ -59,7 +59,7 @@ class PlaneSum:
     light
         Sum of the cutouts, ``(rows, columns)`` (counts).
     read, total, damaged
-        Number of frames read so far, total number of recorded frames, and number of unreadable frames.
+        Numbers of frames of the plane: added to ``light`` so far, recorded in total, and unreadable so far.
     ended
         Whether reading has ended.
     """
@@ -72,7 +72,7 @@ class PlaneSum:
 
     @property
     def words(self) -> str:
-        """Text on the progress of reading; empty once all frames have been read."""
+        """Text on the progress of reading; empty once reading has ended and every recorded frame was added."""
         if not self.ended:
             return f"reading frame {self.read + self.damaged} of {self.total} …"
         return "" if self.read == self.total else f"{self.read} of {self.total} frames"
@@ -115,9 +115,10 @@ class _Frames:
 class EarlierFrames:
     """Reader of earlier runs that passes their records to ``quality``, and sums the frames of the displayed plane.
 
-    Records are read first. For a `LiveQuality`, the frames of the displayed plane follow for at most ``seconds``, in an
-    order spread over the period. Sums of several planes are cached up to `MEMORY` bytes. `want` and `read` may be
-    called from different threads.
+    The records are passed on first, with backgrounds from a few frames of each plane. If ``quality`` is a
+    `LiveQuality`, the frames of the displayed plane are then added up for at most ``seconds``, in an order spread over
+    the period. Sums of several planes are cached up to `MEMORY` bytes. `want` and `read` may be called from different
+    threads.
 
     Parameters
     ----------
@@ -145,7 +146,10 @@ class EarlierFrames:
         self._sums: dict[int, PlaneSum] = {}
 
     def want(self, z: int) -> bool:
-        """Request plane ``z`` in place of the previous one; return whether anything must be read for it."""
+        """Request plane ``z`` in place of the previous one; return whether `read` must be called for it.
+
+        Returns False if ``z`` was the plane requested last.
+        """
         before, self._wanted = self._wanted, z
         if before == z or self._known is None or not self._known.flat.size:
             return False
@@ -154,11 +158,14 @@ class EarlierFrames:
         return not (self._reported and summed)
 
     def sum_of(self, z: int) -> PlaneSum | None:
-        """Return the sum of a plane over the frames read so far; None before the first frame."""
+        """Return the sum of plane ``z`` over the frames read so far; None before the first frame."""
         return self._sums.get(z)
 
     def read(self, z: int, going: Callable[[], bool] = lambda: True) -> None:
-        """Read the frames of plane ``z``, until ``going`` returns False or another plane is requested.
+        """Pass on the records if this has not been done, then add up the frames of plane ``z``, requested with `want`.
+
+        Reading ends early when ``going`` returns False or another plane is requested. It also ends after the time limit
+        for a plane.
 
         Raises
         ------

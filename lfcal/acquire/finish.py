@@ -53,7 +53,9 @@ def iter_assemble_session(
     Raises
     ------
     InputError
-        If the frames are certainly not oriented as planned (`lfcal.psf.upright`).
+        If no frame was recorded, or the frames are certainly not oriented as planned (`lfcal.psf.upright`).
+    StorageError, FileFormatError
+        If the folder contains no session, or a file is damaged (see ``skip_damaged``).
 
     Examples
     --------
@@ -76,14 +78,14 @@ def iter_assemble_session(
 
 
 class Packed(NamedTuple):
-    """Result of compressing a session: the number of bytes saved, and a message for each damaged file."""
+    """Result of compressing a session: the number of bytes saved, and a message for each damaged file (unchanged)."""
 
     bytes_gained: int
     left: tuple[str, ...]
 
 
 def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
-    """Compress all finished recordings of a session; return the number of bytes saved, and the damaged files.
+    """Compress all finished recordings of a session; return the bytes saved, and messages on damaged files.
 
     A recording with missing or damaged frames is not changed, so that it can be resumed. ``folder`` is that of the
     session, and ``workers`` the number of threads (None: all processors).
@@ -123,9 +125,9 @@ def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
 def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:
     """Replace a recording by a chunked, compressed HDF5 file; return the number of bytes saved.
 
-    Every frame is checked against its CRC-32. Recordings that are already packed, or lack frames, are not changed. Each
-    chunk contains one frame, compressed with gzip at level 1 and the shuffle and fletcher32 filters. ``workers`` is the
-    number of threads (None: all processors).
+    Every frame is checked against its CRC-32. Recordings that are already packed or lack frames are not changed, and 0
+    is returned. Each chunk contains one frame, compressed with gzip at level 1 and the shuffle and fletcher32 filters.
+    ``workers`` is the number of threads (None: all processors).
 
     Raises
     ------

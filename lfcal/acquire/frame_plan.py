@@ -31,7 +31,7 @@ class FramePlan(Protocol):
 
     @property
     def lit(self) -> object:
-        """Numbers of the target's offsets that a display shows in each frame, by plane; None for a moving target."""
+        """For each plane and frame, the indices of the offsets that a display shows; None: frame k shows offset k."""
         ...
 
     def stage_um(self) -> NDArray[np.float64]:
@@ -55,7 +55,10 @@ def frame_positions(plan: FramePlan) -> NDArray[np.int64]:
 
 
 def read_frame_plan(data: Mapping[str, Any]) -> FramePlan:
-    """Return the plan described by ``data``, from `FramePlan.to_dict`; raises `FileFormatError` if it is not valid."""
+    """Return the target plan described by ``data``, as returned by `FramePlan.to_dict`.
+
+    Raises `FileFormatError` or `InputError` if ``data`` does not describe a valid plan.
+    """
     from lfcal.targets import TargetPlan  # slow to import, and not needed for single points
 
     return TargetPlan.from_dict(data)

@@ -23,7 +23,7 @@ def check_light(rig: Rig) -> None:
 
 
 class Lighting:
-    """Switch for the light, used only when necessary, because a lamp that stays on is more stable.
+    """Control of the light, which is switched only when necessary, because a lamp that stays on is more stable.
 
     Parameters
     ----------
@@ -39,7 +39,10 @@ class Lighting:
         self._off = False
 
     def switch(self, on: bool) -> None:
-        """Switch the light on or off and wait until it is steady; raises `DeviceError` if this fails."""
+        """Switch the light on or off, and wait for the settling time; do nothing if it is already in this state.
+
+        Without a light, nothing is done. Raises `DeviceError` if switching fails, and `Aborted` if the user aborts.
+        """
         if self._light is None or on != self._off:
             return
         self._off = True  # also while switching, because a fault may leave it on or off

@@ -40,11 +40,12 @@ class CoverageState:
         assumed to be at its planned pose.
     light
         Sum over each frame of the samples minus the frame's median (counts), ``(frames,)`` in the plan's order; NaN for
-        frames that are not recorded.
+        frames that are not recorded or whose light is unknown.
     saturated
         Number of saturated pixels in each frame, ``(frames,)`` in the plan's order.
     lamp
-        Recording time without pauses (s) and light (counts) of each reference frame, ``(n, 2)``.
+        Time since the start of the recording without pauses (s), and light (counts), of each reference frame,
+        ``(n, 2)``.
     alarms
         Findings on recorded frames that may require a stop, as in `lfcal.acquire.live_quality`.
     """
@@ -84,7 +85,7 @@ class LiveCoverage:
     plan
         Plan of the session.
     folder
-        Folder of a session to resume, whose recorded frames are counted. None: a new session.
+        Folder of a session to resume. Its recorded frames are counted if it has the same plan. None: a new session.
 
     Examples
     --------
@@ -137,10 +138,8 @@ class LiveCoverage:
     def know(self, z: int, k: int, light: float = math.nan, saturated: int = 0) -> None:
         """Mark frame ``k`` of plane ``z`` as recorded.
 
-        ``light`` is the sum of its samples minus their median (counts), NaN if unknown; ``saturated`` is its number of
-        saturated pixels.
-
-        A frame is counted only once.
+        ``light`` is the sum of its samples minus their median (counts), and ``saturated`` its number of saturated
+        pixels, which is ignored if ``light`` is NaN (unknown). A frame is counted only once.
         """
         from lfcal.targets import covered_by
 
@@ -157,7 +156,10 @@ class LiveCoverage:
             self._shown[z, found] += 1
 
     def remember(self, folder: Path) -> None:
-        """Read the reference frames of the session in ``folder``, for comparison with those of the next run."""
+        """Read the reference frames of the session in ``folder``, for comparison with those of the next run.
+
+        Files that cannot be read are ignored.
+        """
         with suppress(LfcalError, OSError), self._lock:
             for check in sampled_references(folder):
                 self._lamp.append((check.elapsed_s, _light(check.energy, check.frame)))

@@ -113,7 +113,8 @@ class LiveQuality:
     window
         Shape ``(rows, columns)`` of the recorded frames (px).
     stride
-        After the first 200 frames, the image's position in the cutout is measured in every ``stride``-th frame.
+        After the first 200 frames, the background and the image's position in the cutout are measured only in every
+        ``stride``-th frame.
 
     Examples
     --------
@@ -189,7 +190,10 @@ class LiveQuality:
             self._done += 1
 
     def remember(self, folder: Path) -> None:
-        """Read the reference frames of the session in ``folder``, for comparison with those of the next run."""
+        """Read the reference frames of the session in ``folder``, for comparison with those of the next run.
+
+        Files that cannot be read, and frames of another shape, are ignored.
+        """
         # unreadable files only shorten the comparison
         with suppress(LfcalError, OSError), self._lock:
             for check in sampled_references(folder):

@@ -29,8 +29,8 @@ class Options:
         Order of the positions: ``"plan"`` (as planned), or ``"coarse"`` (first a coarse grid in all planes, then finer
         ones).
     bracket
-        Exposure times at each position, as multiples of the plane's exposure time. Frames of several exposures are
-        merged to extend the dynamic range.
+        Exposure times at each position, as different multiples of the plane's exposure time, one of which is 1. Frames
+        of several exposures are merged to extend the dynamic range.
     margin_px
         Width of the margin recorded around the cutout (px), for interpolation at sub-pixel anchors and for drift. None:
         12 if the plan's anchor is between pixels or frames are resampled, else no margin.
@@ -49,8 +49,8 @@ class Options:
     retries
         Number of further attempts at a position after a transient fault.
     tolerance_um, overshoot_um
-        As in `Motion` (µm, in x, y, z). A tolerance of None is a tenth of the smaller lateral step laterally, and the
-        whole step in depth.
+        As in `Motion` (µm, for the stage axes x, y, z). Tolerance None: a tenth of the smallest lateral step of the
+        scan for lateral axes, and this whole step for the depth axis.
     move_timeout_s, grab_timeout_s, light_settle_s
         Longest waiting times for the stage to arrive and for a frame (beyond its exposure), and the settling time after
         switching the light (s).
@@ -153,7 +153,7 @@ class Options:
         return tuple(Bound.parse(text) for text in self.suspend)
 
     def motion(self, plan: ScanPlan) -> Motion:
-        """Return the settings for moving the stage along ``plan``."""
+        """Return the settings for moving the stage to the positions of ``plan``."""
         tolerance = self.tolerance_um
         if tolerance is None:
             step = min(min(plan.step_um(z)) for z in range(len(plan.depths_um)))

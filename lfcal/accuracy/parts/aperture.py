@@ -30,9 +30,9 @@ TOLERANCE = 0.05
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error of the iris fitted to sums of noisy patterns on increasingly fine grids of positions.
+    """Yield the error of the iris diameter fitted to noisy sums of patterns, for increasingly fine grids of positions.
 
-    The sums are simulated with rays.
+    The patterns are simulated with rays.
     """
     plan, z = subject.planned, subject.middle
     camera = plan.camera
@@ -72,8 +72,8 @@ def iris_diameter_px(camera: Camera, z_um: float) -> float:
     """Return the diameter (px) of a circle with the area of the iris's shadow, for a source at depth ``z_um`` (µm).
 
     Without the lenslets, a ray through the point p of the iris would meet the sensor at ``p (a - B)/(b + a)``, relative
-    to the chief ray. Here p is measured from the centre of the iris (µm), a is the distance from the lenslet array to
-    the image, B the gap between array and sensor, and b the image distance of the main lens.
+    to the chief ray. Here p is measured from the centre of the iris, and b is the distance from the main lens to the
+    lenslet array. The distances from the array to the image, a, and to the sensor, B, are positive behind the array.
 
     Raises
     ------
@@ -96,17 +96,17 @@ def iris_diameter_px(camera: Camera, z_um: float) -> float:
 
 
 def noisy_sum(total: NDArray[np.float64], frames: int, sensor: Sensor, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return a sum of frames with photon and read noise (electrons).
+    """Return a sum of frames (electrons) with simulated photon and read noise.
 
     Parameters
     ----------
     total
-        Sum of the patterns ``(rows, columns)``; 1 is the brightest pixel of a frame, with the fraction `FULL` of the
-        full well.
+        Sum of the noise-free patterns ``(rows, columns)``. A value of 1 is the brightest pixel of a single frame; it
+        receives the fraction `FULL` of the full well.
     frames
-        Number of frames in the sum.
+        Number of frames in the sum, each with read noise.
     sensor, rng
-        The sensor, and the random generator.
+        Sensor with its full well and read noise, and random generator for the noise.
     """
     electrons = np.maximum(total, 0) * FULL * sensor.full_well_e
     noise: NDArray[np.float64] = rng.normal(0, math.sqrt(frames) * sensor.read_noise_e, total.shape)

@@ -35,7 +35,7 @@ PIXELS = 40_000_000
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error of the mean of simulated frames, relative to the true light, for increasing numbers of frames."""
+    """Yield the relative error of the mean of simulated frames, for several exposures and numbers of frames."""
     plan = subject.planned
     patterns = yield from subject.iter_patterns()
     flat = np.maximum(patterns.values.reshape(-1, *plan.cutout), 0)
@@ -69,7 +69,8 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 def dark_level(camera: Camera) -> float:
     """Return the mean sample value of simulated dark frames of ``camera`` (counts).
 
-    If the black level is below the noise, negative values are clipped to zero, and the mean exceeds the black level.
+    If the black level is not well above the read noise, negative values are clipped to zero, and the mean exceeds the
+    black level.
     """
     black = np.zeros(camera.sensor.shape, np.float32)
     frames = range(max(1, DARK_PIXELS // black.size))
@@ -115,10 +116,11 @@ def _cut_off(camera: Camera) -> tuple[str, ...]:
 
 
 def expected_noise(light_e: NDArray[np.float32], noise: Noise, electrons_per_count: float, count: int) -> float:
-    """Return the mean absolute error of the mean of ``count`` frames, relative to the mean of ``light_e`` (electrons).
+    """Return the expected mean absolute error of the mean of ``count`` frames, as a fraction of the mean light.
 
-    The mean of n values with normal noise of variance v has the mean absolute error ``sqrt(2 v / (pi n))``. With few
-    electrons, the noise is not normal, and the result is approximate. ``noise`` is that of a single frame (counts).
+    ``light_e`` is the light in a frame (electrons per pixel), and ``noise`` the noise of a single frame (counts). The
+    mean of n values with normal noise of variance v has the mean absolute error ``sqrt(2 v / (pi n))``. With few
+    electrons, the noise is not normal, and the result is approximate.
     """
     counts = light_e.astype(np.float64) / electrons_per_count
     variance = float(noise.constant) + float(noise.slope) * counts

@@ -27,7 +27,10 @@ PIXELS = 400_000
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the noise of samples recovered by the pseudo-inverse, for every light-field modulator in uniform light."""
+    """Yield the noise of samples recovered by the pseudo-inverse, for each of `MASKS` in uniform light.
+
+    Each mask is measured at several exposures.
+    """
     plan = subject.planned
     sensor, exposure = plan.camera.sensor, max(plan.exposures)
     side = min(PRIMES, key=lambda p: abs(p - plan.camera.pitch_px))
@@ -57,7 +60,7 @@ def measure(subject: Subject, seconds: float) -> Measuring:
 def sample_noise(
     modulator: Modulator, inverse: np.ndarray, electrons: float, sensor: Sensor, rng: np.random.Generator
 ) -> float:
-    """Return the rms error of recovered samples, relative to their value, with photon and read noise.
+    """Simulate frames of uniform light with photon and read noise; return the relative rms error of recovered samples.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ FULL = 0.8
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error and time of demultiplexing a known scene, for every route and filter."""
+    """Yield the error and time of demultiplexing a known noisy scene, for each pair of route and filter in `WAYS`."""
     sensor = _sensor(subject)
     pattern = sensor.cfa or "Bayer"
     modulator = cfa(pattern)

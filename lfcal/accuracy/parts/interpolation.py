@@ -39,7 +39,7 @@ class _Moved:
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error of patterns cut out of simulated frames that are displaced by fractions of a pixel."""
+    """Yield the error and time of each interpolation, for simulated images displaced by fractions of a pixel."""
     plan = replace(subject.planned, resample=False)
     z, (nt, ns) = subject.middle, plan.cutout
     effects = plan_effects(plan, TOLERANCE).effects

@@ -36,7 +36,7 @@ GROWTH = 2.6
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error of lattices fitted to increasingly large parts of a synthetic white image of the camera."""
+    """Yield the error and time of lattice fits to increasingly large parts of a synthetic white image of the camera."""
     camera, exposure = subject.planned.camera, max(subject.planned.exposures)
     sensor = camera.sensor
     yield Truth(

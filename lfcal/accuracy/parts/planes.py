@@ -29,7 +29,10 @@ TOLERANCE = 0.05
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error of using the nearest plane's pattern for depths between planes."""
+    """Yield the error of using the nearest plane's pattern for depths between planes, for several numbers of planes.
+
+    Raises `InputError` if all planes of the plan have the same depth.
+    """
     plan = subject.planned
     low, high = min(plan.depths_um), max(plan.depths_um)
     if low == high:

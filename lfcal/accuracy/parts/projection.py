@@ -48,8 +48,9 @@ ABOUT = 0.5
 class PointByPoint:
     """Forward and back projection of some points as explicit sums in float64.
 
-    The image f of an object g is ``f[p] = sum_v g[v] H[(v - anchor) mod n][p - v + c]``. Here p is a pixel, v a
-    position, n the period, and c the central pixel of the cutout.
+    The image f of one plane g of an object is ``f[p] = sum_v g[v] H[(v - anchor) mod n][p - v + c]``. Here p is a
+    pixel, v the pixel onto which a voxel is imaged, n the period, and c the central pixel of the cutout. Voxels
+    (z, y, x) have the plane index z and v = (y, x). The images of several planes are added.
 
     Attributes
     ----------
@@ -102,7 +103,10 @@ class _Test:
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error of every setting relative to explicit sums, and the time of a forward and a back projection."""
+    """Yield the error relative to explicit sums, and the time of a forward and a back projection, for each setting.
+
+    Settings that do not fit into memory, or have the same effect as an earlier one, are left out.
+    """
     sample = yield from subject.iter_sample(1)
     H = sample.matrix
     shape = _image_shape(H.shape)

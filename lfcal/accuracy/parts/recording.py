@@ -29,7 +29,7 @@ CANDIDATES = 48
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the predicted error of H from the whole scan with averaging, then from a few patterns and a fit."""
+    """Yield the predicted error of H, first from whole scans with averaging, then from a fit to a few patterns."""
     plan = subject.planned
     light = yield from iter_expected_light(plan, subject.workers)
     yield Truth(

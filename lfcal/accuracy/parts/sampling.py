@@ -24,7 +24,10 @@ FIRST = 2
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error and time of the samplings of `lfcal.simulate.ladder`, for one position of the middle plane."""
+    """Yield the error and time of the faster samplings of `lfcal.simulate.ladder`, for a position of the middle plane.
+
+    The error is for this position, the time that predicted for the whole H.
+    """
     plan, z = subject.planned, subject.middle
     effects = plan_effects(plan, TOLERANCE).effects
     scene = lattice_scene_for(plan, z, effects)

@@ -33,7 +33,10 @@ MOST_POSITIONS = 4
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the error of positions simulated with each tolerance, relative to a reference with all effects."""
+    """Yield the error of patterns simulated with each of `TOLERANCES`, and the predicted time for the whole H.
+
+    The reference includes the effects that matter at the tolerance `FINEST`.
+    """
     plan, z = subject.planned, subject.middle
     count = max(1, min(MOST_POSITIONS, int(seconds / POSITION_SECONDS)))
     positions = _positions(plan.period, count)

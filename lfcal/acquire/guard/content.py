@@ -46,7 +46,7 @@ class FramePlace(NamedTuple):
 
 
 class RowSample(NamedTuple):
-    """Some rows of one exposure, their CRC-32, the bytes of the first and last of them, and the exposure's position."""
+    """Sample of an exposure: its position, some of its rows, their CRC-32, and the bytes of the first and last row."""
 
     place: FramePlace
     rows: NDArray[Any]
@@ -55,7 +55,9 @@ class RowSample(NamedTuple):
 
 
 class Repeats:
-    """Detector of repeated content, which compares the checksums of all exposures and samples of the latest ones.
+    """Detector of repeated content; compares some rows of each exposure with those of earlier exposures.
+
+    All earlier exposures are compared by the checksums of these rows, and the latest `BUFFERS` also row by row.
 
     Content is compared in sensor coordinates, and only between different positions: images of a displaced source
     differ even without noise, while images at the same position may be equal.
@@ -65,7 +67,7 @@ class Repeats:
     ceiling
         Sample value of a saturated pixel.
     recorded
-        Maps the CRC-32 of each frame stored by earlier runs of the session to its position.
+        Maps the CRC-32 of each frame stored by earlier runs of the session to its position. None: no such frames.
     """
 
     def __init__(self, ceiling: float, recorded: Mapping[int, Position] | None = None) -> None:
@@ -109,7 +111,7 @@ class Repeats:
 
         Only the checksums of these frames are known. Their cutouts move with the source, so that noise-free frames of
         different positions may be equal. A frame is therefore compared only if ``noise``, the standard deviation of a
-        pixel (counts), is above 0. Samples above ``floor`` (counts) count as light.
+        pixel (counts), is above 0, and at least `FEW` samples are lit: above ``floor`` (counts) and not saturated.
         """
         if not self._recorded or noise <= 0:
             return NO_DOUBT
@@ -251,7 +253,10 @@ class Neighbours:
         self._latest: tuple[float, MeasuredFrame] | None = None
 
     def look(self, position: Position, now: MeasuredFrame, exposure_s: float, pitch: int) -> Doubt:
-        """Compare a frame with its neighbours, ``pitch`` positions away, and return the findings."""
+        """Compare a frame with its neighbours, ``pitch`` positions away, and return the findings.
+
+        If no neighbours were accepted, the frame is compared with the latest accepted frame, scaled to ``exposure_s``.
+        """
         way = self._expect(position, pitch)
         if way < 0:
             return self._elsewhere(now, exposure_s)
@@ -339,7 +344,7 @@ class Content(NamedTuple):
 
     ``frame`` contains the samples ``(rows, columns)`` to be stored, and ``now`` their measurements. ``raws`` are the
     exposures from which the frame was computed, in the same region of the sensor for every frame of a kind. ``asked_s``
-    is the requested exposure time, and ``actual_s`` the actual exposure times (s); the first is that of the frame.
+    is the requested exposure time, and ``actual_s`` the actual times (s), of which the first is used for the frame.
     """
 
     kind: Kind
@@ -394,7 +399,10 @@ class ContentGuard:
         self._any = False
 
     def look(self, content: Content) -> CheckedFrame:
-        """Check a frame and return the findings; later frames are compared with it only after `accept`."""
+        """Check a frame and return its measurements with the findings.
+
+        Later frames are compared with it only after `accept`. Of a dark frame, only the exposure time is checked.
+        """
         now = content.now
         doubt = _exposure(content)
         if content.kind is Kind.DARK:

@@ -56,7 +56,7 @@ class Doubt:
 
     @property
     def certain(self) -> bool:
-        """Whether the frame alone proves the fault."""
+        """Whether the frame alone proves at least one of the faults."""
         return bool(self.what & CERTAIN)
 
     @property

@@ -74,7 +74,7 @@ class Holder(NamedTuple):
 
 
 def holder_of(folder: Path) -> Holder | None:
-    """Return the program that is recording into ``folder``; None if there is none."""
+    """Return the program that is recording into ``folder``; None if there is none or the lock file cannot be opened."""
     path = folder / LOCK
     try:
         descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)

@@ -14,7 +14,8 @@ __all__ = ["SOURCE", "open_session"]
 def open_session(folder: Path, *, skip_damaged: bool = False) -> RecordingSource:
     """Open the session in ``folder``, and return the source of its frames.
 
-    The frames are cutouts of a single point, or whole frames of a target. ``skip_damaged`` is as in `RecordingSource`.
+    For a session of a target, it is a `TargetRecording` of whole frames, else a `RecordingSource` of cutouts.
+    ``skip_damaged`` is as in `RecordingSource`.
 
     Examples
     --------

@@ -51,7 +51,8 @@ class Layout:
     shape, dtype
         Rows and columns of a frame, and its sample type.
     frames_at, records_at
-        Offsets in the file (bytes); -1 once the recording is repacked into chunks.
+        Offsets of the first frame and the first record in the file (bytes); -1 once the recording is repacked into
+        chunks.
     attributes
         Attributes of the file.
     """
@@ -75,7 +76,10 @@ class Layout:
 
 
 def read_layout(path: Path) -> Layout:
-    """Read and check the layout of recording ``path``; raises `FileFormatError` if it is not a recording."""
+    """Read and check the layout of recording ``path``.
+
+    Raises `FileFormatError` if it is not a recording, or has another format version.
+    """
     with H5File(path) as file:
         attributes = file.attributes()
         if attributes.text("format") != FORMAT:
@@ -160,8 +164,8 @@ class RecordingJournal:
     def put(self, slot: int, frame: NDArray[Any], note: Note, sequence: int) -> None:
         """Hand ``frame`` and its record to the operating system; they are safe after the next `sync`.
 
-        ``frame`` has the shape and dtype of the recording, and ``sequence`` is its number in the session. Raises
-        `StorageError` if the frame cannot be written.
+        ``slot`` is an index from 0 below the recording's ``count``, and ``sequence`` the frame's number in the session.
+        Raises `StorageError` if the frame does not have the shape and dtype of the recording, or cannot be written.
         """
         layout = self.layout
         if frame.shape != layout.shape or frame.dtype != layout.dtype or not 0 <= slot < layout.count:
@@ -182,7 +186,7 @@ class RecordingJournal:
                 raise
 
     def sync(self) -> None:
-        """Wait until all frames passed to `put` are on disk; raises `StorageError` if this fails."""
+        """Wait until all frames passed to `put` are on disk; raise `StorageError` if this fails."""
         try:
             sync_data(self._descriptor)
             # a removed file still accepts writes, which are lost when it is closed
@@ -194,7 +198,7 @@ class RecordingJournal:
             raise StorageError(f"{self.path}: removed while recording; restore the folder, or start a new session")
 
     def records(self) -> NDArray[Any]:
-        """Return all records on disk, ``(count,)`` of type `RECORD`."""
+        """Return the records of all slots as stored, ``(count,)`` of type `RECORD`; those of empty slots are zeros."""
         data = read_at(self._descriptor, self.layout.count * RECORD.itemsize, self.layout.records_at, self.path)
         return np.frombuffer(data, RECORD).copy()
 
@@ -214,7 +218,10 @@ class RecordingJournal:
 
 
 def read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
-    """Return ``size`` bytes of an open file at ``offset``; ``path`` names the file in error messages."""
+    """Return ``size`` bytes at ``offset`` of an open file; raise `FileFormatError` if there are fewer.
+
+    ``path`` names the file in error messages.
+    """
     with storage_errors(path):
         data = read_bytes(descriptor, size, offset)
     if len(data) != size:
@@ -227,7 +234,11 @@ def read_at(descriptor: int, size: int, offset: int, path: Path) -> bytes:
 def lay_out(
     path: Path, count: int, shape: tuple[int, int], dtype: np.dtype[Any], attributes: dict[str, Any]
 ) -> tuple[int, int]:
-    """Create the HDF5 file without data; return the offsets (bytes) where its frames end and its records begin."""
+    """Create the HDF5 file of a recording, without writing frames or records.
+
+    It has ``attributes`` and space for ``count`` frames of ``shape`` and ``dtype``. The offsets (bytes) at which the
+    frames end and the records begin are returned.
+    """
     import h5py
 
     access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
@@ -283,7 +294,7 @@ class RecordingFile:
         self.taken: NDArray[np.bool_] = intact(self.records)
 
     def read(self, slot: int) -> NDArray[Any]:
-        """Return frame ``slot`` as a new array; raises `FileFormatError` if it is damaged or was not recorded."""
+        """Return frame ``slot`` as a new array; raise `FileFormatError` if it is damaged or was not recorded."""
         frame = self._frame(slot)
         if (
             frame is None
@@ -315,7 +326,7 @@ class RecordingFile:
             return None
 
     def is_whole(self, slot: int) -> bool:
-        """Return whether frame ``slot`` on disk agrees with its record."""
+        """Return whether frame ``slot`` was recorded and agrees with the CRC-32 in its record."""
         for attempt in range(2):
             try:
                 self.read(slot)

@@ -58,13 +58,14 @@ class Note:
     """Record of a frame; the fields, their order and their stored types define the layout in the file.
 
     ``index`` is the flat position in the plan, ``(z * ny + y) * nx + x``, from which a control frame is displaced by
-    ``period_y`` and ``period_x`` whole periods. ``target_um`` and ``stage_um`` are the target and the read-back stage
-    coordinates (x, y, z) in µm. ``exposure_s`` is the exposure time (s), ``time_s`` the time since 1970-01-01 UTC (s),
-    and ``elapsed_s`` the recording time so far, without pauses (s). ``energy`` is the sum and ``peak`` the highest of
-    all samples (counts). ``row`` and ``column`` are those of the first sensor pixel of the frame. ``saturated`` and
-    ``sensor_saturated`` are the numbers of saturated pixels in the frame, and in the whole region read from the sensor.
-    ``attempts`` is the number of attempts to take the frame, and ``suspicion`` contains the suspected faults.
-    ``sequence`` and ``frame_crc`` are filled in when the frame is written.
+    ``period_y`` and ``period_x`` whole periods. ``kind`` is the kind of the frame. ``target_um`` and ``stage_um`` are
+    the target and the read-back stage coordinates (x, y, z) in µm. ``exposure_s`` is the exposure time (s), ``time_s``
+    the time since 1970-01-01 UTC (s), and ``elapsed_s`` the time since the start of the recording, without pauses and
+    interruptions (s). ``energy`` is the sum and ``peak`` the highest of all samples (counts). ``row`` and ``column``
+    are the sensor coordinates of the frame's first pixel. ``saturated`` and ``sensor_saturated`` are the numbers of
+    saturated pixels in the frame, and in the whole region read from the sensor. ``attempts`` is the number of attempts
+    to take the frame, and ``suspicion`` contains the suspected faults. ``sequence`` and ``frame_crc`` are filled in
+    when the frame is written.
 
     Examples
     --------

@@ -138,7 +138,7 @@ class RecordingSource(Frames):
     Raises
     ------
     StorageError, FileFormatError
-        If the folder contains no session, or one of its files is damaged.
+        If the folder contains no session, or one of its files is damaged (see ``skip_damaged``).
     InputError
         If no frame was recorded, or the session contains whole frames of a target (open it with `TargetRecording`).
     """
@@ -282,7 +282,7 @@ class RecordingSource(Frames):
         return place._replace(z=self._planes[place.z])
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or the part of it in ``region``; raises `FileFormatError` if the frame is damaged."""
+        """Return frame ``index``, or the part of it in ``region``; raise `FileFormatError` if the frame is damaged."""
         k = check_index(index, len(self))
         file, slot = self._files[int(self._where[k])], int(self._slots[k])
         with frame_errors(file.label(slot), self._place(k)):
@@ -304,7 +304,10 @@ class RecordingSource(Frames):
         )
 
     def repeats(self) -> FrameSource | None:
-        """Return the reference frames of the newest recording with at least two; None if there is no such recording."""
+        """Return the reference frames of the session's newest recording that has at least two; None if there is none.
+
+        All frames have the position (0, 0, 0).
+        """
         for run in reversed(range(len(self.session.recordings))):
             found = [
                 (record, frame) for record, frame in _checks(self._folder, run) if record["kind"] == Kind.REFERENCE
@@ -339,9 +342,9 @@ class CheckFrame(NamedTuple):
     """A reference or control frame of a session.
 
     ``kind`` distinguishes reference from control frames. The frame is compared with that of the planned ``position``
-    (z, y, x), from which the source is displaced by ``periods`` (y, x), in whole periods. ``elapsed_s`` is the
-    recording time so far, without pauses (s). ``energy`` is the sum of all samples, including the background (counts).
-    ``origin`` is the (row, column) of the first pixel on the sensor (px), and ``frame`` contains the samples,
+    (z, y, x), from which the source is displaced by ``periods`` (y, x), in whole periods. ``elapsed_s`` is the time
+    since the start of its recording, without pauses (s). ``energy`` is the sum of all samples, including the background
+    (counts). ``origin`` is the (row, column) of the first pixel on the sensor (px), and ``frame`` contains the samples,
     ``(rows, columns)``.
     """
 
@@ -376,7 +379,10 @@ def read_checks(folder: Path) -> list[CheckFrame]:
 
 
 def sampled_references(folder: Path) -> Iterator[CheckFrame]:
-    """Yield at most `SAMPLED` reference frames of each recording in ``folder``, in order; skip damaged frames."""
+    """Yield at most `SAMPLED` reference frames of each recording in ``folder``, evenly spread over the recording.
+
+    They are in the order of recording; damaged frames are skipped.
+    """
     session = SessionFile.read(folder)
     for run in range(len(session.recordings)):
         path = folder / file_name(Kind.REFERENCE, run)
@@ -425,14 +431,15 @@ class TargetRecording(RecordingSource):
 
     In a complete session, frame ``k`` is frame ``k`` of the plan; otherwise, `frames` states which frames were
     recorded. The ``points`` of each frame are the positions nearest to its holes at the planned pose, in the order of
-    `TargetPlan.points` for the offsets that the frame shows. The actual pose of the target is found in the frames.
+    `TargetPlan.points` for the offsets that the frame shows. The actual pose of the target, which may differ, is not
+    known here; it has to be fitted to the frames.
     ``metadata`` contains the ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to the
     entries of every session.
 
     Parameters
     ----------
     folder, skip_damaged
-        As in `RecordingSource`, which raises the same errors.
+        As in `RecordingSource`; so are the errors, but `InputError` is raised for a session of cutouts.
 
     Examples
     --------

@@ -89,9 +89,10 @@ class Store:
         identity: str,
         damaged: Callable[[str], NDArray[np.int64]],
     ) -> Store:
-        """Open the files of recording ``run`` to continue it; ``damaged`` returns the slots of a file to take again.
+        """Open the files of recording ``run`` to continue it.
 
-        Raises `FileFormatError` if they belong to a session other than ``identity``, or have frames of another layout.
+        ``damaged`` is called with the name of each file, and returns the slots to be recorded again. Raises
+        `FileFormatError` if the files belong to a session other than ``identity``, or have frames of another layout.
         """
         opened: dict[Kind, RecordingJournal] = {}
         taken: dict[Kind, NDArray[np.bool_]] = {}
@@ -130,7 +131,7 @@ class Store:
             journal.sync()
 
     def todo(self) -> NDArray[np.bool_]:
-        """Return a mask of the steps of the schedule that have no acknowledged frame."""
+        """Return a mask ``(steps,)`` of the steps of the schedule that had no acknowledged frame on opening."""
         todo = np.zeros(len(self._schedule), np.bool_)
         for kind, taken in self._taken.items():
             steps = self._schedule.kinds == kind
@@ -138,7 +139,7 @@ class Store:
         return todo
 
     def checksums(self) -> dict[int, int]:
-        """Return the flat position of every acknowledged frame by its CRC-32; empty if the recording is packed."""
+        """Return the flat positions of the frames that were acknowledged on opening, by CRC-32; empty if packed."""
         journal = self._journals.get(Kind.POSITION)
         if journal is None:
             return {}
@@ -152,7 +153,7 @@ class Store:
 
 
 def recording_bytes(schedule: Schedule, dtype: np.dtype[Any]) -> int:
-    """Return the size of a recording of frames of ``dtype`` (bytes)."""
+    """Return the size of all frames and records of a recording (bytes); ``dtype`` is that of frames with light."""
     return sum(
         count * (shape[0] * shape[1] * kind.itemsize + RECORD.itemsize)
         for count, shape, kind in files_of(schedule, dtype).values()
@@ -160,7 +161,10 @@ def recording_bytes(schedule: Schedule, dtype: np.dtype[Any]) -> int:
 
 
 def files_of(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]]:
-    """Return the number, shape and dtype of the frames in each kind's file; control frames count as references."""
+    """Return the number, shape and dtype of the frames in each kind's file; control frames count as references.
+
+    ``dtype`` is that of frames with light. Kinds without frames are absent.
+    """
     plans: dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]] = {}
     for kind, count, shape, sample in (
         (Kind.POSITION, schedule.count(Kind.POSITION), schedule.window, dtype),
