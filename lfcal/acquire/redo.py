@@ -23,8 +23,8 @@ LARGEST = 1 << 28
 class RedoList:
     """List of positions to record.
 
-    ``positions`` are (z, y, x), and ``reasons`` contains a text for each of them. ``kept_aside`` contains the positions
-    whose patterns are held out from a fit to measure its quality.
+    ``positions`` are (z, y, x), and ``reasons`` contains a text for each of them. ``kept_aside`` contains those of the
+    positions whose patterns are held out from a fit to measure its quality.
 
     Examples
     --------
@@ -48,7 +48,10 @@ class RedoList:
         *,
         kept_aside: Sequence[tuple[int, int, int]] = (),
     ) -> RedoList:
-        """Return the list of ``positions`` and ``kept_aside`` (z, y, x); reasons that are missing are empty."""
+        """Return the list of ``positions`` and ``kept_aside`` (z, y, x).
+
+        If there are fewer ``reasons`` than positions, the reasons of the last positions are empty.
+        """
         given = tuple(reasons) + ("",) * (len(positions) - len(reasons))
         return cls(tuple(Position(*p) for p in positions), given, tuple(Position(*p) for p in kept_aside))
 
@@ -70,7 +73,7 @@ class RedoList:
 
     @classmethod
     def read(cls, path: Path) -> RedoList:
-        """Read the list from the file ``path``; raises `FileFormatError` if the file does not contain such a list."""
+        """Read the list from the file ``path``; raise `FileFormatError` if the file does not contain such a list."""
         data: Any = parse_json(read_text(path, limit=LARGEST), str(path))
         if not isinstance(data, dict) or data.get("format") != FORMAT or data.get("version") != VERSION:
             raise FileFormatError.expected(

@@ -57,9 +57,10 @@ class RecordedNeighbour(NamedTuple):
 
 
 def recorded_neighbours(folder: Path, todo: NDArray[np.bool_]) -> list[RecordedNeighbour]:
-    """Return trusted frames next to the True positions of ``todo`` ``(nz, ny, nx)``, at most `ENOUGH` of them.
+    """Return frames recorded at neighbours of the True positions of ``todo`` ``(nz, ny, nx)``, at most `ENOUGH`.
 
-    Unreadable frames are skipped.
+    Neighbours are in the same plane, and ``todo`` is periodic in y and x. Suspect and unreadable frames are skipped; if
+    the session cannot be read, the list is empty.
     """
     near = todo.copy()
     for axis in (1, 2):
@@ -124,7 +125,7 @@ class Taker:
         self._sensor = sensor
 
     def take(self, step: ScheduledFrame, attempt: int = 1) -> TakenFrame:
-        """Return the frame of ``step``; raises `DeviceError` if a device fails. ``attempt`` is stored in its record."""
+        """Return the frame of ``step``; raise `DeviceError` if a device fails. ``attempt`` is stored in its record."""
         self._exposer.read_region(self._schedule.roi_of(step.kind))
         dark = step.kind is Kind.DARK
         self.lighting.switch(not dark)
@@ -195,9 +196,9 @@ class Attempts:
     """Repeated attempts to take the frame of a step, each with a check of the frame.
 
     A doubtful frame is taken again, because most faults are transient. If it still differs from its neighbours, the
-    latest trusted position is taken again. If it equals its recorded frame, the rig is unchanged and the pattern itself
-    is unusual. Otherwise, the rig has changed. An unusual pattern therefore costs only a few additional frames, and
-    causes no alarm.
+    latest trusted position is taken again. If the new frame of that position agrees with the recorded one, the rig is
+    unchanged and the doubtful pattern itself is unusual. Otherwise, the rig has changed. An unusual pattern therefore
+    costs only a few additional frames, and causes no alarm.
 
     Parameters
     ----------
@@ -215,7 +216,7 @@ class Attempts:
         self._attempt = 1
 
     def trust(self, step: ScheduledFrame, now: MeasuredFrame) -> None:
-        """Register ``step`` of an earlier run, with its measurements ``now``, as a known position."""
+        """Register ``step`` of an earlier run, with its measurements ``now``, as the latest trusted position."""
         self._trusted = step, now
 
     def record(self, step: ScheduledFrame) -> TakenFrame:
@@ -224,7 +225,8 @@ class Attempts:
         Raises
         ------
         DeviceError
-            If a device fails more often than `Options.retries` allows.
+            If the camera or the stage fails more often than `Options.retries` allows, or after a fault for which there
+            are no retries.
         SuspectFrame
             If a doubt remains and the options request a stop.
         """
@@ -331,8 +333,8 @@ class Outcome:
 
     ``how`` states how the run ended: ``"complete"``, ``"stopped"`` or ``"aborted"``. ``acknowledged`` is the number of
     positions whose frames are on disk, ``total`` the number of all positions, and ``seconds`` the recording time of
-    this run without pauses. ``damaged`` is the number of damaged frames of earlier runs, found on resuming, that will
-    be taken again. ``notes`` lists omitted checks of the stage, and remarks about it.
+    this run without pauses. ``damaged`` is the number of frames of earlier runs that were found damaged on resuming and
+    had to be taken again. ``notes`` lists omitted checks of the stage, and remarks about it.
     """
 
     how: str
@@ -362,7 +364,7 @@ class Runner:
         Function that returns the reason why the session should pause, such as a full disk or a gauge out of bounds, or
         an empty string.
     elapsed_s
-        Recording time of earlier runs of the session (s).
+        Duration of earlier runs of this recording, without pauses (s).
     recorded
         Maps the CRC-32 of each frame stored by earlier runs to its position.
     known
@@ -373,8 +375,8 @@ class Runner:
     Raises
     ------
     LimitError, InputError
-        If the plan exceeds the stage's travel, or dark frames are requested and the light cannot be switched; nothing
-        has moved.
+        If the plan exceeds the stage's travel, or dark frames are still to be taken and the light cannot be switched
+        off; nothing has moved.
     """
 
     def __init__(
@@ -425,12 +427,13 @@ class Runner:
         self._earlier = elapsed_s if self._done else 0.0
 
     def run(self) -> Work[Outcome]:
-        """Record the remaining steps and return the outcome; yields after acknowledged frames and while paused.
+        """Record the remaining steps and return the outcome; yield progress after each frame and while paused.
 
         Raises
         ------
         AcquisitionStopped
-            If a fault remains after all retries; the stage is stopped, and acknowledged frames are safe.
+            After an error of a device, the content guard or the disk that ends the run. The stage is stopped, and
+            acknowledged frames are safe.
         """
         self._began = time.perf_counter()
         self._since = self._rig.time.monotonic()

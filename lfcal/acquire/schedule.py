@@ -53,7 +53,7 @@ class Block:
 
     @classmethod
     def of(cls, kind: Kind, positions: NDArray[Any], before: NDArray[Any], slots: NDArray[Any] | None = None) -> Block:
-        """Return a block of steps at ``positions``, displaced by no period; slots are consecutive by default."""
+        """Return a block of steps at ``positions``, without displacement; by default, slots are numbered from 0."""
         counted = np.arange(len(positions)) if slots is None else slots
         return cls(kind, counted, positions, np.zeros((len(positions), 2), np.int64), before)
 
@@ -61,9 +61,10 @@ class Block:
 def blocks_of(
     plan: ScanPlan, options: Options, redo: Sequence[Position] | None, only: Sequence[Position] = ()
 ) -> list[Block]:
-    """Return all blocks of steps to record for ``plan``, or for its positions ``redo`` (z, y, x).
+    """Return all blocks of steps to record for ``plan``: positions, and reference, dark and control frames.
 
-    With ``only``, the session records only these positions, with its dark, reference and control frames.
+    With ``only``, the session records only these positions (z, y, x). With ``redo``, it records only the positions
+    ``redo`` (z, y, x) in the order of their indices, and reference frames; ``only`` is then ignored.
 
     Raises
     ------
@@ -92,13 +93,15 @@ def blocks_of(
 
 
 def frame_blocks(plan: FramePlan, options: Options, redo: Sequence[Position] | None) -> list[Block]:
-    """Return all blocks of steps to record for a plan of whole frames, or for its frames ``redo`` (z, 0, k).
+    """Return all blocks of steps to record for a plan of whole frames: frames, and reference and dark frames.
+
+    With ``redo``, only the frames ``redo`` (z, 0, k) are recorded, with reference frames.
 
     Raises
     ------
     InputError
-        If the plan has no frames or not those of ``redo``, ``redo`` is empty, or an option applies only to single
-        points.
+        If the plan has no frames, ``redo`` is empty or contains frames that are not in the plan, or ``options``
+        requests another order or control frames.
     """
     if options.order != "plan" or options.controls:
         named = "order" if options.order != "plan" else "controls"
@@ -162,9 +165,9 @@ def coarse_order(plan: ScanPlan) -> NDArray[np.intp]:
 
 
 def window_shape(plan: ScanPlan, options: Options) -> tuple[int, int]:
-    """Return the odd numbers of rows and columns that are stored for each frame (px).
+    """Return the numbers of sensor rows and columns, both odd, that are stored of each frame of a single point.
 
-    They are those of the cutout of ``plan`` with the margin of ``options``.
+    They cover the cutout of ``plan`` with the margin of ``options`` on each side.
 
     Examples
     --------
@@ -279,7 +282,7 @@ class ScheduledFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
-    """All steps of a session as arrays of equal length N = ``len(self)``.
+    """All steps of a recording as arrays of equal length N = ``len(self)``.
 
     Attributes
     ----------
@@ -364,12 +367,13 @@ class Schedule:
         """Return the schedule for all positions of ``plan``, or for some of them.
 
         ``redo`` are the positions (z, y, x) to record again, without dark and control frames. ``only`` are the
-        positions of a session that records no others. ``options`` are the settings of the recording.
+        positions (z, y, x) of a session that records no others. ``options`` are the settings of the recording.
 
         Raises
         ------
         InputError
-            If a stored frame would extend beyond the sensor, or ``redo`` is empty or outside the plan.
+            If a stored frame would extend beyond the sensor, no control frame fits on it, ``redo`` is empty, or a
+            position of ``redo`` or ``only`` is outside the plan.
         """
         found = _Joined.of(blocks_of(plan, options, redo, only))
         shape = window_shape(plan, options)

@@ -57,6 +57,9 @@ def check_origin(
 ) -> None:
     """Raise `InputError` unless a new frame at the latest recorded position agrees with the recorded one.
 
+    The shift of the image must not exceed `Options.origin_tolerance_px` in rows and columns (None: no check), and the
+    correlation of the two images must be at least `CORRELATION`.
+
     Parameters
     ----------
     rig, plan, options, schedule, control
@@ -225,7 +228,7 @@ record = drained(
 
 
 def check_devices(plan: ScanPlan, rig: Rig) -> Devices:
-    """Return the properties of the devices of ``rig``; raises `InputError` if the sensor's shape is not the plan's.
+    """Return the properties of the devices of ``rig``; raise `InputError` if the sensor's shape is not the plan's.
 
     Examples
     --------

@@ -51,7 +51,7 @@ def keep_task(folder: Path, task: Mapping[str, Any], run: int = 0) -> None:
 def kept_tasks(folder: Path, recordings: int) -> tuple[dict[str, Any], ...]:
     """Return the tasks that made the first ``recordings`` recordings of a session, without their output paths.
 
-    Recordings whose task is not stored are skipped.
+    Recordings whose task is not stored or cannot be read are skipped.
     """
     found = []
     for path in (folder / _job_name(run) for run in range(recordings)):
@@ -126,11 +126,12 @@ class Run:
     """One run of a recording.
 
     ``started`` and ``ended`` are ISO 8601 times. ``how`` states how the run ended: ``"complete"``, ``"stopped"``,
-    ``"aborted"``, ``"failed"`` (with the error as ``message``) or ``"interrupted"``. ``acknowledged`` is the number of
-    positions whose frames are on disk, and ``seconds`` the duration without pauses (s).
+    ``"aborted"``, ``"failed"`` (with the error as ``message``) or ``"interrupted"``. A run that has not ended yet, or
+    whose program was terminated, is ``"interrupted"``. ``acknowledged`` is the number of positions whose frames are on
+    disk, and ``seconds`` the duration without pauses (s).
 
-    ``recording`` is the number of the recording; -1: not stored by an older version. ``stage`` is the result of the
-    stage check before the run, or why it was skipped; empty: not stored by an older version.
+    ``recording`` is the number of the recording, from 0. ``stage`` is the result of the stage check before the run, or
+    why it was skipped. Older versions do not store these two: the number is then -1, and the text empty.
     """
 
     started: str
@@ -272,7 +273,7 @@ class SessionFile:
     def read(cls, folder: Path) -> SessionFile:
         """Read the session in ``folder``.
 
-        Raises `StorageError` if there is none, and `FileFormatError` if it is damaged.
+        Raises `StorageError` if there is none, and `FileFormatError` if its file is damaged or of another version.
         """
         path = folder / NAME
         if not path.exists():
@@ -327,7 +328,10 @@ class SessionFile:
         return devices
 
     def check_same(self, plan: ScanPlan | FramePlan, options: Options, devices: Devices) -> None:
-        """Raise `InputError` unless a resumed run has the same plan, options and devices."""
+        """Raise `InputError` unless a resumed run has the plan and devices of the session.
+
+        Of the options, only those that affect the layout of the recording must be the same.
+        """
         found = _difference((self.target or self.plan).to_dict(), plan.to_dict(), "plan")
         if found is None:
             names = self.options.differences(options)
@@ -361,7 +365,10 @@ def _runs(runs: Any, recordings: Any) -> Any:
 
 
 def frame_dtype(plan: ScanPlan, options: Options, devices: Devices) -> np.dtype[Any]:
-    """Return the sample type of recorded frames: that of the camera, or float32 if several exposures are combined."""
+    """Return the sample type of recorded frames other than dark frames, which are float32.
+
+    It is uint8 or uint16, as for the camera, or float32 if several exposures are combined.
+    """
     if not options.plain or plan.frames_averaged > 1:
         return np.dtype(np.float32)
     return np.dtype(np.uint8 if devices.bit_depth <= 8 else np.uint16)

@@ -43,8 +43,8 @@ class Acknowledged(NamedTuple):
 class Writer:
     """Writer that puts frames into a `Sink` and synchronizes it in a thread, with at most ``depth`` frames in flight.
 
-    Call all methods from one thread. A disk error is raised by one of the next ``depth`` calls; nothing is acknowledged
-    after it.
+    Call all methods from one thread. An error of `Sink.sync` is raised by `flush`, `collect` or `submit`, at the latest
+    by the ``depth``-th next call of `submit`. No frame is acknowledged after it.
     """
 
     def __init__(self, sink: Sink, *, depth: int = 4) -> None:
@@ -57,7 +57,7 @@ class Writer:
         self._thread.start()
 
     def submit(self, step: ScheduledFrame, frame: NDArray[Any], note: Note) -> list[Acknowledged]:
-        """Write a frame, waiting while ``depth`` others are in flight; return the frames acknowledged meanwhile."""
+        """Write a frame, waiting while ``depth`` others are in flight; return the newly acknowledged frames."""
         while self._in_flight >= self._depth:
             self._take(self._answers.get())
         self._sink.put(step, frame, note)
@@ -76,13 +76,13 @@ class Writer:
         return self._handed_out()
 
     def flush(self) -> list[Acknowledged]:
-        """Wait until all submitted frames are on disk; return those acknowledged meanwhile."""
+        """Wait until all submitted frames are on disk; return the newly acknowledged ones."""
         while self._in_flight:
             self._take(self._answers.get())
         return self._handed_out()
 
     def salvage(self) -> list[Acknowledged]:
-        """Wait for frames that can still be saved after an error, and return them; raises no storage error."""
+        """Wait for frames that can still be saved after an error, and return them; suppress errors of the sink."""
         with suppress(LfcalError, OSError):
             while self._in_flight:
                 self._take(self._answers.get())

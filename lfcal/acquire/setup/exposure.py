@@ -56,7 +56,7 @@ def iter_exposures(
 
     Nothing is recorded, and the stage returns to its previous position. The positions are a corner and the middle of a
     period cell, and the middles of two of its sides. At the returned exposure time, the peak at the brightest position
-    is at the fraction ``target`` of the range from the black level to saturation.
+    is at the fraction ``target`` of the range from the black level to saturation, or below if ``longest_s`` limits it.
 
     Parameters
     ----------

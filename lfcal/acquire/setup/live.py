@@ -63,7 +63,9 @@ class Levels:
 
 
 def levels(frame: NDArray[Any], max_value: int) -> Levels:
-    """Return the histogram of ``frame`` ``(rows, columns)``, whose unsigned samples saturate at ``max_value``.
+    """Return the histogram of ``frame`` ``(rows, columns)``, whose samples saturate at ``max_value``.
+
+    Raises `InputError` unless the frame is a 2-D array of unsigned integers that is not empty.
 
     Examples
     --------

@@ -28,9 +28,9 @@ class OpticalAxis:
         Lateral position (right, down) of a source whose image does not move when its depth changes, in object
         coordinates of the plan (µm).
     image_px
-        Position (row, column) of that image on the sensor (px).
+        Position (row, column) of that image on the sensor (px), the mean of the positions fitted in each plane.
     residual_px
-        RMS deviation of the image of the axis between planes (px).
+        RMS distance of the positions fitted in each plane from ``image_px`` (px).
     """
 
     object_um: tuple[float, float]
@@ -39,7 +39,7 @@ class OpticalAxis:
 
 
 def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
-    """Return the optical axis, computed from images of the source at several depths and lateral positions.
+    """Return the optical axis, computed from the images of a source at several depths and lateral positions.
 
     In each plane k, the image position is an affine function ``M_k p + t_k`` of the lateral position p, with the matrix
     ``M_k`` and the shift ``t_k``. The axis is the p at which all planes agree best (least squares).
@@ -47,9 +47,9 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     Parameters
     ----------
     object_um
-        Lateral positions (right, down) of J >= 3 sources in each of K >= 2 planes (µm), ``(K, J, 2)``.
+        J >= 3 lateral positions (right, down) of the source in each of K >= 2 planes (µm), ``(K, J, 2)``.
     image_px
-        Centroids (row, column) of their images (px), ``(K, J, 2)``.
+        Centroids (row, column) of the images on the sensor (px), ``(K, J, 2)``.
 
     Raises
     ------

@@ -105,7 +105,9 @@ def iter_stage_check(
 ) -> Work[StageCheck]:
     """Check the stage at five positions in the first and the last plane, and visit the middle one several times.
 
-    Nothing is recorded, and the stage returns to its previous position.
+    Nothing is recorded, and the stage returns to its previous position. Checks that are not possible are listed in
+    `StageCheck.notes`: for a target, and if the travel is too short or another program moves the stage. There is no
+    check if `Options.check_stage` is off.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ class StageFit:
 
     @property
     def orientation(self) -> str:
-        """Name of the orientation after which the live image moves as planned, one of `lfcal.frames.ORIENTATIONS`."""
+        """Name of the orientation, of `lfcal.frames.ORIENTATIONS`, that makes the live image move as planned."""
         (a, b), (c, d) = self.matrix
         return nearest_orientation(((d, c), (b, a)))[0].name
 
@@ -172,7 +172,7 @@ def _turned(axis: str) -> str:
 
 
 def check_axes(fit: StageFit, plan: ScanPlan) -> None:
-    """Raise `InputError` if a lateral stage axis is reversed, or the two are swapped."""
+    """Raise `InputError` if, compared with ``plan``, a lateral stage axis is reversed, or the two are swapped."""
     old, new = plan.stage, fit.axes
     if (old.right, old.down) != (new.right, new.down):
         why = "" if fit.orientation == AS_IS else f": {either_words(fit.orientation)}"
