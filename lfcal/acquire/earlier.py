@@ -146,7 +146,7 @@ class EarlierFrames:
         self._sums: dict[int, PlaneSum] = {}
 
     def want(self, z: int) -> bool:
-        """Request plane ``z`` in place of the previous one; return whether `read` must be called for it.
+        """Request plane ``z`` in place of the previous one; return whether `read` has work to do for it.
 
         Returns False if ``z`` was the plane requested last.
         """
