@@ -210,7 +210,9 @@ def steps_for(
         if grid:
             return grid
         one = ONE_NODE[_shadow_um(described) > fringes.pitch_px * _pixel_um(described)] * fringes.band**2
-        nodes = (*(((1, max(one, DEBYE_NODES[0][1])),) if one <= UNBALANCED else ()), *DEBYE_NODES)
+        nodes = DEBYE_NODES
+        if one <= UNBALANCED:
+            nodes = ((1, max(one, nodes[0][1])), *nodes)
         known = [LevelSampling(level, Sampling(nodes_per_px=n), error) for n, error in nodes]
         more = range(nodes[-1][0] + 1, MAX_NODES + 1)
         return (*known, *(LevelSampling(level, Sampling(nodes_per_px=n), 0.04 / n**2) for n in more))
@@ -305,7 +307,8 @@ def _grid_error(per_px: float, needed: float, across: float, outside: float) -> 
     outside
         Error by the light outside the margins.
     """
-    return CAUTION * (SAMPLED * (needed / per_px) ** STEEPNESS / across + outside) + ROUNDED
+    sampled: float = SAMPLED * (needed / per_px) ** STEEPNESS / across
+    return CAUTION * (sampled + outside) + ROUNDED
 
 
 def _dimness(described: Scene | Outlook) -> float:
