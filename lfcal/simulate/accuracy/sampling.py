@@ -210,11 +210,11 @@ def steps_for(
         if grid:
             return grid
         one = ONE_NODE[_shadow_um(described) > fringes.pitch_px * _pixel_um(described)] * fringes.band**2
-        nodes = DEBYE_NODES
+        tried = DEBYE_NODES
         if one <= UNBALANCED:
-            nodes = ((1, max(one, nodes[0][1])), *nodes)
-        known = [LevelSampling(level, Sampling(nodes_per_px=n), error) for n, error in nodes]
-        more = range(nodes[-1][0] + 1, MAX_NODES + 1)
+            tried = ((1, max(one, tried[0][1])), *tried)
+        known = [LevelSampling(level, Sampling(nodes_per_px=n), error) for n, error in tried]
+        more = range(tried[-1][0] + 1, MAX_NODES + 1)
         return (*known, *(LevelSampling(level, Sampling(nodes_per_px=n), 0.04 / n**2) for n in more))
     if level == "reference":
         counts = [(max(fewest, math.ceil(share * fringes.angle)), error) for share, fewest, error in REFERENCE]
