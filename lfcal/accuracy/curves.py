@@ -195,7 +195,7 @@ def marked(points: Iterable[CostPoint]) -> tuple[CostPoint, ...]:
 def marks_of(point: CostPoint, chosen: CostPoint | None) -> tuple[str, ...]:
     """Return which of the marks "chosen", "in use" and "efficient" apply to ``point``.
 
-    ``chosen`` is the chosen point; None: no point is chosen.
+    ``chosen`` is the chosen point, which must be the same object to match; None: no point is chosen.
     """
     marks = {"chosen": point is chosen, "in use": point.in_use, "efficient": point.efficient}
     return tuple(word for word, true in marks.items() if true)
@@ -209,7 +209,7 @@ def cost_axis(curve: Curve) -> tuple[str, float]:
 
 
 def format_cost(cost: float, unit: str) -> str:
-    """Return a cost in ``unit`` (one of `UNITS`) as text, with a suitable unit."""
+    """Return ``cost``, measured in ``unit`` (one of `UNITS`), as text such as ``'4.0 MB'``."""
     if unit == "seconds":
         return format_seconds(cost)
     return format_bytes(cost) if unit == "bytes" else f"{cost:.0f} frames"

@@ -61,7 +61,7 @@ class Patterns:
     values
         Patterns at a grid of positions, ``(rows, columns, nt, ns)``.
     scale
-        Ratio of the number of patterns of the whole H to that of the sample.
+        Ratio of the number of patterns of the whole H to the number of patterns in ``values``.
     notes
         Description of the patterns, one line each.
     """
@@ -120,7 +120,7 @@ class Subject:
 
     @classmethod
     def of_matrix(cls, matrix: PSFMatrix, name: str, workers: int | None = None) -> Subject:
-        """Return the subject for ``matrix``; if it is transposed, the H of which it is the transpose is measured.
+        """Return the subject for ``matrix``; if it is a transposed H, the H itself is measured.
 
         The plan is read from the provenance of H, or else derived from its camera. If neither is possible, the subject
         has no plan. ``name`` is used in titles, and ``workers`` is the number of threads (None: all processors).
@@ -242,7 +242,7 @@ class Subject:
 def reference_seconds(plan: ScanPlan, z: int, tolerance: float) -> float:
     """Return the estimated time (s) to simulate one position of plane ``z`` at the reference level.
 
-    ``tolerance`` is the largest relative error of the simulation. The estimate may be wrong by a factor of 3.
+    ``tolerance`` is the largest relative error of the simulation. The estimate may be wrong by up to a factor of 3.
     """
     return REFERENCE * few_seconds(outlook_of(plan, z), "reference", tolerance, 1)
 

@@ -146,9 +146,9 @@ class EarlierFrames:
         self._sums: dict[int, PlaneSum] = {}
 
     def want(self, z: int) -> bool:
-        """Request plane ``z`` in place of the previous one; return whether `read` has work to do for it.
+        """Request plane ``z`` in place of the previous one; return whether a call of `read` is necessary.
 
-        Returns False if ``z`` was the plane requested last.
+        Returns False if ``z`` was already requested.
         """
         before, self._wanted = self._wanted, z
         if before == z or self._known is None or not self._known.flat.size:

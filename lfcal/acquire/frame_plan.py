@@ -21,7 +21,7 @@ class FramePlan(Protocol):
 
     @property
     def scan(self) -> ScanPlan:
-        """The scan plan that the frames cover, with its camera, depth planes, exposures and stage axes."""
+        """The scan plan whose positions the frames show, with its camera, depth planes, exposures and stage axes."""
         ...
 
     @property

@@ -51,7 +51,7 @@ class Lighting:
         self._control.sleep(self._settle, self._time)
 
     def restore(self) -> None:
-        """Switch the light on again if it is off and still responds; raises no error."""
+        """Switch the light on again if it is off and still responds; ignore errors."""
         if self._light is not None and self._off and not self._light.hangs:
             with suppress(Exception):
                 self._light.switch(True)

@@ -164,7 +164,7 @@ class Options:
         return Motion(plan.settle_s, _triple(tolerance), _triple(self.overshoot_um), self.move_timeout_s)
 
     def differences(self, other: Options) -> list[str]:
-        """Return the names of the options that affect the layout of the recording and differ from ``other``."""
+        """Return the names of options that affect the layout of the recording and have other values in ``other``."""
         return [name for name in _RESHAPING if getattr(self, name) != getattr(other, name)]
 
     def to_dict(self) -> dict[str, Any]:

@@ -265,8 +265,8 @@ class ScheduledFrame(NamedTuple):
 
     ``kind`` is the kind of the frame, and ``slot`` its index in the file for that kind. ``flat`` is the position in the
     plan as a flat index, ``(z * ny + y) * nx + x``, and ``z`` the index of its plane. ``target`` contains the stage
-    coordinates (x, y, z) (µm). ``row`` and ``column`` are those of the first stored sensor pixel. ``period_y`` and
-    ``period_x`` are the displacement of the source from the planned position, in whole periods.
+    coordinates (x, y, z) in µm. ``row`` and ``column`` are the sensor coordinates of the first stored pixel.
+    ``period_y`` and ``period_x`` are the displacement of the source from the planned position, in whole periods.
     """
 
     kind: Kind

@@ -129,9 +129,9 @@ def iter_record(
         the latest is used. Positions that the session does not have are added. Whole frames are numbered as in
         `lfcal.acquire.frame_plan`.
     only
-        Positions (z, y, x) of the scan to record. None: all.
+        Positions (z, y, x) of the scan to record; not allowed for a target. None: all.
     kept_aside
-        Recorded positions (z, y, x) whose patterns are held out from a fit.
+        Recorded positions (z, y, x) whose patterns are held out from a fit; not allowed for a target.
     control, preview, observers
         See `Runner`.
     task

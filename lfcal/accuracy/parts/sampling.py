@@ -26,7 +26,7 @@ FIRST = 2
 def measure(subject: Subject, seconds: float) -> Measuring:
     """Yield the error and time of the faster samplings of `lfcal.simulate.ladder`, for a position of the middle plane.
 
-    The error is for this position, the time that predicted for the whole H.
+    The error is that of this position. The time is predicted for the whole H.
     """
     plan, z = subject.planned, subject.middle
     effects = plan_effects(plan, TOLERANCE).effects

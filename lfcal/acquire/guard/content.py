@@ -182,10 +182,11 @@ class SensorLimits(NamedTuple):
 
 
 class MeasuredFrame(NamedTuple):
-    """Measurements of a frame in the order of `COLUMNS`, standard deviations, and the number of saturated pixels.
+    """Measurements of a frame.
 
-    ``level_sigma`` and ``energy_sigma`` are the standard deviations of background and energy (counts), and
-    ``place_sigma`` that of the centroid (px).
+    ``values`` contains the measurements in the order of `COLUMNS`. ``level_sigma`` and ``energy_sigma`` are the
+    standard deviations of background and energy (counts), and ``place_sigma`` is that of the centroid (px).
+    ``saturated`` is the number of saturated pixels.
     """
 
     values: NDArray[np.float64]
@@ -273,7 +274,10 @@ class Neighbours:
         return doubt
 
     def accept(self, position: Position, now: MeasuredFrame, exposure_s: float, pitch: int) -> None:
-        """Store the measurements of a trusted frame, for comparison with later ones."""
+        """Store the measurements ``now`` of a trusted frame, for comparison with later frames.
+
+        ``exposure_s`` is its exposure time (s), and ``pitch`` the distance of its neighbours as in `look`.
+        """
         way = self._expect(position, pitch)
         if way >= 0 and now.lit:
             learn(now.values, self._expected, self._sensor.ceiling, self._mostly[way])

@@ -98,7 +98,7 @@ def _read_lock(path: Path) -> Holder:
 
 
 class DiskGuard:
-    """Guard that checks the free disk space every few seconds.
+    """Guard that checks the free disk space when it is called, at most once in ``every_s``.
 
     The recording itself reserves its space beforehand. This check is for file systems that do not keep a reservation
     (compressing, copy-on-write, network), and for other files that fill the disk.
@@ -110,7 +110,7 @@ class DiskGuard:
     keep_free
         Disk space that must stay free (bytes).
     every_s
-        Time between two checks (s).
+        Shortest time between two checks (s); calls in between return the previous result.
     """
 
     def __init__(self, folder: Path, keep_free: int, *, every_s: float = 2.0) -> None:

@@ -360,7 +360,7 @@ class CheckFrame(NamedTuple):
 def read_checks(folder: Path) -> list[CheckFrame]:
     """Return the reference frames (for lamp drift) and control frames (for periodicity) of the session in ``folder``.
 
-    They are in the order of recording.
+    They are in the order of recording. Raises `FileFormatError` if one of them is damaged.
 
     Examples
     --------
@@ -439,7 +439,7 @@ class TargetRecording(RecordingSource):
     Parameters
     ----------
     folder, skip_damaged
-        As in `RecordingSource`; so are the errors, but `InputError` is raised for a session of cutouts.
+        As in `RecordingSource`. The errors are the same, except that a session of cutouts raises `InputError`.
 
     Examples
     --------

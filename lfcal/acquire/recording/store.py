@@ -32,7 +32,7 @@ class Store:
     taken
         For each kind, whether each slot contains an intact acknowledged frame. None: none does.
     earlier
-        Records ``(n,)`` of each file of the recording, including packed files.
+        Records ``(n,)`` of the acknowledged frames in each file of the recording, including packed files.
     """
 
     def __init__(
@@ -139,7 +139,10 @@ class Store:
         return todo
 
     def checksums(self) -> dict[int, int]:
-        """Return the flat positions of the frames that were acknowledged on opening, by CRC-32; empty if packed."""
+        """Return the flat positions of position frames that were acknowledged on opening, by their CRC-32.
+
+        It is empty if the file of these frames is packed.
+        """
         journal = self._journals.get(Kind.POSITION)
         if journal is None:
             return {}
