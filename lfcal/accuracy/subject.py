@@ -168,9 +168,7 @@ class Subject:
     def iter_patterns(self) -> Work[Patterns]:
         """Return at most 8 x 8 patterns of the middle plane, spread over the period.
 
-        Repeated calls return the same object.
-
-        Raises `InputError` if they contain no light.
+        Repeated calls return the same object. Raises `InputError` if the patterns contain no light.
         """
         if not self._patterns:
             yield Clock("patterns", 1).at(0)

@@ -39,7 +39,7 @@ def iter_assemble_session(
     out
         Path of the H file to write. None: keep H in memory.
     planes
-        Indices of the depth planes to use. None: all, with missing positions marked.
+        Indices of the depth planes to use. None: all; positions without a frame are marked as missing in H.
     recipe
         Corrections of the frames. None: only the session's dark frames.
     settings
@@ -78,7 +78,7 @@ def iter_assemble_session(
 
 
 class Packed(NamedTuple):
-    """Result of compressing a session: the number of bytes saved, and a message for each damaged file (unchanged)."""
+    """Result of compressing a session: the bytes saved, and a message for each damaged file, which is not changed."""
 
     bytes_gained: int
     left: tuple[str, ...]

@@ -23,7 +23,7 @@ def check_light(rig: Rig) -> None:
 
 
 class Lighting:
-    """Control of the light, which is switched only when necessary, because a lamp that stays on is more stable.
+    """Controller that switches the light only when necessary, because a lamp that stays on is more stable.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ class TakenFrame(NamedTuple):
 
 
 class Taker:
-    """Control of the devices, which takes the frame of each step of a schedule.
+    """Controller of the devices that takes the frame of each step of a schedule.
 
     Parameters
     ----------

@@ -69,7 +69,8 @@ def blocks_of(
     Raises
     ------
     InputError
-        If ``redo`` is empty or outside the plan, or no control frame fits on the sensor.
+        If ``redo`` is empty, a position of ``redo`` or ``only`` is outside the plan, or no control frame fits on the
+        sensor.
     """
     nz, ny, nx = plan.shape[:3]
     middle = (nz // 2, ny // 2, nx // 2)

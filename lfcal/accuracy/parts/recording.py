@@ -29,7 +29,7 @@ CANDIDATES = 48
 
 
 def measure(subject: Subject, seconds: float) -> Measuring:
-    """Yield the predicted error of H, first from whole scans with averaging, then from a fit to a few patterns."""
+    """Yield the predicted error of H, first for whole scans with averaging, then for a fit to a few patterns."""
     plan = subject.planned
     light = yield from iter_expected_light(plan, subject.workers)
     yield Truth(

@@ -256,7 +256,8 @@ class Neighbours:
     def look(self, position: Position, now: MeasuredFrame, exposure_s: float, pitch: int) -> Doubt:
         """Compare a frame with its neighbours, ``pitch`` positions away, and return the findings.
 
-        If no neighbours were accepted, the frame is compared with the latest accepted frame, scaled to ``exposure_s``.
+        If no neighbours were accepted, the frame is compared with the latest accepted frame, whose light is scaled to
+        ``exposure_s``, the exposure time of the new frame (s).
         """
         way = self._expect(position, pitch)
         if way < 0:

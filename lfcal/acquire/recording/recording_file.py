@@ -203,7 +203,7 @@ class RecordingJournal:
         return np.frombuffer(data, RECORD).copy()
 
     def copy(self, slot: int, frame: NDArray[Any], record: NDArray[Any]) -> None:
-        """Write a frame of another recording and its unchanged record into ``slot``; see `put`."""
+        """Write a frame of another recording and its unchanged record into ``slot``; call `sync` to make them safe."""
         layout = self.layout
         with storage_errors(self.path):
             data = np.ascontiguousarray(frame).data.cast("B")

@@ -432,9 +432,8 @@ class TargetRecording(RecordingSource):
     In a complete session, frame ``k`` is frame ``k`` of the plan; otherwise, `frames` states which frames were
     recorded. The ``points`` of each frame are the positions nearest to its holes at the planned pose, in the order of
     `TargetPlan.points` for the offsets that the frame shows. The actual pose of the target, which may differ, is not
-    known here; it has to be fitted to the frames.
-    ``metadata`` contains the ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to the
-    entries of every session.
+    known here; it has to be fitted to the frames. ``metadata`` contains the ``plan`` of the scan and the ``target``
+    (`lfcal.targets.TargetPlan`), in addition to the entries of every session.
 
     Parameters
     ----------

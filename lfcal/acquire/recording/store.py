@@ -139,9 +139,9 @@ class Store:
         return todo
 
     def checksums(self) -> dict[int, int]:
-        """Return the flat positions of position frames that were acknowledged on opening, by their CRC-32.
+        """Return the flat positions of the `Kind.POSITION` frames that were acknowledged on opening, by CRC-32.
 
-        It is empty if the file of these frames is packed.
+        The result is empty if their file is packed.
         """
         journal = self._journals.get(Kind.POSITION)
         if journal is None:
@@ -156,7 +156,10 @@ class Store:
 
 
 def recording_bytes(schedule: Schedule, dtype: np.dtype[Any]) -> int:
-    """Return the size of all frames and records of a recording (bytes); ``dtype`` is that of frames with light."""
+    """Return the size of all frames and records of a recording (bytes).
+
+    ``dtype`` is the sample type of all frames except dark frames, which are float32.
+    """
     return sum(
         count * (shape[0] * shape[1] * kind.itemsize + RECORD.itemsize)
         for count, shape, kind in files_of(schedule, dtype).values()
@@ -166,7 +169,7 @@ def recording_bytes(schedule: Schedule, dtype: np.dtype[Any]) -> int:
 def files_of(schedule: Schedule, dtype: np.dtype[Any]) -> dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]]:
     """Return the number, shape and dtype of the frames in each kind's file; control frames count as references.
 
-    ``dtype`` is that of frames with light. Kinds without frames are absent.
+    ``dtype`` is the sample type of all frames except dark frames, which are float32. Kinds without frames are absent.
     """
     plans: dict[Kind, tuple[int, tuple[int, int], np.dtype[Any]]] = {}
     for kind, count, shape, sample in (

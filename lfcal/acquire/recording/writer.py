@@ -43,8 +43,8 @@ class Acknowledged(NamedTuple):
 class Writer:
     """Writer that puts frames into a `Sink` and synchronizes it in a thread, with at most ``depth`` frames in flight.
 
-    Call all methods from one thread. An error of `Sink.sync` is raised by `flush`, `collect` or `submit`, at the latest
-    by the ``depth``-th next call of `submit`. No frame is acknowledged after it.
+    Call all methods from one thread. An error of `Sink.sync` is raised by the next call of `flush`, by one of the next
+    ``depth`` calls of `submit`, or by `collect`. No frame is acknowledged after it.
     """
 
     def __init__(self, sink: Sink, *, depth: int = 4) -> None:

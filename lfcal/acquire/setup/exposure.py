@@ -54,9 +54,10 @@ def iter_exposures(
 ) -> Work[tuple[float, ...]]:
     """Measure a suitable exposure time (s) for every plane, from frames at four positions within one period.
 
-    Nothing is recorded, and the stage returns to its previous position. The positions are a corner and the middle of a
-    period cell, and the middles of two of its sides. At the returned exposure time, the peak at the brightest position
-    is at the fraction ``target`` of the range from the black level to saturation, or below if ``longest_s`` limits it.
+    Nothing is recorded, and the stage returns to its previous position. The positions are a corner and the centre of a
+    cell of one period, and the midpoints of two of its sides. At the returned exposure time, the peak at the brightest
+    position is at the fraction ``target`` of the range from the black level to saturation, or below if ``longest_s``
+    limits it.
 
     Parameters
     ----------

@@ -119,7 +119,7 @@ class LiveState:
 def predicted_image(plan: ScanPlan, stage_um: Point) -> tuple[float, float]:
     """Return the image position (row, column) on the sensor (px) that the plan predicts for the stage position.
 
-    ``stage_um`` contains the stage coordinates (x, y, z) (µm).
+    ``stage_um`` contains the stage coordinates (x, y, z) in µm.
 
     Examples
     --------

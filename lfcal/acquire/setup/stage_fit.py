@@ -80,7 +80,7 @@ class StageFit:
 
     @property
     def orientation(self) -> str:
-        """Name of the orientation, of `lfcal.frames.ORIENTATIONS`, that makes the live image move as planned."""
+        """Name of the orientation in `lfcal.frames.ORIENTATIONS` that makes the live image move as planned."""
         (a, b), (c, d) = self.matrix
         return nearest_orientation(((d, c), (b, a)))[0].name
 
