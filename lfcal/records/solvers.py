@@ -205,7 +205,7 @@ class OsemSolver(_Subsets, _Em):
 
 @record
 class PhaseSpaceSolver(_Subsets, _Em):
-    """Settings of the solver that updates the volume with one view after another, starting with the brightest."""
+    """Settings of the solver that updates the volume with one block of views after another, the brightest first."""
 
     name: str = _named("phase-space")
 
@@ -233,7 +233,10 @@ OWN_SOLVERS: tuple[type[SolverFields], ...] = (
 
 @cache
 def solver_kind(name: str, options: frozenset[str]) -> type[SolverFields]:
-    """Return the record class for the solver ``name``, with the fields of `FIELDS` that are in ``options``."""
+    """Return the record class for the solver ``name``, which uses ``options``.
+
+    It has the fields of `SolverFields`, and a field for each option that is in `FIELDS`.
+    """
     bases = tuple(one for option, one in reversed(FIELDS.items()) if option in options)
     own: dict[str, Any] = {"__annotations__": {"name": "str"}, "name": _named(name), "__module__": __name__}
     own["__doc__"] = f"Settings of solver {name}."

@@ -59,18 +59,18 @@ PHASES = 3
 
 @dataclass(frozen=True, slots=True)
 class AssumedEffect:
-    """Relative changes of a scan if an assumed value of its camera is wrong by its uncertainty.
+    """Largest relative changes of a scan if an assumed value of its camera is wrong by the value's uncertainty.
 
     Attributes
     ----------
     path, label
         Path of the value in the camera's description, such as ``"optics.f_number"``, and its display name.
     seconds
-        Relative change of the recording time; infinite if the scan may become impossible.
+        Relative change of the recording time. All three changes are infinite if the scan may become impossible.
     cutout
         Relative change of the side of the smallest cutout that contains the patterns.
     pattern
-        Relative L1 change of H, computed with rays, from 0 to 2; at 2, the old and new patterns do not overlap.
+        Relative L1 change of H, computed with rays; 2 if the old and new patterns do not overlap.
 
     Examples
     --------
@@ -108,9 +108,10 @@ class AssumedEffect:
 
 
 def iter_assumed_effects(plan: ScanPlan) -> Work[tuple[AssumedEffect, ...]]:
-    """Estimate by ray tracing how much each assumed value of the plan's camera matters; return the largest first.
+    """Estimate how much each assumed value of the plan's camera matters, with patterns computed by rays.
 
-    The result is empty for a Fourier light-field microscope, whose light is not computed with rays.
+    Return an `AssumedEffect` for each value, the largest first. The result is empty for a Fourier light-field
+    microscope, whose light is not computed with rays.
 
     Examples
     --------

@@ -79,7 +79,8 @@ class MachineSpeed:
     def ratio(self, engine: str) -> float:
         """Return the ratio of measured to forecast time of an engine; 1 before any of its planes was measured.
 
-        It is the median over the last planes and `ASSUMED` further ratios of 1, within a factor of `MAX_CORRECTION`.
+        It is the median over the last `PLANES` planes and `ASSUMED` ratios of 1. It is limited to the range from 1 /
+        `MAX_CORRECTION` to `MAX_CORRECTION`.
         """
         known = self._ratios.get(engine)
         if not known:
@@ -88,18 +89,19 @@ class MachineSpeed:
         return min(max(statistics.median(ratios), 1 / MAX_CORRECTION), MAX_CORRECTION)
 
     def planes(self, engine: str) -> int:
-        """Return the number of planes that determine `ratio`."""
+        """Return the number of measured planes of ``engine``, at most `PLANES`, from which `ratio` is computed."""
         return len(self._ratios.get(engine, ()))
 
     @property
     def engines(self) -> tuple[str, ...]:
-        """Engines whose forecasts simulations have corrected."""
+        """Names of the engines of which planes were measured, sorted."""
         return tuple(sorted(self._ratios))
 
     def correct(self, engine: str, plane: str, forecast_s: float, took_s: float) -> None:
-        """Add the measured time of a plane, and its forecast without earlier corrections (CPU-seconds).
+        """Add the ratio of ``took_s``, the measured time of a plane, to ``forecast_s`` (CPU-seconds).
 
-        ``plane`` identifies the plane; an earlier time of the same plane is replaced.
+        ``forecast_s`` is the forecast without earlier corrections. ``plane`` identifies the plane of the engine; an
+        earlier ratio of the same plane is replaced. Times that are not positive are ignored.
         """
         if forecast_s > 0 and took_s > 0:
             with self._lock:
@@ -120,7 +122,7 @@ _SPEED: MachineSpeed | None = None
 
 
 def machine_speed() -> MachineSpeed:
-    """Return the speed of this machine, the same object for as long as the file is the same."""
+    """Return the speed of this machine: always the same object, unless `speed_file` changes."""
     global _SPEED
     file = speed_file()
     with _LOADING:
@@ -130,7 +132,7 @@ def machine_speed() -> MachineSpeed:
 
 
 def speed_file() -> Path | None:
-    """Return the file in which the speed is stored; None if `CACHE` is empty."""
+    """Return the file in which the speed is stored; None if the environment variable `CACHE` is set but empty."""
     folder = os.environ.get(CACHE)
     if folder is not None:
         return Path(folder) / "speed.json" if folder else None

@@ -59,6 +59,8 @@ def correct_rate(
 ) -> None:
     """Correct later time forecasts with the measured computing time of one simulated plane.
 
+    Planes for which both the forecast and the measured time are below `LEAST_RUN_S` are ignored.
+
     Parameters
     ----------
     outlook, level, tolerance, traits
@@ -96,10 +98,11 @@ def _ratio(outlook: Outlook, level: str, traits: Traits | None) -> float:
 
 
 def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03, traits: Traits | None = None) -> float:
-    """Return the estimated CPU-seconds of one plane at a level on this machine, including tables and probe.
+    """Return the estimated CPU-seconds of one plane at a level on this machine, for one light sample.
 
-    The levels are those of `lfcal.simulate.engines.base.LEVELS`. ``tolerance`` is the allowed relative L1 error.
-    ``traits`` are those of the effects, by default of an ideal camera.
+    Tables are included, and the probe of levels that have one. The levels are those of
+    `lfcal.simulate.engines.base.LEVELS`. ``tolerance`` is the allowed relative L1 error of the computation. ``traits``
+    are those of the effects; None: those of an ideal camera.
     """
     if isinstance(outlook, PupilOutlook) or level in ("geometric", "reference"):
         seconds = few_seconds(outlook, level, tolerance, math.prod(outlook.period))
@@ -108,9 +111,9 @@ def engine_seconds(outlook: Outlook, level: str, tolerance: float = 0.03, traits
 
 
 def step_seconds(outlook: Outlook, level: str, traits: Traits | None = None) -> tuple[tuple[float, float], ...]:
-    """Return the expected error and the CPU-seconds on this machine of a plane with each of the `efficient_steps`.
+    """Return a pair for each of the `efficient_steps`: its expected relative L1 error, and the CPU-seconds of a plane.
 
-    The arguments are as in `engine_seconds`.
+    The times are those of this machine. The arguments are as in `engine_seconds`.
     """
     factor, steps = _slowness() * _ratio(outlook, level, traits), _steps(outlook, level, traits)
     values = PER_PLANE + PER_VALUE * math.prod(outlook.period) * outlook.pixels
@@ -121,15 +124,18 @@ def step_seconds(outlook: Outlook, level: str, traits: Traits | None = None) -> 
 
 
 def seconds_within(steps: Sequence[tuple[float, float]], tolerance: float) -> float:
-    """Return the seconds of the first of `step_seconds` within ``tolerance``, or else of the finest one."""
+    """Return the time of the first of ``steps`` with an error within ``tolerance``, or else of the last, the finest.
+
+    ``steps`` contains pairs (error, CPU-seconds), as returned by `step_seconds`.
+    """
     return next((seconds for error, seconds in steps if error <= tolerance), steps[-1][1])
 
 
 def few_seconds(outlook: Outlook, level: str, tolerance: float, positions: int) -> float:
-    """Return the estimated CPU-seconds of ``positions`` positions, including tables, on the reference machine.
+    """Return the estimated CPU-seconds of ``positions`` source positions of a plane, including tables.
 
-    The times of the estimate were measured on that machine. Decisions based on them are therefore the same on every
-    machine. The other arguments are as in `engine_seconds`.
+    The times are those of the reference machine. Decisions based on them are therefore the same on every machine. The
+    other arguments are as in `engine_seconds`.
     """
     if isinstance(outlook, PupilOutlook):
         level = "reference" if level == "reference" else "wave"
@@ -231,7 +237,7 @@ def step_for(
 ) -> LevelSampling:
     """Return the fastest sampling of a level whose expected error is within ``tolerance``, or else the finest one.
 
-    ``traits`` are those of the effects, as in `engine_seconds`.
+    ``traits`` are as in `efficient_steps`.
     """
     steps = efficient_steps(described, level, traits)
     return next((step for step in steps if step.expected <= tolerance), steps[-1])

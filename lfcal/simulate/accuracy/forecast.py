@@ -92,9 +92,10 @@ def predict_seconds(
 def planned_engines(
     plan: ScanPlan, effects: EffectsLike = "auto", level: str = "auto", *, tolerance: float | None = None
 ) -> tuple[str, ...]:
-    """Return the name of the engine that `simulate_psf` is expected to use for each plane, as in its provenance.
+    """Return, for each plane, the name of the engine that `simulate_psf` is expected to use.
 
-    The parameters are those of `simulate_psf`. A measured error may lead to another engine.
+    The names are those in the provenance of H. The parameters are those of `simulate_psf`, which may use another engine
+    if the error that it measures is too large.
 
     Examples
     --------
@@ -122,9 +123,10 @@ class CostScaling:
     Attributes
     ----------
     planes
-        Cost of the positions of all planes, relative to those of the measured plane.
+        Cost of the positions of all planes, relative to that of the positions of the measured plane.
     count
-        Number of light samples of all planes, relative to the measured plane; the cost of tables scales with it.
+        Number of light samples of all planes, relative to that of the measured plane; the cost of tables scales with
+        it.
     runs
         Number of light samples of the measured plane.
     """
@@ -134,16 +136,19 @@ class CostScaling:
     runs: int
 
     def seconds(self, setup: float, plane: float) -> float:
-        """Return the time of the whole H (s) from the times of one plane's tables and positions (s)."""
+        """Return the time of the whole H (s), extrapolated from times of the measured plane for one light sample (s).
+
+        ``setup`` is the time of its tables, and ``plane`` that of all its positions.
+        """
         return self.runs * (setup * self.count + plane * self.planes)
 
 
 def cost_scaling(
     plan: ScanPlan, z: int, effects: Budget | Sequence[Effect], level: str, runs: int | None = None
 ) -> CostScaling:
-    """Return the factors that scale the cost of plane ``z`` to that of the whole plan at an engine's level.
+    """Return the factors that scale the cost of the plane with index ``z`` to that of the whole plan.
 
-    ``runs`` is the number of light samples of the plane. None: it is computed.
+    ``level`` is the level of the engine. ``runs`` is the number of light samples of the plane. None: it is computed.
     """
     budget = effects if isinstance(effects, Budget) else Budget(tuple(effects), 1.0)
     # planes differ in the number of lit lenslets and in effects: the ratio is estimated, one plane is measured
@@ -175,9 +180,10 @@ def _expected(plan: ScanPlan, z: int, budget: Budget, level: str) -> float:
 
 
 def timed_plane(response: PlaneResponse) -> tuple[float, float]:
-    """Return the CPU-seconds of the tables and those of all positions of a plane whose probe has run.
+    """Return the measured CPU-seconds of the tables of a plane, and the predicted ones of all its positions.
 
-    As in the plane itself, the sampling is refined if the energy does not balance at a position.
+    Both are for one light sample. The probe of ``response`` must have run. As in the simulation of the plane, the
+    sampling is refined if the energy does not balance at a position.
     """
     sampling = response.settled
     for attempt in range(RETRIES + 1):
@@ -194,10 +200,11 @@ def timed_plane(response: PlaneResponse) -> tuple[float, float]:
 
 
 def plane_seconds(engine: PlaneEngine) -> float:
-    """Return the CPU-seconds that a new engine needs for a whole plane, extrapolated from a short run.
+    """Return the predicted CPU-seconds that a new engine needs for all positions of a plane.
 
-    The Debye path uses the same matrices and responses for many positions, so a few positions are not representative.
-    For this path, whole rows are computed for up to half a second.
+    They are extrapolated from a short run. The Debye path uses the same matrices and responses for many positions, so a
+    few positions are not representative. For this path, entire rows of positions are computed until `LONGEST_RUN` has
+    passed.
     """
     ny, nx = engine.scene.period
     if engine.level != "debye":
@@ -216,6 +223,6 @@ def engine_clock() -> float:
 
 
 def computed_share(engine: PlaneEngine) -> float:
-    """Return the fraction of source rows that are computed; the others are mirror images."""
+    """Return the fraction of the rows of source positions that ``engine`` computes; the others are mirror images."""
     ny = engine.scene.period[0]
     return 1.0 - len(mirrored_rows(engine.scene, np.arange(ny))) / ny if engine.level in ("wave", "grid") else 1.0

@@ -77,7 +77,7 @@ def predict_bytes(
     plan, effects, level, tolerance, sampling, workers, store_tolerance, run
         As in `simulate_psf`.
     to_file
-        Whether H is written to a file, so that only one plane is in memory.
+        Whether H is written to a file, so that its planes are not all in memory.
 
     Examples
     --------
@@ -114,9 +114,9 @@ def predict_bytes(
 
 
 def task_bytes(task: PlaneTask, *, stepped: bool = False) -> int:
-    """Return the peak memory (bytes) of one plane with one thread, including its values.
+    """Return the estimated peak memory (bytes) of simulating one plane with one thread, including its values of H.
 
-    With ``stepped``, the memory for storing the values in steps is added.
+    ``stepped``: whether the values are stored with a tolerance, which needs additional memory.
     """
     values = math.prod(task.plan.shape[1:]) * (8 + (STEPPED if stepped else 0))
     return values + _plane_bytes(task.plan, task.z, task.effects, task.level, task.tolerance, task.sampling, workers=1)
@@ -176,7 +176,10 @@ def _between_lenslets(scene: Scene, y: int, x: int) -> bool:
 
 
 def engine_bytes(scene: Scene, step: LevelSampling, workers: int) -> int:
-    """Return the peak memory (bytes) of an engine with one sampling, during set-up or with ``workers`` threads."""
+    """Return the estimated peak memory (bytes) of an engine with the level and sampling of ``step``.
+
+    The peak is reached during set-up, or while ``workers`` threads compute positions.
+    """
     if step.level == "geometric":
         return 0
     if step.sampling.double and step.level != "reference":

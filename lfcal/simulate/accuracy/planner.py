@@ -111,7 +111,7 @@ class PlannedEffect:
 
 @dataclass(frozen=True, slots=True)
 class EffectSelection:
-    """All effects with their setting, estimate, reason and cost, as returned by `plan_effects`.
+    """Effects that apply to a camera, with setting, estimate, reason and cost, as returned by `plan_effects`.
 
     Attributes
     ----------
@@ -177,7 +177,10 @@ class EffectSelection:
         return iter(self.effects)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the selection as plain JSON types: every effect with its estimate, the level, and the CPU times."""
+        """Return level, tolerance, CPU times (s) and effects of the selection as plain JSON types.
+
+        Values for individual planes are not included.
+        """
         return {
             "level": self.level,
             "tolerance": self.tolerance,
@@ -228,7 +231,7 @@ def plan_effects(
         Allowed relative L1 error of the image, from omitted effects and computation together.
     overrides
         Mapping from names of effects to the settings ``"auto"``, ``"on"`` or ``"off"``; other effects are ``"auto"``.
-        None: all are.
+        None: all effects are ``"auto"``.
     effects
         Effects with known magnitudes, each of which replaces the effect of the same name in `catalogue`.
     frames

@@ -63,7 +63,7 @@ Responses = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """A sampling whose error was measured.
+    """A sampling, its engine, and its error.
 
     Attributes
     ----------
@@ -72,7 +72,8 @@ class Settled:
     level, sampling
         Level and sampling of the engine.
     error
-        Relative L1 error over the probed positions, compared with a finer computation.
+        Relative L1 error of the sampling, estimated from its difference from a finer computation at the probed
+        positions. If no finer computation is possible, the expected error.
     """
 
     engine: PlaneEngine
@@ -82,7 +83,7 @@ class Settled:
 
 
 def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False) -> Settled:
-    """Return the cheapest sampling of a level with an error of at most ``share``, or the finest one.
+    """Return the fastest sampling of a level with an error of at most ``share``, or else that with the smallest error.
 
     Samplings are tried from the fastest that is expected to suffice; those that are slower than a finer one are
     skipped. Each is compared with one that is finer in all respects: windows are compared with the whole array on one
@@ -95,7 +96,7 @@ def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False)
     scene
         Scene of the depth plane.
     level
-        ``"wave"``, ``"grid"``, ``"debye"`` or ``"reference"``; rays have no sampling.
+        ``"wave"``, ``"grid"``, ``"debye"``, ``"reference"`` or ``"geometric"`` (rays, which have no sampling).
     share
         Relative L1 error allowed for the computation.
     escalate
@@ -139,7 +140,10 @@ def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False)
 
 
 def balanced(scene: AnyScene, level: str, sampling: Sampling) -> tuple[PlaneEngine, Responses, Sampling]:
-    """Return an engine whose energy balances, its responses at a few positions, and its sampling, refined if needed."""
+    """Return an engine whose energy balances, its responses at the positions of `places`, and its sampling.
+
+    The sampling is refined up to `RETRIES` times. If the energy still does not balance, raise `EnergyError`.
+    """
     ys, xs = places(scene)
     for attempt in range(RETRIES + 1):
         engine = engine_for(scene, level, sampling)

@@ -132,7 +132,7 @@ class LevelSampling:
 
 @dataclass(frozen=True, slots=True)
 class Fringes:
-    """Spatial frequencies of the light on the sensor, for lenslets of diameter d and pitch p at the gap B.
+    """Spatial frequencies of light of wavelength lambda on the sensor, for lenslets of diameter d, pitch p and gap B.
 
     Attributes
     ----------
@@ -180,12 +180,15 @@ class Fringes:
 
     @property
     def spot(self) -> float:
-        """Factor by which margins exceed those for spots of size `AIRY_PX`."""
+        """Factor by which margins exceed those for spots of size `AIRY_PX`; at least 1."""
         return max(1.0, 1 / (max(self.band, 1e-6) * AIRY_PX))
 
     @property
     def incoherent(self) -> float:
-        """Measured relative L1 error of adding intensities of neighbouring lenslets instead of their fields."""
+        """Relative L1 error of adding intensities of neighbouring lenslets instead of their fields.
+
+        It is estimated by a formula fitted to measured errors.
+        """
         return 0.4 / self.pitch_px
 
 
@@ -194,10 +197,10 @@ def steps_for(
 ) -> tuple[LevelSampling, ...]:
     """Return the samplings of a level, fastest first.
 
-    Level ``"wave"``: windows whose intensities are added, then the whole array on one grid. If no grid is large enough
-    for the scene, windows whose fields are added. Level ``"debye"``: nodes of the separable path; for other arrays, a
-    grid. Level ``"grid"``: all grids that are small enough, or else the smallest one, which the engine rejects as too
-    large.
+    Level ``"wave"``: windows whose intensities are added, then the whole array on one grid; near the native plane, only
+    grids. If no grid is large enough for the scene, windows whose fields are added replace the grids. Level
+    ``"debye"``: nodes of the separable path; for other arrays, a grid. Level ``"grid"``: all grids that are small
+    enough, or else the smallest one, which the engine rejects as too large.
 
     ``exact`` and ``separable`` are those of the effects on an outlook; a scene has its own.
     """
@@ -339,7 +342,7 @@ def _kink_factor(described: Scene | Outlook) -> float:
 
 
 def grid_margin(described: Scene | Outlook, left_out: float) -> int:
-    """Return the margin of a grid (px) beyond which the fraction ``left_out`` of the light falls."""
+    """Return the margin of a grid (px) beyond which the fraction ``left_out`` of the light falls; at most `WIDEST`."""
     airy = described.wavelength_um * described.f_number / _pixel_um(described)
     return min(WIDEST, math.ceil(OUTSIDE * airy / left_out))
 

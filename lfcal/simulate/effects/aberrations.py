@@ -72,7 +72,7 @@ class Spherical(_Aberration):
     rank: ClassVar[int] = 70
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return W040 (waves), and the relative error due to the mean spot shift (0.4 of that of the marginal ray)."""
+        """Return |W040| (waves), and the relative error due to the mean spot shift (0.4 of the marginal ray's)."""
         shift = 0.4 * _mean_shift(outlook, 4 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 0.4 * 8 Nw W lambda/v")
 
@@ -110,7 +110,10 @@ class Coma(_Aberration):
     rank: ClassVar[int] = 71
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return W131 (waves), and the relative error due to the mean spot shift, estimated from the rms slope."""
+        """Return |W131| (waves), and the relative error due to the mean spot shift.
+
+        The shift is estimated from the rms slope of the wavefront.
+        """
         shift = _mean_shift(outlook, 0.75 * 1.29 * abs(self.waves))
         return Estimate(abs(self.waves), "waves", outlook.moved(shift), "shift 2 Nw * 0.97 W lambda/v")
 
@@ -154,7 +157,10 @@ class Zernike(_Aberration):
         check_wavefront(self.terms)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms wavefront error (waves), and the relative error due to the spot shift from its rms slope."""
+        """Return the rms wavefront error (waves), and the relative error due to the mean spot shift.
+
+        The shift is estimated from the rms slope of the wavefront.
+        """
         rms, slope = wavefront_rms(self.terms)
         return Estimate(
             rms, "waves rms", outlook.moved(_mean_shift(outlook, 0.75 * slope)), "shift 2 Nw * 0.75 |grad W| lambda/v"

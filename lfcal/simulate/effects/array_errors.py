@@ -223,7 +223,7 @@ class ArrayTilt(SceneEffect):
         return self.rows_rad * outlook.field_um[0] + self.columns_rad * outlook.field_um[1]
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the increase of the gap (µm), and the relative error due to the resulting shift of the spots."""
+        """Return the absolute change of the gap (µm), and the relative error due to the resulting spot shift."""
         farther, tilt = self.farther_um(outlook), math.hypot(self.rows_rad, self.columns_rad)
         across = outlook.shadow_px * outlook.pixel_um * tilt
         v = outlook.virtual_depth
@@ -235,7 +235,11 @@ class ArrayTilt(SceneEffect):
         return Estimate(abs(farther), "µm", outlook.moved(shift), formula)
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with the gap and image distance of the region, and with the tilt about its middle."""
+        """Return ``scene`` with the gap and image distance of the region, and with the tilt about its middle.
+
+        Raise `InputError` if the gap in the region would be less than a fifth or more than three times that on the
+        axis.
+        """
         farther = self.farther_um(outlook)
         gap = scene.gap_um + farther
         if not (0.2 * scene.gap_um <= gap <= 3 * scene.gap_um and scene.pupil_um > farther):

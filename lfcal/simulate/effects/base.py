@@ -280,7 +280,10 @@ class Effect(ABC):
         return self.without_lattice or camera.has_lattice
 
     def magnitude(self, field: str, camera: Camera) -> Any:
-        """Return the value of the field ``field``; if it is None, return the camera's value, or else a typical one."""
+        """Return the value of the field ``field``; if it is None, return the camera's value, or else a typical one.
+
+        The result is None if there is none of these.
+        """
         value = getattr(self, field)
         if value is None and self.is_described(field, camera):
             value = value_at(camera, self.described[field])
@@ -389,7 +392,10 @@ class PsfEffect(Effect):
 
     @abstractmethod
     def kernel(self, camera: Camera) -> NDArray[np.float64]:
-        """Return the kernel for ``camera``, of odd size ``(rows, columns)``; its sum is the fraction of light left."""
+        """Return the kernel for ``camera``, with odd numbers of rows and columns.
+
+        Its sum is the fraction of the light that is not lost.
+        """
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
         """Return the CPU time of a 3 x 3 convolution (s), measured as 2 % of that of the wave engine."""
@@ -417,8 +423,8 @@ class MotionEffect(Effect):
     ) -> NDArray[np.float64]:
         """Return the actual minus the commanded source positions, shape ``(n, 3)``, order (z, y, x), in µm.
 
-        ``commanded_um`` contains the commanded positions in the same layout, in the order of recording. The magnitudes
-        that are None depend on ``camera``; random errors are drawn from ``rng``.
+        ``commanded_um`` contains the commanded positions in the same layout, in the order of recording. Magnitudes that
+        are None are taken from ``camera``; random errors are drawn from ``rng``.
         """
 
 

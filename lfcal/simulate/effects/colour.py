@@ -150,7 +150,10 @@ class LensletDispersion(_Chromatic):
     rank: ClassVar[int] = 76
 
     def strength(self, wavelength_um: float) -> float:
-        """Return b (µm²) in f(lambda) = f_0 / (1 + b (1/lambda² - 1/lambda_0²)); lambda_0 is ``wavelength_um``."""
+        """Return b (µm²) in f(lambda) = f_0 / (1 + b (1/lambda² - 1/lambda_0²)).
+
+        lambda_0 is ``wavelength_um``, and f_0 the focal length at this wavelength.
+        """
         # for a glass whose power is 1 at the d line
         b = 1.0 / (self.abbe * (LINE_F**-2 - LINE_C**-2))
         return b / (1.0 + b * (wavelength_um**-2 - LINE_D**-2))

@@ -44,7 +44,7 @@ class Entry:
     name
         Name of the effect.
     given
-        The fields given in the entry, each ``"stated"`` or ``"measured"``.
+        Mapping from the names of the fields given in the entry to ``"stated"`` or ``"measured"``.
     setting
         ``"auto"``, ``"on"`` or ``"off"``.
     """
@@ -104,7 +104,10 @@ def effect_entries(items: Sequence[str]) -> tuple[Entry, ...]:
 
 
 def effect_words(entries: Iterable[Entry]) -> tuple[str, ...]:
-    """Return entries as texts for `effect_entries`: the setting and all given magnitudes of each effect."""
+    """Return entries as texts for `effect_entries`: the given magnitudes and the setting of each effect.
+
+    The setting ``"auto"`` is left out.
+    """
     words = []
     for entry in entries:
         parts = []
