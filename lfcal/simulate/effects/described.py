@@ -132,17 +132,18 @@ def parse_entries(path: str | os.PathLike[str]) -> tuple[dict[str, str], tuple[E
 
 
 def read_entries(path: str | os.PathLike[str]) -> tuple[Entry, ...]:
-    """Return the entries of a JSON file of effects: a list of ``{"name": "coma", "waves": 0.3}``.
+    """Return the entries in a JSON file, which contains a list such as ``[{"name": "coma", "waves": 0.3}]``.
 
-    An entry may contain ``"setting"`` (on, off, auto), and ``"sources"``, which states how fields are known:
-    ``{"waves": "measured"}``.
+    The file may also contain an object with this list as ``"effects"``. Besides the magnitudes, an entry may contain
+    ``"setting"`` (``"on"``, ``"off"`` or ``"auto"``), and ``"sources"``, which marks magnitudes as ``"measured"``
+    instead of ``"stated"``: ``{"waves": "measured"}``.
 
     Raises
     ------
     FileFormatError
         If the file contains no such list.
     InputError
-        For an unknown effect or magnitude.
+        If an effect, magnitude, setting or source is unknown, or a value is invalid.
     """
     source = Path(path)
     wanted = 'a list of effects, such as [{"name": "coma", "waves": 0.3}]'
@@ -172,7 +173,10 @@ def _entry(data: Mapping[str, Any]) -> Entry:
 
 
 def entries_json(entries: Iterable[Entry]) -> str:
-    """Return the text of a JSON file for `read_entries`, with the fields that were given and the settings."""
+    """Return the text of a JSON file for `read_entries`.
+
+    It contains the given magnitudes, which of them were measured, and settings other than ``"auto"``.
+    """
     listed = []
     for entry in entries:
         one: dict[str, Any] = {"name": entry.name}
@@ -187,12 +191,14 @@ def entries_json(entries: Iterable[Entry]) -> str:
 
 
 def effect_from(name: str, magnitudes: Mapping[str, Any]) -> Effect:
-    """Return the effect ``name`` with ``magnitudes`` by field, in the units of the fields; others have their defaults.
+    """Return the effect ``name`` with the given ``magnitudes``; the others have their defaults.
+
+    ``magnitudes`` maps the names of fields to values in the units of the fields.
 
     Raises
     ------
     InputError
-        For an unknown effect or magnitude, or a value outside its limits.
+        If the effect or a magnitude is unknown, or a value has the wrong type or is outside its limits.
     """
     kind = CATALOGUE.get(name)
     known = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]  # effects are dataclasses

@@ -22,8 +22,8 @@ class SensorNonlinearity(FrameEffect):
     Attributes
     ----------
     share
-        Fraction q of the signal that is missing at full well; negative if the signal is too large. Above the full well,
-        the missing fraction is constant.
+        Fraction q of the signal that is missing at full well. A negative fraction increases the signal. Above the full
+        well, the missing fraction is constant.
 
     Examples
     --------
@@ -51,7 +51,10 @@ class SensorNonlinearity(FrameEffect):
     deviation: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return |q|, and the relative error for Gaussian spots, whose signal-weighted mean is half of their peak."""
+        """Return |q|, and the relative error for Gaussian spots.
+
+        The mean signal of a Gaussian spot, weighted by the signal itself, is half of its peak.
+        """
         full, sharp = outlook.camera.sensor.full_well_e, min(outlook.widths_px)
 
         def lost(width: float) -> float:
@@ -62,7 +65,7 @@ class SensorNonlinearity(FrameEffect):
         return Estimate(abs(self.share), "of full well", abs(error) / (1.0 - error), "q peak/(2 full well) (w_min/w)²")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Apply the nonlinearity to ``strip`` in place (electrons), and return it."""
+        """Apply the nonlinearity to ``strip`` (electrons) in place, and return it."""
         if self.share:
             full = np.float32(view.camera.sensor.full_well_e)
             # clipped, so that more light never gives a lower value
@@ -77,11 +80,11 @@ class Ghost(FrameEffect):
     Attributes
     ----------
     share
-        Fraction of the frame's light that appears in the ghost, 0 to 1.
+        Light of the ghost as a fraction of the frame's light, 0 to 1. The ghost is added; the image keeps its light.
     scale
         Lateral size of the ghost relative to that of the image.
     rows_um, columns_um
-        Position (y and x, µm) at which a point on the optical axis has its ghost on the sensor, relative to the axis.
+        Position (y and x, µm) of the ghost of a point on the optical axis, relative to the axis on the sensor.
 
     Examples
     --------
@@ -111,7 +114,7 @@ class Ghost(FrameEffect):
     pixel_ns: ClassVar[float] = 30.0
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return ``share``, and the relative error: the light of the ghost within the cutout, which is often zero."""
+        """Return ``share``, and the relative error: the part of this fraction that falls in the cutout, often zero."""
         seen, px = 1.0, outlook.pixel_um
         moved = self.rows_um, self.columns_um
         for field, place, pixels in zip(outlook.field_um, moved, outlook.cutout, strict=True):
@@ -122,7 +125,7 @@ class Ghost(FrameEffect):
         return Estimate(self.share, "of the light", self.share * seen, formula)
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Add the ghost to ``strip`` in place (electrons), and return it."""
+        """Add the ghost of ``view.light_e`` to ``strip`` (electrons) in place, and return it."""
         if not self.share:
             return strip
         sensor = view.camera.sensor

@@ -46,9 +46,9 @@ class CosFourth(FrameEffect):
         return Estimate(loss, "relative", loss, "1 - cos^4(r_rms/b)")
 
     def gain(self, camera: Camera, row: int, rows: int) -> NDArray[np.float32]:
-        """Return the gain ``(rows, columns)`` of ``rows`` sensor rows starting at ``row``; 1 on the optical axis.
+        """Return the gain of the ``rows`` sensor rows from index ``row``, shape ``(rows, columns)``; 1 on the axis.
 
-        For a telecentric camera, it is the single value 1, ``(1, 1)``.
+        For a telecentric camera, whose gain is 1 everywhere, the shape is ``(1, 1)``.
         """
         optics, sensor = camera.optics, camera.sensor
         if optics.telecentric:
@@ -59,7 +59,7 @@ class CosFourth(FrameEffect):
         return ((1.0 + (y * y)[:, None] + x * x) ** -2.0).astype(np.float32)
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Multiply ``strip`` in place by the fall-off (electrons), and return it."""
+        """Multiply ``strip`` (electrons) in place by `gain`, and return it."""
         strip *= self.gain(view.camera, view.row, len(strip))
         return strip
 
@@ -99,7 +99,10 @@ class MechanicalVignetting(SceneEffect):
     deviation: ClassVar[bool] = True
 
     def shift(self, outlook: Outlook) -> tuple[float, float]:
-        """Return the shift ``(y, x)`` of the rim relative to the pupil, seen from the region, in pupil radii."""
+        """Return the shift ``(y, x)`` of the rim relative to the pupil (pupil radii); zero without a main lens.
+
+        It is the shift that is seen from the middle of the region.
+        """
         optics = outlook.camera.optics
         if not isinstance(optics, MainLens):
             return 0.0, 0.0
@@ -124,7 +127,7 @@ class MechanicalVignetting(SceneEffect):
 
 
 def overlap(distance: float, radius: float) -> float:
-    """Return the fraction of a unit disc that is covered by a disc of ``radius`` at ``distance``."""
+    """Return the fraction of a unit disc that a disc of ``radius`` covers, with ``distance`` between the centres."""
     d, r = distance, radius
     if d >= 1.0 + r:
         return 0.0

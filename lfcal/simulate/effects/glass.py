@@ -59,7 +59,7 @@ class CoverGlass(SceneEffect):
         return self.thickness_um * (1.0 - 1.0 / self.index) * (1.0 - self.in_gap)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the focus shift (µm), and the relative error due to the mean spot shift and the plate's aberration."""
+        """Return `shorter_um`, and the relative error due to the mean spot shift and the plate's aberration."""
         cone = 1.0 / (2.0 * outlook.f_number)
         rim = self.shorter_um() * cone
         # of B tan, t (1/n - 1/n³)/2 s³ is missing; the mean is 0.4 of the rim's value
@@ -69,7 +69,13 @@ class CoverGlass(SceneEffect):
         return Estimate(self.shorter_um(), "µm", outlook.moved(shift), formula)
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with the equivalent gap in air and the plate."""
+        """Return ``scene`` with the equivalent gap in air and the plate.
+
+        Raises
+        ------
+        InputError
+            If the plate does not fit into the gap, or ``scene`` already has a plate.
+        """
         del outlook
         if not self.thickness_um or self.index == 1.0:
             return scene

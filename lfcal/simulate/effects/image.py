@@ -16,7 +16,10 @@ __all__ = ["Distortion", "FieldCurvature"]
 
 
 def refocus_px(outlook: Outlook, by_um: float) -> float:
-    """Return the spot shift of the rim ray (px) if the image moves along the axis by ``by_um`` (µm)."""
+    """Return the shift of the marginal ray on the sensor (px) if the image moves along the axis by ``by_um`` (µm).
+
+    For a microscope, it is at most 1.5 times the radius of the pupil's shadow.
+    """
     shift = abs(by_um) / (2 * outlook.f_number * outlook.depth) / outlook.pixel_um
     return shift if outlook.has_lens else min(shift, 1.5 * outlook.shadow_px)
 
@@ -57,18 +60,27 @@ class FieldCurvature(SceneEffect):
             )
 
     def sag_um(self, outlook: Outlook) -> float:
-        """Return the additional distance of the image from the main lens in the middle of the region (µm)."""
+        """Return the additional distance of the image from the main lens in the middle of the region (µm).
+
+        It is negative for a negative `radius_um`.
+        """
         y, x = outlook.field_um
         return (y * y + x * x) / (2 * self.radius_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the shift of the image along the axis (µm), and the relative error due to the mean spot shift."""
+        """Return the size of the image's axial shift (µm), and the relative error due to the mean spot shift."""
         sag = self.sag_um(outlook)
         error = outlook.moved(2 / 3 * refocus_px(outlook, sag))
         return Estimate(abs(sag), "µm", error, "da = h²/(2 R); shift (2/3) da/(2 Nw v)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with the image on the curved surface."""
+        """Return ``scene`` with the image shifted along the axis by `sag_um`.
+
+        Raises
+        ------
+        InputError
+            If the shifted image is not behind the main lens.
+        """
         sag = self.sag_um(outlook)
         behind = 1.0 + (scene.image_um + sag) / scene.pupil_um
         if not (math.isfinite(sag) and behind > 0):
@@ -117,14 +129,23 @@ class Distortion(SceneEffect):
         return share * y, share * x
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the displacement of images in the region (px), and the relative error due to the spot shift."""
+        """Return the displacement in the middle of the region (px), and the relative error due to it.
+
+        Both the spots and the iris's shadow move.
+        """
         shift = math.hypot(*self.at(outlook)) / outlook.pixel_um
         return Estimate(
             shift, "px", outlook.source_moved(shift), "k h³; spots move by 1/v of it, the shadow by all of it"
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with images displaced by the distortion, linearized about the middle of the period."""
+        """Return ``scene`` with images displaced by the distortion, linearized about the middle of the period.
+
+        Raises
+        ------
+        InputError
+            If an image is farther from the middle of its cutout than half of the cutout's larger side.
+        """
         (dy, dx), (y, x) = self.at(outlook), outlook.field_um
         if not (dy or dx):
             return scene

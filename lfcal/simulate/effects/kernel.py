@@ -40,7 +40,7 @@ class PixelKernel(PsfEffect):
     Attributes
     ----------
     up_left, up, up_right, left, right, down_left, down, down_right
-        Fraction of a pixel's light that appears in this neighbour.
+        Fraction of a pixel's light that appears in this neighbour; up is towards row 0.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class PixelKernel(PsfEffect):
     measured_by: ClassVar[str] = "pixel_kernel"
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the sum of the fractions, and the relative error due to blur or displacement, whichever is larger."""
+        """Return the sum of the absolute fractions, and the larger of the relative errors due to blur and to shift."""
         shares = {place: getattr(self, name) for name, place in NEIGHBOURS.items()}
         aside = math.hypot(*(sum(w * place[k] for place, w in shares.items()) for k in (0, 1)))
         variance = sum(abs(w) * (y * y + x * x) for (y, x), w in shares.items()) / 2

@@ -32,8 +32,8 @@ class MissingLenslets(SceneEffect):
     lenslets
         Tuples ``(row, column, transmission)``. Row and column are lattice indices relative to the type-0 lenslet
         nearest to the first source position of the region. They are r and q of `LensletLattice.centres_um`: in a
-        hexagonal array, column 0 of the next row is the right one of the two adjacent lenslets below. Transmission is
-        the fraction of light that passes, 0 to 1.
+        hexagonal array, (1, 0) is the right one of the two lenslets below (0, 0). Transmission is the fraction of light
+        that passes, 0 to 1. If a lenslet is listed twice, the last entry counts.
 
     Examples
     --------
@@ -69,7 +69,10 @@ class MissingLenslets(SceneEffect):
         object.__setattr__(self, "lenslets", tuple((r, q, t) for (r, q), t in known.items()))
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the sum of 1 - transmission over the lenslets, and the ratio of lost to remaining light."""
+        """Return the sum of 1 - transmission over the listed lenslets, and the ratio of lost to remaining light.
+
+        The lost light is the mean over the source positions of a period.
+        """
         lattice, px = outlook.camera.lattice, outlook.pixel_um
         first = [
             c + f / px - (n - 1) / 2
@@ -138,7 +141,7 @@ class LensletSpherical(SceneEffect):
     titles: ClassVar[Mapping[str, str]] = {name: f"more in lens type {k}" for k, name in enumerate(OF_TYPES)}
 
     def of_types(self, types: int) -> tuple[float, ...]:
-        """Return the aberration added to `waves` for each of the ``types`` lens types of a camera (waves).
+        """Return the aberration of each lens type in addition to `waves` (waves); ``types`` is the number of types.
 
         Raises
         ------

@@ -18,7 +18,7 @@ DEGREE_PER_WIDTH = 3.0
 """Degree of the quadrature rule per radius of the source's image, in spot widths."""
 
 MAX_DEGREE = 150
-"""Largest number of points (5738), for a source a hundred spots wide; more would take too long."""
+"""Largest degree (5738 points), for a source a hundred spots wide; more points would take too long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +58,9 @@ class FiniteSource(LightEffect):
         return diameter / outlook.camera.step_um(outlook.z_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the diameter of the source's image behind a lenslet (px), and the relative error due to its blur.
+        """Return the diameter of the source's image on the sensor, formed by one lenslet (px), and the relative error.
 
-        The error includes the blur of the edge of the iris's shadow.
+        The error is due to the blur of the spots and of the edge of the iris's shadow.
         """
         image = self.image_px(outlook)
         # the rms of a disc's coordinate is a quarter of its diameter; defocus scales the image by 1/v
@@ -69,11 +69,11 @@ class FiniteSource(LightEffect):
         return Estimate(spot, "px", min(2.0, outlook.blurred(spot / 4) + edge), "D |M|/v; 0.74 (s/w)² + edge, s = D/4")
 
     def degree(self, outlook: Outlook) -> int:
-        """Return the polynomial degree up to which the quadrature rule over the source's disc must be exact.
+        """Return the polynomial degree, 5 to 150, up to which the quadrature rule over the source must be exact.
 
-        The spatial frequencies k of a spot of rms width w reach about 2/w. If the spot moves by R over the disc, a rule
-        of degree D is accurate up to k R of about D/2. The same applies to the edge of the iris's shadow, which moves
-        across the lenslets.
+        The spatial frequencies k of a spot of rms width w reach about 2/w. If the spot moves by R between the centre
+        and the edge of the source, a rule of degree D is accurate up to k R of about D/2. The same applies to the edge
+        of the iris's shadow, which moves across the lenslets.
         """
         radius = self.image_px(outlook) / 2
         moved = radius / outlook.depth / min(outlook.widths_px)
@@ -82,7 +82,10 @@ class FiniteSource(LightEffect):
         return min(MAX_DEGREE, max(5, math.ceil(DEGREE_PER_WIDTH * moved) + 3))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook) -> tuple[LightSample, ...]:
-        """Return 7 points of the source for each of ``samples``, or more if its image is larger than a spot."""
+        """Return, for each of ``samples``, one sample for each point of `disc_rule` on the source.
+
+        There are 7 points, or more if `degree` requires them for a source whose image is large.
+        """
         radius = self.image_px(outlook) / 2
         points = disc_rule(self.degree(outlook))
         return tuple(
@@ -93,10 +96,10 @@ class FiniteSource(LightEffect):
 
 
 def disc_rule(degree: int = 5) -> list[tuple[float, float, float]]:
-    """Return ``(y, x, weight)`` of points on the unit disc, exact for polynomials up to ``degree``; weights sum to 1.
+    """Return the points ``(y, x, weight)`` of a quadrature rule for the mean over the unit disc; weights sum to 1.
 
-    Up to degree 5, the rule has the 7 points of Abramowitz & Stegun 25.4.61. For higher degrees, it has rings of
-    ``degree`` + 1 points at Gauss-Legendre nodes of the squared radius.
+    The rule is exact for polynomials up to ``degree``. Up to degree 5, it has the 7 points of Abramowitz & Stegun
+    25.4.61. For higher degrees, it has rings of ``degree`` + 1 points at Gauss-Legendre nodes of the squared radius.
     """
     if degree <= 5:
         radius, turns = math.sqrt(2 / 3), 2 * math.pi * np.arange(6) / 6
@@ -154,7 +157,8 @@ class Bandwidth(LightEffect):
         For narrow bands, the error is quadratic in the bandwidth. Above a relative bandwidth of about a tenth, the
         outer fringes of the spots have vanished, and the error grows linearly. Interference fringes between
         neighbouring lenslets are finer and vanish sooner. The larger the lenslets, the less light these fringes
-        contain. Behind a main lens, pixels larger than lambda F average the fringes in any light.
+        contain. Behind a photographic main lens, pixels larger than the wavelength times the working f-number average
+        out the fringes even at zero bandwidth. In a Fourier light-field microscope, the error is linear throughout.
         """
         x = self.width(outlook) / outlook.wavelength_um
         fringes = sum(outlook.fresnel_lenslets) / len(outlook.fresnel_lenslets)
@@ -171,7 +175,11 @@ class Bandwidth(LightEffect):
         return Estimate(x, "relative", error, formula)
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether the formula is valid: each lenslet receives enough diffraction fringes of the iris."""
+        """Return whether the formula is valid: each lenslet receives enough diffraction fringes of the iris.
+
+        This requires a main lens, |v| >= 1.2 (v: virtual depth) and a Fresnel number of the iris's shadow of at least
+        12. For a Fourier light-field microscope, the formula is always valid.
+        """
         if not outlook.camera.has_lattice:
             return True
         return outlook.regular and abs(outlook.virtual_depth) >= 1.2 and outlook.fresnel_main >= 12.0
@@ -188,7 +196,7 @@ class Bandwidth(LightEffect):
         return most * -math.expm1(-steep * x * x / most)
 
     def count(self, outlook: Outlook, least: int = 1) -> int:
-        """Return the number of wavelengths: 1 without bandwidth, otherwise 3 to 9, and at least ``least``."""
+        """Return the number of wavelengths: 1 if the bandwidth is 0, otherwise 3 to 9, or ``least`` if that is more."""
         width = self.width(outlook)
         if width == 0:
             return 1
@@ -198,7 +206,10 @@ class Bandwidth(LightEffect):
         return max(least, min(9, 3 + math.ceil(outlook.fresnel_main * width / outlook.wavelength_um / 4)))
 
     def spread(self, samples: tuple[LightSample, ...], outlook: Outlook, least: int = 1) -> tuple[LightSample, ...]:
-        """Return `count` Gauss-Legendre wavelengths of the spectrum, at least ``least``, for each of ``samples``."""
+        """Return, for each of ``samples``, one sample for each of `count` Gauss-Legendre wavelengths of the spectrum.
+
+        ``least`` is passed to `count`. If the bandwidth is 0, ``samples`` are returned unchanged.
+        """
         width = self.width(outlook)
         if width == 0:
             return samples

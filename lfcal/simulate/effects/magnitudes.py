@@ -31,7 +31,10 @@ SHOWN = {"_um": "µm", "_rad": "°", "_s": "s"}
 
 
 def units_of(kind: type[Effect], field: str) -> dict[str, float]:
-    """Return the units in which the magnitude ``field`` may be given, each with its size in the field's own unit."""
+    """Return the units in which the magnitude ``field`` of ``kind`` may be given: unit to its size in the field's unit.
+
+    A fraction, for example, may be given in ``"%"``, with the size 0.01.
+    """
     named = kind.units.get(field)
     if named is not None:
         return SHARES if named in ("share", "%") else {named: 1.0} if named else {}
@@ -42,12 +45,15 @@ def units_of(kind: type[Effect], field: str) -> dict[str, float]:
 
 
 def number_in(what: str, text: str, units: Mapping[str, float], plain: float = 1.0) -> float:
-    """Return the number in ``text``, converted to the field's unit; ``plain`` is the factor for a number without unit.
+    """Return the number in ``text``, converted to the field's unit.
+
+    ``units`` maps the allowed units to their size in the field's unit; ``plain`` is the size for a number without unit.
+    ``what`` names the quantity in error messages.
 
     Raises
     ------
     InputError
-        If the text is not a finite number, or has another unit.
+        If the text is not a finite number, or its unit is not in ``units``.
     """
     match = NUMBER.fullmatch(text.strip())
     known = {"": plain, **units}
@@ -76,7 +82,7 @@ class Magnitude:
     scale
         Ratio of the value to the displayed number.
     units
-        Other units that may be entered, with their size in the field's unit.
+        Units that may be entered, with their size in the field's unit.
     value
         Value in the effect. None: the value in the camera's description, or a typical value.
     counts
@@ -84,17 +90,17 @@ class Magnitude:
     default
         Value in an effect that is created without this magnitude.
     limits
-        Smallest and largest value, in the field's unit.
+        Smallest and largest value, in the field's unit; infinite if there is no limit.
     source
         ``"given"`` by the user; ``"camera"``: from the camera's description; ``"typical"``: the usual size of a
         deviation, which is not specific to this camera.
     mark
-        Mark of the value: for a given value one of `GIVEN`, otherwise the mark of the camera's value
-        (`lfcal.camera.Marks`).
+        Mark of the value: for a given value one of `GIVEN`, for the camera's value its mark (`lfcal.camera.Marks`), and
+        for a typical value an empty string.
     otherwise
         Source and mark of the effective value if no value is given.
     columns
-        Names of the three numbers of triples.
+        Names of the three numbers of triples; empty for other kinds.
     """
 
     field: str
@@ -113,7 +119,10 @@ class Magnitude:
     columns: tuple[str, ...] = ()
 
     def text(self, value: Any) -> str:
-        """Return ``value`` as text without its unit, which `read` can convert back."""
+        """Return ``value``, given in the field's unit, as text in the displayed `unit`, without the unit itself.
+
+        The text is empty for None. `read` converts the text of a number back.
+        """
         if value is None or isinstance(value, str):
             return value or ""
         if self.kind == "terms":
@@ -121,18 +130,20 @@ class Magnitude:
         return f"{value / self.scale:.10g}" if self.kind in ("number", "whole") else str(value)
 
     def range_text(self) -> str:
-        """Return the limits as text; empty if any number is allowed."""
+        """Return the limits as text in the displayed `unit`; empty if any number is allowed."""
         low, high = (None if math.isinf(limit) else f"{limit / self.scale:g}" for limit in self.limits)
         words = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}" if high else ""
         return f"{words} {self.unit}".rstrip() if words else ""
 
     def read(self, text: str) -> Any:
-        """Return the value in ``text``: a number in `unit`, or with another unit.
+        """Return the value in ``text``, in the field's unit; for the kind ``"text"``, the text itself.
+
+        A number without a unit is in the displayed `unit`; otherwise, its unit must be one of `units`.
 
         Raises
         ------
         InputError
-            If the value is invalid or outside the limits.
+            If the text is not such a number, or the value is outside the limits or not whole where it must be.
         """
         text = text.strip()
         if self.kind == "text":
@@ -161,12 +172,13 @@ def magnitudes_of(effect: Effect, camera: Camera, given: Mapping[str, str] | Non
     camera
         Camera whose description provides the values of magnitudes that are None.
     given
-        Fields given by the user, each with one of `GIVEN`; fields that differ from the default always count as given.
+        Fields given by the user, each with one of `GIVEN`. A field that differs from its default always counts as
+        given, and one whose value is None never does.
 
     Raises
     ------
     InputError
-        If a word in ``given`` is not in `GIVEN`.
+        If a value of ``given`` is not in `GIVEN`.
     """
     known = dict(given or {})
     for name, mark in known.items():
@@ -202,7 +214,7 @@ def _magnitude(effect: Effect, field: Any, camera: Camera, given: Mapping[str, s
 
 
 def kind_of(annotation: str) -> str:
-    """Return the kind of a magnitude (as in `Magnitude`) for the type annotation of its field."""
+    """Return the `Magnitude.kind` of a field with this type annotation, such as ``"float | None"``."""
     base = annotation.removesuffix(" | None").strip()
     if base in TRIPLES:
         return "terms"
@@ -212,7 +224,8 @@ def kind_of(annotation: str) -> str:
 def shown_unit(kind: type[Effect], field: str) -> tuple[str, float]:
     """Return the display unit of the magnitude ``field``, and its size in the field's unit.
 
-    Values of the camera's description are displayed in the same unit as there.
+    They are ``""`` and 1 if there is no unit. Unless ``kind`` names a unit, a magnitude of the camera's description has
+    the same unit as there.
     """
     named = kind.units.get(field)
     if named is not None:

@@ -45,13 +45,13 @@ class VectorialPupil(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the fraction of light in the fields other than the first, and a relative error fitted to simulations.
+        """Return the fraction of light outside the strongest of the five fields, and the relative error.
 
-        In focus, the fields differ by sin²(alpha), with the half angle alpha of the objective. The difference is
-        visible if the focal spot is large on the lenslets, and less so if pixels are wider than the interference
-        fringes between lenslets. Out of focus, light from different parts of the pupil overlaps on the sensor only if
-        the parts are close together, depending on the waves of defocus. For images behind the array, it also overlaps
-        where micro-images do.
+        The formula for the error was fitted to simulations. In focus, the error grows with sin²(alpha), where alpha is
+        the half angle of the objective, and with the ratio of the focal spot to the lenslets. It is smaller if pixels
+        are wider than the interference fringes between lenslets. The more waves of defocus, the closer together must
+        parts of the pupil be for their light to overlap on the sensor, and the smaller is the error. For images behind
+        the array, light also overlaps where micro-images do. With a main lens, both results are 0.
         """
         optics, lattice = outlook.camera.optics, outlook.camera.lattice
         if not isinstance(optics, Microscope):
@@ -78,12 +78,15 @@ class VectorialPupil(SceneEffect):
         return True
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with a vector field, which only wave engines use; unchanged for a main lens."""
+        """Return ``scene`` with a vector field, and lenslet diffraction switched on; unchanged for a main lens."""
         del outlook
         return scene if scene.objective is None else replace(scene, vectorial=True, lenslet_diffraction=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time of four additional fields (s); half of it for contiguous squares along the pixel rows."""
+        """Return the CPU time of four additional fields (s); 0 for a main lens.
+
+        Contiguous square lenslets that are aligned with the pixel rows need half of this time.
+        """
         if not outlook.camera.optics.telecentric:
             return 0.0
         lattice = outlook.camera.lattice
@@ -124,15 +127,15 @@ class IndexMismatch(SceneEffect):
     units: ClassVar[Mapping[str, str]] = {"index": ""}
 
     def specimen(self) -> Specimen:
-        """Return the specimen in the form that the scene uses."""
+        """Return the `index` and `depth_um` as the `Specimen` of a scene."""
         return Specimen(self.index, self.depth_um)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the paraxial focal shift (µm), and the relative error, estimated from the displacement X of each ray.
+        """Return the paraxial focal shift (µm), and the relative error, estimated from the displacements of rays.
 
-        The image of a ray changes by 2 (1 - exp(-2.1 (X/p) / (1 + (v/2)²)^½)), with the lenslet pitch p and the virtual
-        depth v, or completely if the ray enters or leaves the cutout. Changes of radiance are added in quadrature. The
-        formula was fitted to simulations.
+        A ray that is displaced by X on the lenslets contributes 2 (1 - exp(-2.1 (X/p) / (1 + (v/2)²)^½)), with the
+        lenslet pitch p and the virtual depth v. A ray that enters or leaves the cutout contributes 1. Changes of
+        radiance are added in quadrature. The formula was fitted to simulations.
         """
         optics, specimen, z = outlook.camera.optics, self.specimen(), outlook.z_um
         formula = "rays of Snell: 2 (1 - exp(-2.1 X/p/(1 + (v/2)²)^½)); Fresnel"
@@ -170,7 +173,10 @@ class IndexMismatch(SceneEffect):
         return True
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with the specimen, and its paraxial image for ray tracing; unchanged for a main lens."""
+        """Return ``scene`` with the specimen, and the source's paraxial image through it; unchanged for a main lens.
+
+        Ray tracing uses only the paraxial image.
+        """
         del outlook
         if scene.objective is None:
             return scene
@@ -179,7 +185,7 @@ class IndexMismatch(SceneEffect):
         return replace(scene, specimen=specimen, image_um=image)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return 0: the additional CPU time of the tables, whose integral needs more nodes, is neglected."""
+        """Return 0: the additional nodes that the Debye integral needs are neglected."""
         del outlook, engine
         return 0.0
 

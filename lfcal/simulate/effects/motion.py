@@ -60,7 +60,7 @@ class PositioningError(MotionEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms shift of the image along an axis (px), and the relative error due to the mean shift."""
+        """Return the rms shift of the image in y, and in x (px), and the relative error due to the mean total shift."""
         shift = _pixels(outlook, self.rms(outlook.camera))
         length = math.sqrt(math.pi / 2) * shift  # mean length of a two-dimensional normal deviate
         return Estimate(shift, "px", outlook.source_moved(length), "|M| e; spots by 1.25 |M| e/v, shadow by 1.25 |M| e")
@@ -120,7 +120,7 @@ class Backlash(MotionEffect):
         """Return the carriage position minus the drive position, shape ``(n, 3)``, order (z, y, x), in µm.
 
         ``commanded_um`` contains the drive positions in the same layout. At the first one, the play is already taken up
-        for motion towards increasing coordinates.
+        for motion towards increasing coordinates. The difference in z is 0.
         """
         del rng
         out, play = np.zeros_like(commanded_um), self.play(camera)
@@ -169,14 +169,17 @@ class Drift(MotionEffect):
         return self.magnitude("rows_um", camera), self.magnitude("columns_um", camera)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the final shift of the image (px), and the relative error due to the mean shift, half of it."""
+        """Return the final shift of the image (px), and the relative error due to half of this shift, the mean."""
         shift = _pixels(outlook, math.hypot(*self.end(outlook.camera)))
         return Estimate(shift, "px", outlook.source_moved(0.5 * shift), "||M| e at the end, half of it on average")
 
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return displacements ``(n, 3)``, order (z, y, x), in µm, that grow linearly over the positions."""
+        """Return displacements ``(n, 3)``, order (z, y, x), in µm: 0 in z, and in y and x from 0 to `end`.
+
+        They grow linearly with the index of the position.
+        """
         del rng
         out = np.zeros_like(commanded_um)
         share = np.arange(len(out)) / max(1, len(out) - 1)
@@ -220,9 +223,10 @@ class DepthError(MotionEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the mean absolute change of the virtual depth, and the relative error due to the spot shift.
+        """Return the change of the virtual depth due to the mean absolute depth error, and the relative error.
 
-        For a Fourier light-field microscope, the first value is the mean absolute depth error (µm).
+        For a Fourier light-field microscope, the first value is the mean absolute depth error itself (µm). The relative
+        error is that due to the resulting shift of the spots.
         """
         camera = outlook.camera
         if isinstance(outlook, PupilOutlook):
@@ -239,7 +243,10 @@ class DepthError(MotionEffect):
     def displace(
         self, commanded_um: NDArray[np.float64], camera: Camera, rng: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return displacements ``(n, 3)``, order (z, y, x), in µm: one normal deviate of z per plane, 0 in y and x."""
+        """Return displacements ``(n, 3)``, order (z, y, x), in µm: 0 in y and x, normally distributed in z.
+
+        Positions with the same commanded z have the same displacement.
+        """
         out = np.zeros_like(commanded_um)
         planes, which = np.unique(commanded_um[:, 0], return_inverse=True)
         out[:, 0] = (self.rms(camera) * rng.standard_normal(len(planes)))[which]

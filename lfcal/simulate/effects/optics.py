@@ -47,10 +47,10 @@ class LensTypeDefocus(SceneEffect):
     rank: ClassVar[int] = 10
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the diameter of the largest spot (px), and the relative error if all types were equally sharp.
+        """Return the diameter of the largest spot (px), and the relative error if all types were as sharp as the best.
 
-        With increasing Fresnel number, spots change from Gaussians to uniform discs. Two discs of equal energy differ
-        by twice the fraction of the energy outside their overlap.
+        With increasing Fresnel number, spots change from Gaussians to uniform discs. The relative L1 difference of two
+        concentric discs of equal energy is twice the fraction of the larger disc's energy outside the smaller one.
         """
         sharp = min(outlook.widths_px)
         error = 0.0
@@ -61,7 +61,7 @@ class LensTypeDefocus(SceneEffect):
         return Estimate(2 * max(outlook.geometric_px), "px", error, "d |1/vf - 1/v|; mean width change over the types")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with the focal length of each lens type."""
+        """Return ``scene`` with all lens types of the camera of ``outlook``."""
         return replace(scene, lattice=replace(scene.lattice, types=outlook.camera.lattice.types))
 
 
@@ -86,7 +86,7 @@ class LensletDiffraction(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the radius of the Airy disc (px), and the relative error, estimated from the spots' Fresnel number."""
+        """Return the radius of the Airy disc (px), and the relative error `Outlook.diffracted`."""
         airy = 1.22 * outlook.wavelength_um * outlook.gap_um / (2 * outlook.lit_px * outlook.pixel_um**2)
         return Estimate(airy, "px", outlook.diffracted, "1.22 lambda B/d; 0.65/(1 + N_F)^(1/3) per type")
 
@@ -125,7 +125,10 @@ class IrisDiffraction(SceneEffect):
     rank: ClassVar[int] = 30
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the Fresnel number N_F of the iris's shadow, and the relative error 0.6 / sqrt(N_F)."""
+        """Return the Fresnel number N_F of the iris's shadow, and the relative error 0.6 / sqrt(N_F), at most 1.5.
+
+        The error is 0 for a microscope and for N_F below 8, because the fringes are always included there.
+        """
         number = outlook.fresnel_main
         if not outlook.has_lens:
             return Estimate(number, "N_F", 0.0, "in the Debye integral")
@@ -147,7 +150,7 @@ class IrisShape(SceneEffect):
     ----------
     blades, curvature, rotation_rad
         Number of blades (0: circular iris), their curvature (0: straight, 1: circular) and the rotation of the iris
-        (rad), as in `MainLens`. None: the camera's value.
+        (rad), as in `MainLens`. None: the camera's value; for a microscope, a circle.
 
     Examples
     --------
@@ -198,8 +201,8 @@ class IrisShape(SceneEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the number of blades, and the relative error due to the difference between the iris and a circle.
 
-        A regular polygon with n sides and the circle of the same area differ by 0.257 (pi/n)² of their area, or 0.4
-        (pi/n)² with diffraction at the edges. For curved blades, the difference is proportional to 1 - curvature.
+        A regular polygon with n sides and the circle of the same area differ by 0.257 (pi/n)² of their area. The error
+        is 0.4 (pi/n)², because of diffraction at the edges. For curved blades, it is proportional to 1 - curvature.
         """
         iris = self.iris(outlook.camera)
         if iris.circular:
@@ -208,7 +211,7 @@ class IrisShape(SceneEffect):
         return Estimate(float(iris.blades), "blades", error, "0.4 (pi/n)² (1 - curvature)")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with the polygonal iris; a second stop of ``scene`` is kept."""
+        """Return ``scene`` with this iris; a second stop of ``scene`` is kept."""
         # mechanical vignetting may have been applied before
         return replace(scene, iris=replace(self.iris(outlook.camera), stop=scene.iris.stop))
 
@@ -217,13 +220,15 @@ class IrisShape(SceneEffect):
 class ExactAngles(SceneEffect):
     """Non-paraxial angles: defocus of the main lens as a (1 - cos theta), and rays behind the lenslets along tan theta.
 
-    Here a is the distance of the main image behind the array, B the gap, v = a/B, Nw the working f-number, and theta
-    the angle to the axis. Each of the two changes alone would displace the rays through the lenslet centres: at the
-    rim, the first by 8 Nw W lambda/v with W = a/(8 lambda (2 Nw)^4), and the second by B/(2 (2 Nw)³). With both, these
-    rays meet the sensor at their paraxial positions, because their path to the image is a straight line. Two effects
-    remain: the coma of lenslets with a parabolic phase, and a shadow that is larger by the fraction 1/(8 Nw²). The
-    Debye integral of a microscope is always exact up to the array. With this effect, the angles behind the array are
-    exact too; each response is then computed on one two-dimensional grid instead of separately for rows and columns.
+    Here a is the distance of the main lens's image behind the array, and theta the angle to the axis. Each of the two
+    changes alone would displace the rays through the lenslet centres, at the rim of the pupil by B/(2 (2 Nw)³), with
+    the gap B and the working f-number Nw. With both, these rays meet the sensor at their paraxial positions, because
+    their path to the image is a straight line. Two effects remain: the coma of lenslets with a parabolic phase, and a
+    shadow that is larger by the fraction 1/(8 Nw²).
+
+    The Debye integral of a microscope is always exact up to the array. With this effect, the angles behind the array
+    are exact too. Each response of a microscope is then computed on one two-dimensional grid instead of separately for
+    rows and columns.
 
     Examples
     --------
@@ -242,7 +247,11 @@ class ExactAngles(SceneEffect):
     changes_work: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the displacement of the marginal ray (px), and the relative error due to the mean displacement."""
+        """Return the displacement of the marginal ray (px), and the relative error due to the mean displacement.
+
+        For a microscope, it is the displacement of the steepest ray behind the lenslets, with an upper bound of the
+        error.
+        """
         if not outlook.has_lens:
             return self._behind_lenslets(outlook)
         rim = outlook.gap_um / (2 * (2 * outlook.f_number) ** 3) / outlook.pixel_um
@@ -261,9 +270,10 @@ class ExactAngles(SceneEffect):
         )
 
     def holds(self, outlook: Outlook) -> bool:
-        """Return whether the formula is valid: the shadow covers several lenslets, and the spots are wide enough.
+        """Return whether the formula is valid: the image is away from the array, and the spots are wide enough.
 
-        For a microscope, it is valid if the angles change the image little.
+        The virtual depth must be at least 1.2 in magnitude, the Fresnel number of the iris's shadow at least 20, and
+        the mean rms width of the spots at least 0.5 px. For a microscope, only the estimated error must be below 0.01.
         """
         if not outlook.has_lens:
             return self._behind_lenslets(outlook).error < SMALL
@@ -278,7 +288,7 @@ class ExactAngles(SceneEffect):
         return replace(scene, exact_rays=True)
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time of one additional phase per response (s), measured as a tenth of that of the wave engine.
+        """Return the CPU time of one additional phase per response (s), a tenth of that of the wave engine (measured).
 
         For a microscope with unrotated, contiguous square lenslets, it is the additional time of a two-dimensional grid
         compared with separate rows and columns. Other arrays of a microscope use such a grid in any case.
@@ -326,14 +336,17 @@ class LensLaw(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the relative change of the marginal ray's sine, and the relative error due to a smaller shadow."""
+        """Return the absolute relative change of the marginal ray's sine, and the relative error.
+
+        The error is due to the changed size of the iris's shadow. For a microscope, both results are 0.
+        """
         if not outlook.has_lens:
             return Estimate(0.0, "of the rim's sine", 0.0, "an objective obeys the sine condition")
         square = abs(self.tangent) / (2 * outlook.f_number) ** 2
         return Estimate(0.5 * square, "of the rim's sine", 2 * square, "q/(8 Nw²) at the rim; q/(2 Nw²) of the light")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with this law and with non-paraxial angles."""
+        """Return ``scene`` with this law, non-paraxial angles and lenslet diffraction; unchanged for a microscope."""
         if not outlook.has_lens or self.tangent == 0:
             return scene
         return replace(scene, lens_law=self.tangent, exact_defocus=True, exact_rays=True, lenslet_diffraction=True)

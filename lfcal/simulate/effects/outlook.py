@@ -24,8 +24,8 @@ def share_moved(shift: float, width: float) -> float:
 def share_widened(width_a: float, width_b: float) -> float:
     """Return the relative L1 difference of two round Gaussian spots with rms widths ``width_a`` and ``width_b``.
 
-    It is 2 (q^(q/(1-q)) - q^(1/(1-q))) with q = (a/b)², where a is the smaller width; for a small widening, this is
-    0.74 (b² - a²)/a².
+    It is 2 (q^(q/(1-q)) - q^(1/(1-q))) with q = (a/b)², where a is the smaller and b the larger width. If they are
+    nearly equal, this is 0.74 (b² - a²)/a².
     """
     small, large = sorted((width_a, width_b))
     q = (small / large) ** 2
@@ -102,44 +102,56 @@ class Outlook:
 
     @cached_property
     def shift_um(self) -> float:
-        """Distance a of the main image behind the lenslets (µm), negative in front; |a| is at least a wavelength."""
+        """Distance a of the main lens's image behind the lenslets (µm), negative if it is in front of them.
+
+        To avoid division by zero, |a| is at least the wavelength.
+        """
         a = self.camera.image_shift_um(self.z_um)
         least = self.wavelength_um
         return a if abs(a) >= least else math.copysign(least, a)
 
     @property
     def virtual_depth(self) -> float:
-        """Virtual depth v = a/B, the main image's distance behind the lenslets divided by the gap."""
+        """Virtual depth v = a/B, the ratio of `shift_um` to `gap_um`."""
         return self.shift_um / self.gap_um
 
     @property
     def depth(self) -> float:
-        """Ratio |v| of a lateral shift of the main image to the resulting shift on the sensor, at least 1.2.
+        """Ratio of a lateral shift of the main lens's image to the resulting shift on the sensor: |v|, at least 1.2.
 
-        For an image closer to the array, its own size determines the shift on the sensor, not the lenslets.
+        If |v| is smaller, the shift on the sensor depends on the size of the image instead of the lenslets.
         """
         return max(1.2, abs(self.virtual_depth))
 
     @property
     def regular(self) -> bool:
-        """Whether the formulas are valid: the camera has a main lens, and its image is not near the array."""
+        """Whether the formulas are valid: the camera has a main lens, and its image is not near the array.
+
+        This requires a virtual depth of at least 0.6 in magnitude, and a `fresnel_main` of at least 3.
+        """
         return self.has_lens and abs(self.virtual_depth) >= 0.6 and self.fresnel_main >= 3.0
 
     @property
     def fresnel_main(self) -> float:
-        """Fresnel number |a| / (4 Nw² lambda) of the main iris's shadow; a is `shift_um`, Nw `f_number`."""
+        """Fresnel number |a| / (4 Nw² lambda) of the main iris's shadow.
+
+        Here a is `shift_um`, Nw is `f_number`, and lambda is `wavelength_um`.
+        """
         return abs(self.shift_um) / (4.0 * self.f_number**2 * self.wavelength_um)
 
     @cached_property
     def defocus(self) -> tuple[float, ...]:
-        """Signed ratio of blur radius to lenslet radius, 1 - B/a - B/f, for each lens type (focal length f)."""
+        """Signed ratio of blur radius to lenslet radius for each lens type: 1 - B/a - B/f, with the focal length f.
+
+        B is `gap_um`, and a is `shift_um`.
+        """
         gap = self.gap_um
         return tuple(1.0 - gap / self.shift_um - gap / t.focal_length_um for t in self.camera.lattice.types)
 
     # -- patterns, in pixels ---------------------------------------------------------------------------
     @property
     def shadow_px(self) -> float:
-        """Radius of the main iris's shadow on the lenslets (px), at least that of its Airy disc."""
+        """Radius of the main iris's shadow on the lenslets (px), with that of its Airy disc added in quadrature."""
         airy = 1.22 * self.wavelength_um * self.f_number
         radius = abs(self.shift_um) / (2.0 * self.f_number)
         if isinstance(self.camera.optics, Microscope):
@@ -148,7 +160,7 @@ class Outlook:
 
     @property
     def lit_px(self) -> float:
-        """Radius of the illuminated part of a lenslet (px)."""
+        """Radius of the illuminated part of a lenslet (px): that of the lenslet, but at most `shadow_px`."""
         return min(0.5 * self.clear_um / self.pixel_um, self.shadow_px)
 
     @cached_property
@@ -159,7 +171,11 @@ class Outlook:
 
     @property
     def pattern_px(self) -> float:
-        """Radius of the light pattern (px): shadow radius times |1 - 1/v|, plus spot radius and half a pitch."""
+        """Radius of the light pattern on the sensor (px).
+
+        It is `shadow_px` times |1 - 1/v|, with the virtual depth v, plus the largest spot radius and half a lenslet
+        pitch.
+        """
         shrunk = self.shadow_px * abs(1.0 - 1.0 / self.virtual_depth)
         return shrunk + max(self.geometric_px) + 0.5 * self.camera.pitch_px
 
@@ -170,27 +186,37 @@ class Outlook:
 
     @property
     def airy_px(self) -> float:
-        """Rms width of a lenslet's diffraction spot (px): 0.42 lambda B / d, with the illuminated diameter d."""
+        """Rms width of the Gaussian approximation to a lenslet's diffraction spot (px).
+
+        It is 0.42 lambda B / d, with the wavelength lambda, the gap B and the illuminated diameter d of a lenslet.
+        """
         return 0.42 * self.wavelength_um * self.gap_um / (2.0 * self.lit_px * self.pixel_um) / self.pixel_um
 
     @cached_property
     def widths_px(self) -> tuple[float, ...]:
-        """Rms spot width w along an axis for each lens type (px): w² = (`geometric_px`/2)² + `airy_px`² + 1/12."""
+        """Rms spot width w along an axis for each lens type (px): w² = (`geometric_px`/2)² + `airy_px`² + 1/12.
+
+        The last term is the variance of a pixel.
+        """
         return tuple(math.sqrt(r * r / 4.0 + self.airy_px**2 + 1.0 / 12.0) for r in self.geometric_px)
 
     @property
     def fresnel_lenslets(self) -> tuple[float, ...]:
-        """Fresnel number |sigma| r²/(lambda B) of each lens type's spot; sigma is `defocus`, r is `lit_px` in µm."""
+        """Fresnel number |sigma| r²/(lambda B) of the spot of each lens type.
+
+        Here sigma is `defocus`, r is `lit_px` converted to µm, lambda is `wavelength_um`, and B is `gap_um`.
+        """
         unit = (self.lit_px * self.pixel_um) ** 2 / (self.wavelength_um * self.gap_um)
         return tuple(abs(s) * unit for s in self.defocus)
 
     @property
     def diffracted(self) -> float:
-        """Relative L1 error of spots traced by rays instead of computed by waves: the mean of 0.65/(1 + N_F)^(1/3).
+        """Relative L1 error of spots traced by rays instead of computed by waves.
 
-        The mean is over the lens types with the Fresnel numbers N_F. In a microscope, rays are also paraxial: the
-        shadow has the radius M z sin(alpha) instead of M z tan(alpha). M is the magnification, and alpha the half angle
-        in object space.
+        It is the mean of 0.65/(1 + N_F)^(1/3) over the lens types, with their Fresnel numbers N_F. In a microscope,
+        rays are also paraxial: their shadow has the radius M z sin(alpha) instead of M z tan(alpha), with the
+        magnification M, the depth z and the half angle alpha in object space. The resulting error, 2 sin²(alpha), is
+        added in quadrature.
         """
         change = sum(0.65 / math.cbrt(1.0 + n) for n in self.fresnel_lenslets) / len(self.defocus)
         if isinstance(self.camera.optics, Microscope):
@@ -203,14 +229,15 @@ class Outlook:
 
     @property
     def resolved(self) -> float:
-        """Fraction (0 to 1) of the fringe contrast in a defocused spot that pixels resolve."""
+        """Fraction (0 to 1) of the contrast of the fringes in a defocused spot that remains after pixel integration."""
         return 1.0 / (1.0 + (0.15 / self.airy_px) ** 2)
 
     @property
     def structure(self) -> tuple[float, ...]:
-        """Ratio of spot width to fringe width for each lens type: 1 + 0.45 N_F `resolved`, with the Fresnel number N_F.
+        """Ratio of spot width to fringe width for each lens type: 1 + 0.45 N_F `resolved`.
 
-        If N_F is large, changes estimated with a Gaussian of the spot's width are too small by this factor.
+        N_F is the Fresnel number in `fresnel_lenslets`. If it is large, changes estimated with a Gaussian of the spot's
+        width are too small by this factor.
         """
         return tuple(1.0 + 0.45 * self.resolved * n for n in self.fresnel_lenslets)
 
@@ -220,9 +247,10 @@ class Outlook:
         return sum(changes) / len(self.widths_px)
 
     def blurred(self, rms_px: float, floor_px: float = 0.0) -> float:
-        """Return the relative L1 change of the image if every spot is blurred by ``rms_px`` (rms along each axis).
+        """Return the relative L1 change of the image if every spot is blurred by ``rms_px`` (rms along each axis, px).
 
-        ``floor_px`` is an rms width (px) added in quadrature to every spot width, because pixels do not resolve it.
+        ``floor_px`` is an rms width (px) that is added in quadrature to every spot width, because pixels do not resolve
+        narrower spots.
         """
         total = 0.0
         near = abs(self.virtual_depth) < 1  # the fringes of the iris, where one lenslet receives them all
@@ -236,9 +264,9 @@ class Outlook:
     def array_moved(self, shift_px: float) -> float:
         """Return the relative L1 change of the image if the lenslets move by ``shift_px`` (px) and the source does not.
 
-        Spots move by 1 - 1/v of the shift, and the lenslet apertures by the full shift. In a microscope, the light from
-        neighbouring lenslets interferes in fringes with the period lambda B/p (p: lenslet pitch), which are finer than
-        a defocused spot.
+        Spots move by the fraction 1 - 1/v of the shift, with the virtual depth v, and the lenslet apertures by the full
+        shift. In a microscope, the light from neighbouring lenslets interferes. With the wavelength lambda, the gap B
+        and the lenslet pitch p, the period of the fringes is lambda B/p, which is finer than a defocused spot.
         """
         shift = shift_px * math.hypot(0.5, 0.75 * (1.0 - 1.0 / self.virtual_depth))
         if self.has_lens:
@@ -247,15 +275,18 @@ class Outlook:
         return self.over_types(lambda w: share_moved(shift, min(w, fringe)))
 
     def shadow_moved(self, shift_px: float) -> float:
-        """Return the relative L1 change if the iris's shadow moves by ``shift_px``: 1.27 ``shift_px``/`shadow_px`."""
+        """Return the relative L1 change of the image if the iris's shadow moves by ``shift_px`` (px).
+
+        It is 1.27 ``shift_px``/`shadow_px`, but at most 2.
+        """
         return min(2.0, 4.0 / math.pi * abs(shift_px) / self.shadow_px)
 
     def source_moved(self, shift_px: float) -> float:
         """Return the relative L1 change of the image if the source's paraxial image moves by ``shift_px`` (px).
 
-        Spots move by ``shift_px``/|v|, and the iris's shadow by ``shift_px``. Fringes follow neither exactly. The two
-        contributions are therefore added in quadrature, with a measured factor of 0.85 for that of the spots. A shadow
-        smaller than a lenslet contributes only where it crosses the border to the next lenslet.
+        Spots move by ``shift_px``/`depth`, and the iris's shadow by ``shift_px``. Fringes follow neither exactly. The
+        two contributions are therefore added in quadrature, with a measured factor of 0.85 for that of the spots. A
+        shadow smaller than a lenslet contributes only where it crosses the border to the next lenslet.
         """
         spots = 0.85 * self.moved(shift_px / self.depth)
         within = min(1.0, 2.0 * self.shadow_px / self.camera.pitch_px)
@@ -263,7 +294,7 @@ class Outlook:
 
     @property
     def field_rms_px(self) -> float:
-        """Rms distance of the illuminated lenslets from the middle of the region (px)."""
+        """Rms distance of the illuminated lenslets from the middle of the region, over a period of positions (px)."""
         ny, nx = self.period
         return math.sqrt(self.shadow_px**2 / 2.0 + (ny * ny + nx * nx) / 12.0)
 
@@ -352,20 +383,21 @@ class PupilOutlook(Outlook):
 
     @property
     def pattern_px(self) -> float:
-        """Radius (px) of a disc whose area is that of all spots, each enlarged by two Airy radii."""
+        """Radius (px) of a disc whose area is that of all spots, with two Airy radii added to the radius of each."""
         reach = (radius + 5.8 * self.airy_px for radius in self.geometric_px)
         return math.sqrt(sum(one * one for one in reach))
 
     def spread_px(self, step_um: float) -> float:
-        """Return the mean shift of the spots (px) if the source moves along the axis by ``step_um`` (µm)."""
+        """Return the mean absolute shift of the spots (px) if the source moves along the axis by ``step_um`` (µm)."""
         radii = [math.hypot(*one) for one in self._lenslets.lens_centres_um]
         share = abs(self._lenslets.spread(self.scene.objective, step_um))
         return share * sum(radii) / len(radii) / self.pixel_um
 
     def blurred(self, rms_px: float, floor_px: float = 0.0) -> float:
-        """Return the relative L1 change of the image if every spot is blurred by ``rms_px`` (rms along each axis).
+        """Return the relative L1 change of the image if every spot is blurred by ``rms_px`` (rms along each axis, px).
 
-        ``floor_px`` is an rms width (px) added in quadrature to every spot width, because pixels do not resolve it.
+        ``floor_px`` is an rms width (px) that is added in quadrature to every spot width, because pixels do not resolve
+        narrower spots.
         """
         total = 0.0
         for width, fringes in zip(self.widths_px, self.fresnel_lenslets, strict=True):

@@ -102,8 +102,8 @@ class Crosstalk(PsfEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the fraction x, and the relative error due to a blur with a variance of 2 x px² along each axis.
 
-        Spots are taken to be at least 0.41 px wide (rms): if all light is in a single pixel, the error is 8 x, as for a
-        Gaussian of 0.43 px rms.
+        An rms width of 0.41 px is added in quadrature to that of the spots, because pixels do not resolve narrower
+        ones. If all light is in a single pixel, the error is 8 x, as for a Gaussian of 0.43 px rms.
         """
         error = outlook.blurred(math.sqrt(2.0 * self.share), floor_px=0.41)
         return Estimate(self.share, "per neighbour", error, "0.74 * 2 x/(w² + 0.17)")
@@ -155,7 +155,7 @@ class AngularResponse(SceneEffect):
         return y / away, x / away
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the half-response angle (°), and the relative loss of light at the rms angle of incidence."""
+        """Return the half-response angle (°), and the ratio of lost to remaining light at the rms incidence angle."""
         focal = outlook.camera.lattice.types[0].focal_length_um
         bend = outlook.lit_px * outlook.pixel_um * abs(1 / outlook.shift_um + 1 / focal)
         near = min(1.0, abs(outlook.virtual_depth))  # near the native plane, a lenslet receives the whole cone
@@ -166,11 +166,11 @@ class AngularResponse(SceneEffect):
         return Estimate(math.degrees(self.half_angle_rad), "° to half", error, "1 - cos^n of the rms angle")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with this angular response."""
+        """Return ``scene`` with this angular response about the chief ray to the middle of the region."""
         return replace(scene, accept=(self.power, *self.slope(outlook)))
 
     def seconds(self, outlook: Outlook, engine: EngineSeconds) -> float:
-        """Return the CPU time of weighting the rays (s), measured to equal that of the wave engine."""
+        """Return the CPU time for weighting the light by its angle (s): that of the wave engine (measured)."""
         del outlook
         return engine.waves
 

@@ -18,7 +18,11 @@ GROUP = "lfcal.effects"
 
 
 def check_effect(kind: type[Effect]) -> None:
-    """Raise `TypeError`, or an error of the effect, if ``kind`` cannot be listed, planned or stored in a file."""
+    """Raise `TypeError` unless ``kind`` is a complete effect class: a frozen dataclass with title and ``acts_on``.
+
+    Its `Effect.estimate` with default values must return a finite error for the preset ``"bench"``. Exceptions that the
+    methods of ``kind`` raise are passed on.
+    """
     if not (isinstance(kind, type) and issubclass(kind, Effect)):
         raise TypeError(f"expected a class derived from Effect, got {kind!r}")
     if inspect.isabstract(kind):
@@ -64,7 +68,9 @@ CATALOGUE = find_effects()
 
 
 def catalogue() -> tuple[Effect, ...]:
-    """Return one instance of every effect: described ones use the camera's values, deviations have a typical size.
+    """Return one instance of every effect, with default magnitudes, in the order of the light path.
+
+    Deviations have a typical size. Magnitudes of the camera's description are None.
 
     Examples
     --------

@@ -84,7 +84,10 @@ class StrayLight(FrameEffect):
         return Estimate(self.share, "relative", self.share * (1.0 + veil), "share (1 + cutout/sensor)")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Scatter the fraction ``share`` of the frame's light over ``strip`` in place (electrons), and return it."""
+        """Apply the stray light to ``strip`` (electrons) in place, and return it.
+
+        Each pixel loses the fraction ``share`` of its light, and receives the same fraction of the frame's mean.
+        """
         rows, columns = view.camera.sensor.shape
         strip *= np.float32(1.0 - self.share)
         strip += np.float32(self.share * view.total_e / (rows * columns))
@@ -142,7 +145,10 @@ class ColourFilter(FrameEffect):
         return Estimate(kept, "kept", (1.0 - kept) / kept, "(1 - kept)/kept")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Multiply ``strip`` in place by the pattern's transmission (from sensor pixel (0, 0)), and return it."""
+        """Multiply ``strip`` in place by the transmission of the pattern, and return it.
+
+        The pattern begins at pixel (0, 0) of the sensor.
+        """
         passed = self.transmission(view.camera)
         side = len(passed)
         for r in range(side):
@@ -197,7 +203,7 @@ class FixedPattern(FrameEffect):
         return Estimate(rms, "relative", MEAN * math.hypot(rms, offsets), "0.8 prnu")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Apply the gain and offset of each pixel to ``strip`` in place (electrons), and return it."""
+        """Apply the gain and offset of each pixel to ``strip`` (electrons) in place, and return it."""
         rms = self.gain_rms(view.camera)
         if rms:
             strip *= np.float32(1.0) + np.float32(rms) * view.pattern("gain")
@@ -240,12 +246,12 @@ class DarkCurrent(FrameEffect):
         return rate * exposure_s
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the mean dark signal (electrons per pixel), and the ratio of its sum over the cutout to the signal."""
+        """Return the mean dark signal (electrons per pixel), and the ratio of its sum over the cutout to the light."""
         mean = self.mean_e(outlook.camera, outlook.exposure_s)
         return Estimate(mean, "e-", mean * outlook.pixels / outlook.signal_e, "D t * pixels/signal")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Add the mean dark signal to ``strip`` in place (electrons), and return it; `ShotNoise` adds its noise."""
+        """Add the mean dark signal to ``strip`` (electrons) in place, and return it; `ShotNoise` adds its noise."""
         strip += np.float32(self.mean_e(view.camera, view.exposure_s))
         return strip
 
@@ -271,7 +277,7 @@ class ShotNoise(FrameEffect):
     pixel_ns: ClassVar[float] = 25.0
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the relative rms noise of the brightest pixel, and the relative L1 error for Gaussian spots."""
+        """Return the relative rms noise of the brightest pixel, and the relative error of Gaussian spots, at most 1."""
         sharp, root = min(outlook.widths_px), math.sqrt(outlook.peak_e)
         error = outlook.over_types(lambda w: 2.0 * MEAN * (w / sharp) / root)
         return Estimate(1.0 / root, "relative", min(1.0, error), "1/sqrt(peak); 1.6 (w/w_min)/sqrt(peak) per type")
@@ -313,7 +319,7 @@ class Saturation(FrameEffect):
         return Estimate(outlook.peak_e / full, "of full well", min(2.0, share / (1 - share)), "1 - (1 + ln k)/k")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Clip ``strip`` in place at the full-well capacity (electrons), and return it."""
+        """Clip ``strip`` (electrons) in place at the full-well capacity, and return it."""
         return np.minimum(strip, np.float32(view.camera.sensor.full_well_e), out=strip)
 
 
@@ -353,13 +359,13 @@ class ReadNoise(FrameEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms noise (electrons), and the ratio of the summed absolute noise of the cutout to the signal."""
+        """Return the rms noise (electrons), and the ratio of the cutout's summed absolute noise to its light."""
         rms = self.rms(outlook.camera)
         error = min(2.0, MEAN * rms * outlook.pixels / outlook.signal_e)
         return Estimate(rms, "e-", error, "0.8 read * pixels/signal")
 
     def on_frame(self, strip: NDArray[np.float32], view: SensorStrip) -> NDArray[np.float32]:
-        """Add normally distributed noise to ``strip`` in place (electrons), and return it."""
+        """Add normally distributed noise to ``strip`` (electrons) in place, and return it."""
         strip += np.float32(self.rms(view.camera)) * view.rng.standard_normal(strip.shape, np.float32)
         return strip
 
@@ -384,7 +390,7 @@ class Quantisation(FrameEffect):
     whole_numbers: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms rounding error LSB/sqrt(12) (electrons), and the relative error for LSB/4 per lit pixel.
+        """Return the rms rounding error LSB/sqrt(12) (electrons), and the relative error for LSB/4 in each lit pixel.
 
         LSB is one count of the converter. The error includes weak diffracted light between the spots, which is rounded
         to zero.

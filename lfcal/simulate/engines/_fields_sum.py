@@ -101,12 +101,12 @@ class FieldsSum:
         return result
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
-        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        """Return the cutout for a chief ray that meets the sensor at (``y_um``, ``x_um``); see `PlaneEngine.point`."""
         result = self._parts[0].point(y_um, x_um)
         for part in self._parts[1:]:
             result += part.point(y_um, x_um)
         return result
 
     def predicted_seconds(self, n_positions: int) -> float:
-        """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
+        """Return the predicted CPU-seconds for ``n_positions`` positions; see `PlaneEngine.predicted_seconds`."""
         return sum(part.predicted_seconds(n_positions) for part in self._parts)

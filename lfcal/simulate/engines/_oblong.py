@@ -127,14 +127,14 @@ class OblongPlane:
         return result
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
-        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        """Return the cutout for a chief ray that meets the sensor at (``y_um``, ``x_um``); see `PlaneEngine.point`."""
         row, column = self.scene.nearest_pixel(y_um, x_um)
         fine_row, fine_column = self._fine.scene.nearest_pixel(y_um, x_um)
         shift = row * FINER * self.scene.pixel_aspect - fine_row
         return self._binned(self._fine.point(y_um, x_um), shift, column * FINER - fine_column)
 
     def predicted_seconds(self, n_positions: int) -> float:
-        """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
+        """Return the predicted CPU-seconds for ``n_positions`` positions; see `PlaneEngine.predicted_seconds`."""
         return self._pilot.seconds(self, n_positions)
 
     def _binned(self, fine: NDArray[np.float32], shift_y: float, shift_x: float = 0.0) -> NDArray[np.float32]:

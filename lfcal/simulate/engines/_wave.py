@@ -132,7 +132,7 @@ class WavePlane:
         return result
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
-        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        """Return the cutout for a chief ray that meets the sensor at (``y_um``, ``x_um``); see `PlaneEngine.point`."""
         result = np.empty((1, *self.scene.cutout), np.float32)
         pixel = np.array([self.scene.nearest_pixel(y_um, x_um)], np.int64)
         self._respond(np.array([[y_um, x_um]]), pixel, result)
@@ -140,7 +140,7 @@ class WavePlane:
         return cutout
 
     def predicted_seconds(self, n_positions: int) -> float:
-        """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
+        """Return the predicted CPU-seconds for ``n_positions`` positions; see `PlaneEngine.predicted_seconds`."""
         return self._pilot.seconds(self, n_positions)
 
     # -- one row of positions ------------------------------------------------------------------------------

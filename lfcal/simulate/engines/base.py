@@ -73,7 +73,7 @@ class Certificate:
     energy_in, energy_out
         Sums over the responses: light through the lenslets, and light in their windows on the sensor.
     worst
-        Largest ratio of energy out to energy in among responses with any energy; at most 1 up to rounding.
+        Largest ratio of energy out to energy in among responses with any energy; at most 1, up to numerical errors.
     """
 
     responses: int = 0
@@ -119,7 +119,7 @@ class PlaneEngine(Protocol):
 
     @property
     def level(self) -> str:
-        """One of `LEVELS`."""
+        """Level of accuracy, one of `LEVELS`."""
         ...
 
     @property
@@ -137,8 +137,9 @@ class PlaneEngine(Protocol):
     ) -> NDArray[np.float32]:
         """Return the cutouts ``(len(ys), len(xs), nt, ns)`` of the positions (y, x) in rows ``ys`` and columns ``xs``.
 
-        Rows and columns are any integers. The result is written to ``out``; None: to a new array. ``workers`` threads
-        share the rows. None: all processors; 1: the caller's thread.
+        Positions are integers, which may be outside the period; (nt, ns) is the shape of a cutout. The result is
+        written to ``out``; None: to a new array. ``workers`` is the number of threads. None: one for each processor; 1:
+        only the caller's thread.
 
         Raises
         ------
@@ -148,11 +149,15 @@ class PlaneEngine(Protocol):
         ...
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
-        """Return the cutout ``(nt, ns)`` about `Scene.nearest_pixel` of a chief ray at any sensor point (µm)."""
+        """Return the cutout ``(nt, ns)`` for a chief ray that meets the sensor at the point (``y_um``, ``x_um``).
+
+        The point (µm) is relative to the sensor point of source position (0, 0). The cutout is centred on the nearest
+        pixel, see `Scene.nearest_pixel`.
+        """
         ...
 
     def predicted_seconds(self, n_positions: int) -> float:
-        """Return the CPU-seconds that ``n_positions`` will take, from a short measurement on this machine."""
+        """Return the predicted CPU-seconds for ``n_positions`` positions, extrapolated from a short measurement."""
         ...
 
 
@@ -161,9 +166,10 @@ class Displaceable(Protocol):
     """An engine whose tables can also be used for displaced sources."""
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> PlaneEngine:
-        """Return the engine of the same plane for sources displaced by ``offsets_um``.
+        """Return an engine of the same plane for displaced sources.
 
-        ``offsets_um`` is ``(ny, nx, 2)``: the displacement (dy, dx) of each source position (µm).
+        ``offsets_um`` contains the displacement (dy, dx) of each source position on the sensor (µm), ``(ny, nx, 2)``
+        for a period of ``(ny, nx)`` positions.
         """
         ...
 
@@ -171,8 +177,8 @@ class Displaceable(Protocol):
 class Pilot:
     """Prediction of an engine's computing time from a short run, which takes place only once, at the first use.
 
-    The time of positions spread over the period is measured in the caller's thread, after a first position that is not
-    timed.
+    The time of positions in two rows of the period is measured in the caller's thread, after a first position that is
+    not timed. There are at most ``columns`` positions in a row.
     """
 
     # without a reference to its engine: circular references would keep tables in memory long after their use
@@ -181,7 +187,7 @@ class Pilot:
         self._each: float | None = None
 
     def seconds(self, engine: PlaneEngine, n_positions: int) -> float:
-        """Return the CPU-seconds that ``engine`` needs for ``n_positions`` positions."""
+        """Return the predicted CPU-seconds for ``n_positions`` positions; ``engine`` is used only for the short run."""
         if self._each is None:
             ny, nx = engine.scene.period
             xs = np.unique(np.linspace(0, nx - 1, min(nx, self._columns)).astype(int))

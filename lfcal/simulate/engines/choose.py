@@ -12,12 +12,14 @@ __all__ = ["engine_for"]
 
 
 def engine_for(scene: AnyScene, level: str = "wave", sampling: Sampling | None = None) -> PlaneEngine:
-    """Return the engine of ``level`` for ``scene``, with its tables, in ``sampling`` (None: the default sampling).
+    """Return the engine of ``level``, one of `LEVELS`, for ``scene``, including its tables.
+
+    ``sampling`` sets the samples and windows of the engine. None: the default values of `Sampling`.
 
     Raises
     ------
     InputError
-        If the level is unknown or not possible for the scene.
+        If the level is unknown or not possible for the scene, or the sampling requires too large a table.
     """
     check_choice("level", level, LEVELS)
     chosen = sampling or Sampling()

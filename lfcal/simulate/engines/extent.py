@@ -27,14 +27,15 @@ TAILS = 3
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """Radii (pixels) of the light of one position, about the source's image.
+    """Extent of the light of one position about the source's image; all lengths in pixels.
 
     Attributes
     ----------
     shadow
         Radius of the light on the array, traced with rays, including aberrations and a displaced source.
     outward
-        Outward displacement, between array and sensor, of the rays at the rim of this light; 0 if they move inwards.
+        Outward displacement, between array and sensor, of the rays at the rim of this light. It is that of the main
+        lens's rays, or 0 if these move inwards, plus that due to the lenslets' spherical aberration.
     half_cutout
         Half the larger side of the cutout.
     pitch
@@ -47,10 +48,11 @@ class Extent:
     pitch: float
 
     def side(self, per_px: int, margin: float) -> int:
-        """Return the side of a grid with ``margin`` pixels around the light, an even number suited to fast transforms.
+        """Return the side of a grid (samples) around the light, an even number suited to fast transforms.
 
-        Light that leaves the grid re-enters on the opposite side. The margin must therefore be wide enough to keep this
-        light out of the cutout.
+        There are ``per_px`` samples per pixel. The grid extends ``margin`` pixels beyond the shadow, or less if the
+        cutout is smaller. Light that leaves the grid re-enters on the opposite side. The margin must therefore be wide
+        enough to keep this light out of the cutout.
         """
         import scipy.fft as sf
 

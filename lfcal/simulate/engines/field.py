@@ -83,9 +83,9 @@ class FieldTable:
 
 
 def choose_mode(scene: Scene) -> str:
-    """Return the mode of propagation: ``"D"`` for a microscope, else ``"E"`` or ``"U"``.
+    """Return the mode of propagation (see `FieldTable`): ``"D"`` for a microscope, else ``"E"`` or ``"U"``.
 
-    ``"E"`` is used for planes with a large `Scene.fresnel_number`, ``"U"`` for a small one.
+    ``"E"`` is used if `Scene.fresnel_number` is at least 12, or 8 with `Scene.exact_rays`, and ``"U"`` otherwise.
     """
     if scene.objective is not None:
         return "D"
@@ -101,11 +101,12 @@ def field_modes(scene: Scene) -> tuple[str, ...]:
 
 
 def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the aberration (waves) at pupil points (ux, uy) in pupil radii; None if the scene has no aberration.
+    """Return the aberration (waves) at pupil points (ux, uy) in pupil radii, including that of exact defocus.
 
-    At the distance u from the pupil's centre, the angle theta has the sine s = u/(2 N), with N = `Scene.rim_f_number`.
-    Exact defocus adds a' s^4 / (2 lambda (1 + sqrt(1 - s^2))^2), with a' = `Scene.reduced_image_um`. This is the
-    difference between a'(1 - cos theta) and its parabola, without cancellation.
+    The result is None if the scene has neither. At the distance u from the pupil's centre, the angle theta has the sine
+    s = u/(2 N), with N = `Scene.rim_f_number`. Exact defocus adds a' s^4 / (2 lambda (1 + sqrt(1 - s^2))^2), with a' =
+    `Scene.reduced_image_um` and the wavelength lambda. This is the difference between a'(1 - cos theta) / lambda and
+    its parabola, without cancellation.
     """
     if not scene.wavefront and not scene.exact_defocus:
         return None
@@ -120,9 +121,9 @@ def wavefront_waves(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float6
 def pupil_amplitude(scene: Scene, rho2: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the amplitude, 1 in mean square over the unit disc, at squared relative sines ``rho2``.
 
-    The relative sine rho is the sine of a ray's angle divided by that of the rim ray.
+    The relative sine rho is the sine of a ray's angle theta divided by that of the rim ray.
 
-    By the lens law of `Scene`, an area of the uniformly lit pupil is (1 - q sin² theta)^-2 times the area that its rays
+    With q = `Scene.lens_law`, an area of the uniformly lit pupil is (1 - q sin² theta)^-2 times the area that its rays
     cover in sines.
     """
     q, rim2 = scene.lens_law, 1 / (2 * scene.rim_f_number) ** 2
@@ -144,15 +145,16 @@ def _by_sine(scene: Scene, outline: Points) -> Points:
 
 
 def field_table(scene: Scene, dx: float, half: float, mode: str | None = None) -> FieldTable:
-    """Return the field at a sample spacing of ``dx`` (µm), up to the distance ``half`` (µm) from the source's image.
+    """Return the main lens's field on the array, up to the distance ``half`` (µm) from the source's image.
 
-    The mode of propagation ``mode`` is as in `FieldTable`. None: that of `choose_mode`.
+    The sample spacing is ``dx`` (µm). The mode of propagation ``mode`` is as in `FieldTable`. None: that of
+    `choose_mode`.
 
     Raises
     ------
     InputError
-        If the table would need more than `MAX_SAMPLES` along a side, or if the iris's diffraction is off within the
-        iris's depth of focus.
+        If the table would need more than `MAX_SAMPLES` along a side, the iris's diffraction is off in mode ``"U"``,
+        ``dx`` is too large for this mode, or a mode of a microscope does not match `Scene.vectorial`.
     """
     chosen = mode or choose_mode(scene)
     made, transformed = _made(scene, dx, half, chosen)

@@ -97,12 +97,12 @@ class _Gap:
 
 
 def largest_angle(scene: Scene) -> float:
-    """Return the samples per pixel needed for all angles of the light between lenslets and sensor."""
+    """Return the number of samples per pixel that is needed for all angles of the light between lenslets and sensor."""
     return 2 * scene.reduced_pixel_um * steepest_sine(scene) / scene.wavelength_um
 
 
 def extent_of(scene: Scene) -> Extent:
-    """Return the extent of the light of a position on array and sensor."""
+    """Return the extent of the light of one position on the array and on the sensor."""
     px = scene.reduced_pixel_um
     # rays at the rim of the cone go outwards if the image is in front of the array or on it
     outwards = scene.fresnel_number < SWITCH or scene.reduced_image_um < 0
@@ -133,14 +133,15 @@ class GridPlane:
     scene
         The scene to compute.
     sampling
-        ``samples_per_px`` (an integer, default 4) for both array and sensor, and the ``margin_px`` around the shadow.
+        ``samples_per_px`` (an integer, default 4) for both array and sensor, the ``margin_px`` around the shadow, and
+        ``double``; the other fields are not used.
     mode
-        ``"E"`` or ``"U"`` to override the choice by Fresnel number (see `lfcal.simulate.engines.field`).
+        Mode of propagation as in `lfcal.simulate.engines.field.FieldTable`. None: that of `choose_mode`.
 
     Raises
     ------
     InputError
-        If the grid is too large, or the array is tilted too much.
+        If ``samples_per_px`` is not an integer, a grid is too large, or the array is tilted too much.
     """
 
     level = "grid"
@@ -262,7 +263,7 @@ class GridPlane:
         return other
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> GridPlane:
-        """Return an engine of the same plane that shares the tables, for displaced sources.
+        """Return an engine of the same plane for displaced sources, which shares the tables if they extend far enough.
 
         ``offsets_um`` is as in `Displaceable.displaced`.
         """
@@ -314,7 +315,7 @@ class GridPlane:
         return result
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
-        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        """Return the cutout for a chief ray that meets the sensor at (``y_um``, ``x_um``); see `PlaneEngine.point`."""
         out = np.empty((1, *self.scene.cutout), np.float32)
         way = self._gap.way(1)
         self._respond([(y_um, x_um)], [self.scene.nearest_pixel(y_um, x_um)], way, self._workspace(way), out)
@@ -322,7 +323,7 @@ class GridPlane:
         return cutout
 
     def predicted_seconds(self, n_positions: int) -> float:
-        """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
+        """Return the predicted CPU-seconds for ``n_positions`` positions; see `PlaneEngine.predicted_seconds`."""
         return self._pilot.seconds(self, n_positions)
 
     def _workspace(self, way: FusedResponse | _Separate) -> Any:

@@ -79,7 +79,7 @@ def disc_values(radius: float, dx: float, r: NDArray[np.float64], flat: float = 
     """Return the low-pass-filtered indicator function of a disc of ``radius`` at the distances ``r`` from its centre.
 
     It is a Hankel integral, computed by Gauss-Legendre quadrature. ``radius``, ``r`` and the sample spacing ``dx`` are
-    in µm. The filter is 1 up to the frequency ``flat / dx``.
+    in µm. The filter is 1 up to the frequency ``flat / dx``, and 0 from ``(1 - flat) / dx``.
     """
     top = (1 - flat) / dx
     phase = 2 * math.pi * top * (radius + float(r.max(initial=0.0)))
@@ -94,10 +94,10 @@ def disc_values(radius: float, dx: float, r: NDArray[np.float64], flat: float = 
 def disc_table(
     radius: float, dx: float, reach: float, flat: float = FLAT, fine: int = 128
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the low-pass-filtered disc as a table over r^2 from 0 to beyond ``reach``^2, and the step in r^2 (µm²).
+    """Return a table of `disc_values` at equidistant values of r^2, and the step in r^2 (µm²).
 
-    The table has ``fine`` entries per sample near the edge; with 128, the error of linear interpolation is within 2e-4.
-    The other arguments are as in `disc_values`.
+    The table extends from 0 to beyond ``reach``^2. It has ``fine`` entries per sample near the edge of the disc; with
+    128, the error of linear interpolation is within 2e-4. The other arguments are as in `disc_values`.
     """
     from scipy.interpolate import make_interp_spline  # slow to import
 
@@ -148,7 +148,8 @@ def polygon_table(
 ) -> tuple[NDArray[np.float64], float]:
     """Return a fine table of the low-pass-filtered polygon from ``-reach`` to ``reach`` about its origin, and its step.
 
-    ``fine`` is the oversampling relative to ``dx``. None: `fineness`.
+    The table is square. The sample spacing is ``dx`` divided by the oversampling ``fine``. None: that of `fineness`.
+    The outline is as in `polygon_mask`.
 
     Raises
     ------
@@ -172,10 +173,10 @@ def bent_polygon(
     *,
     every: int = 1,
 ) -> NDArray[np.complex128]:
-    """Return a polygon times exp(i phase), low-pass-filtered as a product, on ``n`` x ``n`` samples.
+    """Return the low-pass-filtered product of a polygon's indicator and exp(i phase), on ``n`` x ``n`` samples.
 
-    The samples are spaced by ``every * dx / fine``. ``bend`` is the phase; ``outline``, ``dx`` and ``centre`` are as in
-    `polygon_mask`.
+    The product is computed on samples spaced by ``dx / fine``, every ``every``-th of which is returned. ``bend`` is the
+    phase; ``outline``, ``dx`` and ``centre`` are as in `polygon_mask`.
 
     If lenslets touch, the filtered products add up to the filtered array. Masks that are filtered before they are
     multiplied by the phase do not. Beyond its edge, each of these masks continues with its lenslet's phase, which makes
@@ -214,7 +215,10 @@ def bent_polygon_table(
 
 
 def bent_fineness(samples: float) -> int:
-    """Return `fineness` for an aperture that is multiplied by its phase before it is low-pass-filtered."""
+    """Return `fineness` for an aperture that is multiplied by its phase before it is low-pass-filtered.
+
+    It is at least 6, or the largest number that `MAX_TABLE` allows.
+    """
     return max(fineness(samples), min(BENT_FINE, int((MAX_TABLE - 4) / (2 * max(samples, 1.0)))))
 
 
@@ -258,9 +262,10 @@ def _cached_table(corners: tuple[tuple[float, ...], ...], dx: float, n: int, fin
 
 
 def fineness(samples: float) -> int:
-    """Return the number of fine samples per sample of the array, for an aperture of half width ``samples``.
+    """Return the number of fine samples for each sample on the array, 2 to 16.
 
-    A table is interpolated between fine samples. Only the edge has an error, which is proportional to the square of
-    their spacing. The larger the aperture, the less its edge contributes.
+    The aperture extends ``samples`` samples from its centre. A table is interpolated between fine samples. Only the
+    edge has an error, which is proportional to the square of their spacing. The larger the aperture, the less its edge
+    contributes.
     """
     return max(2, min(FINE, math.ceil(FINE * math.sqrt(FINE_UP_TO / max(samples, 1.0)))))

@@ -94,13 +94,19 @@ class Turn:
     swapped: bool
 
     def applied(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return ``image`` mirrored or transposed, as a view."""
+        """Return a view of ``image``, shape ``(rows, columns)``, after these operations."""
         own = image.T if self.swapped else image
         return own[:: -1 if self.flip_y else 1, :: -1 if self.flip_x else 1]
 
 
 def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
-    """Return the ``"debye"`` engine: `DebyePlane`, or for other arrays a wave engine with the Debye field."""
+    """Return the engine of level ``"debye"``: `DebyePlane` if `is_separable`, else a wave engine with the Debye field.
+
+    Raises
+    ------
+    InputError
+        If the rays have exact angles.
+    """
     chosen = sampling or Sampling()
     if is_separable(scene):
         return DebyePlane(scene, chosen)
@@ -152,7 +158,8 @@ def _factors(field: NDArray[np.complex128]) -> tuple[Matrix, Matrix]:
 def highest_order(turns: float, nodes_per_px: int) -> int:
     """Return the highest diffraction order that is computed for lenslets with p^2/(lambda f) = ``turns``.
 
-    Here p is the lenslet pitch, and f the focal length. Orders up to half of ``turns`` are within the lenslet's cone.
+    Here p is the lenslet pitch, lambda the wavelength, and f the focal length. Orders up to half of ``turns`` are
+    within the lenslet's cone. The number of orders beyond it increases with ``nodes_per_px``.
     """
     cone = math.ceil(turns / 2)
     return cone + max(SPARE_ORDERS, SPARE_SHARE * cone) * min(max(1, nodes_per_px - 1), MOST_SPARE)
@@ -177,7 +184,7 @@ def _powers(turns: NDArray[np.complex128], most: int) -> NDArray[np.complex128]:
 
 
 class DebyePlane:
-    """Engine of level ``"debye"`` for square lenslets along the pixel rows.
+    """Engine of level ``"debye"`` for contiguous square lenslets along the pixel rows (see `is_separable`).
 
     ``sampling.nodes_per_px`` sets the nodes on the sensor; the band of the field sets the samples on the array.
     """
@@ -406,12 +413,12 @@ class DebyePlane:
         return result
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
-        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        """Return the cutout for a chief ray that meets the sensor at (``y_um``, ``x_um``); see `PlaneEngine.point`."""
         key, turn = self._place((y_um, x_um), self.scene.nearest_pixel(y_um, x_um))
         return np.array(turn.applied(self._response(key)))
 
     def predicted_seconds(self, n_positions: int) -> float:
-        """Return the CPU-seconds of ``n_positions`` of a whole period; see `PlaneEngine.predicted_seconds`."""
+        """Return the predicted CPU-seconds for ``n_positions`` positions; see `PlaneEngine.predicted_seconds`."""
         return self._pilot.seconds(self, n_positions)
 
     def _place(self, source: tuple[float, float], pixel: tuple[int, int]) -> tuple[Pair, Turn]:

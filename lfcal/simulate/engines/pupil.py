@@ -121,7 +121,7 @@ def _sizes(scene: PupilScene, sampling: Sampling, focal: float, *, whole: bool) 
 
 
 def pupil_cost(scene: PupilScene, level: str, sampling: Sampling) -> float:
-    """Return the number of complex multiply-adds of one response; filling the matrices is included as an equivalent."""
+    """Return the number of complex multiply-adds of one response, including an equivalent for filling the matrices."""
     total = 0.0
     for focal in scene.lenslets.focal_um:
         n, rows, columns = _sizes(scene, sampling, float(focal), whole=level == "reference")
@@ -138,7 +138,7 @@ def pupil_bytes(scene: PupilScene, level: str, sampling: Sampling) -> int:
 
 
 def pupil_passed(scene: PupilScene) -> float:
-    """Return the light that the lenslets transmit to the sensor's pixels, as a fraction of that through the pupil."""
+    """Return the light that the lenslets transmit to light-sensitive areas, as a fraction of that through the pupil."""
     count = 4 * FEWEST
     step = scene.lenslets.clear_um / (count - 2)
     v: F8 = np.asarray((np.arange(count) - (count - 1) / 2) * step, np.float64)
@@ -150,7 +150,10 @@ def pupil_passed(scene: PupilScene) -> float:
 
 
 def pupil_error(scene: PupilScene, level: str, sampling: Sampling) -> float:
-    """Return the expected relative L1 error of a response due to light outside the windows and to the pixels' nodes."""
+    """Return the expected relative L1 error of a response.
+
+    It is due to light outside the windows, unless the level is ``"reference"``, and to the integration over pixels.
+    """
     airy = scene.wavelength_um * scene.lenslets.gap_um / scene.lenslets.clear_um / scene.pixel_um
     outside = 0.0 if level == "reference" else OUTSIDE * airy / sampling.margin_px
     # error of n nodes for a fringe of half the highest frequency: a^2n (n!)^4 / ((2n + 1) ((2n)!)^3)
@@ -159,7 +162,7 @@ def pupil_error(scene: PupilScene, level: str, sampling: Sampling) -> float:
 
 
 class PupilPlane:
-    """Engine of one plane of a Fourier light-field microscope."""
+    """Engine of one plane of a Fourier light-field microscope, with the level ``"wave"`` or ``"reference"``."""
 
     def __init__(self, scene: PupilScene, level: str, sampling: Sampling) -> None:
         self.scene, self.level, self.sampling = scene, level, sampling
@@ -179,7 +182,7 @@ class PupilPlane:
         return self._ledger.certificate
 
     def predicted_seconds(self, n_positions: int) -> float:
-        """Return the predicted CPU-seconds for ``n_positions`` positions, extrapolated from the first one."""
+        """Return the predicted CPU-seconds for ``n_positions`` positions, extrapolated from position (0, 0)."""
         start = time.thread_time()
         self.rows([0], [0])
         return n_positions * (time.thread_time() - start)
@@ -202,13 +205,18 @@ class PupilPlane:
         return out
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
-        """Return the cutout ``(nt, ns)`` about `PupilScene.nearest_pixel` of a chief ray at any sensor point (µm)."""
+        """Return the cutout ``(nt, ns)`` for a chief ray that meets the sensor at the point (``y_um``, ``x_um``).
+
+        The point (µm) is relative to the sensor point of source position (0, 0). The cutout is centred on the nearest
+        pixel, see `PupilScene.nearest_pixel`.
+        """
         return self._response(self.scene.nearest_pixel(y_um, x_um), (y_um, x_um))
 
     def light_in(self, box: Box, chief_um: tuple[float, float]) -> NDArray[np.float32]:
-        """Return the light in the pixels of ``box``, part of the cutout of position (0, 0), for one chief ray.
+        """Return the light in part of the cutout of position (0, 0), for one chief ray.
 
-        The chief ray meets the sensor at ``chief_um``, (y, x) in µm. The fields of all lenslets are computed in the
+        ``box`` contains the slices of rows and columns of this part. The chief ray meets the sensor at ``chief_um``,
+        (y, x) relative to the sensor point of position (0, 0) (µm). The fields of all lenslets are computed in the
         whole box, at nodes that do not depend on the lenslets. The light is therefore a smooth function of every
         parameter of the camera, as a fit requires.
         """

@@ -37,11 +37,12 @@ Complex = NDArray[np.complex128]
 
 
 def pixel_bins(n: int, per_px: int, pixels: int, first: float, fill: float = 1.0) -> NDArray[np.float64]:
-    """Return weights ``(pixels, n)`` that integrate band-limited light, with ``per_px`` samples per pixel, over pixels.
+    """Return weights ``(pixels, n)`` that integrate ``n`` samples of band-limited light over ``pixels`` pixels.
 
-    Pixel 0 is centred on sample ``first``, which may be a fraction; pixels extend half their width times ``fill`` to
-    either side. The weights are the pixel's transfer function, fill sinc(f fill), evaluated on the samples. With the
-    trapezoidal rule, a small spot would have an error of 1 % to 2 % at 8 samples per pixel.
+    There are ``per_px`` samples per pixel. Pixel 0 is centred on sample ``first``, which may be a fraction; ``fill`` is
+    the light-sensitive fraction of a pixel's width. The weights are the inverse Fourier transform of the pixel's
+    transfer function, fill sinc(f fill), with the frequency f in cycles per pixel. With the trapezoidal rule, a small
+    spot would have an error of 1 % to 2 % at 8 samples per pixel.
     """
     f = np.fft.rfftfreq(n, 1 / per_px)  # cycles per pixel
     centres = first / per_px + np.arange(pixels)
@@ -53,7 +54,8 @@ def pixel_bins(n: int, per_px: int, pixels: int, first: float, fill: float = 1.0
 class ReferencePlane:
     """Engine of level ``"reference"`` for one depth plane, which computes in complex128 throughout.
 
-    ``sampling.samples_per_px`` (an integer, default 8) sets the grid for both array and sensor.
+    ``sampling.samples_per_px`` (an integer, default 8) sets the grid for both array and sensor. ``mode`` is as in
+    `lfcal.simulate.engines.field.FieldTable`. None: that of `choose_mode`.
     """
 
     level = "reference"
@@ -158,17 +160,18 @@ class ReferencePlane:
         return result
 
     def point(self, y_um: float, x_um: float) -> NDArray[np.float32]:
-        """Return the cutout about the pixel nearest to a chief ray; see `PlaneEngine.point`."""
+        """Return the cutout for a chief ray that meets the sensor at (``y_um``, ``x_um``); see `PlaneEngine.point`."""
         return self._respond((y_um, x_um), self.scene.nearest_pixel(y_um, x_um), 1)
 
     def predicted_seconds(self, n_positions: int) -> float:
-        """Return the CPU-seconds of ``n_positions``; see `PlaneEngine.predicted_seconds`."""
+        """Return the predicted CPU-seconds for ``n_positions`` positions; see `PlaneEngine.predicted_seconds`."""
         return self._pilot.seconds(self, n_positions)
 
     def lenslet_field(self, y_um: float, x_um: float) -> Complex:
-        """Return the field just behind the array, ``(n, n)``, centred on the chief ray at the sensor point (y, x).
+        """Return the field just behind the array, ``(n, n)``, centred on a chief ray; n is `grid_side`.
 
-        ``y_um`` and ``x_um`` are relative to source position (0, 0) (µm).
+        The chief ray meets the sensor at the point (``y_um``, ``x_um``), relative to the sensor point of source
+        position (0, 0) (µm).
         """
         scene, axis, dx = self.scene, self._axis, self._dx
         source = np.array([x_um, y_um]) / scene.scale

@@ -62,13 +62,13 @@ class LensTable:
     pull
         The middle of the window is at c + pull (X0 - c), for a lenslet at c and a chief ray at X0.
     half
-        Number of samples from the middle to the edge of the aperture.
+        Number of samples from the middle of the aperture to beyond its edge.
     aperture, zoom, field
         Inputs of the kernels; see `lfcal.simulate.engines._kernels`.
     energy
         Light transmitted by a lenslet at each sample of the field.
     field_reach_um
-        Distance from the source up to which the field is valid (µm).
+        Distance from the source's image up to which the field is valid (µm).
     """
 
     width: int
@@ -94,11 +94,11 @@ class PlaneTables:
     spread_um2
         Product L = lambda B' of the wavelength and the reduced gap (µm²).
     ratio
-        Ratio B'/a' of the reduced gap to the reduced image distance (see `Scene`); 0 in mode ``"U"``.
+        Ratio B'/a' of the reduced gap to the reduced image distance (see `Scene`); 0 in modes other than ``"E"``.
     floor
         Energy below which a lenslet is left out.
     reach_um
-        Distance from the source beyond which no lenslet exceeds the floor (µm).
+        Distance from the source's image beyond which no lenslet exceeds the floor (µm).
     """
 
     kinds: tuple[LensTable, ...]
@@ -110,20 +110,23 @@ class PlaneTables:
 
 
 def aperture_outline(scene: Scene) -> NDArray[np.float64]:
-    """Return a lenslet's aperture as a polygon about its centre: its cell, or the part of the clear disc within it."""
+    """Return a lenslet's aperture as a polygon: its cell, or the part of the clear disc within the cell.
+
+    The result contains the corners ``(n, 2)`` as (x, y), relative to the lenslet's centre (µm).
+    """
     cell = cell_corners(scene.lattice.basis_um())
     return cell if scene.gapless else clip(regular(ARC_SIDES) * scene.clear_radius_um, cell)
 
 
 def aperture_radius(scene: Scene) -> float:
-    """Return the radius of the circle around a lenslet's aperture (µm)."""
+    """Return the largest distance of a point of a lenslet's aperture from its centre (µm)."""
     if scene.round_lenslets:
         return scene.clear_radius_um
     return float(np.hypot(*aperture_outline(scene).T).max())
 
 
 def steepest_sine(scene: Scene) -> float:
-    """Return the sine of the steepest light between lenslets and sensor."""
+    """Return the sine, at most 1, of the steepest ray between lenslets and sensor."""
     cone, half = 1 / (2 * scene.f_number), aperture_width(scene) / 2
     # rays that the lenslets' spherical aberration deflects
     cone += 4 * abs(scene.lenslet_quartic) * scene.wavelength_um / (2 * math.pi) * half**3
@@ -131,19 +134,19 @@ def steepest_sine(scene: Scene) -> float:
 
 
 def aperture_width(scene: Scene) -> float:
-    """Return the larger side of the box around a lenslet's aperture (µm)."""
+    """Return the larger side of the bounding box of a lenslet's aperture (µm)."""
     if scene.round_lenslets:
         return 2 * scene.clear_radius_um
     return float(np.ptp(aperture_outline(scene), axis=0).max())
 
 
 def tail_px(sampling: Sampling) -> int:
-    """Return how far beyond its window a lenslet's light is computed (pixels); 0 if fields of lenslets are added."""
+    """Return how far beyond its window a lenslet's light is computed (pixels); 0 if ``sampling.coherent`` is true."""
     return 0 if sampling.coherent else min(FARTHEST, max(NEAREST, TAIL * sampling.margin_px))
 
 
 def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
-    """Return the tables of a plane in ``mode`` ``"E"``, ``"U"`` or ``"D"`` (see `lfcal.simulate.engines.field`)."""
+    """Return the tables of a plane; ``mode`` is as in `lfcal.simulate.engines.field.FieldTable`."""
     spread = scene.wavelength_um * scene.reduced_gap_um
     ratio = scene.reduced_gap_um / scene.reduced_image_um if mode == "E" else 0.0
     band = 2 * aperture_radius(scene) * scene.reduced_pixel_um / spread
@@ -157,7 +160,7 @@ def build_tables(scene: Scene, sampling: Sampling, mode: str) -> PlaneTables:
 
 
 def serve(tables: PlaneTables, scene: Scene, sampling: Sampling, mode: str) -> bool:
-    """Return whether the tables of a plane extend far enough for ``scene``, the same plane with other sources."""
+    """Return whether the tables of a plane extend far enough for ``scene``, the same plane with displaced sources."""
     for lens in tables.kinds:
         dx = lens.field.dx_um
         if table_reach(scene, sampling, mode, dx, lens.width // 2) + (lens.half + 2) * dx > lens.field_reach_um + dx:
@@ -180,7 +183,8 @@ def _lit_radius(energy: Lit, dx: float, floor: float) -> float:
 def ray_aberration(scene: Scene) -> float:
     """Return an upper bound of the displacement of rays on the array by the wavefront (µm).
 
-    The displacement is 2 Nw lambda dW/du.
+    The displacement is 2 Nw lambda dW/du, with the working f-number Nw, the wavelength lambda, and the wavefront W
+    (waves) as a function of the distance u from the pupil's centre (pupil radii).
 
     A Zernike polynomial of order n that is 1 at the rim has slopes up to n^2.
     """
@@ -188,7 +192,10 @@ def ray_aberration(scene: Scene) -> float:
 
 
 def lenslet_aberration(scene: Scene) -> float:
-    """Return the displacement (µm) on the sensor of the ray at a lenslet's corner due to spherical aberration."""
+    """Return the displacement (µm) on the sensor of a lenslet's outermost ray due to its spherical aberration.
+
+    It is that of the lens type with the largest aberration.
+    """
     steepest = 4 * abs(scene.lenslet_quartic) * aperture_radius(scene) ** 3
     return scene.reduced_gap_um * scene.wavelength_um / (2 * math.pi) * steepest
 
@@ -231,7 +238,10 @@ def _lens_table(
 
 
 def window_of(scene: Scene, sampling: Sampling, mode: str, kind: int) -> tuple[int, float]:
-    """Return half the window on the sensor (pixels) and the sample spacing on the array (µm) for a lens type."""
+    """Return half the width of the window on the sensor (pixels), and the sample spacing on the array (µm).
+
+    They are those of the lens type with the index ``kind``.
+    """
     px = scene.reduced_pixel_um
     _, extent, pull = _spot(scene, mode, kind)
     extent += abs(pull) * ray_aberration(scene) + lenslet_aberration(scene)
@@ -270,11 +280,11 @@ def aperture_tables(
     kind: int = 0,
     fine: int | None = None,
 ) -> LensAperture:
-    """Return the tables of a lens type, scaled by ``level`` to make the squared transform energy per pixel area.
+    """Return the tables of a lenslet's transmission, with the factor ``level`` for its amplitude.
 
     The tables extend to the distance ``reach`` from the centre and are sampled for fields at the spacing ``dx`` (µm).
     ``bend`` is the quadratic phase (rad/µm^2), ``kind`` the index of the lens type, and ``dtype`` the real type.
-    ``fine`` is the oversampling of a cell's table relative to ``dx``. None: enough for exact interpolation.
+    ``fine`` is the oversampling of a polygon's table relative to ``dx``. None: that of `fineness`.
     """
     if scene.round_lenslets:
         m, step = disc_table(scene.clear_radius_um, dx, reach)
