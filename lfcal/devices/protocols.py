@@ -203,7 +203,7 @@ class StageDevice(Protocol):
         ...
 
     def move(self, target: Point) -> None:
-        """Start a move to ``target`` (x, y, z) (µm), and return without waiting for its end."""
+        """Start a move to ``target`` (x, y, z; stage coordinates, µm), and return without waiting for its end."""
         ...
 
     def moving(self) -> bool:

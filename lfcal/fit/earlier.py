@@ -36,7 +36,7 @@ class Earlier:
     setup, groups
         Fitted camera, effects, depths and stage, and the groups of fitted unknowns.
     names, sigmas, correlations
-        Names of the parameters, their standard deviations, and correlations ``(k, k)``.
+        Names of the parameters, their standard deviations as in `Parameter.sigma_held`, and correlations ``(k, k)``.
     values
         Fitted values of the parameters ``(k,)``.
     spread

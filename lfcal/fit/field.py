@@ -300,7 +300,7 @@ def iter_fit_field(
     Yields
     ------
     Progress
-        One record for each derivative. Closing the generator stops the fit.
+        As in `iter_fit_camera`. Closing the generator stops the fit.
 
     Raises
     ------

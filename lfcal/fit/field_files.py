@@ -44,7 +44,7 @@ def field_outputs(folder: Path, names: Iterable[str]) -> list[Path]:
 
 
 def field_dict(fit: FieldFit) -> dict[str, Any]:
-    """Return the results of a fit of several regions as plain JSON types; lengths in µm, angles in radians."""
+    """Return the results of a fit of several regions as plain JSON types; lengths in µm, ``aside_px`` in px."""
     whole = fit_dict(fit.first)
     regions = []
     for name, own in fit.fits.items():

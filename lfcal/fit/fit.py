@@ -146,9 +146,9 @@ def iter_fit_camera(
         Camera from which the fit starts. None: the camera of the source.
     unknowns
         Groups of unknowns by name; or ``"auto"``: gap, rotation and offset of the array, focal lengths and iris, and
-        all other groups that lower the error of held-out patterns. In a Fourier light-field microscope, the positions
-        of lenslets and optical axis, the focal length of the Fourier lens and the tilt of the source's travel are
-        fitted instead of rotation and offset.
+        all other groups that lower the error of held-out patterns. Instead of rotation and offset, a Fourier
+        light-field microscope has the positions of lenslets and optical axis, the focal length of the Fourier lens, and
+        the tilt of the source's travel.
     effects
         Effects simulated at the start. None: those in the camera's description, and the vector field if its effect is
         noticeable (`starting_effects`).
@@ -163,7 +163,7 @@ def iter_fit_camera(
     Yields
     ------
     Progress
-        One record for each derivative, and a `FitProgress` at the start and the end of each round. Closing the
+        Counted in derivatives of a round, and a `FitProgress` at the start and the end of each round. Closing the
         generator stops the fit.
 
     Raises
@@ -238,7 +238,7 @@ def iter_summarised(
     outliers: tuple[Outlier, ...],
     candidates: Sequence[str],
 ) -> Work[tuple[Fit, ...]]:
-    """Return the fit in each region.
+    """Return the fit of each region.
 
     The first five arguments are the result of `iter_retrieved`; ``candidates`` are names of groups that were tried.
     """

@@ -70,8 +70,8 @@ class Information:
     unknowns
         The unknowns to fit; all matrices are in units of their scales.
     patterns
-        ``(n, k + 2, k + 2)``: J^T V^-1 J of each pattern, with the derivatives J of its samples with respect to the
-        ``k`` unknowns, then to the gain and background of its plane, and the covariance V of the samples. The unknowns
+        ``(n, k + 2, k + 2)``: J^T V^-1 J of each pattern. J are the derivatives of its samples with respect to the
+        ``k`` unknowns, then the gain and the background of its plane; V is the covariance of the samples. The unknowns
         of the single pattern are eliminated.
     wanted
         ``(k, k)``: for the covariance C of the unknowns, trace(C wanted) is the squared relative error (L2) of H.

@@ -72,7 +72,7 @@ class LocatedPattern:
     Attributes
     ----------
     z, y, x
-        Position of H.
+        Position in H.
     row, column
         Sensor pixel at the middle of the cutout.
     correlation

@@ -99,7 +99,10 @@ class Pitch(Group):
         return (Unknown("pitch_um", self.name, "µm", pitch, scale, None, 0.8 * pitch, 1.25 * pitch),)
 
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return the setup with the array scaled about the middle of the region, with an unchanged fill factor."""
+        """Return the setup with the array scaled to the pitch in ``values`` about the middle of the region.
+
+        A clear diameter of the lenslets that is given in the setup remains unchanged.
+        """
 
         def grown(camera: Camera) -> Camera:
             grow = values["pitch_um"] / camera.lattice.pitch_um - 1.0

@@ -108,7 +108,7 @@ class BladeCurvature(Group):
 
 
 class Law(Group):
-    """Lens law of the main lens; no scan distinguishes a different law from a different size of the iris."""
+    """Lens law of the main lens; scans hardly distinguish a different law from a different size of the iris."""
 
     name = "lens_law"
     title = "lens law of the main lens: sine condition or tangent law"

@@ -143,7 +143,7 @@ class PupilLength(Group):
 
 
 class TravelTilt(Group):
-    """Tilt of the travel of the source in depth relative to the optical axis."""
+    """Tilt, relative to the optical axis, of the direction in which the stage moves the source in depth."""
 
     name = "travel_tilt"
     title = "tilt of the source's travel against the optical axis"

@@ -27,7 +27,7 @@ def farthest_um(frame: ScanScales) -> float:
 
 
 class FieldWavefront(Group):
-    """Variation of coma, astigmatism and spherical aberration over the field, by third-order aberration theory.
+    """Variation of coma, astigmatism and spherical aberration over the field, as in `FieldAberrations`.
 
     An objective is simulated only with terms that are symmetric about the chief ray of each source, that is, spherical
     aberration.
