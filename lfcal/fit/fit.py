@@ -163,7 +163,7 @@ def iter_fit_camera(
     Yields
     ------
     Progress
-        Counted in derivatives of a round, and a `FitProgress` at the start and the end of each round. Closing the
+        Within a round, counted in derivatives; a `FitProgress` at the start and the end of each round. Closing the
         generator stops the fit.
 
     Raises

@@ -124,8 +124,8 @@ class ModelError:
 def chi_square(point: Point, keep: NDArray[np.bool_], unknowns: int) -> ChiSquare:
     """Return chi² of the patterns that the mask ``keep`` ``(n,)`` selects.
 
-    ``unknowns`` is the number of fitted unknowns. If there are too few lit samples for them, chi² is 1, and its standard
-    deviation is infinite.
+    ``unknowns`` is the number of fitted unknowns. If there are too few lit samples for them, chi² is 1, and its
+    standard deviation is infinite.
     """
     seen = point.seen.of(keep)
     good = (seen.inverse > 0) & ~seen.outlying

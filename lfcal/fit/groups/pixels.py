@@ -13,14 +13,14 @@ __all__ = ["CrosstalkGroup", "Filter"]
 
 
 class CrosstalkGroup(Group):
-    """Fraction of a pixel's light that each of its two neighbours along an axis receives, as in `Crosstalk`."""
+    """Fraction of a pixel's light that each of its two neighbours along an axis receives (`Crosstalk`)."""
 
     name = "crosstalk"
     title = "pixel crosstalk"
     rank = 70
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknown: the fraction of a pixel's light that each of its two neighbours along an axis receives."""
+        """Return the unknown: the fraction of a pixel's light that each of two neighbours along an axis receives."""
         del frame
         own = setup.effect(Crosstalk)
         return (Unknown("crosstalk", self.name, "", 0.0 if own is None else own.share, 0.02, None, 0.0, 0.2),)
