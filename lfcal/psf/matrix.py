@@ -189,12 +189,15 @@ class PSFMatrix:
 
     @property
     def depths(self) -> NDArray[np.float64]:
-        """Object depth of each plane, ``(nz,)`` (µm, positive away from the camera); plane numbers if unknown."""
+        """Object depth of each plane, ``(nz,)`` (µm from the working plane, positive away from the camera).
+
+        The plane numbers, from 0, if the depths are unknown.
+        """
         return self._depths if self.knows_depths else np.arange(self._shape[0], dtype=np.float64)
 
     @property
     def known_depths(self) -> NDArray[np.float64]:
-        """Object depth of each plane, ``(nz,)`` (µm); NaN if H states none, as in some files of other software."""
+        """Object depths as in `depths`, ``(nz,)`` (µm), but NaN for every plane if they are unknown."""
         return self._depths
 
     @property
@@ -209,7 +212,10 @@ class PSFMatrix:
 
     @property
     def pixel_scale(self) -> tuple[float, float]:
-        """Pixels of H per sensor pixel (rows, columns); not 1 if frames were resampled to a whole-pixel period."""
+        """Pixels of H per sensor pixel along (rows, columns).
+
+        They differ from 1 if frames were resampled such that the lenslet period is a whole number of pixels.
+        """
         cutout = self._provenance.get("cutout")
         scale = cutout.get("scale", (1.0, 1.0)) if isinstance(cutout, Mapping) else (1.0, 1.0)
         # provenance comes from a file that anyone may have written
@@ -223,12 +229,12 @@ class PSFMatrix:
 
     @property
     def facts(self) -> Facts:
-        """Measurement facts about the source positions of H; not available for the view ``H.T``.
+        """Measurement facts about the source positions of H; not available for HT.
 
         Raises
         ------
         InputError
-            If this is the view ``H.T``.
+            If this matrix is HT.
         """
         if self._is_transposed:
             raise InputError.expected(
@@ -238,13 +244,13 @@ class PSFMatrix:
 
     @property
     def recorded(self) -> NDArray[np.uint16]:
-        """Number of frames recorded at each position, ``(nz, ny, nx)``, 0 if it is missing. Only for H, not HT."""
+        """Number of frames recorded at each position, ``(nz, ny, nx)``; 1 everywhere if unknown. Only for H, not HT."""
         known = self.facts.recorded
         return np.ones(self._shape[:3], np.uint16) if known is None else known
 
     @property
     def saturated(self) -> NDArray[np.int32] | None:
-        """Saturated pixels in each pattern, ``(nz, ny, nx)``, -1 if unknown. None: not counted. Only for H, not HT."""
+        """Number of saturated pixels in each pattern, ``(nz, ny, nx)``; -1 or None: unknown. Only for H, not HT."""
         return self.facts.saturated
 
     @property
@@ -253,7 +259,7 @@ class PSFMatrix:
         return np.argwhere(self.recorded == 0)
 
     def valid(self, z: int, y: int, x: int) -> NDArray[np.bool_]:
-        """Return a mask ``(nt, ns)`` of the pattern at (z, y, x): True for pixels neither saturated nor masked."""
+        """Return a mask ``(nt, ns)`` of the pattern at (z, y, x): False for pixels known to have no measurement."""
         packed = self.facts.valid
         if packed is None:
             return np.ones(self.cutout, np.bool_)
@@ -272,8 +278,8 @@ class PSFMatrix:
     def uncertainty(self, z: int, y: int, x: int) -> NDArray[np.float32] | None:
         """Return the standard deviation ``(nt, ns)`` of the pattern at (z, y, x), in the unit of H; None if unknown.
 
-        For a pattern that is at least partly modelled, this is the stated uncertainty; for a measured pattern, it is
-        the noise.
+        If H states uncertainties, the result is the stated one, except for a pattern marked as measured. In all other
+        cases, it is the square root of `variance`.
         """
         stated = self._uncertainty
         if stated is not None:
@@ -295,7 +301,7 @@ class PSFMatrix:
 
     @property
     def path(self) -> str:
-        """Path of the file that contains H, or the H from which HT is computed; empty for an array in memory."""
+        """Path of the file from which the values are read (also for the view ``H.T``); empty for a numpy array."""
         stored = self._stored()
         return str(stored.path) if isinstance(stored, DatasetPlanes | FilePlanes) else ""
 
@@ -305,13 +311,13 @@ class PSFMatrix:
 
     @property
     def is_transposed(self) -> bool:
-        """Whether this matrix is the view ``H.T``."""
+        """Whether this matrix is HT: the view ``H.T``, or a matrix stored as HT."""
         return self._is_transposed
 
     # -- values ----------------------------------------------------------------------------------------
     @property
     def planes(self) -> Planes:
-        """Object from which the values are read, one depth plane at a time."""
+        """Source of the values, which returns single depth planes or patterns."""
         return self._planes
 
     @property
@@ -339,10 +345,9 @@ class PSFMatrix:
         return _read_only(self._planes.plane(in_range(z, 0, self._shape[0])))
 
     def depth_sum(self, z: int) -> NDArray[np.float64]:
-        """Return the sum of plane ``z`` over all source positions, ``(nt, ns)``, which shows the camera's aperture.
+        """Return the sum ``(nt, ns)`` of plane ``z`` over all source positions, an image of the camera's aperture.
 
-        The returned array is read-only and computed only once. That of the transposed matrix is the same, rotated by
-        180°.
+        The returned array is read-only and is computed only once. The sum of HT is that of H rotated by 180°.
         """
         z = in_range(z, 0, self._shape[0])
         if z not in self._sums:
@@ -355,7 +360,7 @@ class PSFMatrix:
         return _read_only(self._sums[z])
 
     def aperture(self, z: int) -> Aperture:
-        """Return the iris of the camera as fitted to the `depth_sum` of plane ``z``; see `lfcal.psf.aperture`."""
+        """Return the camera's iris as fitted to the `depth_sum` of plane ``z``; see `lfcal.psf.aperture`."""
         z = in_range(z, 0, self._shape[0])
         if z not in self._apertures:
             from lfcal.psf.aperture import fit_aperture, footprint_px
@@ -417,8 +422,8 @@ class PSFMatrix:
     def to_xarray(self) -> xarray.DataArray:
         """Return H as an `xarray.DataArray` that reads from the file only the values that are used.
 
-        Its dimensions are z, y, x, t and s. The coordinate z contains the `depths`; y and x count source positions, t
-        and s pixels from the centre of the cutout.
+        Its dimensions are z, y, x, t and s. The coordinate z contains the `depths`; y and x are the indices of
+        source positions from 0; t and s are pixels from the centre of the cutout.
 
         Raises
         ------
@@ -439,7 +444,7 @@ class PSFMatrix:
         return labelled(self.__getitem__, self.dtype, axes, name=name, attrs=facts)
 
     def close(self) -> None:
-        """Close the file of H, if there is one; its values can then no longer be read."""
+        """Close the HDF5 file of the matrix, if there is one; the values can then no longer be read."""
         stored = self._stored()
         if isinstance(stored, DatasetPlanes):
             stored.close()

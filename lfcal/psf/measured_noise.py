@@ -89,12 +89,14 @@ class _Samples(NamedTuple):
 
 
 def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[np.int64]) -> FrameNoise | None:
-    """Return the noise stated by the frames of a scan, or measured on them; None if too few of them are similar.
+    """Return the noise of the frames of a scan: as they state it, or else as measured from similar frames.
+
+    None: no noise is stated, and the frames do not determine it.
 
     Parameters
     ----------
     gatherer
-        The corrected frames.
+        Reader of the cutouts of corrected frames.
     order
         Frame numbers, sorted by position.
     counts
@@ -126,7 +128,7 @@ def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[
 
 
 def scan_noise(source: FrameSource, plan: ScanPlan) -> FrameNoise | None:
-    """Return the noise of corrected frames of a scan, as `measure_noise` does; None if it is unknown."""
+    """Return the noise of the corrected frames ``source`` of a scan, as `measure_noise` does; None if unknown."""
     infos = tuple(source.info(k) for k in range(len(source)))
     order, starts = by_position(infos, plan.shape[:3])
     gatherer = Gatherer(source, infos, Cutout.for_plan(plan, outside="zero"))

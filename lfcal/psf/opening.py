@@ -67,7 +67,10 @@ FOREIGN = (".npy", ".mat", ".lfc", ".tif", ".tiff")
 
 
 def open_psf(path: str | os.PathLike[str], *, region: str = "", check: bool = False, mat_order: str = "") -> PSFMatrix:
-    """Open an H file, an ``.npy`` file, or a file written by other software as a `PSFMatrix` that is read on demand.
+    """Open an H file, an ``.npy`` file, or a file written by other software as a `PSFMatrix`.
+
+    Values are read on demand, except those of TIFF files and of cell arrays in ``.mat`` files. An ``.npy`` file
+    contains H with the axes (z, y, x, t, s).
 
     Supported files of other software are MATLAB v7.3 files (``.mat``) and calibrations of napari-LF (``.lfc``). A stack
     with one pattern for each plane is opened as an H with a period of 1 x 1, as for a Fourier light-field microscope.
@@ -176,9 +179,9 @@ def _of_array(values: NDArray[Any], source: Path, notes: list[str]) -> PSFMatrix
 
 
 def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
-    """Return notes on how a file of other software was read: one line for each assumption that lfcal made.
+    """Return notes on how a file of other software was read, such as the order of its axes; one line each.
 
-    The result is empty for an H file made from such a file, whose provenance contains the notes.
+    The result is empty for an H file. If it was made from such a file, its provenance contains the notes.
     """
     if matrix.path and Path(matrix.path).suffix.lower() not in FOREIGN:
         return ()
@@ -187,7 +190,7 @@ def opening_notes(matrix: PSFMatrix) -> tuple[str, ...]:
 
 
 def mat_order_of(matrix: PSFMatrix) -> str:
-    """Return the ``mat_order`` with which another process opens the file of ``matrix``.
+    """Return the ``mat_order`` with which `open_psf` reads the file of ``matrix`` in the same way again.
 
     It is empty unless the file is a ``.mat`` file.
     """
@@ -195,7 +198,7 @@ def mat_order_of(matrix: PSFMatrix) -> str:
 
 
 def mat_orders_of(matrix: PSFMatrix) -> tuple[str, ...]:
-    """Return the axis order in which a ``.mat`` file was read, and the other order; empty if the file states one."""
+    """Return the ``mat_order`` in which a ``.mat`` file was read, then the other one; empty if the file states one."""
     from lfcal.psf.mat_import import MAT_ORDERS
 
     order = mat_order_of(matrix) if matrix.provenance.get("mat_order_open") else ""
@@ -205,7 +208,7 @@ def mat_orders_of(matrix: PSFMatrix) -> tuple[str, ...]:
 def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
     """Return the names of the regions of the field in an H file, default region first (``""`` if it is unnamed).
 
-    Files written by other software have one region.
+    For the other formats that `open_psf` reads, the result is ``("",)``.
 
     Examples
     --------
@@ -291,14 +294,14 @@ def _matrix_of(file: H5File, group: str) -> PSFMatrix:
 
 @dataclass(frozen=True, eq=False)
 class MatrixHead:
-    """Description of a matrix, as read from an H file without its values.
+    """Description of the matrix of the default region of an H file, read without its values.
 
     Attributes
     ----------
     shape
         ``(nz, ny, nx, nt, ns)``.
     depths
-        Depths of the planes (µm); NaN if not stated.
+        Depths of the planes ``(nz,)`` (µm); NaN if not stated.
     camera
         The camera of H; None if not stated.
     provenance
@@ -315,7 +318,7 @@ class MatrixHead:
 
 
 def head_of(file: H5File) -> MatrixHead:
-    """Return the description of the matrix in an H file; of its datasets, only ``depths`` is read.
+    """Return the description of the default region's matrix in an H file; only the dataset ``depths`` is read.
 
     Raises
     ------
@@ -337,7 +340,10 @@ def head_of(file: H5File) -> MatrixHead:
 
 
 def depth_sums_of(file: H5File, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return the depth-plane sums ``(nz, nt, ns)`` in dataset ``name``; raises `FileFormatError` for invalid values."""
+    """Return the depth-plane sums ``(nz, nt, ns)`` in dataset ``name`` for a matrix of ``shape``.
+
+    Raise `FileFormatError` if they have another shape, are not finite, or are too large.
+    """
     most = MAX_SAMPLE * shape[1] * shape[2]
     return file.values(name, (shape[0], *shape[3:]), finite=True, at_most=most).astype(np.float64)
 
@@ -358,9 +364,10 @@ def _depths(file: H5File, prefix: str, planes: int) -> NDArray[np.float64]:
 
 
 def scaling_of(file: H5File, data: H5Data) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return scale and offset of stored values, each as one number or one per plane.
+    """Return scale and offset of the stored values ``data``, each with one entry, or one entry per plane.
 
-    Scaled values must be finite in float32. Since version 4 of the format, there is one scale and no offset.
+    Since version 4 of the format, there is one scale, and the offset is 0. Raise `FileFormatError` if a scale is 0, or
+    if scaled values could exceed the range of float32.
     """
     given: Iterable[NDArray[np.float64] | None]
     if _check_format(file) >= VERSION:
@@ -386,12 +393,14 @@ def scaling_of(file: H5File, data: H5Data) -> tuple[NDArray[np.float64], NDArray
 def steps_in(file: H5File, prefix: str, data: H5Data) -> tuple[NDArray[np.float32], NDArray[np.uint16]] | None:
     """Return step and zero of every pattern, ``(nz, ny, nx)`` each, in a file of version 3; None for other versions.
 
-    ``data`` is the dataset with the values of H, and ``prefix`` is the path of its group.
+    A value is ``(stored - zero) * step``. ``data`` is the dataset with the stored values. ``prefix`` is the path of its
+    group, followed by a slash; empty for the default region.
 
     Raises
     ------
     FileFormatError
-        If step or zero is missing in a file of version 3, or leads to values that are not finite.
+        If, in a file of version 3, step or zero is missing, the stored values are not uint16, a step is not positive,
+        or values could exceed the range of float32.
     """
     shape = data.shape
     if _check_format(file) != STEPPED_VERSION:
@@ -421,7 +430,10 @@ def _check_conventions(file: H5File, attributes: Attributes) -> None:
 
 
 def provenance_of(file: H5File, group: str = "") -> dict[str, Any]:
-    """Return the provenance of the matrix in ``group``; raises `FileFormatError` if it is not a JSON object."""
+    """Return the provenance of the matrix in ``group`` (empty: that of the default region).
+
+    Raise `FileFormatError` if it is not a JSON object.
+    """
     attributes = file.attributes(group)
     what, remedy = f"{file.path}, attribute provenance", "get the file from its source again"
     found = parse_json(attributes.text("provenance", "{}"), what, remedy=remedy, finite=False)
@@ -444,9 +456,10 @@ _KINDS = {
 
 
 def facts_in(file: H5File, prefix: str, shape: tuple[int, ...], provenance: Mapping[str, Any]) -> Facts:
-    """Return the facts that the file states about the positions of its matrix of ``shape``.
+    """Return the facts that ``file`` states about the positions of a matrix of ``shape`` ``(nz, ny, nx, nt, ns)``.
 
-    ``prefix`` is the path of its group, and ``provenance`` its provenance.
+    ``prefix`` is the path of the matrix's group, followed by a slash; empty for the default region. ``provenance`` is
+    the provenance of the matrix.
     """
     names = [entry.name for entry in fields(Facts) if prefix + entry.name in file]
     found = {name: file.values(prefix + name, kinds=_KINDS[name]) for name in names}

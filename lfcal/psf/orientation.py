@@ -55,7 +55,7 @@ SCAN = {
 
 
 def either_words(name: str) -> str:
-    """Return a text with both causes that an image motion may have: frames of orientation ``name``, or other axes."""
+    """Return a text with both possible causes of an image motion: frames of orientation ``name``, or the scan axes."""
     return f"the frames are {ORIENTATIONS[name].words}, or {SCAN[name]} relative to the plan"
 
 
@@ -72,12 +72,14 @@ class FoundOrientation:
         differ from those of the plan. ``"either"``: the two cannot be distinguished. Empty if the frames are upright or
         nothing can be determined.
     margin
-        Ratio of the misfit of the second-best orientation to that of the best, 1 to 10.
+        Ratio of the misfit of the second-best orientation to that of the best, 1 to 10; `CERTAIN` if only the position
+        of the path distinguishes them.
     residual_px
-        Residual of the path under the best orientation (pixels); NaN if undetermined.
+        Residual of the path under the best orientation (pixels); NaN if several orientations fit, or if light was found
+        in fewer than three frames.
     offset_px
         Displacement (rows, columns) of the pattern from its planned position after turning the frames upright (pixels).
-        If the orientation is undetermined, it is given only if upright frames fit best, and is NaN otherwise.
+        NaN if `residual_px` is NaN, unless several orientations fit and upright frames fit best.
     frames
         Number of frames in which the pattern was found.
     reason
@@ -99,7 +101,7 @@ class FoundOrientation:
 
     @property
     def words(self) -> str:
-        """Description of the result."""
+        """Description of the result, as a clause."""
         if not self.name:
             return f"the orientation of the frames cannot be determined: {self.reason}"
         if not self.wrong or self.cause == "frames":
@@ -115,7 +117,8 @@ def iter_find_orientation(source: FrameSource, plan: ScanPlan) -> Work[FoundOrie
     Parameters
     ----------
     source
-        Frames as delivered, preferably corrected. They show the whole sensor, or parts of it at known positions.
+        Frames in the orientation as delivered, preferably corrected. They show the whole sensor, or parts of it at
+        known positions.
     plan
         Scan plan, from which the expected path is computed.
     """
@@ -144,9 +147,9 @@ def orientation_of_path(
     path
         Observed positions of the pattern.
     expected
-        Planned positions of the image, ``(n, 2)`` as (row, column) in sensor pixels.
+        Planned positions of the image in the frames of ``path``, ``(n, 2)`` as (row, column) in sensor pixels.
     frame
-        Rows and columns of the sensor in frames as delivered.
+        Number of rows and columns of a complete frame as delivered.
     plan
         Scan plan, which states the shape of the upright sensor and of the cutout.
     """

@@ -23,7 +23,15 @@ Place = tuple[int, int, int]
 
 
 class PickedPlanes:
-    """Planes with only some patterns; the other patterns are zero and take no memory."""
+    """Planes with only some patterns; the other patterns are zero and take no memory.
+
+    Parameters
+    ----------
+    shape
+        Shape ``(nz, ny, nx, nt, ns)`` of the matrix.
+    patterns
+        Pattern ``(nt, ns)`` of each selected position (z, y, x).
+    """
 
     def __init__(self, shape: tuple[int, int, int, int, int], patterns: Mapping[Place, NDArray[np.float32]]) -> None:
         self.shape = shape
@@ -39,7 +47,7 @@ class PickedPlanes:
         return out
 
     def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
-        """Return the pattern of one position, ``(nt, ns)``."""
+        """Return the pattern ``(nt, ns)`` of one position; zeros if it is not among the selected ones."""
         found = self._patterns.get((z, y, x))
         return np.zeros(self.shape[3:], np.float32) if found is None else found
 
@@ -51,7 +59,7 @@ class PickedPlanes:
 def iter_pick(
     source: FrameSource, plan: ScanPlan, positions: NDArray[np.intp], *, noise: FrameNoise | None = None
 ) -> Work[PSFMatrix]:
-    """Assemble the patterns of selected positions into a matrix; yields progress in positions.
+    """Assemble the patterns of selected positions into a matrix; yield progress in positions.
 
     Parameters
     ----------
@@ -60,14 +68,15 @@ def iter_pick(
     plan
         Scan plan with positions, depths, anchor and cutout. Pixels beyond the frame are marked as invalid.
     positions
-        Positions ``(n, 3)`` as (z, y, x).
+        Indices (z, y, x) of the positions, ``(n, 3)``.
     noise
-        Noise of the samples, if the frames do not state it.
+        Noise of the samples, for frames that do not state it. None: unknown for these.
 
     Raises
     ------
     InputError
-        If a position has no frame or is outside the plan, or if its cutout is outside the frame.
+        If one of ``positions`` has no frame, a frame is at a position outside the plan, or a cutout is completely
+        outside its frame.
     """
     infos = tuple(source.info(k) for k in range(len(source)))
     order, starts = by_position(infos, plan.shape[:3])

@@ -80,7 +80,7 @@ class FrameNoise(NamedTuple):
         return None if self.stated else Noise(self.floor, self.slope, self.black)
 
     def record(self) -> dict[str, Any]:
-        """Return the entry for the provenance of H, which `noise_of` reads."""
+        """Return the entry ``noise`` for the provenance of H; `noise_of` reads it."""
         return {"floor": self.floor, "slope": self.slope, "black": self.black, "from": self.source}
 
 
@@ -118,7 +118,7 @@ def origin_of(provenance: Mapping[str, Any]) -> tuple[int, int] | None:
 
 
 def noise_of(provenance: Mapping[str, Any]) -> FrameNoise | None:
-    """Return the noise model of the frames; None if ``provenance`` states none.
+    """Return the noise model of the frames; None if ``provenance`` states none that is valid.
 
     Its ``black`` level is 0 if it is not stated, as in files written by lfcal 0.1.
 
@@ -153,7 +153,8 @@ def light_shares(provenance: Mapping[str, Any]) -> bool:
 def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[str, Any] | None]:
     """Return the record of how each plane was simulated; None for planes without one.
 
-    ``docs/files.md`` lists the entries of a record.
+    ``planes`` is the number of planes; if another number is stored, all records are None. ``docs/files.md`` lists the
+    entries of a record.
 
     Examples
     --------
@@ -168,9 +169,10 @@ def simulated_planes(provenance: Mapping[str, Any], planes: int) -> list[dict[st
 
 
 def with_simulated(provenance: Mapping[str, Any], planes: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
-    """Return provenance with the records of how each plane was simulated, which `simulated_planes` returns.
+    """Return ``provenance`` extended by ``planes``, the records of how each plane was simulated.
 
-    The entry ``level`` becomes that of the engines that ran; the requested level is kept as ``requested_level``.
+    `simulated_planes` reads them again. If a level was requested and the records name engines, the entry ``level``
+    becomes the names of these engines, and the requested level is kept as ``requested_level``.
     """
     simulated = {**provenance.get("simulated", {}), "planes": list(planes)}
     engines = dict.fromkeys(str(one["engine"]) for one in planes if one is not None and "engine" in one)
@@ -180,9 +182,9 @@ def with_simulated(provenance: Mapping[str, Any], planes: Sequence[Mapping[str, 
 
 
 def computed_words(planes: Sequence[Mapping[str, Any] | None]) -> tuple[str, ...]:
-    """Return engine, sampling, processor time and error of the planes with a record, as lines of text.
+    """Return engine, sampling, total processor time and largest error of simulated planes, as lines of text.
 
-    Planes with the same engine and sampling share a line.
+    ``planes`` are records as from `simulated_planes`. Planes with the same engine and sampling share a line.
 
     Examples
     --------

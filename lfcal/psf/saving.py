@@ -26,7 +26,7 @@ TRANSPOSED = "transpose"
 
 
 class MatrixPlanes(PlaneSource):
-    """Source of the planes of an existing matrix, or of its transpose computed by one of the paper's methods.
+    """Source of the planes of an existing matrix, or of its transpose by a method other than ``"exact"``.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class MatrixPlanes(PlaneSource):
         Empty: the planes of ``matrix``; ``"paper"`` or ``"paper-padded"``: the planes of its transpose, computed as in
         `transpose`.
     title
-        Name of the work in progress reports.
+        Verb for progress reports and messages, such as ``"write"`` or ``"transpose to"``.
     own
         Whether `close` also closes ``matrix``.
     provenance
@@ -62,7 +62,7 @@ class MatrixPlanes(PlaneSource):
         self._clock = Clock(f"{title.partition(' ')[0]} planes", len(matrix))
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Read plane ``z``, compute its transpose if ``method`` is not empty, and return it."""
+        """Return plane ``z``, or its transpose if ``method`` is not empty; `PlaneSource` describes the parameters."""
         clock = Clock(f"{self.title.partition(' ')[0]} plane {z + 1}", 1) if alone else self._clock
         if alone or z == 0:
             yield clock.at(0)
@@ -77,7 +77,7 @@ class MatrixPlanes(PlaneSource):
         return made
 
     def reopening(self, z: int, stored: Stored) -> Reopening:
-        """Return the description with which other processes read plane ``z`` from the file of the matrix."""
+        """Return how other processes read plane ``z`` from the matrix's file; raise `InputError` if it has none."""
         matrix = self.matrix
         if not matrix.path:
             raise InputError.expected("H", "a matrix opened from a file", repr(matrix), "save the matrix first")
@@ -99,7 +99,7 @@ class MatrixPlanes(PlaneSource):
 
 
 def open_planes(values: Mapping[str, Any], workers: int) -> MatrixPlanes:
-    """Open the file of a matrix and return its planes, from the ``values`` of `MatrixPlanes.reopening`."""
+    """Open the file described by ``values`` of `MatrixPlanes.reopening`, and return its planes; ignore ``workers``."""
     matrix = open_psf(values["source"], region=values["region"], mat_order=values["mat_order"])
     if matrix.is_transposed != values["transposed"]:
         matrix = matrix.T
@@ -126,7 +126,7 @@ def iter_save(
     path
         Path of the file to write.
     dtype
-        As in `PSFWriter`. None: the dtype of ``matrix``.
+        As in `PSFWriter`. None: the dtype of ``matrix`` if an H file can store it, otherwise ``"float32"``.
     compression, workers, store_tolerance
         As in `PSFWriter`.
     provenance
@@ -138,7 +138,8 @@ def iter_save(
     Raises
     ------
     InputError, StorageError
-        As in `PSFWriter`; with a ``run``, also as in `lfcal.work.iter_made`, and if the matrix has no file.
+        As in `PSFWriter`, and if ``path`` is the file of ``matrix``; with a ``run``, also as in `lfcal.work.iter_made`,
+        and if the matrix has no file.
 
     Examples
     --------
@@ -179,9 +180,10 @@ def iter_transpose_file(
     provenance: Mapping[str, Any] | None = None,
     run: RunChoice | None = None,
 ) -> Work[Path]:
-    """Write the transpose of ``matrix`` to an H file with one plane of H and one of HT in memory at a time.
+    """Write the transpose of ``matrix`` to the H file ``out``, and return its path.
 
-    ``method`` is as in `lfcal.psf.transpose`; the other arguments are as in `iter_save`.
+    One plane of H and one of HT are in memory at a time. ``method`` is as in `lfcal.psf.transpose`; the other arguments
+    are as in `iter_save`.
     """
     check_other_file(matrix.path, out)
     exact = method == "exact"
@@ -200,9 +202,8 @@ def iter_save_regions(
 ) -> Work[Path]:
     """Write the matrices of several regions of the field to one H file, and return the path of the file.
 
-    ``matrices`` maps names of regions to their H; the first region becomes the default of the file. ``dtype``,
-    ``compression`` and ``workers`` are as in `PSFWriter`. If ``dtype`` is None, each matrix is stored with its own
-    dtype.
+    ``matrices`` maps names of regions to their H; the first region becomes the default of the file. ``dtype`` is as in
+    `iter_save`; ``compression`` and ``workers`` are as in `PSFWriter`.
 
     Yields
     ------

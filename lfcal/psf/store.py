@@ -76,7 +76,19 @@ Convert = Callable[[NDArray[Any]], NDArray[Any]]
 
 
 class MatrixGroup:
-    """Writer of one matrix into an open HDF5 group: planes in any order, followed by `complete`."""
+    """Writer of one matrix into an open HDF5 group: planes in any order, followed by `complete`.
+
+    Parameters
+    ----------
+    group
+        Group, or the file itself.
+    header
+        Description of the matrix without its values.
+    stored
+        Type, compression and tolerance of the stored values.
+    workers
+        Number of threads. None: one for each available CPU core.
+    """
 
     def __init__(self, group: Any, header: Header, stored: Stored, workers: int | None = None) -> None:
         self._group, self._header, self._stored, self._workers = group, header, stored, workers
@@ -113,7 +125,7 @@ class MatrixGroup:
         return self._group.create_dataset(name, header.shape, dtype, chunks=chunk, track_times=False, **options)
 
     def write_plane(self, z: int, plane: Plane) -> None:
-        """Write plane ``z`` and its facts."""
+        """Write ``plane``, with its facts, as plane ``z``."""
         self._write_values(z, plane.values, plane.facts)
         if plane.uncertainty is not None:
             self._write_uncertainty(z, plane.uncertainty)
@@ -175,7 +187,7 @@ class MatrixGroup:
         self._written[z] = True
 
     def note(self, provenance: Mapping[str, Any]) -> None:
-        """Store additional provenance entries."""
+        """Add entries to the provenance, or replace those with the same names; `complete` writes it."""
         self._provenance |= provenance
 
     def _write_uncertainty(self, z: int, plane: NDArray[np.floating[Any]]) -> None:
@@ -204,7 +216,7 @@ class MatrixGroup:
         self._uncertain[z] = True
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
-        """Copy plane ``z`` from another file as it is stored, without decompressing or rounding it again."""
+        """Copy ``stored``, a plane of another file, to plane ``z`` without decompressing or rounding it again."""
         if stored.data.shape[1:] != self._header.shape[1:] or self._written[z]:
             raise InputError.expected(
                 f"plane {z}",
@@ -272,7 +284,7 @@ class MatrixGroup:
         return (lambda pattern: pattern.astype(dtype)), 0.0
 
     def complete(self) -> None:
-        """Write everything except the values of the planes, all of which must have been written."""
+        """Write depths, facts, sums and attributes; all planes must have been written before."""
         group, header = self._group, self._header
         self._complete_uncertainty()
         if self._simulated:
@@ -330,9 +342,9 @@ class PSFWriter:
         As in `PSFMatrix`.
     dtype
         Stored type: ``"float32"``, ``"float64"``, ``"rounded"``, or, for whole numbers within their range, ``"uint16"``
-        or ``"uint8"``. ``"rounded"`` is float32 in multiples of a power of two, which is at most 1/65535 of the range
-        of the plane. It needs about a third of the space of float32, preserves whole numbers exactly, and its error is
-        stored.
+        or ``"uint8"``. ``"rounded"`` is float32 in multiples of a power of two that is at most 1/65535 of the range of
+        the plane. It needs about a third of the space of float32, and its error is stored. A plane of whole numbers
+        below 2^24 is preserved exactly.
     compression
         Compression: ``"gzip"`` (level 1 with the shuffle filter), ``"zstd"`` or ``"none"``.
     transposed
@@ -347,7 +359,8 @@ class PSFWriter:
     Raises
     ------
     InputError
-        If a plane does not have the shape of the matrix, is not finite, is written twice, or is missing at the end.
+        If an argument is invalid, ``store_tolerance`` is set for HT, or ``dtype`` cannot store a value. If a plane does
+        not have the shape of the matrix, is not finite, is written twice, or is missing at the end.
     StorageError
         If the disk is full or the file cannot be written.
 
@@ -432,7 +445,7 @@ class PSFWriter:
         self.write(z, Plane(plane, facts, uncertainty, simulated))
 
     def write(self, z: int, plane: Plane) -> None:
-        """Write plane ``z`` and its facts."""
+        """Write ``plane``, with its facts, as plane ``z``."""
         self._matrix.write_plane(z, plane)
 
     def adopt_plane(self, z: int, stored: StoredPlane) -> None:
@@ -440,7 +453,7 @@ class PSFWriter:
         self._matrix.adopt_plane(z, stored)
 
     def note(self, provenance: Mapping[str, Any]) -> None:
-        """Add entries (plain JSON types) to the provenance that are known only after the planes were written."""
+        """Add entries (plain JSON types) to the provenance before the end of the context, or replace existing ones."""
         self._matrix.note(provenance)
 
     def __exit__(
@@ -466,7 +479,7 @@ class PSFWriter:
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Any]:
-    """Yield a new H file to write to; it gets its name at the end of the block, or is removed after an error."""
+    """Yield a new HDF5 file to write to; it is renamed to ``path`` after the block, or removed after an error."""
     with new_h5(path) as file:
         file.attrs.update({"format": FORMAT, "version": VERSION, "creator": f"lfcal {full_version()}"})
         yield file
@@ -484,7 +497,7 @@ def check_storable(header: Header, stored: Stored) -> None:
 
 
 def stored_bytes(shape: tuple[int, ...], stored: Stored) -> int:
-    """Return an upper estimate of the size of an H file (bytes)."""
+    """Return an upper estimate of the size (bytes) of the values of H in a file, without metadata or uncertainties."""
     size = int(np.prod(shape, dtype=np.int64))
     if stored.store_tolerance is None and not stored.rounded:
         return size * stored.samples.itemsize
@@ -501,7 +514,7 @@ def store_plane(data: Any, z: int, plane: NDArray[Any], *, workers: int | None =
 
 
 def stored_type(matrix: PSFMatrix) -> str:
-    """Return the type in which the values of ``matrix`` are stored by default: its own, or ``"float32"``."""
+    """Return the default stored type of ``matrix``: its own dtype if an H file supports it, else ``"float32"``."""
     return matrix.dtype.name if matrix.dtype.name in STORED_TYPES else "float32"
 
 
@@ -526,8 +539,8 @@ def facts_of(matrix: PSFMatrix) -> Facts:
 def plane_checksum(stored: NDArray[Any], workers: int | None = None) -> int:
     """Return the checksum of a plane ``(ny, nx, nt, ns)`` of stored samples.
 
-    The checksum is a CRC-32 over the CRC-32 of each pattern, so that patterns can be checked separately and in
-    parallel.
+    It is a CRC-32 over the CRC-32 values of all patterns, so that patterns can be checked separately and in parallel.
+    ``workers`` is the number of threads; None: one for each available CPU core.
     """
     ny, nx = stored.shape[:2]
     each = np.zeros((ny, nx), "<u4")

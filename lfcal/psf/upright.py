@@ -30,7 +30,7 @@ def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work
     Parameters
     ----------
     view
-        Corrected frames, as delivered.
+        Corrected frames in the orientation as delivered.
     plan
         Scan plan, from which the expected position of the image is computed.
     choice
@@ -40,9 +40,9 @@ def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work
     Raises
     ------
     InputError
-        If the frames show an unknown part of the sensor (according to their metadata or their light). With ``"check"``,
-        if the frames certainly do not match the plan. With ``"auto"``, if their orientation cannot be determined, or if
-        the axes of the scan are wrong instead.
+        If the frames show a part of the sensor that was not stated or differs from the stated one, according to their
+        metadata or their light. With ``"check"``, if the frames certainly do not match the plan. With ``"auto"``, if
+        their orientation cannot be determined, or if the axes of the scan are wrong instead.
     """
     check_stated(view, plan.camera)
     if choice not in (CHECK, AUTO):
@@ -65,16 +65,18 @@ def check_place(
 ) -> None:
     """Raise `InputError` if frames show a part of the sensor that was not stated or differs from the stated one.
 
+    Frames of a session and single colour channels are not checked.
+
     Parameters
     ----------
     found
-        Orientation from the path of the light; None if it was not determined.
+        Orientation from the path of the light; None if the user stated the orientation.
     view
-        Frames as delivered.
+        Frames in the orientation as delivered.
     plan
-        Scan plan, from which the expected position of the image on the whole sensor is computed.
+        Scan plan, which contains the shapes of the sensor and of the cutout.
     turn
-        Orientation stated by the user, if it was not determined.
+        Orientation stated by the user; upright if ``found`` is used.
     """
     sensor, known = plan.camera.sensor.shape, view.metadata
     # channels have pixels of another size; the positions of sessions and given cutouts are known
@@ -105,7 +107,11 @@ def check_place(
 
 
 def check_found(found: FoundOrientation, choice: str) -> None:
-    """Raise `InputError` if H cannot be assembled with the orientation found; ``choice`` is as in `iter_upright`."""
+    """Raise `InputError` if ``found`` does not permit ``choice``, which is as in `iter_upright`.
+
+    ``"check"`` requires that frames and scan do not certainly differ from the plan. ``"auto"`` requires that the
+    orientation is determined and the scan axes are as planned. The name of an orientation is always permitted.
+    """
     if choice not in (CHECK, AUTO):
         return
     keep = "or leave them unchanged (--orientation as-is)"

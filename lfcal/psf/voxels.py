@@ -14,7 +14,8 @@ Pair = tuple[float, float]
 def pixel_um(matrix: PSFMatrix) -> Pair | None:
     """Return the height and the width of a pixel of H's images on the sensor (µm); None if H has no camera.
 
-    If frames were resampled to a period of whole pixels, the pixels of H differ in size from those of the sensor.
+    The pixels of H differ in size from those of the sensor if frames were resampled such that the lenslet period is a
+    whole number of pixels.
     """
     return None if matrix.camera is None else _scaled(matrix.camera.sensor.pixel_um, matrix.pixel_scale)
 
@@ -22,8 +23,8 @@ def pixel_um(matrix: PSFMatrix) -> Pair | None:
 def voxel_um(matrix: PSFMatrix, depth_um: float | None = None) -> Pair | None:
     """Return the height and the width of a voxel in object space (µm); None if H has no camera.
 
-    A voxel is as large as the step of the source that moves the image by one pixel of H. With a main lens, steps grow
-    with distance. Without ``depth_um``, the median depth is used.
+    A voxel is as large as the lateral step of the source that moves the image by one pixel of H. For a main lens, the
+    step grows with the distance from the lens. ``depth_um`` is the depth (µm); None: the median depth of the planes.
     """
     if matrix.camera is None:
         return None

@@ -20,7 +20,10 @@ FORMAT, VERSION = "lfcal-recalibration", 1
 
 
 def recalibration_dict(found: Recalibration) -> dict[str, Any]:
-    """Return all results of a recalibration as plain JSON types; lengths in µm, angles in radians."""
+    """Return the results of a recalibration, without camera and effects, as plain JSON types.
+
+    Each parameter states its unit; depths are in µm.
+    """
     values: dict[str, Any] = plain(
         {
             "format": FORMAT,
@@ -41,7 +44,7 @@ def recalibration_dict(found: Recalibration) -> dict[str, Any]:
 
 
 def recalibration_outputs(folder: Path, *, with_h: bool = True) -> tuple[Path, ...]:
-    """Return the paths of all files that a recalibration writes to ``folder``."""
+    """Return the paths of the files that `iter_write_recalibration` writes to ``folder``; H is included ``with_h``."""
     names = (CAMERA, EFFECTS, NUMBERS)
     return tuple(folder / name for name in ((MODEL, *names) if with_h else names))
 
@@ -49,7 +52,7 @@ def recalibration_outputs(folder: Path, *, with_h: bool = True) -> tuple[Path, .
 def iter_write_recalibration(
     found: Recalibration, folder: Path, known: Mapping[str, Any], *, with_h: bool = True, workers: int | None = None
 ) -> Work[tuple[Path, ...]]:
-    """Write the files of a recalibration to ``folder``, and return their paths; none if it was not accepted.
+    """Write the files of a recalibration to ``folder``, and return their paths; write none if it was not accepted.
 
     Parameters
     ----------

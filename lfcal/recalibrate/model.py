@@ -38,9 +38,9 @@ class Contents:
     depths_um
         Depths of the planes of the volume (µm).
     halves
-        Whether the volume has four voxels per position, half a pixel apart.
+        Whether the volume has four voxels per source position, half a pixel apart, instead of one.
     dark_parts
-        Number of pieces of the smooth dark field along each side.
+        Number of pieces of the smooth dark field along each side; 1: a bilinear field.
     """
 
     depths_um: tuple[float, ...]
@@ -49,7 +49,10 @@ class Contents:
 
 
 def stated_contents(provenance: Mapping[str, Any]) -> Contents | None:
-    """Return the contents of frames with which an H was recalibrated, from its provenance; None if it states none."""
+    """Return the assumptions about the frames on which an H was recalibrated; None if its ``provenance`` has none.
+
+    Raise `InputError` if they are incomplete.
+    """
     origin = provenance.get("recalibration")
     said = origin.get("contents") if isinstance(origin, Mapping) else None
     if not isinstance(said, Mapping):
@@ -103,7 +106,8 @@ class WindowModel:
     def score(self, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate], derivatives: F4) -> Score:
         """Return the score of all frames together.
 
-        ``derivatives`` are those of their expected values with respect to the unknowns, ``(k, frames, rows, columns)``.
+        ``scenes`` are the estimated objects of the frames. ``derivatives`` are those of the expected frames with
+        respect to the unknowns, ``(k, frames, rows, columns)``.
         """
         parts = zip(self.frames, scenes, np.moveaxis(derivatives, 1, 0), strict=True)
         scores = [score_of(patterns, frame, scene, own, self.fields) for frame, scene, own in parts]
@@ -125,9 +129,10 @@ class WindowModel:
     ) -> F4:
         """Return the derivatives ``(k + 1, frames, rows, columns)`` of all expected frames for fixed volumes.
 
-        The first k are those with respect to the unknowns, at the point ``u`` ``(k,)`` of ``vector``. The last one is
-        that with respect to the scale of the depths, in units of `DEPTH_SCALE`. Only the brightest voxels, which
-        contain the fraction ``bright`` of the light, are used.
+        The first k are those with respect to the unknowns of ``vector`` at the values ``u`` ``(k,)``. The last one is
+        that with respect to a common factor of all image distances from the array, in units of `DEPTH_SCALE`. For each
+        of ``scenes``, the brightest voxels that contain the fraction ``bright`` of its light are used. ``patterns`` are
+        those for ``u``, computed with ``sampling``.
         """
         light = patterns.values.sum((1, 2))
         keep = np.logical_or.reduce([_brightest(scene.volume * light, bright) for scene in scenes])

@@ -88,7 +88,7 @@ class Remedy:
     Attributes
     ----------
     reason, remedy
-        What is likely wrong, and what to do, as text.
+        What is likely wrong, and what to assume instead, as text.
     contents
         Assumptions to use instead.
     """
@@ -107,11 +107,11 @@ class Recalibration:
     setup
         The camera with its effects.
     planned
-        Scan with the described camera, which states the planes and the cutout of H.
+        Scan plan with the described camera; it states the planes and the cutout of H.
     parameters
-        Unknowns by name, with their standard deviations, which include the error of the model.
+        Fitted unknowns by name. Their standard deviations include the error of the model.
     goodness
-        Goodness of fit by the name of the frame, in the window with the largest residual.
+        Goodness of fit of each frame, by its name, in the window where it is largest.
     contents
         Assumptions about the contents of the frames.
     remedies
@@ -120,8 +120,8 @@ class Recalibration:
         Names of the unknowns in each combination that the frames do not determine; the fit does not change these
         combinations.
     depth_scale
-        Change (%) of each unknown, by name, if all depths are 1 % larger. H hardly depends on the scale of the depths,
-        which is assumed to be known.
+        Change (%) of an unknown, by name, if all depths are 1 % larger; only for unknowns that change clearly. H hardly
+        depends on the scale of the depths, which is assumed to be known.
 
     Examples
     --------
@@ -156,7 +156,7 @@ class Recalibration:
 
     @property
     def worst(self) -> float:
-        """Largest goodness of fit of all frames."""
+        """Largest goodness of fit of all frames, that of the poorest fit."""
         return max(one.ratio for one in self.goodness.values())
 
     @property
@@ -189,7 +189,7 @@ class Recalibration:
 
     @property
     def accepted(self) -> bool:
-        """Whether the camera explains every frame; otherwise its values may be wrong by many standard deviations."""
+        """Whether there are no `objections`; otherwise the values may be wrong by many standard deviations."""
         return not self.objections
 
     @property
@@ -211,15 +211,16 @@ def iter_recalibrate(
     windows: int | None = None,
     workers: int | None = None,
 ) -> Work[Recalibration]:
-    """Return the camera that explains frames of unknown objects.
+    """Fit the camera to frames of unknown objects, and return the `Recalibration`.
 
-    For each frame, the object and the dark field are estimated together with the camera. What a change of the object
-    can imitate does not count as information on the camera.
+    For each frame, the object and the dark field are estimated together with the camera. Changes of the frame that a
+    change of the object could also cause do not count as information on the camera.
 
     Parameters
     ----------
     frames
-        Frames of the sensor of any structured objects within the depths of the plan, with their dark level subtracted.
+        Frames of the whole sensor, with their dark level subtracted, that show any structured objects within the depths
+        of the plan.
     plan
         Scan with the described camera, the depth planes, and a cutout that contains the patterns.
     noise
@@ -241,7 +242,9 @@ def iter_recalibrate(
     Raises
     ------
     InputError
-        If the noise of a frame is unknown, its shape is not that of the sensor, or it contains no light.
+        If there are no frames, or if the noise of a frame is unknown, its shape is not that of the sensor, or its
+        structure does not exceed the noise. If a group of unknowns cannot be fitted, no window has valid pixels in all
+        frames, memory is insufficient, or the camera has no lenslet lattice.
 
     Examples
     --------

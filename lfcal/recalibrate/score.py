@@ -37,14 +37,14 @@ PROBES = 2
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """Information of a frame about the unknowns of the camera, after elimination of its object and dark field.
+    """Information of one or more frames about the unknowns of the camera, without that of object and dark field.
 
     Attributes
     ----------
     information
-        Matrix ``(k, k)``, in units of the unknowns' scales.
+        Matrix ``(k, k)`` for unknowns in units of their scales.
     gradient
-        Vector ``(k,)``: information times the step that the frame alone proposes.
+        Vector ``(k,)``: information times the step of the unknowns that the frames alone suggest.
     """
 
     information: F8
@@ -68,7 +68,7 @@ def orthogonal(
     Parameters
     ----------
     patterns, volume
-        H, and the volume ``(n,)``.
+        Patterns of the n voxels, and values of the voxels ``(n,)``.
     weight
         Inverse variance of each pixel ``(rows, columns)``.
     images
@@ -128,7 +128,7 @@ def score_of(patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, 
     Parameters
     ----------
     patterns, frame, scene
-        H, the frame, and the estimate of its object.
+        Patterns of the voxels, the frame, and the estimate of its object.
     derivatives
         Derivatives of the expected frame with respect to the unknowns, ``(k, rows, columns)``, for the volume of the
         scene.
@@ -146,7 +146,7 @@ class Goodness(NamedTuple):
     Attributes
     ----------
     ratio
-        Sum of squared residuals relative to the expected value; 1 if the model explains the frame.
+        Weighted sum of squared residuals divided by its expected value; about 1 if the model explains the frame.
     freedom
         Degrees of freedom of the residual. Noise alone changes the ratio by about ``sqrt(2 / freedom)``.
     """
@@ -158,9 +158,9 @@ class Goodness(NamedTuple):
 def goodness(patterns: VoxelPatterns, frame: ObjectFrame, scene: SceneEstimate, fields: F4, seed: int = 0) -> Goodness:
     """Return the goodness of fit of a frame.
 
-    Components that changes of the volume or the dark fields can explain are projected out of the residual. The expected
-    value follows from simulated white noise with the same components projected out. ``seed`` is that of the noise; the
-    other parameters are those of `score_of`.
+    Components that changes of the volume or the dark fields can explain are projected out of the residual. Its expected
+    sum of squares follows from simulated white noise with the same components projected out. ``seed`` is that of the
+    noise; the other parameters are those of `score_of`.
     """
     weight = frame.inverse_variance(scene.expected)
     images = _residual_and_noise(frame, scene, weight, seed)

@@ -57,10 +57,11 @@ def iter_watch(
     windows: int | None = None,
     workers: int | None = None,
 ) -> Work[DriftWatch]:
-    """Test for each frame of a series of unknown objects whether H is still valid; return a `DriftWatch`.
+    """Test whether H is still valid for the frames of a series of unknown objects; return a `DriftWatch`.
 
     The object of each frame is estimated with H unchanged. One step of the orthogonal score (see
-    `lfcal.recalibrate.score`) then estimates the shift of the array and the change of the gap.
+    `lfcal.recalibrate.score`), or several if the drift is large, then estimates the shift of the array and the change
+    of the gap.
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ def iter_watch(
     mean
         Number of consecutive frames to average before each test.
     contents
-        Assumptions about the contents of frames; None: the planes of H and a dark field that varies linearly.
+        Assumptions about the contents of frames; None: the planes of H and a bilinear dark field.
     windows
         Number of windows of the sensor to use; None: one, or five for a large sensor.
     workers
@@ -90,7 +91,7 @@ def iter_watch(
     Yields
     ------
     Progress
-        First in the H to compute, then in frames.
+        First in H and derivatives to compute, then in frames.
 
     Raises
     ------

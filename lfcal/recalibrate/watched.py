@@ -36,6 +36,7 @@ class WatchedFrame:
         Label of the frame, and time of its recording; None if unknown.
     values, sigmas
         Shift of the array in x and y (px), change of the gap (%), and their standard deviations; NaN if not measured.
+        They are relative to H, or to the mean drift of quiet frames if there are any.
     goodness
         Goodness of fit after this drift is taken into account; None if not measured.
     problem
@@ -109,16 +110,17 @@ class DriftWatch:
     means
         Means of consecutive frames, or single frames, with their tests.
     significant
-        Indices of the means that differ from the calibration when all tests are considered together.
+        Indices of the means that differ significantly from the calibration, corrected for the number of tests.
     moved
-        Whether any of the means, or the mean of all frames, differs from the calibration.
+        Whether any of the means, or the mean of all frames, differs significantly from the calibration.
     values, sigmas
         Weighted mean drift of all used frames, or of the frames in ``significant`` means if there are any, and its
         standard deviations; units as in `WatchedFrame`.
     trends
-        Trends of the three drifts; empty for fewer than three frames.
+        Trends of the three drifts; empty for fewer than three used frames.
     rate
-        Probability of a false alarm for each mean while H is valid. The probability of a false verdict is the same.
+        Probability that a mean is above the threshold while H is valid. The probability of a false verdict from all
+        means together is the same.
     threshold
         Threshold of T².
     noise_stated
@@ -154,7 +156,10 @@ class DriftWatch:
 
     @property
     def holds(self) -> bool | None:
-        """Whether H is still valid; None if no drift is found, but H leaves half of the frames or more unexplained."""
+        """Whether H is still valid.
+
+        None if no drift is found, but H does not explain half of the measured frames or more.
+        """
         if self.moved:
             return False
         measured = sum(one.goodness is not None for one in self.frames)
@@ -189,7 +194,7 @@ class DriftWatch:
         return f"{rate}, from {n} quiet frames and an F distribution with 3 and {n - 3} degrees of freedom"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types."""
+        """Return verdict, frames, tests, drift and trends as plain JSON types."""
         found: dict[str, Any] = plain(
             {
                 "format": FORMAT,

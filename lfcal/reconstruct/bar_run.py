@@ -65,7 +65,7 @@ def iter_bars(
     settings
         Settings of the replicates.
     labels
-        Image or stack of labels of regions, as in `iter_error_bars`. None: no regions.
+        File with the labels of regions, an image or a stack as in `iter_error_bars`. None: no regions.
     how
         Executor of the work units, and treatment of results left by an earlier run.
     details
@@ -74,7 +74,7 @@ def iter_bars(
     Raises
     ------
     InputError
-        If there are several frames, the iterations stop automatically, or the labels do not fit the volume.
+        If there are several frames, the number of iterations is not fixed, or the labels do not fit the volume.
     """
     check_bars(run.choice)
     targets_of(run.frames, out, None)  # checks the type of the file before anything is computed
@@ -136,7 +136,7 @@ def bar_units(
 
 
 def do_volume(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Reconstruct the frame, as the task of a work unit; ``out`` stores the volume with its margin, and the noise.
+    """Reconstruct the frame, as the task of a work unit; write the volume with its margin, and the noise, to ``out``.
 
     ``arguments`` are those of the unit (see `bar_units`), and ``workers`` is the number of threads.
     """
@@ -151,8 +151,8 @@ def do_volume(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[Non
 def do_replicate(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
     """Reconstruct a replicate, as the task of a work unit.
 
-    ``out`` stores the reconstruction, the object and, if requested, the reconstruction without noise, one after
-    another. ``arguments`` and ``workers`` are as in `do_volume`.
+    The reconstruction, the object and, if requested, the reconstruction without noise are written to ``out`` as one
+    volume, concatenated along z. ``arguments`` and ``workers`` are as in `do_volume`.
     """
     runs = yield from _iter_runs(arguments, workers)
     volume = load_volume(arguments["volume"])

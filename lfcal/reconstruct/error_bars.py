@@ -59,7 +59,7 @@ small. A larger weight makes the bars of isolated bright voxels too long.
 
 
 def student(level: float, count: int) -> float:
-    """Return the factor by which sigma is multiplied for an interval of probability ``level``.
+    """Return half the width of an interval of probability ``level``, in units of sigma.
 
     It is the quantile of Student's t distribution with ``count`` degrees of freedom, for a sigma that is estimated from
     ``count`` replicates.
@@ -124,10 +124,10 @@ class ErrorBars:
         Standard uncertainty of every voxel, ``(nz, Y, X)``, in the units of the volume.
     kappa
         Rms error of details of a voxel's size, relative to the rms of these details, averaged over neighbours,
-        ``(nz, Y, X)``: 0 if they are known, 1 if nothing is known about them.
+        ``(nz, Y, X)``: 0 if they are known exactly, about 1 if nothing is known about them.
     resolution
-        Standard deviation of the narrowest Gaussian of `BLURS` (voxels) after which the relative error is below
-        `KNOWN`, ``(nz, Y, X)``; NaN if there is none.
+        Standard deviation (voxels) of the narrowest Gaussian of `BLURS` that leaves a relative error below `KNOWN` when
+        error and details are blurred with it, ``(nz, Y, X)``; NaN if there is none.
     regions
         Sum over each labelled region, in ascending order of labels.
     replicates
@@ -185,6 +185,8 @@ USUAL = SolverChoice("rl-nesterov", iterations=60)
 def check_labels(labels: ArrayLike | None, shape: tuple[int, int, int]) -> NDArray[np.int64] | None:
     """Return ``labels`` for every voxel of a volume of ``shape`` ``(nz, Y, X)``; labels ``(Y, X)`` apply to all planes.
 
+    None if ``labels`` is None.
+
     Raises
     ------
     InputError
@@ -216,10 +218,10 @@ def without_noise(k: int) -> bool:
 
 
 def runs_of(choice: SolverChoice, settings: BootstrapSettings, regions: bool) -> int:
-    """Return the number of reconstructions for error bars: of the frame, of replicates, and one for unknown noise.
+    """Return the number of reconstructions for error bars: of the frame, of replicates, and one if noise is unknown.
 
-    ``choice`` and ``settings`` are as in `iter_error_bars`. With ``regions``, the reconstructions without noise are
-    counted as well.
+    ``choice`` and ``settings`` are as in `iter_error_bars`. If ``regions`` is true, the reconstructions of replicates
+    without noise are counted as well.
     """
     quiet = sum(map(without_noise, range(settings.replicates))) if regions else 0
     return (1 if SampleNoise.of(choice) else 2) + settings.replicates + quiet
@@ -233,7 +235,7 @@ class ErrorSums:
     volume
         Reconstructed volume ``(nz, Y, X)``, without margin.
     mean
-        Expected object of the replicates, as in `ObjectModel`, without margin.
+        Expected object of the replicates ``(nz, Y, X)``, as in `ObjectModel`, without margin.
     labels
         Label of every voxel, ``(nz, Y, X)``; 0 outside of regions. None: no regions.
     """
@@ -345,7 +347,7 @@ def iter_error_bars(
     ----------
     P
         Projector of H for the shape of the image, extended by the margin of ``choice`` on each side. If the noise of H
-        is known, each replicate is reconstructed with an H whose noise is simulated again.
+        is known, each replicate is reconstructed with an H to which different random noise is added.
     image
         Image ``(Y, X)`` in counts.
     choice
@@ -358,14 +360,14 @@ def iter_error_bars(
     labels
         Label of every voxel, ``(nz, Y, X)`` or ``(Y, X)`` for all planes: positive integers inside of regions, else 0.
     imaging
-        Function that returns the projector of an H drawn from its uncertainty with a random generator, such as that of
-        a camera drawn from the covariance of a fit. This projector images one replicate. None: ``P`` images all
-        replicates.
+        Function that draws an H from its uncertainty with a random generator, and returns its projector. An example is
+        the H of a camera drawn from the covariance of a fit. It is called for each replicate, which this projector
+        images. None: ``P`` images all replicates.
 
     Raises
     ------
     InputError
-        If the image, the weights or the labels do not fit the projector, or the iterations stop automatically.
+        If the image, the weights or the labels do not fit the projector, or the number of iterations is not fixed.
 
     Examples
     --------

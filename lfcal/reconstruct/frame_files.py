@@ -56,7 +56,7 @@ class FrameFile:
         Image file, and number of the page in it; or folder of a session, and number of the frame in the order of
         recording. Both are counted from 0.
     time_s
-        Time of recording (s); None if unknown.
+        Time of recording since the start of the session (s); None if the frame is from an image file.
     """
 
     name: str
@@ -162,9 +162,10 @@ def _frames_of_session(path: Path) -> list[FrameFile]:
 
 
 def placed_anchor(path: Path, H: PSFMatrix, resample: bool | None) -> tuple[float, float] | None:
-    """Return the anchor of H in the frames of a session that cover part of the sensor. None: the anchor stored in H.
+    """Return the anchor (row, column) of H in frames of a session that start at another pixel than (0, 0) (px).
 
-    ``resample`` states whether to resample frames; None: only if the lattice drifts.
+    None for other frames: the anchor stored in H applies. ``resample`` states whether to resample frames; None: only if
+    the lattice drifts.
 
     Raises
     ------
@@ -243,7 +244,8 @@ def saving(
 ) -> Iterator[Save]:
     """Yield a function that saves the volume of a frame, either to a separate file or to a file for all frames.
 
-    For a frame without a volume, no separate file is written; in a file for all frames, its volume is NaN.
+    For a frame without a volume, no separate file is written; in a file for all frames, its volume is NaN. Such a file
+    contains the volumes in the order of the calls.
 
     Parameters
     ----------

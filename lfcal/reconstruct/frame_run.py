@@ -47,7 +47,7 @@ class FrameRun:
     warm
         Whether each frame starts from the volume of the previous frame.
     projector
-        Projector of frames; with a margin, of frames extended by the margin.
+        Projector for the resampled frames, extended by the margin if there is one.
     """
 
     frames: list[FrameFile]
@@ -136,7 +136,7 @@ class FrameRun:
 
     @property
     def details(self) -> dict[str, Any]:
-        """Details on the reconstruction, which are written into each volume."""
+        """Metadata of the reconstruction for the volume files."""
         P, choice = self.projector, self.choice
         anchor = tuple(at - choice.margin for at in P.grid.anchor)
         known: dict[str, Any] = {"psf": self.optics.psf.name, "solver": asdict(choice), "method": P.method}
@@ -150,18 +150,20 @@ class FrameRun:
     def iter_volumes(
         self, targets: Mapping[str, Path], out: Path, details: Mapping[str, Any], run: RunChoice | None = None
     ) -> Work[tuple[FrameResult, ...]]:
-        """Reconstruct and save the frames one after another, with only one volume in memory; return their results.
+        """Reconstruct and save the frames, and return their results.
 
         Parameters
         ----------
         targets
             File for the volume of each frame, by the frame's name.
         out
-            Path of the result; the results of finished frames are stored next to it until the run is complete.
+            Path of the result; with ``run``, the results of finished frames are stored next to it until the run is
+            complete.
         details
             Additional metadata to store in all files.
         run
-            Where and how to run the work units, one per frame. None: run in this thread.
+            Where and how to run the work units, one per frame. None: reconstruct one frame after another in this
+            thread, with only one volume in memory.
         """
         grid = self._grid
         sides = voxel_um(self.matrices[0]) if grid is None else (grid.voxel_um, grid.voxel_um)

@@ -20,9 +20,10 @@ __all__ = ["cropped", "usual_margin", "widened", "widened_start"]
 def usual_margin(period: tuple[int, int], cutout: tuple[int, int], shape: tuple[int, int]) -> int:
     """Return the default margin (pixels) for an H with this ``period`` ``(ny, nx)`` and ``cutout`` ``(nt, ns)``.
 
-    Two periods include most of the light that reaches a frame of ``shape`` from outside. The edges of the volume then
-    have the correct brightness; without a margin, they are 1.3 times as bright. The margin is limited to half the
-    cutout and to an eighth of the longer side of the frame; a margin of an eighth increases the computing time by half.
+    The margin is two periods, which include most of the light that reaches the frame from outside. The edges of the
+    volume then have the correct brightness; without a margin, they are 1.3 times as bright. The margin is limited to
+    half the cutout and to an eighth of the longer side of the frame ``shape`` ``(rows, columns)``. A margin of an
+    eighth increases the computing time by half.
     """
     return max(0, min(2 * max(period), (max(cutout) - 1) // 2, max(shape) // 8))
 
@@ -33,7 +34,9 @@ def widened(array: ArrayLike, margin: int, fill: float = 0.0) -> NDArray[Any]:
 
 
 def widened_start(volume: ArrayLike, margin: int, wanted: tuple[int, int, int]) -> NDArray[Any]:
-    """Return an initial volume of shape ``wanted`` ``(nz, Y, X)``; a missing margin is filled with border values.
+    """Return an initial volume of shape ``wanted`` ``(nz, Y, X)``, which includes a margin of ``margin`` voxels.
+
+    If ``volume`` has no margin, border values are repeated to fill it.
 
     Raises
     ------
@@ -52,6 +55,6 @@ def widened_start(volume: ArrayLike, margin: int, wanted: tuple[int, int, int]) 
 
 
 def cropped(volume: NDArray[Any], margin: int) -> NDArray[Any]:
-    """Return the volume ``(nz, Y, X)`` without its margin, as a copy."""
+    """Return a copy of a volume ``(nz, Y, X)`` without ``margin`` voxels on each side in Y and X."""
     rows, columns = volume.shape[1:]
     return volume[:, margin : rows - margin, margin : columns - margin].copy()

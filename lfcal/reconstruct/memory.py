@@ -73,7 +73,9 @@ def room_for_projections(
     warm: bool = False,
     share: int = 1,
 ) -> int:
-    """Return the memory (bytes) that the arrays of a solver leave for projections: a projector's ``memory_limit``.
+    """Return the memory (bytes) that the arrays of a solver leave for projections in each process.
+
+    Use it as the ``memory_limit`` of a projector.
 
     Parameters
     ----------
@@ -84,7 +86,7 @@ def room_for_projections(
     itemsize
         Bytes per number: 4 in single precision, 8 in double precision.
     memory
-        Memory that the reconstruction may use (bytes); by default most of the free memory.
+        Memory that all processes may use together (bytes). None: most of the free memory.
     warm
         Whether the volume of one frame is stored as the start for the next.
     share

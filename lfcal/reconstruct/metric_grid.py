@@ -124,7 +124,7 @@ class MetricGrid:
         Raises
         ------
         InputError
-            If H has no camera.
+            If H has no camera; also as in `of`.
         """
         if matrix.camera is None:
             raise InputError.expected(
@@ -147,7 +147,7 @@ class MetricGrid:
         Raises
         ------
         InputError
-            If the planes of the volume are not those of the grid.
+            If the shape of ``volume`` is not that for which the grid was made.
         """
         wanted = (len(self.rows), self.rows[0].shape[1], self.columns[0].shape[1])
         if volume.shape != wanted:

@@ -26,14 +26,14 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class SharedOptics:
-    """Settings shared by all frames: H, resampling to its period, and projections.
+    """Settings shared by all frames: H, resampling to its period, and the computation of projections.
 
     Attributes
     ----------
     psf, regions, mat_order, light_field, projection
         As in `lfcal.tasks.Reconstruct`.
     anchor
-        Pixel of a frame on which position (0, 0) of H is imaged. None: the anchor of H.
+        Pixel (row, column) of a frame onto which position (0, 0) of H is imaged. None: the anchor of H.
     resample
         Whether frames are resampled to the period of H.
     """
@@ -48,7 +48,7 @@ class SharedOptics:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Paths of the files that these settings name; for a folder, the paths of its images."""
+        """Absolute paths of the files that these settings name; for a folder, the paths of its images."""
         own = self.light_field
         others = [str(path) for path in (own.dark, own.white, own.mask, own.lattice)]
         found = (str(self.psf), *map(str, files_of_regions(self.psf, self.regions)), *others)
@@ -94,11 +94,14 @@ class SharedOptics:
         ]
 
     def view(self, H: PSFMatrix, shape: tuple[int, int]) -> Resampling | None:
-        """Return the map from frames of ``shape`` to H's period. None: frames are used unchanged."""
+        """Return the map that resamples frames of ``shape`` to the period of H. None: frames are used unchanged."""
         return resampling_for(H, shape, self.light_field) if self.resample else None
 
     def image_anchor(self, view: Resampling | None, H: PSFMatrix) -> Anchor | None:
-        """Return `anchor` if it is set, else the anchor after resampling by ``view``. None: the anchor of H."""
+        """Return `anchor` if it is set, else the anchor of H after resampling by ``view``.
+
+        None if there is neither: the stored anchor of ``H`` applies.
+        """
         if self.anchor is not None or view is None:
             return self.anchor
         return view.anchor(lattice_anchor_of(H))
@@ -115,11 +118,11 @@ class SharedOptics:
         device: str | ArrayDevice,
         method: str = "",
     ) -> Projector:
-        """Return the projector for frames of shape ``frame``, extended by ``margin`` pixels on every side.
+        """Return the projector for frames of shape ``frame`` after resampling and extension by ``margin`` on each side.
 
-        If the noise of H is known, the projector uses H with reduced noise. A non-empty ``method`` replaces the
-        projection method of the settings. ``memory`` is the memory limit in bytes. ``view`` is the resampling of the
-        frames, and ``workers`` and ``device`` are as in `Projector`.
+        ``matrices`` is the result of `open`, and ``view`` the resampling of the frames (None: none). If the noise of H
+        is known, the projector uses H with reduced noise. A non-empty ``method`` replaces the projection method of the
+        settings. ``memory`` is the memory limit in bytes; ``workers`` and ``device`` are as in `Projector`.
         """
         H, own, anchor = matrices[0], self.projection, self.image_anchor(view, matrices[0])
         shape = frame if view is None else view.shape
@@ -146,7 +149,10 @@ def wide(shape: tuple[int, int], margin: int) -> tuple[int, int]:
 
 
 def files_of_regions(psf: Path, regions: Sequence[str]) -> list[Path]:
-    """Return the H files named in ``regions``, except ``psf``, without duplicates."""
+    """Return the paths in ``regions``, without ``psf`` and duplicates.
+
+    Each entry is the name of a region in ``psf``, or the path of another H file; raise `InputError` if it is neither.
+    """
     found = [Path(file) for file, _ in _places(psf, regions) if file != psf]
     return list(dict.fromkeys(found))
 

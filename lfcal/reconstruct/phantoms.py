@@ -18,7 +18,7 @@ def nrmse(estimate: ArrayLike, truth: ArrayLike) -> float:
     Raises
     ------
     InputError
-        If shapes differ or the truth is zero everywhere.
+        If the shapes differ, the arrays are empty, or ``truth`` is zero everywhere.
     """
     a, b = _pair(estimate, truth)
     size = float(np.linalg.norm(b))
@@ -48,6 +48,8 @@ PHANTOMS = ("points", "vesicle", "plume")
 
 def points(shape: Shape, positions: Iterable[tuple[int, int, int]], brightness: float = 1.0) -> NDArray[np.float64]:
     """Return a volume of ``shape`` ``(nz, Y, X)`` that is zero except for ``brightness`` at ``positions`` (z, y, x).
+
+    The brightness of repeated positions is added up.
 
     Raises
     ------

@@ -33,7 +33,7 @@ MOST_DRIFT = 0.5
 
 @dataclass(frozen=True)
 class Resampling:
-    """Map from a frame to an image in which the period is a whole number of pixels, parallel to the axes.
+    """Map from a frame to an image in which the lenslet period is a whole number of pixels along both axes.
 
     Points are (row, column) in px; integers are pixel centres.
 
@@ -50,8 +50,8 @@ class Resampling:
     centre
         Position (row, column) of ``origin`` in the result (px).
     distortion
-        `LatticeDistortion` of the lattice in the frame, for points (column, row) in px, which the map removes;
-        ``origin`` is then that of the undistorted lattice. None: an affine map.
+        `LatticeDistortion` of the lattice in the frame, which the map removes; it applies to points (column, row) in
+        px. ``origin`` is then the centre in the undistorted lattice. None: an affine map.
 
     Examples
     --------
@@ -104,8 +104,8 @@ class Resampling:
         period
             Period ``(ny, nx)`` of H (px).
         lattice_anchor
-            Position (row, column) of H's (0, 0) relative to the nearest micro-image centre (px of the result), as in
-            `ScanPlan.lattice_anchor`. `anchor` returns the pixel of the result at that position.
+            Image (row, column) of H's source position (0, 0) relative to the nearest micro-image centre (px of the
+            result), as in `ScanPlan.lattice_anchor`. `anchor` returns the pixel of the result at that position.
         """
         matrix = _invertible(down, across, period)
         # the corners of the frame also bound it in the result, because the map is affine
@@ -201,7 +201,10 @@ class Resampling:
         return round(row), round(column)
 
     def places(self, rows: NDArray[Any], columns: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return the rows and columns in the frame (px) of pixels of the result; all arrays have the same shape."""
+        """Return rows and columns in the frame (px) of the pixels ``rows`` and ``columns`` of the result.
+
+        All four arrays have the same shape.
+        """
         steps = np.stack([rows - self.centre[0], columns - self.centre[1]])
         matrix = self._matrix()
         place = np.tensordot(matrix, steps, axes=1) + np.array(self.origin).reshape(2, *([1] * (steps.ndim - 1)))
@@ -226,7 +229,7 @@ class Resampling:
 
         ``workers`` is the number of threads (None: all processors). Light is conserved: values are multiplied by the
         area of a pixel of the result in the frame. Pixels of the result outside the frame are 0. Pixels of the result
-        near a NaN or infinite pixel of the frame are NaN, as in `inside`.
+        are NaN if one of the four surrounding pixels of the frame is NaN or infinite.
         """
         from scipy.ndimage import distance_transform_edt, map_coordinates, spline_filter
 
@@ -261,8 +264,8 @@ class Resampling:
     def inside(self, shape: tuple[int, int], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
         """Return the weights (0 or 1) of the pixels of the result, ``(rows, columns)``.
 
-        They are 1 inside a frame of ``shape``. With a ``mask`` of that shape, they are 1 only where the mask is True at
-        the four surrounding pixels of the frame.
+        They are 1 inside a frame of ``shape``, and 0 outside. With a ``mask`` of that shape, they are 1 only where the
+        mask is True at all four surrounding pixels of the frame.
         """
         rows, columns = np.mgrid[: self.shape[0], : self.shape[1]]
         row, column = self.places(rows, columns)
@@ -299,8 +302,9 @@ def resampling_for(
     """Return the map that resamples frames of ``shape`` to the period of ``H``; None if they can be used unchanged.
 
     Frames can be used unchanged if the lattice drifts by at most `MOST_DRIFT` (px) over the frame, if the lattice is
-    unknown, or if ``placed`` is not empty. If ``light_field`` states whether to resample, that applies. Create the
-    projector with the map's ``shape`` and ``anchor(lattice_anchor_of(H))``.
+    unknown, or if ``placed`` is not empty. If ``light_field`` states whether to resample (see
+    `LightFieldSettings.asked`), that applies instead. Create the projector with the map's ``shape`` and
+    ``anchor(lattice_anchor_of(H))``.
 
     Parameters
     ----------
@@ -309,8 +313,8 @@ def resampling_for(
     shape
         Shape ``(rows, columns)`` of a frame (px).
     light_field
-        Settings with a white image or a measured lattice; without them, the lattice is that of H's camera, for frames
-        of its entire sensor.
+        Settings with a white image or a measured lattice. Without them, the lattice is that of H's camera, if frames
+        show its entire sensor.
     placed
         Name of the setting that states the position of the frames in H, for messages; empty without such a setting.
     quiet
@@ -361,12 +365,12 @@ def _known_resampling(
 
 
 def resampling_of(H: Any, light_field: LightFieldSettings) -> Resampling:
-    """Return the map from frames to H's period, from the measured lattice, else the white image, else H's camera.
+    """Return the map from frames to H's period, based on a measured lattice, else a white image, else H's camera.
 
     Raises
     ------
     InputError
-        If none of them is known, or the lattice is not of the kind of H's camera.
+        If none of them is known, or the measured lattice is not of the kind of H's camera.
     """
     from lfcal.frames.corrections import read_average
     from lfcal.lattice import fit_lattice, load_lattice
@@ -414,7 +418,10 @@ def _measured(camera: Camera, fit: LatticeFit, white: NDArray[np.float32] | None
 
 
 def drift_note(camera: Any, period: tuple[int, int], shape: tuple[int, int]) -> str:
-    """Return a message if frames of ``shape`` must be resampled to ``period``, otherwise an empty string."""
+    """Return a message if frames of ``shape`` must be resampled to ``period`` ``(ny, nx)``, otherwise an empty string.
+
+    It is also empty if frames do not show the entire sensor of ``camera``.
+    """
     if not _is_whole(camera, shape):
         return ""
     view = Resampling.of_camera(camera, period)
@@ -429,7 +436,7 @@ def _is_whole(camera: Any, shape: tuple[int, int]) -> bool:
 
 
 def drift_words(view: Resampling, shape: tuple[int, int]) -> str:
-    """Return a text on the drift of the lattice over frames of ``shape``, relative to the period of ``view``."""
+    """Return a clause stating the drift of the lattice over frames of ``shape`` relative to the period of ``view``."""
     ny, nx = view.period
     return f"the lattice drifts by {view.drift(shape):.3g} px over the frame relative to H's period of {ny} x {nx} px"
 
@@ -438,7 +445,7 @@ def lattice_anchor_of(H: Any) -> Pair:
     """Return the offset (row, column) of H's position (0, 0) from the nearest type-0 micro-image centre (pixels).
 
     The offset is computed from camera and anchor of a `PSFMatrix`. Without a camera, position (0, 0) is assumed to be
-    half a period above and to the left of the centre.
+    half a period above and to the left of a micro-image centre.
     """
     ny, nx = H.shape[1:3]
     camera = H.camera

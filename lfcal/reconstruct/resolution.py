@@ -92,8 +92,8 @@ def bead_widths(volume: NDArray[np.floating], places: NDArray[np.floating], reac
     places
         Plane, row and column of each bead, ``(n, 3)`` (planes and voxels).
     reach
-        Number of voxels of a profile on each side of the bead. Across the profile, a third as many voxels on each side
-        are summed.
+        Number of voxels of a profile on each side of the bead. Perpendicular to the profile, a third as many voxels on
+        each side are summed.
     """
     widths = []
     for place in places:
@@ -127,7 +127,7 @@ def iter_two_point(
     iterations
         Number of Richardson-Lucy iterations.
     photons
-        Total number of photons in the image of a pair.
+        Expected total number of photons in the image of a pair.
     seed
         Seed of the Poisson noise. None: no noise.
     limit

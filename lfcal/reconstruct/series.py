@@ -37,7 +37,7 @@ class FrameResult:
     failed
         Reason why the frame has no volume; empty if it has one.
     chi2
-        Chi-square per pixel, as in `Reconstruction`.
+        Chi-square per pixel, as in `Reconstruction`; NaN without a volume.
     """
 
     name: str
@@ -51,9 +51,9 @@ class FrameResult:
 
     @classmethod
     def without_volume(cls, name: str, why: str, seconds: float) -> FrameResult:
-        """Return the result for the frame ``name``, which has no volume because of ``why``.
+        """Return the result for the frame ``name``, which has no volume for the reason ``why``.
 
-        ``seconds`` is the time spent on it (s).
+        ``seconds`` is the time spent on the frame (s).
         """
         return cls(name, 0, float("nan"), seconds, (), failed=why)
 

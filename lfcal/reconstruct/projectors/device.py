@@ -65,7 +65,7 @@ class ArrayDevice:
 
     @property
     def place(self) -> Any:
-        """Device object of the library; None for libraries that need none."""
+        """Device as the library expects it: an object for CuPy, a name for PyTorch; None for other libraries."""
         if self.library == "cupy":
             return self.xp.cuda.Device(self.index or 0)
         return self.text if self.library == "torch" else None
@@ -76,7 +76,10 @@ class ArrayDevice:
         return found
 
     def free_bytes(self) -> int:
-        """Return the memory that may be used now (bytes), including unused memory that the library has reserved."""
+        """Return the memory (bytes) that may be used now: free memory, and what the library has reserved but not used.
+
+        The result is at most `room`.
+        """
         if self.library == "torch" and self.index is not None:
             cuda = importlib.import_module("torch").cuda
             reserve = cuda.memory_reserved(self.index) - cuda.memory_allocated(self.index)
@@ -103,7 +106,7 @@ class ArrayDevice:
         return getattr(self.xp, np.dtype(dtype).name)
 
     def moved(self, array: NDArray[Any]) -> Any:
-        """Return a numpy array as an array on the device; do not write to it, because it may share memory."""
+        """Return ``array`` as an array on the device; do not write to the result, because both may share memory."""
         # PyTorch accepts neither read-only arrays nor negative strides
         return self.xp.asarray(np.require(array, requirements=("C", "W")), device=self.place)
 
@@ -112,7 +115,7 @@ class ArrayDevice:
         return self.xp.zeros(shape, dtype=self.dtype(dtype), device=self.place)
 
     def buffer(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Return an empty array in host memory into which `fetched` copies fastest (page-locked for accelerators)."""
+        """Return an uninitialized host array to which `fetched` copies fastest (page-locked for accelerators)."""
         if self.index is None:
             return np.empty(shape, dtype)
         if self.library == "torch":
@@ -143,7 +146,7 @@ def _namespace(library: str) -> Any:
 
 
 def device_count(library: str) -> int:
-    """Return the number of accelerators that a library in `LIBRARIES` can use; 0 if it cannot be loaded."""
+    """Return the number of accelerators that a library in `LIBRARIES` can use; 0 if the library is unusable."""
     if importlib.util.find_spec(library) is None or importlib.util.find_spec("array_api_compat") is None:
         return 0
     try:
@@ -169,7 +172,7 @@ def find_device(text: str, *, worker: int = 0) -> ArrayDevice | None:
     Raises
     ------
     InputError
-        If the text is invalid, or there is no such accelerator.
+        If the text is invalid. For ``cuda``, if there is no such accelerator, or it computes incorrectly.
     """
     kind, _, number = text.partition(":")
     if kind not in ("auto", "cpu", "cuda") or (number and kind != "cuda") or (":" in text and not number.isdecimal()):

@@ -41,7 +41,7 @@ APART_PX = 1.0
 
 
 def place_weights(middles: Sequence[Pair], points: F8) -> F8:
-    """Return the weights ``(regions, n)`` of the regions at ``points`` ``(n, 2)``; they are at least 0 and sum to one.
+    """Return the weights ``(regions, n)`` of the regions at ``points``; they are at least 0, and sum to 1 at each point.
 
     Weights are linear within each triangle of neighbouring regions (Delaunay), or along the line if all regions are on
     one line. Outside the triangles, a point has the weights of the nearest point inside.
@@ -56,7 +56,7 @@ def place_weights(middles: Sequence[Pair], points: F8) -> F8:
     Raises
     ------
     InputError
-        If two regions have the same position.
+        If two regions are less than `APART_PX` pixels apart.
     """
     # slow to import
     from scipy.spatial import ConvexHull, Delaunay
@@ -116,7 +116,7 @@ def _on_hull(places: F8, edges: NDArray[Any], points: F8) -> F8:
 
 
 def field_weights(middles: Sequence[Pair], shape: tuple[int, int]) -> list[F8]:
-    """Return the weight image ``(rows, columns)`` of each region; the weights sum to one at every pixel.
+    """Return an image of ``shape`` with the weights of each region; the weights sum to 1 at every pixel.
 
     ``middles`` are the centres of the regions as pixels (row, column) of the image. They may be outside the image.
     """
@@ -168,16 +168,16 @@ class FieldProjector(Projector):
 
     ``H_r`` is the H of region r. ``W_r`` weights voxels by their position relative to the centres of the regions
     (`field_weights`); the weights of a voxel sum to one. For one region, the operator equals that region's `Projector`
-    exactly. Each region is projected only where its weight is not zero. With many regions, this takes as long as a
-    projection with one H; with two or three, up to two or three times as long.
+    exactly. Each region is projected only on the rectangle in which its weights are not zero. As these rectangles
+    overlap, a projection with many regions takes several times as long as with one H (about six times in a test).
 
     Parameters
     ----------
     matrices
         H of each region; periods and planes must be the same, but cutouts may differ. The ``anchor`` of each H states
-        the position of its region, whose centre is half a period from the anchor, as in the scan. Patterns of
-        neighbouring regions must not be displaced: the accumulated difference between the array's pitch and the period
-        must be less than a pixel between neighbours.
+        the position of its region, whose centre is half a period below and to the right of the anchor, as in the scan.
+        Patterns of neighbouring regions must not be displaced relative to each other: over their distance, the
+        difference between the array's pitch and the period must add up to less than a pixel.
     image_shape, method, dtype, threshold, tolerance, memory_limit, workers, phases, device
         As in `Projector`. The ``phases`` refer to the first H, and the regions share the memory of a device.
     anchor
@@ -187,7 +187,8 @@ class FieldProjector(Projector):
     Raises
     ------
     InputError
-        If the matrices do not belong together, two have the same position, or one has none; and as in `Projector`.
+        If there are no matrices, one is not a `PSFMatrix`, their periods or planes differ, or two have the same
+        position; also as in `Projector`.
 
     Examples
     --------

@@ -70,8 +70,8 @@ class ProjectionProblem:
     read_s
         Time to read one plane of H (s).
     kept
-        Mapping from the node spacing of a reduced H to the fraction of its entries that are stored; empty without a
-        tolerance.
+        Fraction of the entries of H that the method ``"reduced"`` stores in addition to its nodes, for each possible
+        spacing of the nodes; empty without a tolerance.
     tiles
         Requested tiles. None: the forecast chooses them.
     noisy
@@ -90,7 +90,7 @@ class ProjectionProblem:
     noisy: bool = False
 
     def tile_plans(self) -> list[TilePlan]:
-        """Return the requested tiles, or all tiles to compare."""
+        """Return the requested division of the image into tiles, or all divisions to compare."""
         counts = [tile_counts(c, r) for c, r in zip(self.grid.cells, self.grid.reach, strict=True)]
         given = None if self.tiles is None else [(self.tiles.down, self.tiles.across)]
         return [TilePlan(self.grid, (y, x)) for y, x in given or itertools.product(*counts)]
@@ -113,18 +113,18 @@ class ProjectionProblem:
 
 @dataclass(frozen=True, slots=True)
 class ProjectionForecast:
-    """Chosen projection method with its cost, and the costs of the other methods.
+    """Chosen projection method with its predicted cost, and the costs of the other methods.
 
     Attributes
     ----------
     chosen
-        Forecast of the chosen method.
+        Cost of the chosen method.
     plan
         Division of the image into tiles by the chosen method; None for methods without tiles.
     band
         Number of rows of tiles that are processed together; None for methods without tiles.
     options
-        Forecasts of all examined methods.
+        Cost of each examined method, with its fastest division into tiles.
     memory_limit
         Largest amount of memory that a projection may use (bytes).
     device
@@ -164,8 +164,8 @@ Option = tuple[Cost, TilePlan | None, int | None]
 def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> ProjectionForecast:
     """Return the fastest method for ``problem`` within ``memory_limit`` bytes, with the costs of all examined methods.
 
-    If ``method`` is ``"auto"``, all methods that may be the fastest are examined, otherwise only ``method`` (see
-    `Projector`).
+    The time of `PAIRS` forward and adjoint projections is compared, including set-up. If ``method`` is ``"auto"``, all
+    methods that may be the fastest are examined, otherwise only ``method`` (see `Projector`).
 
     Raises
     ------
@@ -213,7 +213,7 @@ def forecast(problem: ProjectionProblem, method: str, memory_limit: int) -> Proj
 
 
 def reading_seconds(reader: PlaneReader) -> float:
-    """Return the time to read one plane of H (s), estimated from one row of source positions."""
+    """Return the time to read one plane of H (s), extrapolated from the first row of source positions."""
     # one row of source positions is enough to time the disk and the decoding
     start = time.perf_counter()
     np.asarray(reader.H[0, 0], reader.dtype)
@@ -384,7 +384,10 @@ def _polyphase(problem: ProjectionProblem, limit: int) -> list[Option]:
 
 
 def tile_counts(cells: int, reach: int) -> list[int]:
-    """Return the numbers of tiles to compare along an axis of ``cells`` cells; ``reach`` is as in `Grid.reach`."""
+    """Return the numbers of tiles to compare along an axis with ``cells`` lattice cells.
+
+    ``reach`` is the entry of `Grid.reach` for this axis.
+    """
     # sizes grow by sqrt(2): finer steps change the estimate by less than its error
     sizes = {max(1, round(max(1, reach) * 2 ** (k / 2))) for k in range(-2, 16)}
     return sorted({1, *(-(-cells // v) for v in sizes if v < cells and v + 2 * reach <= 512)})

@@ -20,7 +20,7 @@ FARTHEST = 1e9
 
 
 def anchor_pixel(anchor: tuple[float, float], *, hair: float = 0.0) -> Pair:
-    """Return the pixel (row, column) that contains ``anchor``; values up to ``hair`` below an integer are rounded up.
+    """Return ``anchor`` (row, column) rounded down to a pixel; values up to ``hair`` below an integer are rounded up.
 
     Raises
     ------
@@ -36,6 +36,8 @@ def anchor_pixel(anchor: tuple[float, float], *, hair: float = 0.0) -> Pair:
 @dataclass(frozen=True)
 class Grid:
     """Mapping of pixels to periods: pixel v has phase ``(v - anchor) mod n`` and lattice cell ``(v + origin) // n``.
+
+    v and the period n are (row, column).
 
     Attributes
     ----------
@@ -99,7 +101,7 @@ class Grid:
         return self.image_shape[0] * self.image_shape[1]
 
     def pack(self, plane: NDArray[Any], dtype: Any, *, before: Pair = (0, 0), after: Pair = (0, 0)) -> NDArray[Any]:
-        """Return ``plane`` as ``dtype``, zero-padded to complete cells ``(Ly*ny, Lx*nx)``.
+        """Return ``plane`` as ``dtype``, zero-padded to the complete `cells`, ``(Ly*ny, Lx*nx)``.
 
         ``before`` and ``after`` are the numbers (rows, columns) of further zero pixels at the start and at the end.
         """
@@ -111,7 +113,7 @@ class Grid:
         return out
 
     def unpack(self, packed: NDArray[Any], *, before: Pair = (0, 0)) -> NDArray[Any]:
-        """Return the image in ``packed`` as a view (inverse of `pack`, with the same ``before``)."""
+        """Return the image contained in ``packed`` as a view: the inverse of `pack` with the same ``before``."""
         top, left = before[0] + self.origin[0], before[1] + self.origin[1]
         return packed[top : top + self.image_shape[0], left : left + self.image_shape[1]]
 

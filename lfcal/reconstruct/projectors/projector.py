@@ -42,7 +42,7 @@ SMALL_S = 3e-3
 
 
 class Projector:
-    """Linear operator of a periodic PSF matrix H, and its exact adjoint; light from outside the volume is zero.
+    """Linear operator of a periodic PSF matrix H, and its exact adjoint; there is no light from outside the volume.
 
     `forward` computes the image ``f[p] = sum_z sum_v g[z, v] H[z, (v - anchor) mod n][p - v + c]`` of a volume g.
     `adjoint` computes the back projection ``b[z, v] = sum_p f[p] H[z, (v - anchor) mod n][p - v + c]`` (Eberhart et al.
@@ -197,7 +197,7 @@ class Projector:
 
     @property
     def tolerance(self) -> float:
-        """Largest fraction of the light that projections may omit; 0 for an exact method."""
+        """Largest fraction of the light that projections may omit, as requested; 0: projections are exact."""
         return self._tolerance
 
     def operand_bytes(self) -> int:
@@ -217,13 +217,16 @@ class Projector:
 
     @property
     def known_depths(self) -> NDArray[np.float64] | None:
-        """Depth of each plane (µm), ``(nz,)``; None if H states none, as in some files of other software."""
+        """Depth of each plane (µm), ``(nz,)``; None if H is not a `PSFMatrix`, or states no depths."""
         H = self._reader.H
         return np.asarray(H.depths, float) if isinstance(H, PSFMatrix) and H.knows_depths else None
 
     @property
     def noise(self) -> NDArray[np.float64] | None:
-        """Variance of H's entries at zero signal, and its increase per unit of signal, ``(nz, 2)``; None if unknown."""
+        """Mean noise of each plane of H, ``(nz, 2)``: variance at zero signal, and its increase per unit of signal.
+
+        0 for planes whose noise is unknown; None if it is unknown for all.
+        """
         return mean_noise(self._reader.H)
 
     def denoised(self) -> Projector:
@@ -236,10 +239,10 @@ class Projector:
             return self._quiet
 
     def with_new_noise(self, seed: int) -> Projector:
-        """Return a projector of H as if its patterns were recorded again, with noise drawn with ``seed``.
+        """Return a projector of H with additional random noise, of the same variance as that of its recorded patterns.
 
-        The noise is reduced, like that of H, if this is a `denoised` projector. If the noise of H is unknown, this
-        projector is returned.
+        ``seed`` is the seed of the noise. The noise is reduced, like that of H, if this is a `denoised` projector. If
+        the noise of H is unknown, this projector is returned.
         """
         return self if self.noise is None else self._reading(noise_seed=seed)
 
@@ -277,14 +280,14 @@ class Projector:
         return out
 
     def adjoint_planes(self, image: NDArray[Any]) -> Iterator[NDArray[Any]]:
-        """Yield the planes ``(Y, X)`` of the back projection of ``image``, each valid until the next is requested."""
+        """Yield the planes ``(Y, X)`` of the back projection of ``image``, each of them valid until the next is read."""
         return self._engine.adjoint(image, self._each_operand())
 
     def subset(self, phases: ArrayLike) -> Projector:
-        """Return a projector restricted to the image phases at which the mask ``phases`` ``(ny, nx)`` is True.
+        """Return a projector that uses only the image phases at which the mask ``phases`` ``(ny, nx)`` is True.
 
-        It uses the same method, and is created only once for each mask. If the prepared planes do not depend on the
-        phases, it shares them with this projector.
+        The mask is as in `Projector`. The returned projector uses the same method, and is created only once for each
+        mask. If the prepared planes do not depend on the phases, it shares them with this projector.
         """
         mask = _phase_mask(phases, self.period)
         with self._lock:
@@ -318,7 +321,7 @@ class Projector:
         return _remade, (made, self._reader.changes)
 
     def iter_prepare(self) -> Work[Projector]:
-        """Prepare the planes of H before the first projection, if they fit into memory; return this projector."""
+        """Prepare the planes of H before the first projection, if all fit into memory; return this projector."""
         yield from self._iter_planes()
         return self
 
