@@ -41,7 +41,7 @@ APART_PX = 1.0
 
 
 def place_weights(middles: Sequence[Pair], points: F8) -> F8:
-    """Return the weights ``(regions, n)`` of the regions at ``points``; they are at least 0, and sum to 1 at each point.
+    """Return the weights ``(regions, n)`` of the regions at ``points``; they are at least 0 and sum to 1 at each point.
 
     Weights are linear within each triangle of neighbouring regions (Delaunay), or along the line if all regions are on
     one line. Outside the triangles, a point has the weights of the nearest point inside.

@@ -280,7 +280,7 @@ class Projector:
         return out
 
     def adjoint_planes(self, image: NDArray[Any]) -> Iterator[NDArray[Any]]:
-        """Yield the planes ``(Y, X)`` of the back projection of ``image``, each of them valid until the next is read."""
+        """Yield the planes ``(Y, X)`` of the back projection of ``image``, each of which is valid until the next."""
         return self._engine.adjoint(image, self._each_operand())
 
     def subset(self, phases: ArrayLike) -> Projector:
