@@ -169,7 +169,7 @@ class Variants:
     by
         Name of the field that states the kind. Every kind has this field, whose default is the name of the kind.
     find
-        Function that returns the kind for a name, which need not be in ``kinds``, and raises `InputError` for unknown
+        Function that returns the kind with a name, even if it is not in ``kinds``, and raises `InputError` for unknown
         names.
     names
         Function that returns the names of all kinds.
@@ -195,7 +195,7 @@ def one_of(default: T, title: str, variants: Variants) -> T:
 
 @typing.dataclass_transform(frozen_default=True, kw_only_default=True)
 def record(kind: type[T]) -> type[T]:
-    """Make a class a frozen dataclass with keyword-only fields, which are listed with their help in its docstring."""
+    """Make a class a frozen dataclass with keyword-only fields, and list them with their help in its docstring."""
     made = dataclass(frozen=True, kw_only=True)(kind)
     said, mark, examples = inspect.cleandoc(made.__doc__ or "").partition("\nExamples\n")
     lines = ["", "Attributes", "----------"]
@@ -280,7 +280,7 @@ class FieldRow:
         return self.name.upper() if self.opt.argument else self.flag
 
     def paths_of(self, value: Any) -> tuple[Path, ...]:
-        """Return the paths that ``value`` contains; empty if the field contains none."""
+        """Return the paths in ``value``, a value of the field or a tuple of values; empty if it contains none."""
         every = value if isinstance(value, tuple) else (value,)
         return tuple(Path(one) for one in every if self.opt.file and one and self.opt.is_path(str(one)))
 
@@ -576,9 +576,11 @@ def from_dict(kind: type[T], data: Mapping[str, Any], what: str = "") -> T:
 
 
 def flat(known: tuple[FieldRow, ...], data: Mapping[str, Any], what: str, fields: str = "its fields") -> dict[str, Any]:
-    """Return the values of a nested dictionary by field name; errors refer to ``what`` and its ``fields``.
+    """Return the checked values of the nested dictionary ``data`` by field name.
 
-    Required fields that are None, and flags that choose a kind but are off, are left out.
+    ``known`` contains the allowed fields. An error for an unknown entry refers to the record as ``what``, and states
+    ``fields`` as what was expected. Required fields that are None, and flags that choose a kind but are off, are left
+    out.
     """
     found: dict[str, Any] = {}
     paths = {row.path: row for row in known}

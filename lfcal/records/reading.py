@@ -69,7 +69,7 @@ def read_pair(text: str) -> tuple[float, float]:
 
 
 def read_range(text: str) -> tuple[float, float]:
-    """Return the smallest and the largest value from a text such as ``"2,6"``."""
+    """Return two numbers, the smallest and the largest value, from a text such as ``"2,6"``; any order is accepted."""
     fields = [field.strip() for field in text.split(",")]
     if len(fields) != 2 or not all(re.fullmatch(NUMBER, field) for field in fields):
         raise InputError.expected(
@@ -96,7 +96,7 @@ def read_cutout_or_auto(text: str) -> tuple[int, int] | str | None:
 
 
 def read_position(text: str) -> tuple[int, int]:
-    """Return the position (y, x) from a text such as ``"9,16"``."""
+    """Return the indices (y, x) of a source position from a text such as ``"9,16"``."""
     found = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
     if found is None:
         raise InputError.expected("position", "y,x", repr(text), "write two whole numbers with a comma: 9,16")
@@ -129,7 +129,7 @@ def _times_ten(number: str, power: int) -> float:
 
 
 def read_length_um(text: str) -> float:
-    """Return a length in µm from a text with a unit (nm, um, µm or mm); without a unit, it is in µm."""
+    """Return a length in µm from a number with a unit (nm, um, µm or mm); a number without a unit is in µm."""
     found = re.fullmatch(rf"({NUMBER})\s*(nm|um|µm|mm)?", text.strip())
     if found is None:
         raise InputError.expected(
@@ -139,7 +139,10 @@ def read_length_um(text: str) -> float:
 
 
 def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
-    """Return the planes from ``"a,b,c"`` or ``"start:stop:step"``; with ``lengths``, in µm unless a unit follows."""
+    """Return the values for each plane from ``"a,b,c"``, or from ``"start:stop:step"`` with ``stop`` included.
+
+    With ``lengths``, the numbers may have a unit (um, µm or mm; none: µm), and the result is in µm.
+    """
     fields = re.split("[,:]", text)
     values = [_plane(field, lengths) for field in fields]
     if ":" not in text:
@@ -227,7 +230,10 @@ def read_count(text: str, at_least: int, words: tuple[str, ...]) -> int | str:
 
 
 def check_count(name: str, value: object, at_least: int, *words: str) -> None:
-    """Raise `InputError` unless ``value`` is a whole number of at least ``at_least``, or one of ``words``."""
+    """Raise `InputError` unless ``value`` is a whole number of at least ``at_least``, or one of ``words``.
+
+    ``name`` is the name of the value in the message.
+    """
     if value in words:
         return
     if isinstance(value, bool) or not isinstance(value, int) or value < at_least:
@@ -237,7 +243,7 @@ def check_count(name: str, value: object, at_least: int, *words: str) -> None:
 
 
 def read_voxel(text: str) -> float | str:
-    """Return the side of a voxel in µm, or ``"auto"``."""
+    """Return the side of a voxel in µm, parsed by `read_length_um`; ``"auto"`` is returned unchanged."""
     try:
         return text.strip() if text.strip() == "auto" else read_length_um(text)
     except InputError:
@@ -245,7 +251,10 @@ def read_voxel(text: str) -> float | str:
 
 
 def check_voxel(name: str, value: object) -> None:
-    """Raise `InputError` unless ``value`` is None, ``"auto"`` or a length in µm."""
+    """Raise `InputError` unless ``value`` is None, ``"auto"`` or a positive, finite number of µm.
+
+    ``name`` is the name of the value in the message.
+    """
     if value in (None, "auto"):
         return
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:

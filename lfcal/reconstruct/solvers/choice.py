@@ -183,7 +183,10 @@ class SolverChoice:
 
     @classmethod
     def of(cls, settings: SolverFields, margin: int = 0) -> SolverChoice:
-        """Return the choice described by ``settings``, such as `SieveSolver`, with a ``margin`` (px)."""
+        """Return the choice described by ``settings``, such as a `SieveSolver`, with a ``margin`` (px).
+
+        Automatic iterations are limited to `MOST_ITERATIONS`.
+        """
         known = {one.name: getattr(settings, one.name) for one in fields(settings)}
         end = SOLVER_ENDS.get(str(settings.iterations))
         if end is not None:
@@ -197,7 +200,10 @@ class SolverChoice:
 
     @property
     def known_noise(self) -> tuple[float, float] | None:
-        """Counts per photo-electron, and rms read noise (counts), for chi-square. None: unknown."""
+        """Counts per photo-electron, and rms read noise (counts), for chi-square. None: unknown.
+
+        They are `gain` and `read_noise`; if `gain` is None, they are computed from `noise`.
+        """
         if self.gain is not None:
             return self.gain, self.read_noise
         return None if self.noise is None else (self.noise[1], math.sqrt(self.noise[0]))

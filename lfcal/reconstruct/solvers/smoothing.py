@@ -122,7 +122,11 @@ class DepthSmoothing:
         return cls(tuple(smoothing_widths(camera, depths)), lobes)
 
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return a smoothed copy of ``volume`` ``(nz, Y, X)``; negative values become 0, borders are renormalized."""
+        """Return a smoothed copy of ``volume`` ``(nz, Y, X)``, without negative values.
+
+        Near the border, the kernel is normalized to its part inside the volume. Raise `InputError` unless `widths` has
+        one value for each plane.
+        """
         if len(self.widths) != len(volume):
             raise InputError.expected(
                 "smoothing widths", f"one per plane ({len(volume)})", len(self.widths), "give one width per plane"
@@ -141,7 +145,7 @@ class DepthSmoothing:
 
 @dataclass(frozen=True)
 class Sieve:
-    """Gaussian filter with one width per plane, which removes finer details (Snyder & Miller 1985).
+    """Gaussian filter with a separate width for each plane; it removes finer details (Snyder & Miller 1985).
 
     Attributes
     ----------

@@ -354,7 +354,10 @@ def _pixel_um(described: Scene | Outlook) -> float:
 
 
 def tilt_orders(described: Scene | Outlook, reach_um: float) -> int:
-    """Return the number of fields needed for a tilted array, for lenslets within ``reach_um`` (µm); 1 without tilt."""
+    """Return the number of fields needed for a tilted array if lenslets up to ``reach_um`` (µm) away receive light.
+
+    It is 1 without tilt, and for an outlook.
+    """
     if not isinstance(described, Scene) or described.tilt == (0.0, 0.0):
         return 1
     from lfcal.simulate.engines import orders_of  # compiled code: loaded only when it is needed

@@ -129,8 +129,9 @@ class Zernike(_Aberration):
     Attributes
     ----------
     terms
-        Tuples ``(n, m, waves)``, each adding ``waves`` times R_n^|m|(rho) cos(m theta), or sin(|m| theta) for m < 0.
-        The radial polynomial R is 1 at the rim rho = 1; ``waves`` is in wavelengths.
+        Tuples of radial order n, azimuthal order m and coefficient ``waves`` (wavelengths). Each adds ``waves`` times
+        R_n^|m|(rho) cos(m theta), or R_n^|m|(rho) sin(|m| theta) for m < 0. The radial polynomial R is 1 at the rim rho
+        = 1.
 
     Examples
     --------

@@ -297,7 +297,7 @@ class Effect(ABC):
         return has_value(camera, cls.described.get(field, ""))
 
     def settled_by(self, camera: Camera) -> str:
-        """Return `measured_by`, the measurement that determines the effect's size; empty without a lattice."""
+        """Return `measured_by`, which determines the size of the effect; empty if ``camera`` has no lattice."""
         return self.measured_by if camera.has_lattice else ""
 
     @abstractmethod

@@ -102,7 +102,10 @@ class ChromaticFocus(_Chromatic):
         return Estimate(shift, "µm", error, "da = rate dl; blur s = da/sqrt(12)/(4 Nw v), or 0.09 (1.2 s/w)^1.5")
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with an image distance that depends on the wavelength."""
+        """Return ``scene`` with an image distance that depends on the wavelength.
+
+        Raise `InputError` if the image would be in front of the main lens at one end of the spectrum.
+        """
         shift = self.rate * self.width(outlook)
         if not shift:
             return scene
