@@ -36,7 +36,10 @@ class CosFourth(FrameEffect):
     rank: ClassVar[int] = 10
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the loss 1 - cos^4 at the rms distance of the lit pixels from the axis, as size and as error."""
+        """Return the loss 1 - cos^4 at the rms distance of the light from the axis, both as size and as error.
+
+        For a telecentric camera, both are 0.
+        """
         optics = outlook.camera.optics
         if optics.telecentric:
             return Estimate(0.0, "relative", 0.0, "telecentric")

@@ -94,7 +94,7 @@ class MissingLenslets(SceneEffect):
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with the defective lenslets added."""
+        """Return ``scene`` with these lenslets added to its defects, except those that transmit all light."""
         del outlook
         found = tuple(one for one in self.lenslets if one[2] != 1.0)
         return replace(scene, defects=scene.defects + found) if found else scene
@@ -141,7 +141,9 @@ class LensletSpherical(SceneEffect):
     titles: ClassVar[Mapping[str, str]] = {name: f"more in lens type {k}" for k, name in enumerate(OF_TYPES)}
 
     def of_types(self, types: int) -> tuple[float, ...]:
-        """Return the aberration of each lens type in addition to `waves` (waves); ``types`` is the number of types.
+        """Return the additional aberration of each lens type (waves), to be added to `waves`.
+
+        ``types`` is the number of lens types of the camera.
 
         Raises
         ------
@@ -157,7 +159,10 @@ class LensletSpherical(SceneEffect):
         return by_type[:types]
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the mean |W| of the lens types (waves), and the relative error due to the mean spot shift."""
+        """Return the mean of |W| over the lens types (waves), and the relative error due to the mean spot shift.
+
+        W includes the additional aberration of each type.
+        """
         radius = 0.5 * outlook.clear_um
         # moved light is proportional to the size: all types count equally
         sizes = [abs(self.waves + more) for more in self.of_types(len(outlook.camera.lattice.types))]

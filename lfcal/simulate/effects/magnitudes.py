@@ -31,9 +31,9 @@ SHOWN = {"_um": "µm", "_rad": "°", "_s": "s"}
 
 
 def units_of(kind: type[Effect], field: str) -> dict[str, float]:
-    """Return the units in which the magnitude ``field`` of ``kind`` may be given: unit to its size in the field's unit.
+    """Return the units in which the magnitude ``field`` of ``kind`` may be given, with their sizes in the field's unit.
 
-    A fraction, for example, may be given in ``"%"``, with the size 0.01.
+    For a fraction, for example, the result is ``{"%": 0.01}``.
     """
     named = kind.units.get(field)
     if named is not None:
@@ -238,6 +238,6 @@ def shown_unit(kind: type[Effect], field: str) -> tuple[str, float]:
 
 
 def plain_title(field: str) -> str:
-    """Return the name of a field as words, without the unit at its end."""
+    """Return the name of a field as words, without ``_um``, ``_rad`` or ``_s`` at its end."""
     base, _, unit = field.rpartition("_")
     return (base if f"_{unit}" in SHOWN and base else field).replace("_", " ")

@@ -49,9 +49,9 @@ class VectorialPupil(SceneEffect):
 
         The formula for the error was fitted to simulations. In focus, the error grows with sin²(alpha), where alpha is
         the half angle of the objective, and with the ratio of the focal spot to the lenslets. It is smaller if pixels
-        are wider than the interference fringes between lenslets. The more waves of defocus, the closer together must
-        parts of the pupil be for their light to overlap on the sensor, and the smaller is the error. For images behind
-        the array, light also overlaps where micro-images do. With a main lens, both results are 0.
+        are wider than the interference fringes between lenslets. It decreases with defocus, because only light from
+        neighbouring parts of the pupil then overlaps on the sensor. For images behind the array, light from other parts
+        also overlaps, where micro-images do. With a main lens, both results are 0.
         """
         optics, lattice = outlook.camera.optics, outlook.camera.lattice
         if not isinstance(optics, Microscope):

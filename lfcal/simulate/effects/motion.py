@@ -60,7 +60,10 @@ class PositioningError(MotionEffect):
         return rms
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms shift of the image in y, and in x (px), and the relative error due to the mean total shift."""
+        """Return the rms shift of the image along each of y and x (px), and the relative error.
+
+        The error is due to the mean length of the shift, which is 1.25 times this value.
+        """
         shift = _pixels(outlook, self.rms(outlook.camera))
         length = math.sqrt(math.pi / 2) * shift  # mean length of a two-dimensional normal deviate
         return Estimate(shift, "px", outlook.source_moved(length), "|M| e; spots by 1.25 |M| e/v, shadow by 1.25 |M| e")
@@ -169,7 +172,7 @@ class Drift(MotionEffect):
         return self.magnitude("rows_um", camera), self.magnitude("columns_um", camera)
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the final shift of the image (px), and the relative error due to half of this shift, the mean."""
+        """Return the final shift of the image (px), and the relative error due to half of this shift, its mean."""
         shift = _pixels(outlook, math.hypot(*self.end(outlook.camera)))
         return Estimate(shift, "px", outlook.source_moved(0.5 * shift), "||M| e at the end, half of it on average")
 

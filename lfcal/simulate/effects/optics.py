@@ -305,8 +305,8 @@ class LensLaw(SceneEffect):
 
     Without this effect, a ray from the height u in the pupil (1 at the rim) reaches the array at the angle theta to the
     axis with sin theta = u/(2 Nw), as in a lens free of coma. Nw is the working f-number. In a thin lens with a stop of
-    diameter f/N, tan theta = u/(2 Nw). An iris that is smaller by the fraction 1/(8 Nw²) has nearly the same effect. A
-    microscope objective obeys the sine condition.
+    diameter f/N, tan theta = u/(2 Nw). Compared with the sine condition, this has nearly the same effect as an iris
+    that is smaller by the fraction 1/(8 Nw²). A microscope objective obeys the sine condition.
 
     Attributes
     ----------
@@ -336,7 +336,7 @@ class LensLaw(SceneEffect):
     needs_waves: ClassVar[bool] = True
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the absolute relative change of the marginal ray's sine, and the relative error.
+        """Return the magnitude of the relative change of the marginal ray's sine, and the relative error.
 
         The error is due to the changed size of the iris's shadow. For a microscope, both results are 0.
         """

@@ -181,7 +181,7 @@ class Outlook:
 
     @property
     def geometric_px(self) -> tuple[float, ...]:
-        """Radius of the geometric spot for each lens type (px)."""
+        """Radius of the geometric spot on the sensor for each lens type (px): `lit_px` times absolute `defocus`."""
         return tuple(abs(s) * self.lit_px for s in self.defocus)
 
     @property
@@ -319,8 +319,8 @@ class Outlook:
 class PupilOutlook(Outlook):
     """Input for the estimates of a Fourier light-field microscope, whose lenslets image the source directly.
 
-    No image is formed near the lenslets. The virtual depth and quantities derived from it therefore raise
-    `lfcal.camera.NoLatticeError`.
+    No image is formed near the lenslets. The virtual depth, and those quantities of `Outlook` that depend on it and are
+    not redefined here, therefore raise `lfcal.camera.NoLatticeError`.
 
     Examples
     --------
@@ -338,7 +338,7 @@ class PupilOutlook(Outlook):
 
     @cached_property
     def scene(self) -> PupilScene:
-        """Scene of the ideal camera, centred on the optical axis."""
+        """Scene of the ideal camera, whose source position (0, 0) is on the optical axis."""
         optics, sensor = self.camera.optics, self.camera.sensor
         assert isinstance(optics, Microscope)
         return PupilScene(
@@ -377,7 +377,7 @@ class PupilOutlook(Outlook):
 
     @property
     def fresnel_lenslets(self) -> tuple[float, ...]:
-        """Fresnel number of the defocused spot of each lenslet."""
+        """Fresnel number of the defocused spot of each lenslet, as in `Outlook` with r = `clear_um`/2."""
         unit = self.clear_um / 2 * self.pixel_um / (self.wavelength_um * self.gap_um)
         return tuple(radius * unit for radius in self.geometric_px)
 

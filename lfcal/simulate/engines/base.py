@@ -163,7 +163,7 @@ class PlaneEngine(Protocol):
 
 @runtime_checkable
 class Displaceable(Protocol):
-    """An engine whose tables can also be used for displaced sources."""
+    """Protocol for an engine whose tables can also be used for displaced sources."""
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> PlaneEngine:
         """Return an engine of the same plane for displaced sources.

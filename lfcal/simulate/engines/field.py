@@ -61,7 +61,9 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True)
 class FieldTable:
-    """The field on a square grid about the source's image; unit energy passes the (unvignetted) iris.
+    """The main lens's field on the array, on a square grid about the source's image.
+
+    The energy that passes the iris is 1 without vignetting.
 
     Attributes
     ----------
@@ -93,7 +95,10 @@ def choose_mode(scene: Scene) -> str:
 
 
 def field_modes(scene: Scene) -> tuple[str, ...]:
-    """Return the modes of the fields whose intensities add up to the light of a point: one, or several if vectorial."""
+    """Return the modes of the fields whose intensities add up to the light of a point (see `FieldTable`).
+
+    There is one mode, or several for a vectorial scene.
+    """
     if scene.objective is None or not scene.vectorial:
         return (choose_mode(scene),)
     carrying = debye_fields(scene)

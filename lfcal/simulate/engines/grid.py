@@ -255,7 +255,7 @@ class GridPlane:
         return step.astype(self._dtype)
 
     def in_mode(self, mode: str) -> GridPlane:
-        """Return an engine for another field of the scene, given by its ``mode``, that shares the array's table."""
+        """Return an engine for the field of the scene in another ``mode``; it shares the table of the array."""
         other = copy(self)
         other.mode, other._lit, other._wider = mode, None, None
         other._table, other._size = other._main_field()

@@ -203,7 +203,7 @@ def bent_polygon(
 def bent_polygon_table(
     outline: Points, dx: float, reach: float, bend: Bend
 ) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], float]:
-    """Return the real and imaginary parts of `bent_polygon` as tables like `polygon_table`, and their step.
+    """Return the real and imaginary parts of `bent_polygon` as tables like that of `polygon_table`, and their step.
 
     The arguments are as in `bent_polygon`; ``reach`` is as in `polygon_table`.
     """

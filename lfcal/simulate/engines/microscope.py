@@ -87,7 +87,7 @@ RowName = tuple[float, int, int]  # pitch, reach, and place of a node behind its
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Symmetry that derives a response from one already computed: axes swapped first, then flipped along y and x."""
+    """Symmetry operations that derive a response from another: a swap of the axes, then flips along y and x."""
 
     flip_y: bool
     flip_x: bool
@@ -122,9 +122,9 @@ def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
 
 
 def reach_um(scene: Scene, sampling: Sampling) -> tuple[float, float]:
-    """Return the distance from the source up to which light on the array is computed, and the width of the fade-out.
+    """Return the distance from the source's image up to which light on the array is computed (µm).
 
-    Both are in µm.
+    The second result is the width of the fade-out at the end of this distance (µm).
     """
     pitch = max(scene.lattice.pitch_um, scene.lattice.row_step_um)
     # how far light of cone and lenslets travels sideways over the gap: lenslets outside the cutout may contribute

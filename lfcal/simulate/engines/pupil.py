@@ -130,7 +130,7 @@ def pupil_cost(scene: PupilScene, level: str, sampling: Sampling) -> float:
 
 
 def pupil_bytes(scene: PupilScene, level: str, sampling: Sampling) -> int:
-    """Return the peak memory of one response (bytes)."""
+    """Return the estimated peak memory for computing one response (bytes)."""
     sizes = [_sizes(scene, sampling, float(focal), whole=level == "reference") for focal in scene.lenslets.focal_um]
     held = sum(8 * n * (rows + columns) for n, rows, columns in sizes)
     made = max(64 * n * n + 24 * n * (rows + columns) for n, rows, columns in sizes)
@@ -173,7 +173,7 @@ class PupilPlane:
 
     @property
     def grid_side(self) -> int:
-        """0, because the size of a window differs between spots."""
+        """Always 0, because the size of a window differs between spots."""
         return 0
 
     @property

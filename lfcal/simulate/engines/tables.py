@@ -254,10 +254,11 @@ def window_of(scene: Scene, sampling: Sampling, mode: str, kind: int) -> tuple[i
 
 
 def zoom_of(rule: NodeRule, width: int, px: float, rates: NDArray[Any], dtype: type) -> Zoom:
-    """Return the transform from samples with phases ``rates`` (rad per µm on the sensor) to the nodes of a window.
+    """Return the transform from samples on the array to the nodes of a window on the sensor, along one axis.
 
-    ``rule`` contains the nodes in a pixel, the window is ``width`` pixels wide, and ``px`` is the pixel pitch (µm).
-    ``dtype`` is the real type of the transform.
+    ``rates`` contains, for the samples from the aperture's middle to its edge, the increase of the phase along the
+    sensor (rad/µm). ``rule`` contains the nodes in a pixel, the window is ``width`` pixels wide, and ``px`` is the
+    pixel pitch (µm). ``dtype`` is the real type of the transform.
     """
     nodes = rule.positions(width) * px
     angle = np.outer(nodes[nodes.size // 2 :], rates)
