@@ -256,9 +256,9 @@ def iter_next_positions(
     count
         Number of positions; a fifth of them is evenly spread and held out.
     setup
-        The assumed camera. None: the camera of ``earlier``, or of the plan.
+        Assumed camera, effects, depths and stage. None: those of ``earlier``, or else as planned.
     groups
-        Groups of unknowns. None: those of ``earlier``, or else those with which ``"auto"`` starts in
+        Names of the groups of unknowns. None: those of ``earlier``, or else those with which ``"auto"`` starts in
         `fit_camera`.
     earlier
         An earlier fit whose covariance is used as a prior; its positions are not chosen again.

@@ -247,8 +247,8 @@ def iter_write_fit(
     known
         Facts about the source of the patterns, as plain JSON types; ``"source"`` is its name.
     patterns, noise
-        Patterns for a hybrid H, and constant and slope of the variance of their samples, if they do not state it.
-        If ``patterns`` is None, H is the model.
+        Patterns for a hybrid H; constant and slope of the variance of a sample, for an H that does not state them. If
+        ``patterns`` is None, H is the model.
     with_h
         Whether to compute and write H of the fitted camera.
     workers

@@ -105,9 +105,9 @@ def iter_information(
     plan
         The scan; its exposures determine the relative brightness of planes.
     index
-        Positions ``(n, 3)`` as (z, y, x), evenly spread because the error of H is evaluated at them too.
+        Positions ``(n, 3)`` as (z, y, x); they should be evenly spread, because the error of H is evaluated at them too.
     setup, groups
-        The assumed camera, and the groups of unknowns.
+        Assumed camera, effects, depths and stage, and names of the groups of unknowns.
     expected
         Expected light, and stability of stage and lamp.
     workers

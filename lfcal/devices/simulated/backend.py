@@ -129,7 +129,7 @@ class SimBackend:
     }
 
     def probe(self) -> str:
-        """Return the version of lfcal, because the simulator is always available."""
+        """Return the version of lfcal; the simulator needs no driver library."""
         return __version__
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:

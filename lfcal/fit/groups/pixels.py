@@ -20,7 +20,7 @@ class CrosstalkGroup(Group):
     rank = 70
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknown: the fraction of a pixel's light that each of two neighbours along an axis receives."""
+        """Return the unknown: the fraction of a pixel's light that either neighbour along an axis receives."""
         del frame
         own = setup.effect(Crosstalk)
         return (Unknown("crosstalk", self.name, "", 0.0 if own is None else own.share, 0.02, None, 0.0, 0.2),)
@@ -42,7 +42,7 @@ class Filter(Group):
     late = True
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: the fraction of a pixel's light that each of the eight neighbours collects."""
+        """Return the unknowns: the fraction of a pixel's light that each of the eight neighbours receives."""
         del frame
         own = setup.effect(PixelKernel) or PixelKernel()
         return tuple(

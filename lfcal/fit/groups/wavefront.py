@@ -70,9 +70,9 @@ class WavefrontGroup(Group):
 
 
 class ThirdOrder(WavefrontGroup):
-    """Third-order terms; distance and displacement of the sources are tried with them.
+    """Third-order terms, tried together with the groups ``distance`` and ``stage_zero``.
 
-    The reason is that Seidel forms of these terms also contain defocus and tilt.
+    The reason is that the Seidel forms of these terms also contain defocus and tilt.
     """
 
     along = ("distance", "stage_zero")
