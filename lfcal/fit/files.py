@@ -165,8 +165,8 @@ def iter_write_hybrid(
     """Write the hybrid H of a fit and recorded patterns to a file, plane by plane, and return its summary.
 
     Yields progress. Closing the generator leaves no incomplete file. ``source`` contains the recorded patterns.
-    ``noise`` is the constant and the slope of the variance of a sample, as in `lfcal.fit.NewFrame`, required if
-    ``source`` does not state them. ``provenance`` is stored in addition to that of the fit. ``compression`` is as in
+    ``noise`` is the constant and the slope of the variance of a sample, as in `lfcal.fit.NewFrame`. It replaces the
+    noise that an H states, and is required if the H states none. ``provenance`` is stored in addition to that of the fit. ``compression`` is as in
     `lfcal.psf.PSFWriter`.
 
     Raises
@@ -247,8 +247,8 @@ def iter_write_fit(
     known
         Facts about the source of the patterns, as plain JSON types; ``"source"`` is its name.
     patterns, noise
-        Patterns for a hybrid H; constant and slope of the variance of a sample, for an H that does not state them. If
-        ``patterns`` is None, H is the model.
+        Patterns for a hybrid H (None: H is the model); constant and slope of the variance of a sample (None: as stated
+        by the patterns).
     with_h
         Whether to compute and write H of the fitted camera.
     workers

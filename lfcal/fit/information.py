@@ -105,7 +105,7 @@ def iter_information(
     plan
         The scan; its exposures determine the relative brightness of planes.
     index
-        Positions ``(n, 3)`` as (z, y, x); they should be evenly spread, because the error of H is evaluated at them too.
+        Positions ``(n, 3)`` as (z, y, x); they should be evenly spread, because the error of H is computed at them.
     setup, groups
         Assumed camera, effects, depths and stage, and names of the groups of unknowns.
     expected
