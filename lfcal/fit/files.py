@@ -166,8 +166,8 @@ def iter_write_hybrid(
 
     Yields progress. Closing the generator leaves no incomplete file. ``source`` contains the recorded patterns.
     ``noise`` is the constant and the slope of the variance of a sample, as in `lfcal.fit.NewFrame`. It replaces the
-    noise that an H states, and is required if the H states none. ``provenance`` is stored in addition to that of the fit. ``compression`` is as in
-    `lfcal.psf.PSFWriter`.
+    noise that an H states, and is required if the H states none. ``provenance`` is stored in addition to that of the
+    fit. ``compression`` is as in `lfcal.psf.PSFWriter`.
 
     Raises
     ------
