@@ -291,7 +291,7 @@ class PSFMatrix:
 
     @property
     def stated_uncertainty(self) -> Planes | None:
-        """Stated standard deviations of all entries of H, 0 where only the noise is known. None: not stated."""
+        """Source of the stated standard deviations of all entries of H, 0 where only the noise is known. None: none."""
         return self._uncertainty
 
     @property

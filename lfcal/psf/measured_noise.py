@@ -89,9 +89,10 @@ class _Samples(NamedTuple):
 
 
 def measure_noise(gatherer: Gatherer, order: NDArray[np.int64], counts: NDArray[np.int64]) -> FrameNoise | None:
-    """Return the noise of the frames of a scan: as they state it, or else as measured from similar frames.
+    """Return the noise of the frames of a scan: as they state it, or else as measured.
 
-    None: no noise is stated, and the frames do not determine it.
+    It is measured from repeated frames, or else from frames of neighbouring positions. None if no noise is stated, and
+    the frames do not determine it.
 
     Parameters
     ----------

@@ -61,12 +61,14 @@ def iter_pick(
 ) -> Work[PSFMatrix]:
     """Assemble the patterns of selected positions into a matrix; yield progress in positions.
 
+    Pixels of a cutout beyond the frame are marked as invalid.
+
     Parameters
     ----------
     source
         Corrected frames, which are used unchanged. Only those of ``positions`` are read.
     plan
-        Scan plan with positions, depths, anchor and cutout. Pixels beyond the frame are marked as invalid.
+        Scan plan, which states the shape of the scan, the depths, the anchor and the cutout.
     positions
         Indices (z, y, x) of the positions, ``(n, 3)``.
     noise

@@ -99,7 +99,10 @@ class MatrixPlanes(PlaneSource):
 
 
 def open_planes(values: Mapping[str, Any], workers: int) -> MatrixPlanes:
-    """Open the file described by ``values`` of `MatrixPlanes.reopening`, and return its planes; ignore ``workers``."""
+    """Open the file described by ``values`` of `MatrixPlanes.reopening`, and return its planes.
+
+    ``workers`` is not used.
+    """
     matrix = open_psf(values["source"], region=values["region"], mat_order=values["mat_order"])
     if matrix.is_transposed != values["transposed"]:
         matrix = matrix.T

@@ -76,7 +76,7 @@ Convert = Callable[[NDArray[Any]], NDArray[Any]]
 
 
 class MatrixGroup:
-    """Writer of one matrix into an open HDF5 group: planes in any order, followed by `complete`.
+    """Writer of one matrix into an open HDF5 group: write the planes in any order, then call `complete`.
 
     Parameters
     ----------
@@ -352,9 +352,9 @@ class PSFWriter:
     workers
         Number of threads for compression. None: one for each available CPU core.
     store_tolerance
-        Largest relative L1 error of a pattern that lossy storage may cause, between 0 and 1, used instead of ``dtype``:
-        patterns are cropped and rounded within it. None: no loss beyond that of ``dtype``. The largest error in each
-        plane is stored (``bound`` of `Facts`).
+        Largest relative L1 error of a pattern that lossy storage may cause, between 0 and 1. Patterns are cropped and
+        rounded within it, and ``dtype`` is ignored. The largest error in each plane is stored (``bound`` of `Facts`).
+        None: no loss beyond that of ``dtype``.
 
     Raises
     ------

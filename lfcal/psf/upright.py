@@ -25,7 +25,7 @@ __all__ = ["AUTO", "CHECK", "check_found", "check_place", "iter_upright"]
 
 
 def iter_upright(view: FrameSource, plan: ScanPlan, choice: str = CHECK) -> Work[tuple[Orientation, dict[str, Any]]]:
-    """Return the orientation that makes frames upright (see `lfcal.frames.oriented`), and its provenance entry.
+    """Return the orientation of frames, with which `lfcal.frames.oriented` turns them upright, and its provenance.
 
     Parameters
     ----------

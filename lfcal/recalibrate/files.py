@@ -44,7 +44,7 @@ def recalibration_dict(found: Recalibration) -> dict[str, Any]:
 
 
 def recalibration_outputs(folder: Path, *, with_h: bool = True) -> tuple[Path, ...]:
-    """Return the paths of the files that `iter_write_recalibration` writes to ``folder``; H is included ``with_h``."""
+    """Return the paths of the files that `iter_write_recalibration` writes to ``folder``; ``with_h`` includes H."""
     names = (CAMERA, EFFECTS, NUMBERS)
     return tuple(folder / name for name in ((MODEL, *names) if with_h else names))
 

@@ -100,7 +100,7 @@ class WindowModel:
         return patterns_at(replace(setup, depth_errors_um=moved), self.plan, own, sampling, self.workers)
 
     def scenes(self, patterns: VoxelPatterns, iterations: int) -> list[SceneEstimate]:
-        """Return the object of each frame, estimated with a given number of ``iterations``."""
+        """Return object and dark field of each frame, as estimated by a number of ``iterations``."""
         return [estimate_scene(patterns, frame, self.fields, iterations) for frame in self.frames]
 
     def score(self, patterns: VoxelPatterns, scenes: Sequence[SceneEstimate], derivatives: F4) -> Score:

@@ -37,7 +37,7 @@ PROBES = 2
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """Information of one or more frames about the unknowns of the camera, without that of object and dark field.
+    """Information of one or more frames about the camera's unknowns, after elimination of objects and dark fields.
 
     Attributes
     ----------

@@ -91,7 +91,7 @@ def iter_watch(
     Yields
     ------
     Progress
-        First in H and derivatives to compute, then in frames.
+        First in matrices H and derivatives that are computed, then in frames.
 
     Raises
     ------

@@ -158,7 +158,7 @@ class DriftWatch:
     def holds(self) -> bool | None:
         """Whether H is still valid.
 
-        None if no drift is found, but H does not explain half of the measured frames or more.
+        None if no drift is found, but half of the measured frames or more are `unexplained`.
         """
         if self.moved:
             return False

@@ -218,8 +218,9 @@ def without_noise(k: int) -> bool:
 
 
 def runs_of(choice: SolverChoice, settings: BootstrapSettings, regions: bool) -> int:
-    """Return the number of reconstructions for error bars: of the frame, of replicates, and one if noise is unknown.
+    """Return the number of reconstructions for error bars.
 
+    It is one for the frame, one for each replicate, and one more if ``choice`` does not state the noise.
     ``choice`` and ``settings`` are as in `iter_error_bars`. If ``regions`` is true, the reconstructions of replicates
     without noise are counted as well.
     """

@@ -73,7 +73,7 @@ class MetricGrid:
         axis
             Row and column of the optical axis in all planes (voxels of the planes, from the centre of the first).
         voxel
-            Side of the grid's voxels (µm). None: the smallest side in all planes.
+            Side of the grid's voxels (µm). None: the smallest voxel side of all planes.
 
         Raises
         ------
@@ -119,7 +119,7 @@ class MetricGrid:
             different anchor means that the image shows another part of the sensor; for an image of the entire sensor,
             whole periods of the difference are ignored.
         voxel
-            Side of the grid's voxels (µm). None: the smallest side in all planes.
+            Side of the grid's voxels (µm). None: the smallest voxel side of all planes.
 
         Raises
         ------

@@ -85,7 +85,7 @@ class SharedOptics:
         )
 
     def open(self, stack: ExitStack) -> list[PSFMatrix]:
-        """Open and return H from ``psf`` and H of every other region; closing ``stack`` closes the files."""
+        """Open H from ``psf`` and H of each of ``regions``, and return them; closing ``stack`` closes the files."""
         places = [(self.psf, ""), *_places(self.psf, self.regions)]
         orders = [self.mat_order if file.suffix.lower() == ".mat" else "" for file, _ in places]
         return [

@@ -442,10 +442,11 @@ def drift_words(view: Resampling, shape: tuple[int, int]) -> str:
 
 
 def lattice_anchor_of(H: Any) -> Pair:
-    """Return the offset (row, column) of H's position (0, 0) from the nearest type-0 micro-image centre (pixels).
+    """Return the offset (row, column) of the image of H's position (0, 0) from the nearest micro-image centre.
 
-    The offset is computed from camera and anchor of a `PSFMatrix`. Without a camera, position (0, 0) is assumed to be
-    half a period above and to the left of a micro-image centre.
+    It is in pixels of H, and is computed from camera and anchor of a `PSFMatrix`. If there are three lens types, only
+    micro-images of type 0 count. Without a camera, position (0, 0) is assumed to be half a period above and to the left
+    of a micro-image centre.
     """
     ny, nx = H.shape[1:3]
     camera = H.camera

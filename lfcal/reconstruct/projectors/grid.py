@@ -48,7 +48,7 @@ class Grid:
     cutout
         Size ``(nt, ns)`` of a pattern (pixels); both are odd.
     anchor
-        Pixel (row, column) of phase (0, 0); it may be outside the image.
+        Pixel (row, column) whose phase is (0, 0); it may be outside the image.
     """
 
     image_shape: Pair

@@ -280,7 +280,7 @@ class Projector:
         return out
 
     def adjoint_planes(self, image: NDArray[Any]) -> Iterator[NDArray[Any]]:
-        """Yield the planes ``(Y, X)`` of the back projection of ``image``, each of which is valid until the next."""
+        """Yield the planes ``(Y, X)`` of the back projection of ``image``; each is valid until the next one is made."""
         return self._engine.adjoint(image, self._each_operand())
 
     def subset(self, phases: ArrayLike) -> Projector:
