@@ -102,10 +102,10 @@ def format_plane(depth_um: float, z: int, name: str = "") -> str:
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """Return a number with ``digits`` digits as text, such as ``'0.35'`` or, from 1000 to a million, ``'49400'``."""
+    """Return a number with ``digits`` digits as text, such as ``'0.35'`` or, from 1000 to a million, ``'49,400'``."""
     if not 1e3 <= abs(value) < 1e6:
         return f"{value:.{digits}g}"
-    return f"{float(f'{value:.{digits}g}'):.0f}"
+    return f"{float(f'{value:.{digits}g}'):,.0f}"
 
 
 def format_pixels(shape: Sequence[int]) -> str:

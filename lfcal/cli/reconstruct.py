@@ -51,8 +51,8 @@ def _show_volume(result: Any, made: Reconstructed) -> None:
 
 
 def amount(value: float) -> str:
-    """Return a sum of voxels for display, such as ``107779`` or ``0.0123``."""
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+    """Return a sum of voxels for display, such as ``107,779`` or ``0.0123``."""
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def _show_bars(made: ReconstructedBars) -> None:

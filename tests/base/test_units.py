@@ -36,7 +36,7 @@ def test_different_shares_read_differently_and_rounding_errors_do_not_show() -> 
 
 @pytest.mark.parametrize(
     ("value", "words"),
-    [(0.0, "0"), (0.263, "0.263"), (999.4, "999"), (1063.2, "1060"), (49440.0, "49400"), (-2e3, "-2000")],
+    [(0.0, "0"), (0.263, "0.263"), (999.4, "999"), (1063.2, "1,060"), (49440.0, "49,400"), (-2e3, "-2,000")],
 )
 def test_numbers_have_no_powers_of_ten(value: float, words: str) -> None:
     assert format_number(value) == words

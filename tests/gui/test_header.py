@@ -182,7 +182,7 @@ def test_a_folder_of_frames_by_the_next_button_alone(
     answers(str(tmp_path / "theirs"))
     follow(window, "Import folder …", qtbot)
     qtbot.waitUntil(lambda: "frames, " in window.next_line.words.text(), timeout=GUARD_MS)
-    assert window.next_line.words.text().startswith("assemble H from 1254 frames, ")
+    assert window.next_line.words.text().startswith("assemble H from 1,254 frames, ")
     follow(window, "Assemble H", qtbot)
     qtbot.waitUntil(lambda: window.shown.spec.key == "h", timeout=GUARD_MS)
     assert (tmp_path / "theirs" / "H.h5").exists(), "named without a question"

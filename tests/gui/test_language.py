@@ -51,14 +51,3 @@ def test_the_window_says_no_word_that_the_glossary_refuses() -> None:
             hits = {hit.group(0) for hit in pattern.finditer(text)} - ALLOWED.get(name, set())
             found += [f"{name}: {hit!r} in {text!r}" for hit in hits]
     assert not found, "\n".join(found)
-
-
-def test_numbers_are_written_in_one_way() -> None:
-    """The line wrote 1,254 positions next to 1254 on the page, and fields refuse the comma."""
-    found = []
-    for path in (*FILES, *sorted((ROOT / "lfcal").rglob("*.py"))):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.FormattedValue) and isinstance(node.format_spec, ast.JoinedStr):
-                given = [str(one.value) for one in node.format_spec.values if isinstance(one, ast.Constant)]
-                found += [f"{path.relative_to(ROOT)}:{node.lineno}"] if "," in "".join(given) else []
-    assert not found, found

@@ -17,7 +17,7 @@ WORDS = (
     ("cannot work", "bad"),
     ("12 assumed", ""),
     ("plane 12 of 24", ""),
-    ("1234 to redo", "fair"),
+    ("1,234 to redo", "fair"),
     ("complete", "good"),
     ("exported", "good"),
 )

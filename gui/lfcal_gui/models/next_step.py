@@ -231,6 +231,7 @@ def _left(seconds: float | None) -> str:
 
 
 def _count(many: int, one: str) -> str:
+    """Return a count with its noun and a thousands separator."""
     return format_count(many, one, f"{one}s")
 
 
@@ -261,7 +262,7 @@ def _recording(s: Sitting) -> Step | None:
     if not s.recording or s.paused:
         return None
     of = f"plane {s.plane + 1} of {s.planes}: " if s.planes else ""
-    words = f"{of}{s.done} of {_count(s.total, s.counted)}{_left(s.left_s)}."
+    words = f"{of}{s.done:,} of {_count(s.total, s.counted)}{_left(s.left_s)}."
     return Step("Recording", words, "Pause", "acquire.pause", "record", stop="acquire.stop")
 
 
@@ -339,7 +340,7 @@ def _assemble(s: Sitting) -> Step | None:
     words = f"assemble H from {frames}{_takes(s.make_s)}."
     if s.missing > s.frames:
         total = _count(s.frames + s.missing, "position")
-        words = f"assemble H from {frames}; {s.missing} of {total} have none."
+        words = f"assemble H from {frames}; {s.missing:,} of {total} have none."
     return Step("Next", words, "Assemble H", "frames.assemble", "record")
 
 
@@ -434,7 +435,7 @@ def _why(s: Sitting) -> Step | None:
 def _reconstruct(s: Sitting) -> Step | None:
     if not s.light_field or s.volume or s.place != "use":
         return None
-    size = " × ".join(map(str, reversed(s.voxels)))
+    size = " × ".join(f"{n:,}" for n in reversed(s.voxels))
     voxels = f"{size} voxels" if all(s.voxels) else "the volume"
     words = f"reconstruct {voxels}{_takes(s.reconstruct_s)}."
     return Step("Next", words, "Reconstruct", "reconstruct.start", "use")
@@ -536,7 +537,7 @@ def _rail_h(s: Sitting) -> RailWords:
     if s.job == "judge":
         return RailWords("judging")
     if s.bad:
-        return RailWords(f"{s.bad} to redo", "fair")
+        return RailWords(f"{s.bad:,} to redo", "fair")
     marks: dict[str, Mark] = {"good": "good", "usable": "good", "not judged": "", "bad": "bad"}
     word = _worth(s)
     return RailWords("in doubt" if word == "not fully judged" else word, marks.get(word, "fair"))

@@ -69,7 +69,7 @@ def where(positions: Sequence[Sequence[int]], frames: int) -> str:
         return "all positions"
     first = ", ".join(f"({', '.join(map(str, place))})" for place in positions[:PLACES])
     more = " …" if len(positions) > PLACES else ""
-    return f"{len(positions)} of {frames} positions (z, y, x): {first}{more}"
+    return f"{len(positions):,} of {frames:,} positions (z, y, x): {first}{more}"
 
 
 def counted(metrics: Iterable[Metric]) -> dict[str, int]:

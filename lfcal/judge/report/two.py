@@ -92,7 +92,7 @@ def compared_words(found: Comparison) -> str:
     """Return the number of compared positions, planes and pixels, as text."""
     n, ny, nx, nt, ns = found.pair.shape
     many, whole = sum(one.positions for one in found.planes), n * ny * nx
-    share = str(many) if many == whole else f"{many} of {whole}"
+    share = f"{many:,}" if many == whole else f"{many:,} of {whole:,}"
     return f"{share} positions of {n} plane{'s' * (n > 1)} compared, {nt} × {ns} pixels each"
 
 

@@ -20,8 +20,8 @@ FOLDER = replace(CAMERA, source="folder", folder=True, frames=1254)
 
 TABLE = (
     (
-        replace(RIG, stopped="at position 4120 the camera gave no frame for 5 s", done=4119, total=5643),
-        "Stopped: at position 4120 the camera gave no frame for 5 s. Recorded data are safe.",
+        replace(RIG, stopped="at position 4,120 the camera gave no frame for 5 s", done=4119, total=5643),
+        "Stopped: at position 4,120 the camera gave no frame for 5 s. Recorded data are safe.",
         "acquire.resume",
         {"record": "stopped"},
     ),
@@ -44,7 +44,7 @@ TABLE = (
     ),
     (
         replace(RIG, recording=True, done=4120, total=5643, plane=6, left_s=183),
-        "Recording: plane 7 of 9: 4120 of 5643 positions, 3 min 03 s left.",
+        "Recording: plane 7 of 9: 4,120 of 5,643 positions, 3 min 03 s left.",
         "acquire.pause",
         {"record": "plane 7 of 9"},
     ),
@@ -62,7 +62,7 @@ TABLE = (
     ),
     (
         replace(CAMERA, done=4120, total=5643, left_s=183),
-        "Paused: 1523 positions are left, 3 min 03 s.",
+        "Paused: 1,523 positions are left, 3 min 03 s.",
         "acquire.resume",
         {"record": "paused"},
     ),
@@ -117,25 +117,25 @@ TABLE = (
     ),
     (
         replace(FOLDER, make_s=3),
-        "Next: assemble H from 1254 frames, about 3 s.",
+        "Next: assemble H from 1,254 frames, about 3 s.",
         "frames.assemble",
         {"record": "folder", "h": "none yet"},
     ),
     (
         replace(FOLDER, frames=3, missing=20_897, make_s=0.1),
-        "Next: assemble H from 3 frames; 20897 of 20900 positions have none.",
+        "Next: assemble H from 3 frames; 20,897 of 20,900 positions have none.",
         "frames.assemble",
         {"record": "folder"},
     ),
     (
         replace(FOLDER, frames=1_250, missing=4),
-        "Next: assemble H from 1250 frames.",
+        "Next: assemble H from 1,250 frames.",
         "frames.assemble",
         {"record": "folder"},
     ),
     (
         replace(FOLDER, h=True, h_camera=True, fresh=True, verdict=Verdict("good")),
-        "Next: assemble H from 1254 frames.",
+        "Next: assemble H from 1,254 frames.",
         "frames.assemble",
         {"record": "folder"},
     ),
@@ -153,13 +153,13 @@ TABLE = (
     ),
     (
         replace(RIG, done=5643, total=5643),
-        "Next: assemble H from 5643 recorded positions.",
+        "Next: assemble H from 5,643 recorded positions.",
         "acquire.assemble",
         {"record": "complete"},
     ),
     (
         replace(CAMERA, record_s=677),
-        "Next: record the scan: 5643 positions in 9 planes, about 11 min 17 s.",
+        "Next: record the scan: 5,643 positions in 9 planes, about 11 min 17 s.",
         "acquire.connect",
         {"setup": "checked", "record": "no rig"},
     ),
@@ -170,7 +170,7 @@ TABLE = (
         {"record": "ready"},
     ),
     (replace(RIG, rig_measured=False), "Next: measure the scale and axes of the stage.", "acquire.adjust", {}),
-    (RIG, "Next: record 5643 positions in 9 planes, about 11 min 17 s.", "acquire.record", {"record": "ready"}),
+    (RIG, "Next: record 5,643 positions in 9 planes, about 11 min 17 s.", "acquire.record", {"record": "ready"}),
     (replace(H, verdict=None), "Next: judge H.", "h.judge", {"h": "not judged"}),
     (
         replace(H, verdict=FEW, rig=True),

@@ -91,7 +91,7 @@ def test_a_brief_text_takes_the_place_of_one_that_does_not_fit(qtbot: QtBot) -> 
 
 
 def test_a_line_does_not_end_between_a_number_and_its_unit(qtbot: QtBot) -> None:
-    label, words = ElidedLabel(sentence=True, lines=2), "record 5643 positions in 9 planes, about 4 min 19 s."
+    label, words = ElidedLabel(sentence=True, lines=2), "record 5,643 positions in 9 planes, about 4 min 19 s."
     qtbot.addWidget(label)
     label.show()
     room = label.fontMetrics().horizontalAdvance(words.rpartition(" min")[0]) + 4

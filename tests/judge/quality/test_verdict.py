@@ -35,7 +35,7 @@ def test_five_of_many_positions_make_a_good_H_with_five_to_repeat(clean: Quality
     found = with_misplaced(clean, (9, 19, 33))
     assert found.merit == "good" and len(found.redo()) == 5
     assert found.verdict.startswith("This H is good but for 5 positions to record again: misplaced frames.")
-    assert "5 of 5643 positions (z, y, x): (0, 3, 4), (1, 2, 7), (2, 5, 1) …" in found.verdict
+    assert "5 of 5,643 positions (z, y, x): (0, 3, 4), (1, 2, 7), (2, 5, 1) …" in found.verdict
     assert "it costs 0.018 (NRMSE, typical)" in found.verdict and "Record these positions again" in found.verdict
     assert f"What remains is good by {counted(found.metrics)['good'] - 1} checks" in found.verdict
 

@@ -250,7 +250,7 @@ def age_words(
     age = f"{seconds:.1f} s old" if seconds < 10 else f"{format_seconds(seconds)} old"
     if not max(abs(a - b) for a, b in zip(frame_um, stage_um, strict=True)) > SAME_UM:
         return age, False
-    x, y, z = (f"{value:.1f}" for value in frame_um)
+    x, y, z = (f"{value:,.1f}".replace(",", "\N{THIN SPACE}") for value in frame_um)
     return f"{age}, from x {x}, y {y}, z {z} µm", True
 
 

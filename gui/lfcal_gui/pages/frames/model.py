@@ -465,7 +465,7 @@ def understood(opened: Opened, found: FoundOrientation | None, chosen: str) -> t
     if opened.left_out:
         return "fair", "Some frames are damaged", f"{len(opened.left_out)} cannot be read and are left out of H."
     if opened.missing:
-        return "fair", "Some positions have no frame", f"{opened.missing} of {opened.frames.size} are missing."
+        return "fair", "Some positions have no frame", f"{opened.missing:,} of {opened.frames.size:,} are missing."
     if not found.name:
         return "fair", "Every position has a frame", f"The orientation of the frames is unclear: {found.reason}."
     return "good", "The frames are complete", "Every position has a frame, and the frames are oriented as in the plan."
@@ -478,9 +478,9 @@ def facts_of(opened: Opened) -> tuple[tuple[str, str, str], ...]:
     chosen = opened.chosen
     white = ("applied" if chosen.use_white else "not applied") if chosen.white else ""
     return (
-        ("Frames", str(len(opened.source)), f"{columns} × {rows} px"),
+        ("Frames", f"{len(opened.source):,}", f"{columns} × {rows} px"),
         ("Positions", f"{nx} × {ny}", f"in {nz} plane{'' if nz == 1 else 's'}"),
-        ("Missing", str(opened.missing), ""),
+        ("Missing", f"{opened.missing:,}", ""),
         ("Subtracted", "", opened.dark or "nothing"),
         ("White frames", "", f"{Path(chosen.white).name}, {white}" if white else "none"),
         ("Positions from", "", Path(chosen.manifest).name or opened.positions),

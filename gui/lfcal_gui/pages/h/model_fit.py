@@ -128,15 +128,15 @@ class Offer:
         nz, ny, nx = self.shape[:3]
         planes, positions = f"{nz} plane{'s' * (nz > 1)}", nz * ny * nx
         if self.recorded == positions:
-            return f"{name}: all {positions} positions recorded, {planes}"
-        return f"{name}: {self.recorded} of {positions} positions recorded, {planes}"
+            return f"{name}: all {positions:,} positions recorded, {planes}"
+        return f"{name}: {self.recorded:,} of {positions:,} positions recorded, {planes}"
 
     def use_words(self, positions: int | None) -> str:
         """Return a line of text on the number of positions that are used, for the requested number."""
         most = most_taken(positions, range(self.aside))
         used = min(most or self.recorded, self.recorded)
         aside = self.aside if self.aside and used == self.recorded else round(HELD_OUT * used)
-        return f"{used} are used, {aside} of them held out to test the fit."
+        return f"{used:,} are used, {aside:,} of them held out to test the fit."
 
     def noise_words(self, settings: FitSettings) -> tuple[str, str]:
         """Return a line of text on the noise, and its role: ``"hint"``, or ``"error"`` if something is missing."""

@@ -83,7 +83,7 @@ def _costs(found: PlannedTarget) -> str:
 
 def _covered(plane: PlaneDrawing) -> str:
     missing, most = int((plane.shown == 0).sum()), int(plane.shown.max())
-    crossed = f"{missing} of {plane.shown.size} are not covered (grey). " if missing else ""
+    crossed = f"{missing:,} of {plane.shown.size:,} are not covered (grey). " if missing else ""
     return (
         f"{crossed}The brighter a position, the more frames show it (at most {most}). Click a "
         "position to read its number."
@@ -97,7 +97,7 @@ def _note(found: PlannedTarget) -> str:
     words = NUMBERS.sub(lambda number: rounded(number[0]), target_words(found.plan.target))
     if missing:
         words += (
-            f". {missing} phases are not covered: allow more frames, or fit the optics to the phases that are covered"
+            f". {missing:,} phases are not covered: allow more frames, or fit the optics to the phases that are covered"
         )
     words += ". Crosstalk is computed from rays, without diffraction" if found.plan.tails == "geometric" else ""
     return f"{words}. {found.coding_briefly}".rstrip()

@@ -265,13 +265,13 @@ class ScanCosts:
     def rows(self) -> list[tuple[str, str]]:
         """Return the forecast as pairs of name and value with unit."""
         plan, found = self.plan, self.forecast
-        half = "" if self.half is None else f" of {plan.n_positions} (half cell)"
+        half = "" if self.half is None else f" of {plan.n_positions:,} (half cell)"
         (ry, rx), (ny, nx), readout = plan.period_residual_px, plan.period, found.readout_hours
         noise = [] if self.own < 0 else [("Expected noise of H", format_share(self.choices[self.own].noise))]
         return [
             ("Planes × rows × columns", f"{len(plan.depths_um)} × {ny} × {nx}"),
-            ("Positions", f"{found.positions}{half}"),
-            ("Frames", str(found.frames)),
+            ("Positions", f"{found.positions:,}{half}"),
+            ("Frames", f"{found.frames:,}"),
             ("Time without readout" if readout is None else "Time", format_seconds(found.hours * 3600)),
             ("  whole frames at", f"{format_bytes(found.bytes_per_s)}/s"),
             ("  exposing", format_seconds(found.exposure_hours * 3600)),
@@ -319,7 +319,7 @@ def numbers_of(costs: ScanCosts | None, checked: Checked | None) -> tuple[Number
     found = []
     if costs is not None:
         forecast = costs.forecast
-        positions = f"{forecast.positions} positions"
+        positions = f"{forecast.positions:,} positions"
         size = f"frames; H {format_bytes(forecast.h_float32_bytes)}"
         found = [
             Number.of(format_seconds(3600 * forecast.hours), positions),

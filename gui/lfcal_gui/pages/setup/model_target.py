@@ -189,7 +189,7 @@ class PlannedTarget:
             "  reading out": "readout_hours",
         }
         return [
-            ("Frames", str(ours.frames), str(single.frames)),
+            ("Frames", f"{ours.frames:,}", f"{single.frames:,}"),
             *(
                 (name, format_seconds(3600 * getattr(ours, key)), format_seconds(3600 * getattr(single, key)))
                 for name, key in parts.items()
@@ -218,8 +218,8 @@ class PlannedTarget:
     def _regions(self, single: int, frames: int) -> Iterator[tuple[str, str, str]]:
         if "regions" in self.made.facts:
             found = self.made.facts["regions"]["regions"]
-            yield f"Frames, {len(found)} regions", str(frames), str(len(found) * single)
-            yield "  points in each", f"≥ {min(min(one['points']) for one in found)}", ""
+            yield f"Frames, {len(found)} regions", f"{frames:,}", f"{len(found) * single:,}"
+            yield "  points in each", f"≥ {min(min(one['points']) for one in found):,}", ""
 
 
 def iter_target(scan: ScanPlan, settings: PlanSettings) -> Work[PlannedTarget]:

@@ -82,7 +82,7 @@ def test_nothing_is_drawn_off_the_sensor() -> None:
 def test_numbers_say_time_disk_and_lattice() -> None:
     costs = ScanCosts.of(default_plan(preset("bench")), PlanSettings(), None, None)
     time, disk, noise, lattice = numbers_of(costs, None)
-    assert (time.value, time.unit, time.words) == ("4", "min 19 s", "2508 positions")
+    assert (time.value, time.unit, time.words) == ("4", "min 19 s", "2,508 positions")
     assert (disk.value, disk.unit, disk.words) == ("513.6", "MB", "frames; H 45.0 MB")
     assert (noise.value, noise.unit, noise.words) == ("…", "noise of H", "computing")
     assert (lattice.value, lattice.unit) == ("0.05", "px")
