@@ -210,7 +210,7 @@ class SolverChoice:
 
 
 def check_option(solver: Solver, option: str, given: object) -> None:
-    """Raise `InputError` if ``solver`` does not use ``option`` and its value ``given`` is not the default.
+    """Raise `InputError` if ``solver`` does not use ``option``, unless ``given`` is the default of the option.
 
     The message lists the solvers that use the option.
     """
@@ -226,7 +226,7 @@ def iter_reconstruct(
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
 ) -> SolverWork:
-    """Reconstruct the volume behind ``image`` with the solver of ``choice``, and return a `Reconstruction`.
+    """Reconstruct a volume from ``image`` with the solver of ``choice``, and return a `Reconstruction`.
 
     Parameters
     ----------

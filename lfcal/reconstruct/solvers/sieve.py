@@ -87,8 +87,9 @@ class _Sieved:
 def iterate(P: Projector, image: ArrayLike, run: SolverRun) -> SolverWork:
     """Run Richardson-Lucy with a sieve S, on all pixels or over ``subsets`` x ``subsets`` blocks of views.
 
-    If a period contains several lenslets, pixels are distributed evenly instead of by views. Records and result contain
-    the volume S s, where s is the estimate before the sieve. The arguments are those of `Solver.iterate`.
+    ``subsets`` is that of ``run`` (None: all pixels). If a period contains several lenslets, pixels are distributed
+    evenly instead of by views. Records and result contain the volume S s, where s is the estimate before the sieve. The
+    arguments are those of `Solver.iterate`.
     """
     sieve = sieve_of(P)
     if run.resume is not None and run.resume.arrays:

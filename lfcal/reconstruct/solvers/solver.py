@@ -230,7 +230,7 @@ class Solver:
             )
 
     def check(self, option: str, given: Any, others: tuple[str, ...] = ()) -> None:
-        """Raise `InputError` if the solver does not use ``option`` and its value ``given`` is not the default.
+        """Raise `InputError` if the solver does not use ``option``, unless ``given`` is the default of the option.
 
         The message suggests ``others``, names of solvers that use the option.
         """

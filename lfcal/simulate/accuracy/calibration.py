@@ -79,8 +79,8 @@ class MachineSpeed:
     def ratio(self, engine: str) -> float:
         """Return the ratio of measured to forecast time of an engine; 1 before any of its planes was measured.
 
-        It is the median over the last `PLANES` planes and `ASSUMED` ratios of 1. It is limited to the range from 1 /
-        `MAX_CORRECTION` to `MAX_CORRECTION`.
+        It is the median over the last `PLANES` planes and `ASSUMED` ratios of 1. It differs from 1 by a factor of at
+        most `MAX_CORRECTION`.
         """
         known = self._ratios.get(engine)
         if not known:
@@ -98,10 +98,11 @@ class MachineSpeed:
         return tuple(sorted(self._ratios))
 
     def correct(self, engine: str, plane: str, forecast_s: float, took_s: float) -> None:
-        """Add the ratio of ``took_s``, the measured time of a plane, to ``forecast_s`` (CPU-seconds).
+        """Add a plane to those that determine `ratio`.
 
-        ``forecast_s`` is the forecast without earlier corrections. ``plane`` identifies the plane of the engine; an
-        earlier ratio of the same plane is replaced. Times that are not positive are ignored.
+        ``took_s`` is its measured time, and ``forecast_s`` its forecast without earlier corrections (CPU-seconds).
+        ``plane`` identifies the plane of the engine; an earlier ratio of the same plane is replaced. Times that are not
+        positive are ignored.
         """
         if forecast_s > 0 and took_s > 0:
             with self._lock:

@@ -114,7 +114,7 @@ def predict_bytes(
 
 
 def task_bytes(task: PlaneTask, *, stepped: bool = False) -> int:
-    """Return the estimated peak memory (bytes) of simulating one plane with one thread, including its values of H.
+    """Return the estimated peak memory (bytes) of simulating one plane of H with one thread, including its values.
 
     ``stepped``: whether the values are stored with a tolerance, which needs additional memory.
     """

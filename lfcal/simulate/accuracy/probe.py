@@ -88,8 +88,9 @@ def settle(scene: AnyScene, level: str, share: float, *, escalate: bool = False)
     Samplings are tried from the fastest that is expected to suffice; those that are slower than a finer one are
     skipped. Each is compared with one that is finer in all respects: windows are compared with the whole array on one
     grid, and a grid with a finer grid. If no grid is large enough for the scene, windows are compared with wider ones
-    whose fields are added. Exact angles, which windows follow only to first order, are then compared with the
-    reference. A smaller ``share`` never leads to a coarser sampling.
+    whose fields are added. Windows follow exact angles only to first order. With exact angles, they are therefore
+    compared with the reference instead if its grid is small enough. A smaller ``share`` never leads to a coarser
+    sampling.
 
     Parameters
     ----------

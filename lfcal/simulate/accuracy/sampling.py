@@ -199,8 +199,8 @@ def steps_for(
 
     Level ``"wave"``: windows whose intensities are added, then the whole array on one grid; near the native plane, only
     grids. If no grid is large enough for the scene, windows whose fields are added replace the grids. Level
-    ``"debye"``: nodes of the separable path; for other arrays, a grid. Level ``"grid"``: all grids that are small
-    enough, or else the smallest one, which the engine rejects as too large.
+    ``"debye"``: numbers of nodes for the separable path; for other arrays, grids that are small enough. Level
+    ``"grid"``: all grids that are small enough, or else the smallest one, which the engine rejects as too large.
 
     ``exact`` and ``separable`` are those of the effects on an outlook; a scene has its own.
     """

@@ -130,8 +130,8 @@ class Zernike(_Aberration):
     ----------
     terms
         Tuples of radial order n, azimuthal order m and coefficient ``waves`` (wavelengths). Each adds ``waves`` times
-        R_n^|m|(rho) cos(m theta), or R_n^|m|(rho) sin(|m| theta) for m < 0. The radial polynomial R is 1 at the rim rho
-        = 1.
+        R_n^|m|(rho) cos(m theta), or R_n^|m|(rho) sin(|m| theta) for m < 0. The radial polynomial R is 1 at the rim
+        (rho is 1).
 
     Examples
     --------

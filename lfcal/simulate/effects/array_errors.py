@@ -85,7 +85,7 @@ class LensletGap(SceneEffect):
     measured_by: ClassVar[str] = "geometry"
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the shift of the marginal ray (px), and the relative error due to the mean shift, 2/3 of it."""
+        """Return the shift of the marginal ray (px), and the relative error due to the mean shift (2/3 of it)."""
         rim = abs(self.error_um) / (2 * outlook.f_number) / outlook.pixel_um
         return Estimate(rim, "px", outlook.moved(2 / 3 * rim), "dB/(2 Nw) at the rim, 2/3 of it on average")
 
@@ -126,7 +126,7 @@ class ArrayRotation(SceneEffect):
     measured_by: ClassVar[str] = WHITE_IMAGE
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms displacement (px) of the lit lenslets due to the rotation, and the resulting error."""
+        """Return the rms displacement (px) of the lit lenslets, and the relative error due to this displacement."""
         shift = abs(self.angle_rad) * outlook.field_rms_px
         return Estimate(shift, "px", outlook.array_moved(shift), "alpha * r_rms")
 
@@ -170,7 +170,7 @@ class PitchError(SceneEffect):
     measured_by: ClassVar[str] = WHITE_IMAGE
 
     def estimate(self, outlook: Outlook) -> Estimate:
-        """Return the rms displacement (px) of the lit lenslets due to the pitch error, and the resulting error."""
+        """Return the rms displacement (px) of the lit lenslets, and the relative error due to this displacement."""
         shift = abs(self.relative) * outlook.field_rms_px
         return Estimate(shift, "px", outlook.array_moved(shift), "dp/p * r_rms")
 
