@@ -105,9 +105,9 @@ class LensletDiffraction(SceneEffect):
 class IrisDiffraction(SceneEffect):
     """Fresnel fringes of the main iris on the lenslets; without this effect, the iris casts a sharp shadow.
 
-    Fringes and shadow cannot be computed separately within the depth of focus (Fresnel number of the shadow below 8),
-    or in the Debye integral of a microscope. In these cases, lenslet diffraction always includes the fringes, even if
-    this effect is off.
+    Fringes and shadow cannot be computed separately in the Debye integral of a microscope, or within the depth of
+    focus: for a Fresnel number of the shadow below 12, or below 8 with `ExactAngles`. In these cases, lenslet
+    diffraction always includes the fringes, even if this effect is off.
 
     Examples
     --------
