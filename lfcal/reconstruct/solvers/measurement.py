@@ -49,7 +49,7 @@ def check_counts(read_noise: float, saturation: float | None) -> None:
 
 @dataclass(frozen=True, slots=True)
 class GoodnessOfFit:
-    """Residual, likelihood and held-out likelihood of a model image, as in `SolverProgress`."""
+    """Residual and likelihood of a model image, and the likelihood of its held-out pixels, as in `SolverProgress`."""
 
     residual: float
     likelihood: float

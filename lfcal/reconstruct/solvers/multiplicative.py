@@ -28,7 +28,7 @@ def iter_richardson_lucy(P: Projector, image: ArrayLike, settings: RichardsonLuc
     The update of the volume g is ``g <- g / HT1 * HT( f / (Hg + b) )`` (Eberhart et al. 2020, equation 2). Here f is
     the image, b the background, HT the transpose of H, and 1 an image of ones. With weights w, the factor is
     ``HT(w f / (Hg + b)) / HTw``. Where Hg + b is below the rounding error, the ratio is 0. Voxels whose sensitivity HTw
-    is almost 0 are not changed.
+    is below a millionth of the largest are not changed.
 
     Parameters
     ----------
