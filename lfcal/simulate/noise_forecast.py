@@ -76,16 +76,16 @@ class ExpectedLight:
     def noise(self, plan: ScanPlan, peak: float = PLANNED_PEAK) -> tuple[float, ...]:
         """Return the expected relative rms error of H due to sensor noise, one value for each plane.
 
-        The error is relative to the root-mean-square of the values. It includes photon noise, dark current, read noise
-        and rounding, for frames that are clipped at zero counts and from which a mean dark frame is subtracted. Errors
-        that do not average out, such as pixel response or a wrong position, are not included.
+        The error is relative to the root mean square of the plane's values of H. It includes photon noise, dark
+        current, read noise and rounding, for frames that are clipped at zero counts and from which a mean dark frame is
+        subtracted. Errors that do not average out, such as pixel response or a wrong position, are not included.
 
         Parameters
         ----------
         plan
             The scan plan; its exposures and number of averaged frames may differ from those of the simulated plan.
         peak
-            Fraction of the full well that the brightest pixel of the scan reaches.
+            Fraction of the full well that the brightest pixel of the scan reaches at the exposures of ``plan``.
         """
         check_number("brightest pixel (fraction of the full well)", peak, above=0, at_most=1)
         sensor, seconds = plan.camera.sensor, np.array(plan.exposures)
@@ -122,6 +122,8 @@ def _cut_off(
 
 def iter_expected_light(plan: ScanPlan, workers: int | None = None) -> Work[ExpectedLight]:
     """Simulate some patterns of every plane, with lens types, iris and diffraction, and return their brightness levels.
+
+    At most 5 x 5 patterns of each plane are simulated, or 3 x 3 or 2 x 2 if more would take too long.
 
     Examples
     --------
@@ -195,9 +197,10 @@ class ScanChoice:
 def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Forecast) -> tuple[ScanChoice, ...]:
     """Return combinations of exposure and averaging for a plan, fastest first, including that of the plan itself.
 
-    Shorter exposures are faster, but the brightest pixel then reaches a smaller fraction of the full well, because the
-    source is equally bright. The longest exposure is that at which the brightest pixel reaches 0.8 of the full well
-    (`PLANNED_PEAK`), or ``peak`` if this is higher. For less noise, more frames are averaged.
+    The brightness of the source is the same for all. Shorter exposures are faster, but the brightest pixel then reaches
+    a smaller fraction of the full well. The longest exposure is that at which the brightest pixel reaches 0.8 of the
+    full well (`PLANNED_PEAK`), or ``peak`` if this is higher. Only at the longest exposure are frames averaged, up to
+    64. A combination with the same time and noise as the plan's is omitted.
 
     Parameters
     ----------

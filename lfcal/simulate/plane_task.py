@@ -95,7 +95,7 @@ def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float | None) -> B
 
 
 def describe(effects: Iterable[Effect]) -> list[dict[str, Any]]:
-    """Return the effects with their magnitudes as plain JSON types, for provenance."""
+    """Return the name and the parameters of each effect as plain JSON types, for provenance."""
     return [{"name": e.name, **dataclasses.asdict(e)} for e in effects]  # type: ignore[call-overload]
 
 
@@ -105,9 +105,11 @@ class Computed(NamedTuple):
     Attributes
     ----------
     error
-        Relative L1 error: the estimate for omitted effects plus the measured error of the computation.
+        Relative L1 error: the estimate for effects that are omitted, or that the rays ignore, plus
+        `PlaneResponse.reached`; NaN if the sampling was given.
     record
-        For provenance: `PlaneResponse.record`, with ``seconds`` (elapsed), ``processor_seconds`` and ``error``.
+        For provenance: `PlaneResponse.record`, with ``seconds`` (elapsed), ``processor_seconds`` and, if it is known,
+        ``error``.
     """
 
     error: float
@@ -129,7 +131,7 @@ class PlaneTask:
     tolerance
         Relative L1 error allowed for the computation.
     left_out
-        Estimated error of omitted effects.
+        Estimated relative L1 error of omitted effects.
     """
 
     plan: ScanPlan
@@ -141,7 +143,7 @@ class PlaneTask:
     sampling: Sampling | None
 
     def compute(self, out: NDArray[np.float32], workers: int | None) -> Work[Computed]:
-        """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, which must contain zeros; return its `Computed`."""
+        """Compute the plane into ``out`` ``(ny, nx, nt, ns)``, which must contain zeros; return error and record."""
         begun, cpu, meter, count = time.perf_counter(), time.process_time(), Meter(), worker_count(workers)
         with meter.running():
             response = PlaneResponse(

@@ -59,9 +59,10 @@ class Pass:
 
 
 def passes_for(tolerance: float, level: str = "auto") -> tuple[Pass, ...]:
-    """Return the passes for a tolerance: first rays, then tolerances that decrease by factors of about 3.
+    """Return the passes for a tolerance: one with rays, then passes whose tolerances decrease by factors of about 3.
 
-    All passes except the last are fast. For the level ``"geometric"``, there is one pass.
+    The last pass has the given tolerance. Intermediate passes with tolerances of 0.35 or more are omitted. For the
+    level ``"geometric"``, there is only one pass.
     """
     check_number("tolerance", tolerance, above=0, at_most=4, remedy="0.03 is usual")
     if level == "geometric":
@@ -166,7 +167,10 @@ def _note(held: PSFMatrix | None) -> str:
 
 
 def errors_within(before: PSFMatrix | None, tolerance: float) -> dict[int, float]:
-    """Return the errors of the planes of an H that are already within a tolerance, by plane index."""
+    """Return the errors of the planes of an H that are already within a tolerance, by plane index.
+
+    ``before`` is the H; None returns an empty dictionary.
+    """
     if before is None:
         return {}
     errors = before.facts.known()["error"]

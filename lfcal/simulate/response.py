@@ -38,8 +38,8 @@ class PlaneResponse:
     level, tolerance, sampling
         Level and sampling as in `simulate_psf`; ``tolerance`` is the error allowed for the computation. A given
         sampling is used unchanged. Otherwise, a probe (`lfcal.simulate.accuracy.probe`) determines the sampling of the
-        first engine. The sampling is refined until the energy balances at every position; earlier results are not
-        computed again.
+        first engine. Wherever more light arrives than was transmitted, the sampling is refined, at most ``RETRIES``
+        times, and that response is computed again; earlier results are kept.
     cutout
         Pixels ``(nt, ns)`` of the cutout. None: those of the plan.
     depth_error_um
@@ -89,11 +89,14 @@ class PlaneResponse:
 
     @property
     def sampling_used(self) -> dict[str, Any] | None:
-        """Sampling of the engines created so far, as plain JSON types; None if no engine was created."""
+        """Sampling in use, as plain JSON types; None if none was given and no engine has been created."""
         return None if self.settled is None else asdict(self.settled)
 
     def record(self) -> dict[str, Any]:
-        """Return the name of the ``engine`` that ran, its ``sampling`` and its ``grid_side``, as plain JSON types."""
+        """Return the name of the ``engine``, its ``sampling`` and its ``grid_side`` as plain JSON types.
+
+        ``grid_side`` is as in `PlaneEngine`, or 0 if no engine has been created; ``engine`` is then the planned one.
+        """
         used = next(iter(self._engines.values()), None)
         level = self.level if used is None else used.level
         # the name that the level has in commands
@@ -125,7 +128,7 @@ class PlaneResponse:
             return self._engines[wave]
 
     def adopt(self, other: PlaneResponse) -> None:
-        """Use the sampling that ``other`` found necessary, without another probe."""
+        """Use the level and the sampling of ``other`` without another probe; ``other`` is probed now if necessary."""
         other.engine()
         self.level, self.settled, self.reached = other.level, other.settled, other.reached
 
@@ -239,11 +242,11 @@ class PlaneResponse:
         return found.engine
 
     def point(self, y_px: float, x_px: float) -> list[tuple[int, int, NDArray[np.float32]]]:
-        """Return windows ``(row, column, values)`` with the light of a source at any sensor position.
+        """Return windows ``(row, column, values)`` whose sum is the light of a source.
 
-        The paraxial chief ray of the source is at (``y_px``, ``x_px``), in sensor pixels relative to position (0, 0).
-        ``row, column`` is the middle pixel of the window, in the same coordinates. A finite source has one window for
-        each source point.
+        The paraxial chief ray of the source meets the sensor at (``y_px``, ``x_px``), in sensor pixels relative to
+        position (0, 0). ``row, column`` is the middle pixel of a window, in the same coordinates, and ``values`` are
+        ``(nt, ns)``. There is one window for each light sample, a source point and a wavelength.
         """
         out = []
         for sample in self.samples:
@@ -274,7 +277,11 @@ def _is_achromatic(scene: AnyScene) -> bool:
 
 
 def at_wavelength(scene: AnyScene, wavelength_um: float) -> AnyScene:
-    """Return the scene at another wavelength: aberrations keep their path lengths; images and foci move."""
+    """Return the scene at another wavelength (µm).
+
+    Aberrations keep their path lengths. The image and the lenslets' foci move as `Scene.colour_rate` and
+    `Scene.dispersion_um2` specify.
+    """
     if isinstance(scene, PupilScene):
         return replace(scene, wavelength_um=wavelength_um)
     scale = scene.wavelength_um / wavelength_um

@@ -104,7 +104,7 @@ def _bytes(folder: Path) -> int:
 
 
 def write_frames(session: Path, out: Path) -> None:
-    """Copy a session as packed in an installed package to ``out``, and make its frames."""
+    """Copy the sample session ``session``, as packed in an installed package, to ``out``, and simulate its frames."""
     shutil.copytree(session, out, dirs_exist_ok=True, ignore=shutil.ignore_patterns(LIGHT))
     plan = ScanPlan.from_json(read_text(session / "plan.json"))
     seed = int(json.loads(read_text(session / "truth.json"))["seed"])
@@ -132,7 +132,8 @@ def write_frames(session: Path, out: Path) -> None:
 def pack_light(light: NDArray[np.floating], plan: ScanPlan) -> bytes:
     """Return the light of all frames (photoelectrons ``(nz, ny, nx, rows, columns)``) in compact form.
 
-    It is stored in steps of a fraction of the noise. Corresponding pixels of neighbouring positions are adjacent.
+    It is rounded to steps of 0.3 standard deviations of the noise. Corresponding pixels of neighbouring positions are
+    adjacent.
     """
     noise = _read_noise(plan)
     codes = np.rint(2 / STEP * (np.sqrt(noise**2 + light) - noise)).astype("<u2")
@@ -142,7 +143,7 @@ def pack_light(light: NDArray[np.floating], plan: ScanPlan) -> bytes:
 
 
 def unpack_light(packed: bytes, plan: ScanPlan) -> NDArray[np.float32]:
-    """Return the light that `pack_light` packed."""
+    """Return the light that `pack_light` packed and rounded, ``(nz, ny, nx, rows, columns)`` in photoelectrons."""
     (nz, ny, nx), (rows, columns) = plan.shape[:3], plan.camera.sensor.shape
     low_and_high = np.frombuffer(lzma.decompress(packed), np.uint8).reshape(2, -1)
     codes = np.ascontiguousarray(low_and_high.T).view("<u2").reshape(nz, rows, ny, columns, nx)

@@ -47,7 +47,7 @@ Wavefront = tuple[tuple[int, int, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class PupilIris:
-    """The main lens's iris in units of f/(2 N), with the focal length f and the f-number N; its area is pi.
+    """The main lens's iris, with lengths in units of f/(2 N) (focal length f, f-number N) and an area of pi.
 
     Attributes
     ----------
@@ -58,8 +58,9 @@ class PupilIris:
     rotation_rad
         Angle of the first vertex from +x towards +y (rad).
     stop
-        A second, circular stop ``(x, y, radius)`` that clips the pupil seen from off axis (mechanical vignetting). The
-        stop removes light, so the remaining energy is less than 1. None: no such stop.
+        Centre and radius ``(x, y, radius)`` of a second, circular stop that clips the pupil seen from off axis
+        (mechanical vignetting), in the same units. The stop removes light, so that the remaining energy may be less
+        than 1. None: no such stop.
     """
 
     blades: int = 0
@@ -84,7 +85,7 @@ class PupilIris:
 
     @property
     def circular(self) -> bool:
-        """Whether the iris is a plain circle."""
+        """Whether the iris is a circle and there is no second stop."""
         return (self.blades == 0 or self.curvature == 1) and self.stop is None
 
 
@@ -126,7 +127,10 @@ def seidel(*, spherical: float = 0.0, coma: float = 0.0, angle_rad: float = 0.0)
 
 
 def pixel_response(power: float, sine_y: ArrayLike, sine_x: ArrayLike) -> NDArray[np.float64]:
-    """Return cos^power of the angles of rays with these direction sines; 0 where the sines exceed those of any ray."""
+    """Return cos^``power`` of the angle between each ray and the sensor's normal, from the ray's direction sines.
+
+    If ``power`` is above 0, the result is 0 where no ray has these sines.
+    """
     square = np.square(sine_y) + np.square(sine_x)
     response: NDArray[np.float64] = np.clip(1.0 - square, 0.0, None) ** (power / 2)
     return response
@@ -180,21 +184,25 @@ class Specimen:
         check_number("depth of the focal plane below the interface (µm)", self.depth_um, at_least=0)
 
     def source_um(self, z_um: float) -> float:
-        """Return the depth (µm) of a source below the interface; negative in front of it."""
+        """Return the depth below the interface (µm) of a source at ``z_um``; negative in front of the interface."""
         return self.depth_um + z_um
 
     def focus_um(self, z_um: float, medium_index: float) -> float:
-        """Return the paraxial apparent depth (µm) of a source at ``z_um``, seen from the immersion medium."""
+        """Return the apparent z (µm) of a source at ``z_um``, seen from the immersion medium by paraxial rays.
+
+        Like ``z_um``, it is relative to the nominal focal plane.
+        """
         deep = self.source_um(z_um)
         return z_um if deep < 0 else medium_index * deep / self.index - self.depth_um
 
     def crossing(self, medium_index: float, theta: F8) -> Crossing:
         """Return the transmission of the interface at angles ``theta`` (rad) in the medium, per solid angle there.
 
-        With the indices n1, n2 and the angles t, t2 in medium and specimen, n2 sin t2 = n1 sin t: s = 2 n1 cos t / (n1
-        cos t + n2 cos t2), p = 2 n1 cos t / (n2 cos t + n1 cos t2). These are the coefficients of an incoming wave.
-        They equal those of the outgoing one times n1 cos t / (n2 cos t2), which converts plane waves of the specimen
-        into amplitudes per solid angle of the medium (reciprocity).
+        With the indices n1 (``medium_index``), n2 and the angles t (``theta``), t2 in medium and specimen, n2 sin t2 =
+        n1 sin t: s = 2 n1 cos t / (n1 cos t + n2 cos t2), p = 2 n1 cos t / (n2 cos t + n1 cos t2). These are the
+        coefficients of a wave from the medium. They equal those of a wave from the specimen times n1 cos t / (n2 cos
+        t2). This factor converts plane waves of the specimen into amplitudes per solid angle of the medium
+        (reciprocity).
         """
         n1, n2 = medium_index, self.index
         across, first = n1 * np.sin(theta), n1 * np.cos(theta)
@@ -292,8 +300,8 @@ class Scene:
     specimen
         Media between a microscope's source and its immersion medium. None: no specimen.
     offsets_um
-        Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position, on the sensor's scale; the pixels do not move.
-        None: no displacement.
+        Displacement ``(ny, nx, 2)`` as (dy, dx) of each source position, on the sensor's scale (µm); the pixels do not
+        move. None: no displacement.
     image_map
         Displacement of every image from its paraxial position, as a linear function of that position on the sensor,
         after offsets: for dy and for dx, the constant (µm) and the factors of y and x. None: no displacement.
@@ -416,22 +424,25 @@ class Scene:
 
     @property
     def reduced_gap_um(self) -> float:
-        """Gap in the reduced frame, B' = B/s (µm)."""
+        """Gap in the reduced frame, B' = B/s (µm), with the `scale` s."""
         return self.gap_um / self.scale
 
     @property
     def reduced_pixel_um(self) -> float:
-        """Pixel pitch in the reduced frame: the pitch divided by s (µm)."""
+        """Pixel pitch in the reduced frame: the pitch divided by the `scale` s (µm)."""
         return self.pixel_um / self.scale
 
     @property
     def reduced_image_um(self) -> float:
-        """Image distance in the reduced frame, a' = a / (1 + a/b) (µm); 0 at the native plane."""
+        """Image distance in the reduced frame, a' = a / (1 + a/b) (µm), with a and b as in `Scene`; 0: native plane."""
         return self.image_um / (1.0 + self.image_um / self.pupil_um)
 
     @property
     def shadow_radius_um(self) -> float:
-        """Radius of the disc that the cone cuts from the array, |a'| / (2 Nw); for a microscope, by its rays (µm)."""
+        """Radius of the disc that the cone of light illuminates on the array (µm).
+
+        It is |a'| / (2 Nw), with the `reduced_image_um` a' and the f-number Nw. For a microscope, rays are traced.
+        """
         if self.objective is not None:
             return cone_radius_um(self.objective, self.z_um, self.specimen)
         return abs(self.reduced_image_um) / (2 * self.f_number)
@@ -454,17 +465,17 @@ class Scene:
 
     @property
     def rim_f_number(self) -> float:
-        """f-number 1/(2 sin theta) of the ray at the pupil's rim: Nw by the sine condition."""
+        """f-number 1/(2 sin theta) of the ray from the pupil's rim at the angle theta: Nw for the sine condition."""
         return math.sqrt(self.f_number**2 + self.lens_law / 4)
 
     @property
     def fresnel_number(self) -> float:
-        """Fresnel number |a'| / (4 Nw^2 lambda) of the iris's shadow."""
+        """Fresnel number |a'| / (4 Nw^2 lambda) of the iris's shadow, with the `reduced_image_um` a'."""
         return abs(self.reduced_image_um) / (4 * self.f_number**2 * self.wavelength_um)
 
     @property
     def virtual_depth(self) -> float:
-        """Virtual depth v = a/B."""
+        """Virtual depth v = a/B: the image distance divided by the gap."""
         return self.image_um / self.gap_um
 
     @property
@@ -488,31 +499,40 @@ class Scene:
 
     @property
     def lenslet_quartic(self) -> float:
-        """The `quartic` of largest magnitude, which limits how far the lenslets' aberration deflects light."""
+        """The `quartic` of largest magnitude among the lens types, which determines the largest deflection of light."""
         return max((self.quartic(kind) for kind in range(len(self.lattice.types))), key=abs)
 
     def lens_curvature(self, kind: int) -> float:
-        """Return B'/f of lenslets of type ``kind``."""
+        """Return the ratio B'/f of the `reduced_gap_um` to the focal length of lenslets of type ``kind``."""
         return self.reduced_gap_um / self.lattice.types[kind].focal_length_um
 
     def sigma(self, kind: int) -> float:
-        """Return the ratio of spot size to lenslet size, 1 - B'/a' - B'/f, signed; infinite at the native plane."""
+        """Return the signed ratio of spot size to lenslet size, 1 - B'/a' - B'/f; infinite at the native plane.
+
+        ``kind`` is the lens type, B'/f is `lens_curvature`, and a' is `reduced_image_um`.
+        """
         # with the image on the array, the whole cone falls on one lenslet, and sigma has a pole
         near = self.reduced_image_um
         return math.inf if near == 0 else 1.0 - self.reduced_gap_um / near - self.lens_curvature(kind)
 
     def nearest_pixel(self, y_um: float, x_um: float) -> tuple[int, int]:
-        """Return the pixel (row, column) of a chief ray's sensor point (µm), relative to source position (0, 0)."""
+        """Return the pixel (row, column) that contains the sensor point (``y_um``, ``x_um``).
+
+        Both are relative to source position (0, 0).
+        """
         # floor(v + 0.5) instead of round(), so that halves are always rounded up
         return math.floor(y_um / self.row_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
 
     def source_um(self, y: int, x: int) -> tuple[float, float]:
-        """Return the sensor point (y, x) that the chief ray of position (y, x) meets, including its offset (µm)."""
+        """Return the sensor point (y, x) (µm) that the chief ray of position (``y``, ``x``) meets.
+
+        The point includes the offset of the position, which repeats with the period, and `image_map`.
+        """
         dy, dx = (0.0, 0.0) if self.offsets_um is None else self.offsets_um[y % self.period[0], x % self.period[1]]
         return self.imaged_um(y * self.row_um + float(dy), x * self.pixel_um + float(dx))
 
     def imaged_um(self, y_um: float, x_um: float) -> tuple[float, float]:
-        """Return the actual sensor point (y, x) of the chief ray whose paraxial point is (``y_um``, ``x_um``) (µm)."""
+        """Return the sensor point (y, x) (µm) to which `image_map` moves the paraxial point (``y_um``, ``x_um``)."""
         if self.image_map is None:
             return y_um, x_um
         dy, dx = (c + gy * y_um + gx * x_um for c, gy, gx in self.image_map)
@@ -520,7 +540,7 @@ class Scene:
 
     @property
     def farthest_um(self) -> float:
-        """Largest distance on the sensor of a source's chief ray from the middle of its cutout (µm)."""
+        """Upper limit of the distance on the sensor of a source's chief ray from the middle of its cutout (µm)."""
         far = 0.0 if self.offsets_um is None else float(np.hypot(*np.moveaxis(self.offsets_um, -1, 0)).max())
         if self.image_map is None:
             return far
@@ -530,7 +550,10 @@ class Scene:
         return far + max(math.hypot(*np.subtract(self.imaged_um(*at), at)) for at in corners)
 
     def farther_at(self, y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the increase of the array's distance from the sensor, due to the tilt, at the points (y, x) (µm)."""
+        """Return the increase of the array's distance from the sensor, due to the tilt, at points of the array (µm).
+
+        ``y`` and ``x`` are the points' coordinates on the array (µm), relative to source position (0, 0).
+        """
         sides = zip(self.period, (self.row_um, self.pixel_um), strict=True)
         middle_y, middle_x = ((n - 1) / 2 * px / self.scale for n, px in sides)
         farther: NDArray[np.float64] = self.tilt[0] * (y - middle_y) + self.tilt[1] * (x - middle_x)
@@ -544,7 +567,10 @@ class Scene:
         return self.farther_at(centres_um[:, 1], centres_um[:, 0])
 
     def passed(self, centres_um: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the fraction of light that each lenslet at ``centres_um``, ``(n, 2)`` as (x, y), transmits."""
+        """Return the fraction of light that each lenslet transmits: 1, except for those among `defects`.
+
+        ``centres_um`` is ``(n, 2)`` as (x, y).
+        """
         share = np.ones(len(centres_um))
         if self.defects and len(centres_um):
             index = np.rint(self.lattice.lenslet_at(centres_um))
@@ -555,10 +581,11 @@ class Scene:
     def tilted(self, centres_um: NDArray[np.float64], kinds: NDArray[np.intp]) -> tuple[NDArray[np.float64], ...]:
         """Return the changes, due to the tilt, of spot positions and of sigma for lenslets at ``centres_um``.
 
-        ``centres_um`` is ``(n, 2)`` as (x, y). The chief ray meets the sensor at X0. A ray through the centre c of a
-        lenslet that is farther from the sensor by d meets it at c + (B + d)/(a + d) (X0 - c). The first result is the
-        change of the factor of X0 - c. Sigma becomes 1 - (B + d)/(a + d) - (B + d)/f. Both changes, ``(n,)``, are of
-        first order in d.
+        ``centres_um`` is ``(n, 2)`` as (x, y), and ``kinds`` ``(n,)`` contains the lens types. The chief ray meets the
+        sensor at X0. A ray through the centre c of a lenslet that is farther from the sensor by d meets the sensor at
+        c + (B' + d)/(a' + d) (X0 - c). The first result is the change of the factor of X0 - c. Sigma becomes
+        1 - (B' + d)/(a' + d) - (B' + d)/f. Both changes, ``(n,)``, are of first order in d. They are 0 near the native
+        plane, where the radius of the lit disc is less than half a pitch.
         """
         a, none = self.reduced_image_um, np.zeros(len(centres_um))
         # near the native plane, the lit lenslets are next to each other, and 1/a' has no meaning
@@ -569,7 +596,7 @@ class Scene:
         return moved, -moved - self.farther_um(centres_um) / focal
 
     def refocused(self, by_um: float) -> Scene:
-        """Return the scene with the source's image ``by_um`` farther behind the array."""
+        """Return the scene with the source's image ``by_um`` farther behind the array, and ``z_um`` of a microscope."""
         optics = self.objective
         # a = -M² z / n
         deeper = 0.0 if optics is None else -by_um * optics.medium_index / optics.magnification**2

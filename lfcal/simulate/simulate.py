@@ -34,7 +34,7 @@ class Simulation(PlaneSource):
     plan, effects, level, tolerance, sampling
         As in `simulate_psf`.
     provenance
-        Provenance to store with H, in addition to all inputs from which it can be simulated again.
+        Provenance to store with H, in addition to the plan and to `Simulation.provenance`.
     """
 
     title = "simulate"
@@ -63,12 +63,15 @@ class Simulation(PlaneSource):
         return TaskPlane(self.task(z)).reopening(z, stored)
 
     def task(self, z: int) -> PlaneTask:
-        """Return all inputs from which plane ``z`` is computed."""
+        """Return the `PlaneTask` with all inputs from which plane ``z`` is computed."""
         chosen, share = self.budget.at(self.plan.depths_um[z])
         return PlaneTask(self.plan, z, chosen, self.level, share, self.budget.tolerance - share, self.sampling)
 
     def provenance(self) -> dict[str, Any]:
-        """Return all inputs from which H can be simulated again."""
+        """Return the effects on H, the level, the tolerance and the factors of resampling, as plain JSON types.
+
+        For effects that are not on in every plane, the indices of their planes are included.
+        """
         plan, budget = self.plan, self.budget
         on = [{e.name for e in budget.at(z_um)[0]} for z_um in plan.depths_um]
         shown = [e for e in budget.effects if e.acts_on.enters_h and any(e.name in names for names in on)]
@@ -112,7 +115,7 @@ class TaskPlane(PlaneSource):
 
 
 def open_plane(values: Mapping[str, Any], workers: int) -> TaskPlane:
-    """Return the source of a plane, from the values of `TaskPlane.reopening`."""
+    """Return the source of a plane, from the values of `TaskPlane.reopening`; ``workers`` is ignored."""
     given = {
         "plan": ScanPlan.from_dict(values["plan"]),
         "effects": effects_from_records(values["effects"]),
@@ -132,7 +135,7 @@ def effects_to_records(effects: Iterable[Effect]) -> list[dict[str, Any]]:
     Raises
     ------
     InputError
-        If an effect cannot be found by its name.
+        If the class of an effect is not in the catalogue under the effect's name.
     """
     chosen = tuple(effects)
     for effect in chosen:

@@ -151,13 +151,13 @@ def outlook_of(plan: ScanPlan, z: int, *, peak: float = 0.8) -> Outlook:
 
 
 def origin_of(plan: ScanPlan) -> tuple[int, int, float, float]:
-    """Return the pixel (row, column) of position (0, 0), and the offset (y, x) of its chief ray from it (px)."""
+    """Return the pixel (row, column) of position (0, 0), and the offset (y, x) of its chief ray from the pixel (px)."""
     row, column = (math.ceil(v - 0.5) for v in plan.anchor)
     return row, column, plan.anchor[0] - row, plan.anchor[1] - column
 
 
 def grid_pixel(plan: ScanPlan, *, on_sensor: bool = False) -> tuple[float, float]:
-    """Return the width (µm) and the aspect ratio of the pixels of H, or with ``on_sensor`` of the sensor."""
+    """Return the width (µm) and the ratio of height to width of the pixels of H; with ``on_sensor``, of the sensor."""
     width = plan.camera.sensor.pixel_um
     if on_sensor or not plan.resample:
         return width, 1.0
@@ -170,8 +170,9 @@ def grid_pixel(plan: ScanPlan, *, on_sensor: bool = False) -> tuple[float, float
 def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0, on_sensor: bool = False) -> Scene:
     """Return the scene of the ideal telecentric camera: rays, a round iris, and all lenslets of the sharpest type.
 
-    The cutout is ``halo`` pixels larger than the plan's on every side. Pixels are those of H, which may be resampled,
-    or with ``on_sensor`` those of the sensor.
+    ``outlook`` contains the depth, at which the sharpest type has the least defocus. The cutout is ``halo`` pixels
+    larger than the plan's on every side. Pixels are those of H, which may be resampled, or with ``on_sensor`` those of
+    the sensor.
     """
     camera = outlook.camera
     _, _, residual_y, residual_x = origin_of(plan)
@@ -205,7 +206,7 @@ def ideal_scene(plan: ScanPlan, outlook: Outlook, *, halo: int = 0, on_sensor: b
 
 
 def wave_level(camera: Camera) -> str:
-    """Return the wave level for a camera: the Debye path for the lattice of a microscope, otherwise lens by lens."""
+    """Return the wave level for a camera: ``"debye"`` for a microscope with a lenslet lattice, otherwise ``"wave"``."""
     return "debye" if camera.optics.telecentric and camera.has_lattice else "wave"
 
 
@@ -284,7 +285,8 @@ def resolve_level(scene: AnyScene, level: str = "auto") -> tuple[AnyScene, str]:
 def resolve_level(scene: AnyScene, level: str = "auto") -> tuple[AnyScene, str]:
     """Return the scene and the engine's level for ``level``; ``auto`` means rays unless an effect needs waves.
 
-    A wave level given by name always includes lenslet diffraction; ``microscope`` means the Debye path.
+    For a camera without a lenslet lattice, ``auto`` always means waves, and the scene is not changed. Otherwise, a wave
+    level given by name always includes lenslet diffraction, and ``microscope`` means the Debye path.
     """
     from lfcal.simulate.engines import choose_mode  # compiled code: loaded only when it is needed
 
@@ -330,7 +332,7 @@ def light_samples(effects: Iterable[Effect], outlook: Outlook) -> tuple[LightSam
 def filter_kernel(
     effects: Sequence[Effect], camera: Camera
 ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]] | None:
-    """Return the combined filter ``(rows, columns)`` of all response effects, of odd size; None if there are none."""
+    """Return the combined filter ``(rows, columns)`` of all response effects, of odd size; None if it has no effect."""
     kernel: NDArray[np.float64] | None = None
     for effect in effects:
         if isinstance(effect, PsfEffect):

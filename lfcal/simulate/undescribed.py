@@ -33,7 +33,7 @@ class EffectMeasurement:
     Attributes
     ----------
     title
-        Short description of the recording, such as ``"one white image"``.
+        Short description of what is recorded or stated, such as ``"one white image"``.
     rows
         Effects whose sizes the measurement determines, largest error first.
     frames
@@ -44,7 +44,7 @@ class EffectMeasurement:
     unknowns
         Groups of unknowns that a fit of the frames finds; empty if no point source is used.
     commands
-        Commands to run, in order; ``CAMERA`` is the camera's file or preset.
+        Commands to run, in order; ``CAMERA`` is a placeholder for the camera's file or preset.
 
     Examples
     --------
@@ -65,7 +65,10 @@ class EffectMeasurement:
     commands: tuple[str, ...]
 
     def to_dict(self, camera: str) -> dict[str, Any]:
-        """Return the values as plain JSON types, with the commands for ``camera``, a file or preset."""
+        """Return title, frames, depths, names of effects, largest error, and commands for ``camera``, for JSON.
+
+        ``camera`` is a file or preset. The groups of unknowns are not included.
+        """
         return {
             "measurement": self.title,
             "frames": self.frames,
@@ -89,8 +92,8 @@ class UndescribedEffects:
     rows
         The effects, largest error first.
     measurements
-        The measurements that determine the sizes of the effects: one white image, bead frames at the fewest depths that
-        show all effects, and last the values that you have to enter.
+        The measurements that determine the sizes of the effects, as far as they are needed: one white image, bead
+        frames at a few depths that together show all effects, and last the values that you have to enter.
 
     Examples
     --------

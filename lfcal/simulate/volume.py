@@ -164,9 +164,9 @@ light_field = drained(
 
 
 def points(shape: tuple[int, int, int], count: int, rng: np.random.Generator, margin: int = 0) -> NDArray[np.float32]:
-    """Return a float32 volume of ``shape`` ``(nz, rows, columns)`` that is 1 at ``count`` random voxels and else 0.
+    """Return a float32 volume of ``shape`` ``(nz, rows, columns)``: 1 at ``count`` random voxels, and 0 elsewhere.
 
-    These voxels are at least ``margin`` voxels from the border of their plane.
+    The border of each plane, ``margin`` voxels wide, remains 0.
 
     Examples
     --------

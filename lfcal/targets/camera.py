@@ -52,10 +52,10 @@ class _Hole(NamedTuple):
 class TargetCamera(Frames):
     """Source of simulated frames that show a target at the positions of a plan, in the order of the plan.
 
-    Every hole is a point source at its depth, imaged by the optics of its region of the field (with mechanical
-    vignetting, field curvature and distortion). The light of all holes is added, and then converted to a frame by the
-    model of the sensor. Exposure times are those of the scan, in which the brightest pixel of a single point is at the
-    fraction ``peak`` of the range.
+    Every hole is a source at its depth, imaged by the optics of its region of the field (with mechanical vignetting,
+    field curvature and distortion). The light of all holes is added, and then converted to a frame by the model of the
+    sensor. Exposure times are those of the scan, in which the brightest pixel of a single source reaches the fraction
+    ``peak`` of the full well.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class TargetCamera(Frames):
     Raises
     ------
     InputError
-        If the number of brightness values differs from that of holes, or an effect moves the source.
+        If ``brightness`` does not have one finite value of 0 or more for each hole, or an effect moves the source.
 
     Examples
     --------
@@ -159,7 +159,7 @@ class TargetCamera(Frames):
 
     @cached_property
     def metadata(self) -> FrameMetadata:
-        """Metadata of a `SimulatedCamera` of the scan, without its number of frames."""
+        """Metadata of a `SimulatedCamera` of the scan, without its numbers of positions (``plan_shape``)."""
         return replace(self.single.metadata, plan_shape=None)
 
     def __len__(self) -> int:
@@ -173,7 +173,10 @@ class TargetCamera(Frames):
         return FrameInfo((), exposure_s=self.plan.scan.exposures[z], label=label)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index`` in counts, or its ``region`` (row and column slices); the whole frame is computed."""
+        """Return frame ``index`` in counts, or its ``region`` (row and column slices).
+
+        The whole frame is computed, even for a region.
+        """
         frame = self.exposed(self.light(index), index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
@@ -187,7 +190,7 @@ class TargetCamera(Frames):
         return self._moved(z, self.plan.offsets_px[z][k])
 
     def light(self, index: int) -> NDArray[np.float32]:
-        """Return the photoelectrons of frame ``index`` before sensor noise, ``(rows, columns)``."""
+        """Return the photoelectrons of frame ``index``, ``(rows, columns)``, before effects of the sensor."""
         z, k = self._at(index)
         lit = self.plan.lit_in(z, k)
         found = self.light_at(z, self.plan.offsets_px[z][lit[0]])
@@ -196,9 +199,9 @@ class TargetCamera(Frames):
         return found
 
     def light_at(self, z: int, offset_px: tuple[float, float]) -> NDArray[np.float32]:
-        """Return the photoelectrons of a frame of plane ``z`` with the offset ``offset_px``, ``(rows, columns)``.
+        """Return the photoelectrons ``(rows, columns)`` of a frame of plane ``z`` that shows the offset ``offset_px``.
 
-        The offset is the displacement (rows, columns) of images in the depth plane (px).
+        The offset is the displacement (rows, columns) of the images of holes in the depth plane (px).
         """
         out = np.zeros(self.shape, np.float32)
         # one depth after the other, to reuse results
@@ -208,7 +211,7 @@ class TargetCamera(Frames):
         return out
 
     def iter_lights(self, frames: Sequence[int] | None = None, workers: int | None = None) -> Work[NDArray[np.float32]]:
-        """Return the photoelectrons of several frames before sensor noise, ``(n, rows, columns)``, as `light` does.
+        """Return the photoelectrons of several frames, ``(n, rows, columns)``, as `light` does for one frame.
 
         The optics of each region and depth are computed once for all frames and then released, because those of all
         regions together may not fit into memory.

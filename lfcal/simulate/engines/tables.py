@@ -300,7 +300,7 @@ def aperture_tables(
 
 
 def bent(aperture: LensAperture, by: float, gain: float = 1.0) -> LensAperture:
-    """Return the aperture with an additional quadratic phase (``by``, rad/µm^2) and ``gain`` times the amplitude."""
+    """Return the aperture with its quadratic phase increased by ``by`` (rad/µm^2) and its amplitude times ``gain``."""
     dtype = aperture.disc_re.dtype
     if aperture.cell.size:
         return aperture._replace(bend=aperture.bend + by, cell=(gain * aperture.cell).astype(dtype))
@@ -345,9 +345,11 @@ def _field(
 def table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px: int) -> float:
     """Return the largest distance from the source's image at which lenslets contribute (µm).
 
-    The fraction of light at distances above r from the shadow's edge is 2 lambda Nw / (pi^2 r), which gives the density
-    near r. The sampled spectrum limits this range. Lenslets whose spots miss the cutout do not contribute either.
-    ``dx`` is the sample spacing of the field (µm), and ``half_px`` half the window on the sensor (pixels).
+    The fraction of light that is diffracted farther than r beyond the edge of the iris's shadow is 2 lambda Nw / (pi^2
+    r), with the wavelength lambda and the working f-number Nw. The range ends where lenslets receive less than
+    ``sampling.energy_floor`` allows, where the sampled spectrum ends, or where spots miss the cutout. ``mode`` is as in
+    `build_tables`, ``dx`` is the sample spacing of the field (µm), and ``half_px`` half the window on the sensor
+    (pixels).
     """
     lam, nw, radius = scene.wavelength_um, scene.f_number, aperture_radius(scene)
     shadow = scene.shadow_radius_um

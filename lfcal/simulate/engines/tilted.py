@@ -38,7 +38,11 @@ def _farthest(scene: Scene, reach_um: float) -> float:
 
 
 def orders_of(scene: Scene, reach_um: float) -> int:
-    """Return the number K of orders for the steepest light and for lenslets within ``reach_um`` (µm) of a position."""
+    """Return the number of polynomial orders that the steepest light needs on a tilted array.
+
+    ``reach_um`` is the largest distance of lit lenslets from a position (µm). The result is `MAX_ORDERS` + 1 if
+    `MAX_ORDERS` are not enough.
+    """
     slower = 1 - math.sqrt(1 - steepest_sine(scene) ** 2)
     phase = 2 * math.pi / scene.wavelength_um * _farthest(scene, reach_um) * slower
     error, orders = 2.0, 0
@@ -51,7 +55,9 @@ def orders_of(scene: Scene, reach_um: float) -> int:
 
 
 class TiltedArray:
-    """Propagation of fields from a plane to a tilted array and back; both planes contain the middle of the period.
+    """Propagation of fields from a plane parallel to the sensor to a tilted array and back.
+
+    The plane and the array intersect in the middle of the period.
 
     Parameters
     ----------
@@ -67,7 +73,7 @@ class TiltedArray:
     Raises
     ------
     InputError
-        If the tilt needs too many orders.
+        If the tilt needs more than `MAX_ORDERS` orders.
     """
 
     def __init__(self, scene: Scene, n: int, dx: float, reach_um: float, dtype: Any) -> None:
@@ -90,18 +96,19 @@ class TiltedArray:
                 self._orders[m] += (to_powers[m, k] * turn).astype(dtype)
 
     def heights(self, farther_um: NDArray[np.float64]) -> Complex:
-        """Return the distances ``farther_um`` (µm) relative to that of the farthest lenslet, ``(n, n)``.
+        """Return ``farther_um`` divided by the largest additional distance of a lit lenslet, clipped to -1 and 1.
 
-        The other methods use distances in this form. Beyond the lit area, they stay constant, because a polynomial
-        would diverge there.
+        ``farther_um`` ``(n, n)`` is the additional distance of the array from the sensor (µm), as in
+        `Scene.farther_at`. The other methods use distances in this form. They are clipped because the polynomial would
+        diverge beyond the lit area.
         """
         found: Complex = np.clip(farther_um / self._farthest, -1.0, 1.0).astype(self._real)
         return found
 
     def parts(self, field: Complex) -> Complex:
-        """Return the parts from which `met` computes the field on an array at any height.
+        """Return the parts ``(orders, n, n)`` from which `met` computes the field on the array.
 
-        ``field`` is the field on the plane, ``(n, n)``.
+        ``field`` is the field on the plane, ``(n, n)``. The parts do not depend on the position of the array.
         """
         spectrum = sf.fft2(field, workers=1)
         # towards the image: an array that is farther from the sensor is reached earlier
@@ -115,7 +122,7 @@ class TiltedArray:
 
     @staticmethod
     def met(parts: Complex, heights: Complex) -> Complex:
-        """Return the field on the array ``(n, n)`` from the `parts` of the field on the plane."""
+        """Return the field on the array, ``(n, n)``, from the `parts` of a field on the plane and from `heights`."""
         found: Complex = parts[-1].copy()
         for part in parts[-2::-1]:
             found *= heights
@@ -123,7 +130,10 @@ class TiltedArray:
         return found
 
     def left(self, behind: Complex, heights: Complex) -> Complex:
-        """Return the spectrum ``(n, n)`` on the plane of the field ``behind`` the array; ``behind`` is overwritten."""
+        """Propagate the field ``behind`` the array back to the plane, and return its spectrum there, ``(n, n)``.
+
+        ``heights`` are as returned by `heights`. ``behind``, ``(n, n)``, is overwritten.
+        """
         spectrum = np.zeros_like(behind)
         for k, order in enumerate(self._orders):
             if k:

@@ -12,7 +12,7 @@ __all__ = ["zernike_radial", "zernike_wavefront"]
 
 
 def zernike_radial(n: int, m: int, rho: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the radial Zernike polynomial R_n^m(rho), which is 1 at rho = 1."""
+    """Return the radial Zernike polynomial R_n^m(rho) for m >= 0 and even n - m; it is 1 at rho = 1, the rim."""
     total = np.zeros_like(rho)
     for k in range((n - m) // 2 + 1):
         top = (-1) ** k * math.factorial(n - k)

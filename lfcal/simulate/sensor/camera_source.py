@@ -36,10 +36,10 @@ Lit = tuple[int, int, NDArray[np.float32]]
 class SimulatedCamera(Frames):
     """A `FrameSource` of simulated full sensor frames, one for each position of a scan plan, in scan order.
 
-    Every frame depends only on its index and the seed. Frames can therefore be read in any order and from several
-    threads. The lenslets are fixed relative to the sensor, and each pattern appears around the point where the chief
-    ray of the source meets the sensor. Motion effects displace the source, but the metadata of the frames contain the
-    planned positions.
+    With the same parameters, a frame depends only on its index. Frames can therefore be read in any order and from
+    several threads. The lenslets are fixed relative to the sensor, and each pattern appears around the point where the
+    chief ray of the source meets the sensor. Motion effects displace the source, but the metadata of the frames contain
+    the planned positions.
 
     Parameters
     ----------
@@ -58,7 +58,8 @@ class SimulatedCamera(Frames):
     Raises
     ------
     InputError
-        If plan and effects are incompatible.
+        If ``effects``, ``peak`` or ``seed`` is not valid. Effects that are incompatible with the plan may raise it only
+        when the light of a frame is computed.
 
     Examples
     --------
@@ -120,7 +121,7 @@ class SimulatedCamera(Frames):
 
     @cached_property
     def metadata(self) -> FrameMetadata:
-        """Metadata of the source: colour filter, bit depth, saturation and black level, the plan, and the effects."""
+        """Metadata of the source: properties of the sensor, temporal noise, plan, and effects, level and seed."""
         sensor = self.camera.sensor
         return FrameMetadata(
             cfa=sensor.cfa,
@@ -153,7 +154,10 @@ class SimulatedCamera(Frames):
         return FrameInfo((Position(z, y, x),), exposure_s=self.plan.exposures[z], drift=(0.0, 0.0), label=label)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index`` in counts, or its ``region`` (row and column slices); the whole frame is computed."""
+        """Return frame ``index`` in counts, or its ``region`` (row and column slices).
+
+        The whole frame is computed, even for a region.
+        """
         frame = self.expose(self.light(index), self.exposure_s(index), FrameKind.LIGHT, index)
         return frame if region is None else np.ascontiguousarray(frame[check_region(region, self.shape)])
 
@@ -163,7 +167,10 @@ class SimulatedCamera(Frames):
         return self.expose(np.zeros(self.shape, np.float32), seconds, FrameKind.DARK, index)
 
     def white_frame(self, index: int = 0, level: float = 0.6) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Return white frame ``index`` in counts; its maximum is about the fraction ``level`` of the full well."""
+        """Return white frame ``index`` in counts, exposed as in the first plane.
+
+        The signal of its brightest pixel is about the fraction ``level`` of the full well.
+        """
         with self._lock:
             if self._white is None:
                 if self.camera.has_lattice:
@@ -193,16 +200,17 @@ class SimulatedCamera(Frames):
         return row, column, values * np.float32(self.electrons_per_unit(z))
 
     def light_of(self, source_um: tuple[float, float, float]) -> NDArray[np.float32]:
-        """Return the photoelectrons ``(rows, columns)`` of a source at any point in object space, as in `patch_of`."""
+        """Return the photoelectrons ``(rows, columns)`` of a source at ``source_um``, which is as in `patch_of`."""
         return self._on_sensor(self.patch_of(source_um))
 
     def patch_of(self, source_um: tuple[float, float, float]) -> Lit:
-        """Return the patch, as in `patch`, of a source at any point, for the exposure time of the nearest plane.
+        """Return the patch, as in `patch`, of a source at ``source_um``, for the exposure time of the nearest plane.
 
         Parameters
         ----------
         source_um
-            Source position (x, y, z) in object space (µm): to the right, down and away from the camera.
+            Source position (x, y, z) in object space (µm): to the right of and below the point imaged onto the sensor's
+            centre, and away from the camera, relative to the working plane.
         """
         right, down, away = source_um
         z = int(np.argmin(np.abs(np.array(self.plan.depths_um) - away)))
@@ -229,7 +237,10 @@ class SimulatedCamera(Frames):
         return dz, dy, dx
 
     def image_px(self, index: int) -> tuple[float, float]:
-        """Return the sensor position (row, column) of the source's actual chief ray in frame ``index`` (px)."""
+        """Return the sensor position (row, column) of the source's paraxial chief ray in frame ``index`` (px).
+
+        It includes the displacement of the source.
+        """
         position, (dz, dy, dx) = self.position(index), self.displacement_um(index)
         right, down, away = self.plan.object_um(position).tolist()
         step = self.camera.step_um(away + dz)

@@ -31,7 +31,7 @@ PATTERNS = ("gain", "offset")
 
 
 class FrameKind(IntEnum):
-    """Content of a frame, which is part of the key of its random numbers."""
+    """Use of random numbers, as part of their key: a kind of frame, the fixed pattern, or the motion of the source."""
 
     LIGHT = 0
     DARK = 1
@@ -57,7 +57,10 @@ def sample_type(effects: Sequence[Effect]) -> np.dtype[np.uint16] | np.dtype[np.
 
 
 def temporal_noise(effects: Sequence[Effect], camera: Camera) -> Noise:
-    """Return the noise model of raw samples of ``camera`` due to ``effects``, without fixed patterns."""
+    """Return the noise model of raw samples of ``camera``, without fixed patterns.
+
+    It includes photon noise, read noise and rounding if they are among the ``effects``.
+    """
     gain = camera.sensor.electrons_per_count
     read = [effect.rms(camera) for effect in effects if isinstance(effect, ReadNoise)]
     rounded = any(isinstance(effect, FrameEffect) and effect.whole_numbers for effect in effects)

@@ -63,7 +63,10 @@ class Responses:
         self._lock = threading.RLock()
 
     def at(self, z: int, depth_error_um: float = 0.0) -> PlaneResponse:
-        """Return the response ``depth_error_um`` beyond plane ``z``, in a window that contains the whole pattern."""
+        """Return the response at ``depth_error_um`` (µm) from plane ``z``, positive away from the camera.
+
+        The window contains the geometric pattern and is at least as large as the plan's cutout.
+        """
         with self._lock:
             key = (z, depth_error_um)
             if key not in self.cached:
@@ -105,7 +108,10 @@ class Responses:
         return [(row + top, column + left, values) for row, column, values in found]
 
     def of_position(self, z: int, y: int, x: int) -> Window:
-        """Return the light of a position without any displacement; the last few rows of positions are cached."""
+        """Return the window with the light of position (``y``, ``x``) of plane ``z`` without any displacement.
+
+        The last few rows of positions are cached.
+        """
         return y + self.origin[0], x + self.origin[1], self._row(z, y)[x]
 
     @cached_property
@@ -149,7 +155,10 @@ class Responses:
 
 
 def joined(windows: list[Window]) -> Window:
-    """Return the sum of windows as one window: its first row and column, and an image that contains them all."""
+    """Return the sum of windows as ``(row, column, values)``: first row, first column, and an image with all windows.
+
+    Each of the given windows contains the row and column of its middle pixel instead, as in `PlaneResponse.point`.
+    """
     rows, columns = [row for row, _, _ in windows], [column for _, column, _ in windows]
     nt, ns = windows[0][2].shape
     out = np.zeros((max(rows) - min(rows) + nt, max(columns) - min(columns) + ns), np.float32)
@@ -159,12 +168,12 @@ def joined(windows: list[Window]) -> Window:
 
 
 def sum_of(windows: list[Window]) -> NDArray[np.float32]:
-    """Return the sum of windows at their positions, as an image that contains them all."""
+    """Return the sum of windows at their positions, as the smallest image that contains them all."""
     return joined(windows)[2]
 
 
 def place(out: NDArray[np.float32], values: NDArray[np.float32], row: int, column: int) -> None:
-    """Add a window centred on ``(row, column)`` to ``out``; parts outside the sensor are ignored."""
+    """Add the window ``values``, centred on pixel ``(row, column)``, to ``out``; parts outside ``out`` are ignored."""
     top, left = row - centre(values.shape[0]), column - centre(values.shape[1])
     r0, c0 = max(0, top), max(0, left)
     r1, c1 = min(out.shape[0], top + values.shape[0]), min(out.shape[1], left + values.shape[1])

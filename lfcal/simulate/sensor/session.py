@@ -48,7 +48,7 @@ def frame_name(position: Position) -> str:
 
 
 def truth_of(source: SimulatedCamera) -> dict[str, Any]:
-    """Return the settings of the simulation as plain JSON types."""
+    """Return seed, tolerance and effects of the simulation, and the factors from H to counts, as plain JSON types."""
     return {
         "seed": source.seed,
         "tolerance": source.tolerance,
@@ -184,7 +184,10 @@ def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> Non
 
 
 def unfinished(folder: str | os.PathLike[str]) -> tuple[int, int] | None:
-    """Return the numbers of written and of all frames of a stopped session; None if the folder contains none."""
+    """Return the number of scan frames written and their total number for a stopped session; None without one.
+
+    Dark and white frames are not counted.
+    """
     out = Path(folder)
     if not (out / UNFINISHED).is_file():
         return None
@@ -193,7 +196,7 @@ def unfinished(folder: str | os.PathLike[str]) -> tuple[int, int] | None:
 
 
 def check_session_folder(folder: str | os.PathLike[str], *, resume: bool = False) -> None:
-    """Raise `InputError` if a folder is neither new nor empty; with ``resume``, it may contain a stopped session.
+    """Raise `InputError` unless a folder is new or empty; with ``resume``, it may contain a stopped session.
 
     Frames of two sessions in one folder would be read as one session.
     """
@@ -207,7 +210,7 @@ def check_session_folder(folder: str | os.PathLike[str], *, resume: bool = False
 
 
 def discard_unfinished(folder: str | os.PathLike[str]) -> None:
-    """Remove all files of a session that was stopped."""
+    """Remove the frames of a stopped session, if the folder contains one, and the marker that it was stopped."""
     out = Path(folder)
     if unfinished(out) is None:
         return
@@ -221,7 +224,7 @@ def discard_unfinished(folder: str | os.PathLike[str]) -> None:
 
 
 def encode_png(frame: NDArray[Any]) -> bytes:
-    """Return a frame as a 16-bit PNG file."""
+    """Return a frame as the bytes of a PNG file with 16-bit samples; values are converted to uint16."""
     from lfcal.base import cv2
 
     # the highest level needs 14 times the time, and saves 1 % of the bytes

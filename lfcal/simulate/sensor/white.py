@@ -35,7 +35,9 @@ def white_tile(plan: ScanPlan, effects: Sequence[Effect]) -> NDArray[np.float64]
 
     Pixel (0, 0) belongs to source position (0, 0). The radiance of a uniform scene is the same in every plane. The
     scene is represented by sources one pixel apart in a plane where no lens type is in focus (`_blurred`). Rays are
-    sufficient, because diffraction hardly changes a smooth image. Distortion does not change a uniform scene.
+    sufficient, because diffraction hardly changes a smooth image. Distortion does not change a uniform scene. Effects
+    that depend on the wavelength, the bandwidth and the size of the source are ignored; `white_light` applies missing
+    lenslets.
     """
     ny, nx = plan.period  # in resampled pixels if the plan resamples: then it is the array's period, a whole number
     neglected = Bandwidth | Distortion | FiniteSource | MissingLenslets
@@ -64,7 +66,7 @@ def _blurred(plan: ScanPlan) -> ScanPlan:
 
 
 def elemental_white(camera: Camera) -> NDArray[np.float32]:
-    """Return the light ``(rows, columns)`` of a uniform scene behind single lenslets: a uniform disc behind each.
+    """Return the light ``(rows, columns)`` of a uniform scene: 1 in a disc behind each lenslet, and 0 elsewhere.
 
     The field stop is assumed to be the largest for which elemental images do not overlap, as in published designs.
     """
