@@ -29,7 +29,7 @@ class Spot:
     energy
         Sum of the light above the background (counts).
     peak
-        Highest sample minus the background (counts).
+        Highest pixel value of the light, minus the background (counts).
     sharpness
         Sum of the squared differences between neighbouring pixels, divided by the sum of the squared values above the
         background; in [0, 4]. It is independent of brightness, and larger for a sharper image.
@@ -51,14 +51,14 @@ class Spot:
 def find_spot(frame: NDArray[Any]) -> Spot:
     """Measure position, brightness and size of the light of the source in ``frame`` ``(rows, columns)``.
 
-    The background is the median of the frame, and its noise the scaled median absolute deviation. Only pixels that
-    exceed the background by five times the noise, and by a twentieth of the peak, count as light. Single bright pixels
-    are excluded, because they may be hot pixels.
+    The background is the median of the frame, and its noise is the scaled median absolute deviation, but at least 0.3
+    counts. Only pixels that exceed the background by five times the noise, and by a twentieth of the peak, count as
+    light. A bright pixel without a bright neighbour is excluded, because it may be a hot pixel.
 
     Raises
     ------
     InputError
-        If no light is significant.
+        If fewer than four pixels exceed the noise.
 
     Examples
     --------
@@ -114,15 +114,15 @@ def _moments(share: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float, float]:
-    """Return the displacement of the light between two frames of one region (px), and their correlation.
+    """Return the displacement of the light between two frames of the same region (px), and their correlation.
 
-    The result is (rows, columns, correlation): the position in ``after`` minus that in ``before``, and the normalized
-    correlation. The correlation is 1 for frames that differ only in brightness.
+    The result is (rows, columns, correlation): the centroid in ``after`` minus that in ``before``, and the normalized
+    correlation of the unshifted frames. The correlation is 1 for frames that differ only in brightness.
 
     Raises
     ------
     InputError
-        If one of the frames shows no light.
+        If either frame shows no light, as in `find_spot`.
 
     Examples
     --------

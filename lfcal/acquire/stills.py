@@ -31,7 +31,10 @@ DARK = 0.05
 
 @dataclass(frozen=True)
 class Stills:
-    """Frames that were written: their kind, their files, and their brightness (fraction of the range above black)."""
+    """Frames that were written: their kind, their files, and their brightness (fraction of the range above black).
+
+    The brightness `level` is the 99th percentile of the mean frame.
+    """
 
     kind: str
     files: tuple[Path, ...]
@@ -45,12 +48,15 @@ class Stills:
 
 
 def still_files(folder: Path, kind: str) -> tuple[Path, ...]:
-    """Return the paths of the files that `iter_stills` writes."""
+    """Return the paths of the files that `iter_stills` writes to ``folder`` for a ``kind``, "white" or "dark"."""
     return tuple(folder / kind / f"{kind}_{k}.tif" for k in range(COUNT))
 
 
 def recipe_of(folder: Path) -> CorrectionRecipe:
-    """Return the corrections with a session's white image and its dark frames; no corrections without a white image."""
+    """Return the corrections with the white frames and, if they exist, the dark frames in a session's ``folder``.
+
+    Without white frames, no corrections are returned, even if there are dark frames.
+    """
     white, dark = (folder / kind if still_files(folder, kind)[0].is_file() else "" for kind in ("white", "dark"))
     # a recording has separate darks; those of the whole sensor are for the white image
     return CorrectionRecipe(white=white, dark=dark) if white else CorrectionRecipe()
@@ -59,7 +65,7 @@ def recipe_of(folder: Path) -> CorrectionRecipe:
 def iter_stills(
     take: Callable[[int], NDArray[Any]], plan: ScanPlan, folder: Path, kind: str, *, light: Light | None = None
 ) -> Work[Stills]:
-    """Take frames of the whole sensor, check them, and write them as 16-bit TIFF.
+    """Take `COUNT` frames of the whole sensor, check their mean, and write each frame as TIFF.
 
     Parameters
     ----------
@@ -70,7 +76,7 @@ def iter_stills(
     folder, kind
         Folder of the session, and kind of the frames: ``"white"`` or ``"dark"``.
     light
-        Light to switch off for dark frames, and on again afterwards. None: no light is switched.
+        Light to switch off for dark frames, and on again afterwards; None if it cannot be switched.
 
     Raises
     ------

@@ -47,7 +47,7 @@ class Bound:
 
     @classmethod
     def parse(cls, text: str) -> Bound:
-        """Return the bound that the text ``GAUGE=LOW:HIGH`` describes; LOW or HIGH may be omitted.
+        """Return the bound that the text ``GAUGE=LOW:HIGH`` describes; LOW or HIGH may be omitted, but not both.
 
         Raises `InputError` if the text has another form, or LOW is not below HIGH.
         """
@@ -66,7 +66,7 @@ class Bound:
         return bound
 
     def holds(self, value: float) -> bool:
-        """Return whether the reading ``value`` is from `low` to `high`; False for NaN."""
+        """Return whether the reading ``value`` is between `low` and `high`, inclusive; False for NaN."""
         return self.low <= value <= self.high
 
     def words(self, value: float, unit: str) -> str:
@@ -76,7 +76,13 @@ class Bound:
 
 
 def gauge_of(rig: Rig, name: str) -> Gauge:
-    """Return the gauge or the file named ``name``; raises `InputError` if neither exists."""
+    """Return the gauge of ``rig`` named ``name``, else one that reads the file of this name.
+
+    Raises
+    ------
+    InputError
+        If neither exists.
+    """
     for gauge in rig.gauges:
         if gauge.name == name:
             return gauge

@@ -125,7 +125,10 @@ def region_shape(region: Region) -> tuple[int, int]:
 
 
 def check_region(region: Region, shape: tuple[int, int]) -> Region:
-    """Return ``region`` with explicit start and stop; raises `InputError` unless it is in a frame of ``shape``."""
+    """Return ``region`` with explicit start and stop; raise `InputError` unless it is in a frame of ``shape``.
+
+    An empty region, or one with a step other than 1, is also refused.
+    """
     checked = []
     for part, n, what in zip(region, shape, ("rows", "columns"), strict=True):
         start = 0 if part.start is None else int(part.start)
@@ -143,7 +146,10 @@ def check_region(region: Region, shape: tuple[int, int]) -> Region:
 
 
 def grow_region(region: Region, margin: int, shape: tuple[int, int]) -> Region:
-    """Return ``region`` extended by ``margin`` pixels on every side, clipped at the border of a frame of ``shape``."""
+    """Return ``region`` extended by ``margin`` pixels on every side, clipped at the border of a frame of ``shape``.
+
+    Raise `InputError` if ``region`` itself is not in the frame.
+    """
     rows, columns = check_region(region, shape)
     return (
         slice(max(0, rows.start - margin), min(shape[0], rows.stop + margin)),
@@ -152,7 +158,7 @@ def grow_region(region: Region, margin: int, shape: tuple[int, int]) -> Region:
 
 
 def moved(region: Region, origin: tuple[int, int]) -> Region:
-    """Return ``region`` shifted by ``origin`` (rows, columns): from frame to sensor coordinates."""
+    """Return ``region`` shifted by ``origin`` (rows, columns), for example from frame to sensor coordinates."""
     rows, columns = region
     return (
         slice(rows.start + origin[0], rows.stop + origin[0]),

@@ -49,8 +49,8 @@ def check_number(
     """Raise `InputError` unless ``value`` is a finite number within the bounds.
 
     The bounds ``above`` and ``below`` themselves are not allowed, ``at_least`` and ``at_most`` are. If a side has no
-    bound, the limit is `MAX_NUMBER` or its negative. With ``integer``, the number must be whole. ``what`` names the
-    value in the message, which ends with ``remedy``.
+    bound, the limit is `MAX_NUMBER` or its negative. With ``integer``, the value must have an integer type: 2.0 is
+    refused. So is a bool. ``what`` names the value in the message, which ends with ``remedy``.
     """
     # plain types first: checking abstract ones takes as long as everything else. A bool is an Integral in Python.
     plain = isinstance(value, int if integer else (float, int))
@@ -80,7 +80,8 @@ def check_commas(what: str, text: str, *, whole: bool = False, several: bool = F
     """Raise `InputError` if a comma is directly between digits of ``text``.
 
     "2,5" may mean 2.5 or two numbers, and "1,000" may mean one or a thousand, depending on the user's conventions. The
-    message states the possible meanings: ``whole`` numbers have no decimals, and ``several`` allows a list.
+    message, in which ``what`` names the value, states the possible meanings. With ``whole``, decimals are not among
+    them; a list is one only with ``several``.
     """
     found = re.search(r"\d+(?:,\d+)+", text)
     if found is None:
@@ -100,18 +101,20 @@ def check_commas(what: str, text: str, *, whole: bool = False, several: bool = F
 def check_length(what: str, value_um: object, **bounds: Any) -> None:
     """Raise `InputError` unless ``value_um`` is a length within the ``bounds`` of `check_number` (default: >= 1e-9 µm).
 
-    The limits are far from any real instrument. Beyond them, squares of lengths and of their ratios overflow.
+    Lengths above `MAX_NUMBER` µm are refused unless ``bounds`` has another ``at_most``. The default limits are far from
+    any real instrument, and keep squares of lengths and of their ratios from overflowing. ``what`` names the length in
+    the message.
     """
     check_number(what, value_um, **{"at_most": MAX_NUMBER, **(bounds or {"at_least": 1e-9})})
 
 
 def check_exposure(what: str, value_s: object) -> None:
-    """Raise `InputError` unless ``value_s`` is a possible exposure (s); beyond its limits, ratios overflow."""
+    """Raise `InputError` unless the exposure ``value_s``, named ``what`` in the message, is from 1e-12 to 1e9 s."""
     check_number(what, value_s, at_least=1e-12, at_most=1e9)
 
 
 def check_wavelength(value_um: object) -> None:
-    """Raise `InputError` unless ``value_um`` is a wavelength of light (µm), from hard ultraviolet to far infrared."""
+    """Raise `InputError` unless the wavelength ``value_um`` is between 0.05 and 20 µm, exclusive."""
     remedy = "give it in µm (--wavelength takes nm)"
     check_number("wavelength (µm)", value_um, above=0.05, below=20, remedy=remedy)
 
@@ -124,13 +127,16 @@ def _finite(value: Any) -> bool:
 
 
 def check_choice(what: str, value: object, choices: tuple[str, ...]) -> None:
-    """Raise `InputError` unless ``value`` is one of ``choices``."""
+    """Raise `InputError` unless ``value``, named ``what`` in the message, is one of ``choices``."""
     if value not in choices:
         raise InputError.expected(what, any_of(choices), repr(value), choose(value, choices))
 
 
 def check_tuple(what: str, values: object, count: int | None = None, **bounds: Any) -> tuple[Any, ...]:
-    """Return ``values`` as a tuple of ``count`` numbers (None: one or more), each within `check_number`'s bounds."""
+    """Return ``values`` as a tuple of ``count`` numbers (None: one or more); raise `InputError` unless they are.
+
+    Each number must be within the ``bounds`` of `check_number`. ``what`` names the values in the message.
+    """
     wanted = "one or more numbers" if count is None else f"{count} numbers"
     if not isinstance(values, Sequence) or isinstance(values, str) or (len(values) != count if count else not values):
         raise InputError.expected(what, wanted, repr(values)[:60], "correct this value")
@@ -140,14 +146,14 @@ def check_tuple(what: str, values: object, count: int | None = None, **bounds: A
 
 
 def check_type(what: str, value: object, kind: type | tuple[type, ...]) -> None:
-    """Raise `InputError` unless ``value`` is of ``kind``."""
+    """Raise `InputError` unless ``value``, named ``what`` in the message, is an instance of ``kind``."""
     if not isinstance(value, kind):
         names = any_of(k.__name__ for k in (kind if isinstance(kind, tuple) else (kind,)))
         raise InputError.expected(what, names, repr(value)[:60], "correct this value")
 
 
 def array_words(values: ArrayLike) -> str:
-    """Return the shape and the range of an array, in words for a message."""
+    """Return the shape and, for numbers, the range of an array, in words for a message."""
     import numpy as np  # imported late: records are checked without numpy
 
     array = np.asarray(values)
@@ -158,7 +164,10 @@ def array_words(values: ArrayLike) -> str:
 
 
 def as_sensor_frame(what: str, frame: ArrayLike) -> NDArray[np.float32]:
-    """Return ``frame`` as a read-only, contiguous float32 array; raise `InputError` unless it is 2-D and finite."""
+    """Return a read-only, contiguous float32 copy of ``frame``, which is named ``what`` in a message.
+
+    Raise `InputError` unless ``frame`` is a 2-D array of finite numbers that is not empty.
+    """
     import numpy as np  # imported late: records are checked without numpy
 
     array = np.asarray(frame)

@@ -130,7 +130,7 @@ class Kernel(Generic[P, R]):
     def for_work(self, seconds: float) -> Callable[P, R]:
         """Return this kernel, or a function that runs it uncompiled if it is spared.
 
-        ``seconds`` is the time (s) that the uncompiled function would take.
+        ``seconds`` is an estimate of the CPU time (s) that the uncompiled function would take.
         """
         return self._interpreted if self.spared(seconds) else self
 
@@ -143,7 +143,7 @@ class Kernel(Generic[P, R]):
             _SPENT.interpreting = before
 
     def compiled(self) -> Any:
-        """Return the compiled numba function of this kernel, and compile it if necessary."""
+        """Return the numba function of this kernel, and compile or load it at the first call."""
         with _LOCK, _preparing():
             if self._compiled is None:
                 import numba
@@ -168,10 +168,10 @@ class Kernel(Generic[P, R]):
 
 @contextmanager
 def sparing_kernels() -> Iterator[None]:
-    """Context in which a command does small work without kernels that have never been compiled.
+    """Context in which small amounts of work are done without kernels that have never been compiled.
 
-    A first run then takes about as long as a later one. The results are the same to within rounding errors.
-    `Kernel.spared` decides for each kernel.
+    The first run of a command then takes about as long as a later one. The results are the same to within rounding
+    errors. `kernel_spared` decides for each kernel.
     """
     global _SPARED
     before, _SPARED = _SPARED, {}
@@ -182,19 +182,20 @@ def sparing_kernels() -> Iterator[None]:
 
 
 def kernel_spared(module: str, name: str, seconds: float, *, slow: float = 1.0) -> bool:
-    """Return whether to do work without a kernel, because it would be compiled for little work.
+    """Return whether to do work without a kernel, because there is too little work to compile it.
 
-    The answer is always False outside `sparing_kernels`, and for a kernel that has been compiled before. It does not
-    depend on measured times. Neither numba nor the module of the kernel is loaded.
+    The answer is always False outside `sparing_kernels`, and for a kernel that has been compiled before. It becomes
+    False when the ``seconds`` of a kernel, summed over the calls, amount to more than the limit. It does not depend on
+    measured times. The module of the kernel is not loaded; numba is loaded only to find its cache folder.
 
     Parameters
     ----------
     module, name
         Module and name of the kernel.
     seconds
-        Estimate of the additional processor time (s) without the kernel.
+        Estimate of the additional CPU time (s) without the kernel.
     slow
-        Factor by which a command may lose more time than `SPARED_S`, for a kernel that takes longer to compile.
+        Limit of the lost time, as a multiple of `SPARED_S`; above 1 for a kernel that takes longer to compile.
     """
     if _SPARED is None:
         return False
@@ -223,7 +224,7 @@ def _is_kept(module: str, name: str) -> bool:
 
 
 def kernels_spared() -> bool:
-    """Return whether this command has done work without its kernels, so that its duration is not typical."""
+    """Return whether work in this `sparing_kernels` context was done without a kernel; its duration is not typical."""
     return bool(_SPARED)
 
 
@@ -355,21 +356,21 @@ def _count_compiling(seconds: float) -> None:
 
 
 def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:
-    """Return a decorator that compiles a function at its first call and caches it on disk; it runs without the GIL.
+    """Return a decorator that makes a `Kernel` of a function: compiled at its first call, and cached on disk.
 
-    Two options of `numba.njit` make large kernels compile faster. ``inline="always"`` is for a function that kernels
-    call in one place: otherwise it is also compiled for calls from Python, and again within each caller. ``_nrt=False``
-    is for kernels without allocations.
+    The ``options`` are those of `numba.njit`. By default, the kernel runs without the GIL. Two options make large
+    kernels compile faster. ``inline="always"`` is for a function that kernels call in one place: otherwise it is also
+    compiled for calls from Python, and again within each caller. ``_nrt=False`` is for kernels without allocations.
     """
     settings = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, **options}
     return lambda function: Kernel(function, settings)
 
 
 def kernel_input(values: NDArray[Any]) -> NDArray[Any]:
-    """Return ``values`` as a read-only, contiguous array, which is a copy only if necessary.
+    """Return ``values`` as a read-only, C-contiguous array, which is a copy only if necessary.
 
-    numba compiles a kernel again for each kind of array. An input is therefore always passed in this form, no matter
-    whether the caller owns it.
+    numba compiles a kernel again for arrays that are writable or have another memory layout. Inputs are therefore
+    always passed in this form.
     """
     import numpy as np
 

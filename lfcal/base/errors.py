@@ -24,7 +24,10 @@ MAX_MESSAGE = 480
 
 
 def one_line(text: str, longest: int = MAX_MESSAGE) -> str:
-    """Return ``text`` as one printable line of at most ``longest`` characters; control characters are escaped."""
+    """Return ``text`` as one printable line of at most ``longest`` characters.
+
+    Control characters are escaped. The middle of a longer text is replaced by an ellipsis.
+    """
     # avoid processing far more than is shown
     if len(text) > 4 * longest:
         text = f"{text[: 2 * longest]}…{text[-longest:]}"
@@ -55,7 +58,7 @@ class LfcalError(Exception):
 
     @classmethod
     def expected(cls, what: str, wanted: object, got: object, remedy: str) -> Self:
-        """Return the error with the one-line message ``what: expected wanted, got …; remedy``."""
+        """Return the error with the one-line message ``{what}: expected {wanted}, got {got}; {remedy}``."""
         return cls(f"{one_line(what, 240)}: expected {wanted}, got {one_line(str(got), 160)}; {remedy}")
 
     def __str__(self) -> str:
@@ -76,7 +79,7 @@ class UnsafeFileError(FileFormatError):
 
 
 class StorageError(LfcalError, OSError):
-    """A file cannot be read or written: the disk is full or read-only, or the file is missing."""
+    """A file cannot be read or written, for example because the disk is full or the file is missing."""
 
 
 class Cancelled(LfcalError):

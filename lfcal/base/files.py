@@ -124,10 +124,10 @@ def require_space(folder: Path, nbytes: int, *, what: str = "the file") -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> Path:
-    """Return the file to which a name or link leads; raise `StorageError` unless it can be written or replaced.
+    """Return ``path`` with links resolved; raise `StorageError` unless that file can be written or replaced.
 
-    Folders, pipes, devices, read-only files, and names in folders without write permission are refused. The name of a
-    store (`STORES`) may be that of an existing folder that contains one.
+    Folders, pipes, devices, read-only files, and names in folders without write permission are refused. A path with a
+    suffix in `STORES` may be an existing folder that is empty or contains a store.
     """
     # before links are followed: Windows turns such a name into a device path
     if why := name_refused(Path(path)):
@@ -157,8 +157,8 @@ def replace_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     The scratch file is flushed to disk before it is renamed (`lfcal.base.system.replace`). Thus ``path`` is always the
     old file, the complete new file, or absent. Parent folders are created. A link is followed, not replaced. An
-    existing file keeps its mode; a read-only one is refused. Only one program can write a file at a time. Scratch files
-    for the same name left by programs that have ended are removed.
+    existing file keeps its mode; a read-only one is refused. Where locks are supported, only one program can write a
+    file at a time. Scratch files for the same name left by programs that have ended are removed.
 
     Raises
     ------
@@ -198,8 +198,9 @@ def _check_store(target: Path) -> None:
 def replace_store(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield an empty scratch folder next to ``path``; move it into place when the block succeeds, else remove it.
 
-    It works like `replace_whole`, for outputs that are folders (`STORES`). An existing folder is moved aside between
-    two renames. If the program is killed at that moment, the next program that writes the folder restores it.
+    It works like `replace_whole`, for outputs that are folders (`STORES`). An existing folder is first renamed, then
+    the new one is moved into place. If the program is killed in between, the next program that writes the folder
+    restores the old one.
 
     Raises
     ------
@@ -249,7 +250,15 @@ def _remove(path: Path) -> bool:
 
 @contextmanager
 def only_writer(target: Path) -> Iterator[bool]:
-    """Context in which a lock file excludes other writers of ``target``; yields whether locks are supported."""
+    """Context in which a lock file excludes other writers of ``target``; yields whether the lock could be taken.
+
+    It cannot if the file system does not support locks, or if the lock file belongs to another user.
+
+    Raises
+    ------
+    StorageError
+        If another program is writing ``target``.
+    """
     path = target.with_name(f".{target.name}.lock")
     descriptor = _locked(path, target)
     try:
@@ -302,7 +311,7 @@ def _unlink(path: Path) -> bool:
 
 
 def sweep_scratch(folder: Path) -> None:
-    """Remove the scratch files in ``folder`` that killed programs left behind."""
+    """Remove what killed programs left of `replace_whole` and `replace_store` in ``folder``."""
     left = {path.name[1:].rsplit(".", 2)[0] for path in folder.glob(".*.*.part")}
     left |= {path.name[1:].removesuffix(".lock") for path in folder.glob(".*.lock")}
     for name in left:
@@ -332,8 +341,8 @@ def check_regular(path: Path) -> None:
 def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bool = False) -> str:
     """Return the content of a text file in UTF-8 of at most ``limit`` bytes (64 MiB by default).
 
-    If ``foreign`` is set, the file may have an encoding of spreadsheets: UTF-16 with a byte-order mark, or Windows code
-    page 1252.
+    If ``foreign`` is set, the file may also have an encoding that spreadsheet programs write: UTF-16 with a byte-order
+    mark, or Windows code page 1252.
 
     Raises
     ------
@@ -364,7 +373,7 @@ def read_text(path: str | os.PathLike[str], *, limit: int = 1 << 26, foreign: bo
 
 
 def check_other_file(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
-    """Raise `InputError` if the output ``target`` would replace the input ``source``; links are followed."""
+    """Raise `InputError` if the output ``target`` and the input ``source`` are the same file; links are followed."""
     if not str(source):
         return
     with suppress(OSError):  # a missing file is not the input
@@ -390,12 +399,12 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
-    """Write an image of 8 or 16 bits as PNG, ``(rows, columns)`` or ``(rows, columns, 3)`` as (blue, green, red).
+    """Write a uint8 or uint16 image as PNG: ``(rows, columns)``, or ``(rows, columns, 3)`` as (blue, green, red).
 
     Raises
     ------
     StorageError
-        If the disk fails; an existing file is kept.
+        If the file cannot be written; an existing file is kept.
     """
     from lfcal.base.opencv import cv2
 
@@ -404,12 +413,12 @@ def write_png(path: str | os.PathLike[str], image: NDArray[Any]) -> None:
 
 
 def write_tiff(path: str | os.PathLike[str], data: NDArray[Any], **options: Any) -> None:
-    """Write an array as TIFF; ``options`` are those of `tifffile.imwrite`.
+    """Write an array as a greyscale TIFF; ``options`` are those of `tifffile.imwrite`, without ``photometric``.
 
     Raises
     ------
     StorageError
-        If the disk fails; an existing file is kept.
+        If the file cannot be written; an existing file is kept.
     """
     import tifffile
 

@@ -57,7 +57,7 @@ class Finding:
     positions
         Affected positions as indices: (z, y, x) of a scan, or holes (row, column) of a target.
     size, limit
-        Measured value, and the limit that it exceeds, in the same unit; NaN if there is none.
+        Measured value, and the limit that it violates, in the same unit; NaN if there is none.
     sigma
         Significance relative to noise, in standard deviations; NaN if unknown.
     cost
@@ -142,7 +142,10 @@ class Judgement:
 
     @classmethod
     def of(cls, data: str, findings: Iterable[Finding], known: str) -> Judgement:
-        """Return the judgement of ``data`` with the findings sorted, worst first; ``known`` sums up what is good."""
+        """Return the judgement of ``data`` with the findings sorted in the order of `WORST`.
+
+        ``data`` and ``known`` are as in `Judgement`.
+        """
         return cls(data, tuple(sorted(findings, key=lambda one: WORST.index(one.merit))), known)
 
     @property
@@ -152,7 +155,10 @@ class Judgement:
 
     @property
     def verdict(self) -> str:
-        """Text with the rating, the first finding (positions, cost and remedy), and a summary of the other findings."""
+        """Text with the rating, the first finding (positions, cost and remedy), and a summary of the other findings.
+
+        Without findings, it states `known`, or that nothing could be measured.
+        """
         if not self.findings:
             nothing = f"Nothing could be measured: it is not known whether this {self.data} is good."
             return f"This {self.data} is {self.known}." if self.known else nothing

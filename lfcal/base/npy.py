@@ -34,7 +34,7 @@ _HEADER = re.compile(rf"\{{\s*(?:(?:{_DESCR}|{_ORDER}|{_SHAPE})\s*(?:,\s*)?){{3}
 
 
 def map_npy(path: str | os.PathLike[str]) -> NDArray[Any]:
-    """Return the array in an ``.npy`` file, memory-mapped and read-only.
+    """Return the array in an ``.npy`` file, memory-mapped and read-only; a new array if it has no entries.
 
     Raises
     ------

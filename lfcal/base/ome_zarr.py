@@ -51,10 +51,10 @@ def check_zarr() -> ModuleType:
 
 @contextmanager
 def understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
-    """Convert errors of the disk to `StorageError`, and all others to `FileFormatError`.
+    """Context in which errors of the disk are converted to `StorageError`, and others to `FileFormatError`.
 
-    ``source`` is the folder that is read. ``wanted`` and ``remedy`` state in the message what was expected and what to
-    do.
+    A `LfcalError` is not converted. ``source`` is the folder that is read. ``wanted`` and ``remedy`` state in the
+    message what was expected and what to do.
     """
     try:
         yield
@@ -70,7 +70,7 @@ def understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
 
 
 def ome_images(source: Path, name: str = "") -> tuple[list[Image], dict[str, Any]]:
-    """Return the images of an OME-Zarr in their order, and the attributes of the folder.
+    """Return the images of an OME-Zarr in their order, and the attributes of the folder or of its entry ``name``.
 
     Each image is a pair: the zarr array of full resolution, which is not read yet, and its metadata (empty for a plain
     array).
@@ -147,7 +147,7 @@ def _codecs(steps: Any) -> Iterator[str]:
 
 
 def check_stored(source: Path, arrays: list[Any]) -> None:
-    """Raise `FileFormatError` if the arrays are larger than the files in their folder can contain."""
+    """Raise `FileFormatError` if ``arrays`` are more than `MAX_EXPANSION` times as large as all files in ``source``."""
     nbytes = sum(math.prod(array.shape) * array.dtype.itemsize for array in arrays)
     with storage_errors(source):
         held = sum(path.stat().st_size for path in source.rglob("*") if path.is_file())

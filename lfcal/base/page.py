@@ -77,10 +77,10 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
 def html_page(name: str, title: str, kind: str, sections: Iterable[str], footer: str) -> str:
-    """Return an HTML page without scripts or external links; ``sections`` contain HTML.
+    """Return an HTML page whose content security policy forbids scripts and external content.
 
-    ``name`` is the main heading, ``title`` the title of the document, ``kind`` a phrase shown below the heading, and
-    ``footer`` the text at the end.
+    ``name`` is the main heading, ``title`` the title of the document, ``kind`` a phrase shown with the time below the
+    heading, and ``footer`` the text at the end. The ``sections`` are HTML, which is not escaped; the others are text.
     """
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     return (
@@ -101,14 +101,18 @@ def html_text(value: object) -> str:
 
 
 def html_section(title: str, body: str) -> str:
-    """Return a section with its heading; empty if ``body`` is empty."""
+    """Return an HTML section with the heading ``title`` (text) and ``body`` (HTML); empty if ``body`` is empty."""
     return f"<section><h2>{html_text(title)}</h2>\n{body}</section>" if body else ""
 
 
 def html_table(
     headers: Sequence[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = (), *, escape: bool = False
 ) -> str:
-    """Return a table; cells contain HTML, or text if ``escape`` is set; ``numeric`` columns are right-aligned."""
+    """Return an HTML table; there is no header row if all ``headers`` (text) are empty.
+
+    The cells of ``rows`` are HTML, or text if ``escape`` is set. The columns with the indices ``numeric`` are
+    right-aligned.
+    """
     if escape:
         rows = (map(html_text, row) for row in rows)
     right = set(numeric)
@@ -123,18 +127,21 @@ def html_table(
 
 
 def html_figure(png: bytes, caption: str) -> str:
-    """Return a PNG image, embedded in the page, with its caption."""
+    """Return an HTML figure: the content ``png`` of a PNG file, embedded in the page, and ``caption`` (text)."""
     data, words = base64.b64encode(png).decode("ascii"), html_text(caption)
     return f'<figure><img alt="{words}" src="data:image/png;base64,{data}"><figcaption>{words}</figcaption></figure>\n'
 
 
 def html_paragraphs(lines: Iterable[str]) -> str:
-    """Return each line of text as a paragraph, with an initial capital."""
+    """Return each of ``lines`` (text, not empty) as an HTML paragraph with an initial capital."""
     return "".join(f"<p>{html_text(one[0].upper() + one[1:])}</p>" for one in lines)
 
 
 def add_html_section(page: Path, added: str) -> None:
-    """Add the section ``added`` at the end of a page made by `html_page`, or replace that with the same heading."""
+    """Add the section ``added`` (HTML) at the end of a file with a page of `html_page`.
+
+    An earlier section with the same heading is removed.
+    """
     body, footer, rest = page.read_text(encoding="utf-8").rpartition("\n<footer>")
     before, there, after = body.partition("\n" + added.partition("\n")[0])
     body = before + after.partition("</section>")[2] if there else body

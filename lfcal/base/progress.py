@@ -65,7 +65,7 @@ class Progress:
 
     @property
     def fraction(self) -> float:
-        """Finished fraction of the work, in [0, 1]."""
+        """Finished fraction of the work, in [0, 1]; 0 if the total is unknown."""
         return min(1.0, self.done / self.total) if self.total > 0 else 0.0
 
     @property
@@ -75,7 +75,7 @@ class Progress:
 
     @property
     def eta_seconds(self) -> float | None:
-        """Estimated remaining time (s); None if it cannot be estimated yet."""
+        """Estimated remaining time (s); None before the first unit is finished, or if the total is unknown."""
         if self.done <= 0 or self.total <= 0:
             return None
         return self.seconds * max(0, self.total - self.done) / self.done
@@ -229,7 +229,11 @@ def _result_of(work: Callable[..., Any]) -> Any:
 
 
 def docstring_of(generator: str, doc: str = "") -> str:
-    """Return the docstring of a function derived from a generator: that of ``generator`` with changes from ``doc``."""
+    """Return the docstring of a function derived from a generator.
+
+    It is the docstring ``generator`` without the sections Yields and Examples. A summary or section in ``doc`` replaces
+    that of ``generator``, or is added.
+    """
     kept = {heading: text for heading, text in _parts_of(generator).items() if heading not in STEPS}
     merged = kept | {heading: text for heading, text in _parts_of(doc).items() if text}
     return "\n\n".join(text for text in merged.values() if text)
@@ -255,7 +259,7 @@ _NEEDED: ContextVar[Callable[[], bool] | None] = ContextVar("needed", default=No
 
 @contextmanager
 def abandonable(needed: Callable[[], bool]) -> Iterator[None]:
-    """Context in which this thread's computation ends with `WorkAbandoned` as soon as ``needed`` returns False.
+    """Context in which `raise_if_abandoned` ends this thread's computation when ``needed`` returns False.
 
     Use it for functions that are not generators, and whose results may become unnecessary before they return.
     """
@@ -267,7 +271,7 @@ def abandonable(needed: Callable[[], bool]) -> Iterator[None]:
 
 
 def raise_if_abandoned() -> None:
-    """Raise `WorkAbandoned` if this thread's result is no longer needed."""
+    """Raise `WorkAbandoned` if this thread's result is no longer needed; do nothing outside `abandonable`."""
     needed = _NEEDED.get()
     if needed is not None and not needed():
         raise WorkAbandoned

@@ -107,7 +107,7 @@ class Registry(Generic[T]):
         return tuple(self._found())
 
     def get(self, name: str) -> T:
-        """Return the part named ``name``; raises `InputError` with the known names if there is none."""
+        """Return the part named ``name``; raise `InputError` with the known names if there is none."""
         found = self._found()
         if name not in found:
             raise InputError.expected(self.what, any_of(found), repr(name), choose(name, found))

@@ -49,7 +49,10 @@ _SEEKING = threading.Lock()
 
 
 def reserve(descriptor: int, size: int) -> None:
-    """Reserve ``size`` bytes of disk space for a file without changing its content; raises OSError if it is full."""
+    """Reserve disk space for the first ``size`` bytes of an open file; raise OSError if the disk is full.
+
+    The content of the file is kept. A shorter file is extended with zeros.
+    """
     if hasattr(os, "posix_fallocate"):
         try:
             os.posix_fallocate(descriptor, 0, size)
@@ -186,7 +189,10 @@ _NOT_IN_NAMES = frozenset('<>:"|?*')
 
 
 def name_refused(path: Path) -> str:
-    """Return why Windows refuses a file name or treats it as a device; empty if it does not, and on other systems."""
+    """Return why Windows refuses or changes a name in ``path``, or treats it as a device.
+
+    The text is empty if the path is accepted, and always on other systems.
+    """
     if sys.platform != "win32":
         return ""
     for part in path.parts[1:] if path.anchor else path.parts:
@@ -210,13 +216,13 @@ def on_network(path: str) -> bool:
 
 
 def too_long(path: object) -> bool:
-    """Return whether a path may be too long for Windows, which then reports that the file does not exist."""
+    """Return whether a path may be too long for Windows, which then reports a missing file; False on other systems."""
     # 259 characters, some of which are needed for the names of scratch files
     return sys.platform == "win32" and len(str(path)) > 235 and not str(path).startswith("\\\\?\\")
 
 
 def lock(descriptor: int) -> None:
-    """Lock an open file until it is closed or the process ends; raises OSError if it is already locked."""
+    """Lock an open file until it is closed or the process ends; raise OSError if it is locked or cannot be locked."""
     if sys.platform == "win32":
         import msvcrt
 
@@ -231,7 +237,7 @@ def lock(descriptor: int) -> None:
 
 
 def is_alive(process: int) -> bool:
-    """Return whether a process with this number is running."""
+    """Return whether a process with the ID ``process`` exists."""
     if sys.platform == "win32":
         return _is_alive_on_windows(process)
     try:
@@ -340,16 +346,19 @@ def total_memory() -> int:
 
 
 def memory_in_use(root: Path = Path("/")) -> int:
-    """Return the memory that this process uses now (bytes); 0 if the system does not report it."""
+    """Return the resident memory of this process (bytes); 0 if the system does not report it.
+
+    ``root`` contains ``proc`` on Linux; other systems are queried through psutil.
+    """
     if not sys.platform.startswith("linux"):
         return int(_psutil().Process().memory_info().rss)
     return _kilobytes(root / "proc" / "self" / "status", "VmRSS")
 
 
 def peak_memory(*, children: bool = False) -> int:
-    """Return the peak memory of this process, or the largest peak of its ended child processes (bytes).
+    """Return the peak resident memory of this process (bytes).
 
-    On Windows, the value for child processes is 0.
+    With ``children``, it is the peak of the largest of its child processes that have ended; 0 on Windows.
     """
     if sys.platform == "win32":
         return 0 if children else int(_psutil().Process().memory_info().peak_wset)

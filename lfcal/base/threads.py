@@ -87,11 +87,11 @@ def worker_count(workers: int | None = None) -> int:
 
 @contextmanager
 def bounded_threads(workers: int | None = None) -> Iterator[int]:
-    """Context manager that limits everything inside it to at most `worker_count` threads; yields this number.
+    """Context manager that limits everything inside it to ``worker_count(workers)`` threads; yields this number.
 
-    The limit applies to this library's pools, to child processes, and to other libraries. The limit is set in loaded
-    libraries by a call, and in libraries loaded later by environment variables. A smaller limit that the user has set
-    for a library is kept.
+    The limit applies to lfcal's pools, to child processes, and to numerical libraries. It is set in loaded libraries by
+    a call, and for libraries loaded later by environment variables. A smaller limit that the user has set in such a
+    variable is kept.
     """
     count = worker_count(workers)
     before = {name: os.environ.get(name) for name in (WORKERS, *_VARIABLES)}
@@ -315,7 +315,7 @@ class _Shared(Generic[R]):
 def for_each_block(function: Callable[[int, int], object], n: int, step: int, workers: int | None = None) -> None:
     """Call ``function(start, stop)`` in threads on blocks of ``step`` items of ``range(n)``; the last may be shorter.
 
-    The blocks do not depend on the number of workers, so sums and products are identical to the last bit.
+    The blocks do not depend on the number of workers, so the result of each block is identical to the last bit.
     """
     _over(function, [(k, min(k + step, n)) for k in range(0, n, step)], worker_count(workers))
 

@@ -49,24 +49,24 @@ def format_seconds(seconds: float) -> str:
 
 
 def format_span(seconds: float) -> str:
-    """Return a time span as text, such as ``'6 h 00 min'``; in days from two days on, such as ``'5.3 days'``."""
+    """Return a time span as text: in days if it is at least two days (``'5.3 days'``), else as in `format_seconds`."""
     return f"{seconds / 86400:.1f} days" if seconds >= 2 * 86400 else format_seconds(seconds)
 
 
 def format_slope(slope: float, span_s: float, error: float | None = None) -> str:
-    """Return a slope as text; if it could not be determined (NaN), return the time span.
+    """Return the slope of values over time as text, without a unit; if it is NaN, return the time span.
 
     Parameters
     ----------
     slope, error
-        The slope and its standard error, if known.
+        The slope and its standard error; None if the error is unknown.
     span_s
-        Time from the first value to the last (s); NaN if fewer than two are known.
+        Time from the first value to the last (s); NaN if there are fewer than two values.
 
     Returns
     -------
     str
-        ``'+0.12'``, ``'+0.12 ± 0.01'`` or ``'within 6 h 00 min'``; empty if there is no time between the values.
+        ``'+0.12'``, ``'+0.12 ± 0.01'`` or ``'within 6 h 00 min'``; empty if neither slope nor time span is known.
     """
     if math.isfinite(slope):
         return f"{slope:+.2g}" if error is None else f"{slope:+.2g} ± {error:.1g}"
@@ -92,9 +92,9 @@ def format_length(um: float) -> str:
 
 
 def format_plane(depth_um: float, z: int, name: str = "") -> str:
-    """Return plane ``z`` as text: its depth, or its number if ``depth_um`` is NaN.
+    """Return the depth (µm) of a plane as text, or ``'plane 3'`` with its index ``z`` if the depth is NaN.
 
-    With ``name``, the text has the form ``'name = 250 µm'``.
+    With ``name``, a depth has the form ``'name = 250 µm'``.
     """
     if math.isnan(depth_um):
         return f"plane {z}"
@@ -102,7 +102,10 @@ def format_plane(depth_um: float, z: int, name: str = "") -> str:
 
 
 def format_number(value: float, digits: int = 3) -> str:
-    """Return a number with ``digits`` digits as text, such as ``'0.35'`` or, from 1000 to a million, ``'49,400'``."""
+    """Return a number with ``digits`` significant digits as text, such as ``'0.35'``.
+
+    Between 1000 and a million, the text has thousands separators, such as ``'49,400'``.
+    """
     if not 1e3 <= abs(value) < 1e6:
         return f"{value:.{digits}g}"
     return f"{float(f'{value:.{digits}g}'):,.0f}"

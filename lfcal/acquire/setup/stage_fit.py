@@ -239,10 +239,9 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
 def iter_stage_fit(
     rig: Rig, plan: ScanPlan, *, z: int = 0, options: Options | None = None, control: Control | None = None
 ) -> Work[StageFit]:
-    """Measure the motion of the image with the stage, in the middle and at the corners of a rectangle in plane ``z``.
+    """Measure how the image moves with the stage, at the five positions of `places_about` in plane ``z``.
 
-    The corners are whole periods away from the middle, as in `places_about`. Nothing is recorded, and the stage returns
-    to its previous position.
+    No files are written, and the stage returns to its previous position.
 
     Parameters
     ----------
@@ -277,7 +276,7 @@ def iter_stage_fit(
 
 
 def phase_drift(plan: ScanPlan) -> NDArray[np.float64]:
-    """Return the relative difference ``(y, x)`` between the plan's period and that of the lenslets."""
+    """Return the fraction ``(y, x)`` by which the lenslets' period exceeds the plan's; zeros with resampling."""
     if plan.resample:
         return np.zeros(2)
     drift: NDArray[np.float64] = np.array(plan.period_residual_px) / np.array(plan.period)
@@ -285,7 +284,10 @@ def phase_drift(plan: ScanPlan) -> NDArray[np.float64]:
 
 
 def room(plan: ScanPlan) -> NDArray[np.intp]:
-    """Return by how many periods the middle cutout can move on the sensor, ``((up, left), (down, right))``."""
+    """Return by how many whole periods a cutout can move on the sensor, ``((up, left), (down, right))``.
+
+    It is the cutout at the middle of the period, in the first plane.
+    """
     image, factors = plan.image_px([0, *(n // 2 for n in plan.period)]), np.array(plan.resample_factors)
     half, size = (np.array(plan.cutout) - 1) / 2 / factors, np.array(plan.camera.sensor.shape)
     periods = np.array(plan.period) / factors
@@ -297,16 +299,16 @@ def places_about(
 ) -> NDArray[np.float64]:
     """Return five stage positions (x, y, z), ``(5, 3)`` (µm): the middle of a period, and a rectangle around it.
 
-    The corners are whole periods away from the middle, so that the pattern of the lenslets is the same there. The
-    distance is three periods, or a tenth of the sensor if that is more. They are closer if the period was rounded, or
-    if the cutout would leave the sensor or the stage would leave its travel. If the cutout cannot move by a whole
-    period on the sensor, the corners are one period away. ``z`` is the index of the depth plane, ``limits`` the travel
-    of the stage, and ``overshoot_um`` as in `Motion` (µm).
+    Along each axis, the corners are whole periods away from the middle, so that the pattern of the lenslets is the same
+    there. The distance is three periods, or a tenth of the sensor if that is more. It is smaller if rounding of the
+    period would shift the pattern by more than `PHASE`, or if the cutout would leave the sensor or the stage its
+    travel. If the sensor has no room for a whole period, the distance is one period. ``z`` is the index of the depth
+    plane, ``limits`` the travel of the stage, and ``overshoot_um`` as in `Motion` (µm).
 
     Raises
     ------
     LimitError
-        If the stage cannot move by a period.
+        If corners one period away are outside the travel of the stage.
     """
     middle = np.array([z, *(n // 2 for n in plan.period)])
     period = np.array(plan.period) / np.array(plan.resample_factors)
@@ -383,7 +385,7 @@ def depth_fit(
     looks
         Measurements in the first and in the last plane.
     slope_error
-        Standard deviations of a fit's slopes (right, down).
+        Relative standard deviations of the measured movement of the image (right, down).
     optics
         ``"pattern"`` if frames show the simulator's quick pattern, which does not spread with depth; empty for a real
         camera.
@@ -430,7 +432,11 @@ def _correlation(a: NDArray[Any], b: NDArray[Any]) -> float:
 
 
 def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
-    """Return remarks on the movement in depth; raise `InputError` if it differs from the plan."""
+    """Return remarks on the movement in depth; raise `InputError` if it differs too much from the plan.
+
+    The tolerance is `GROWTH_OFF` or `SPREAD_OFF`, by the quantity that was measured, plus three standard deviations. A
+    movement that could not be measured is only remarked.
+    """
     if math.isnan(fit.scale):
         return (f"depth axis not checked: {fit.by}",)
     off, axis = abs(fit.scale - 1), plan.stage.away[1]

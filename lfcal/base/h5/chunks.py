@@ -32,7 +32,8 @@ PIPELINE = ("shuffle", "deflate", "fletcher32")
 def fletcher32(data: bytes) -> int:
     """Return the checksum that HDF5 stores with a chunk: Fletcher's sums of big-endian 16-bit words.
 
-    An odd last byte counts as the high byte of a word (HDF5 library, `H5_checksum_fletcher32`).
+    If the number of bytes is odd, the last one counts as the high byte of a word (HDF5 library,
+    `H5_checksum_fletcher32`).
     """
     from imagecodecs import h5checksum_fletcher32
 
@@ -86,7 +87,7 @@ def decode_chunk(
     dtype, shape
         Type and shape of the chunk.
     filter_mask
-        Bits of the filters that were not applied to this chunk (bit k for filter k).
+        Bit k is set if filter k was not applied to this chunk.
     filters
         The dataset's filters in order.
     where
@@ -254,15 +255,18 @@ class ChunkTable:
 
     @property
     def first_rows(self) -> int:
-        """Length of the first axis up to which all chunks were written; 0 if there are chunks after a gap."""
+        """Number of indices of the first axis, from 0, for which all chunks were written.
+
+        It is 0 if chunks were written for any later index: the writing was not in order.
+        """
         lost = (self._at < 0).reshape(self._grid[0], -1)
         first = int(lost.any(axis=1).argmax()) if lost.any() else self._grid[0]
         return min(first * self._chunk[0], self._shape[0]) if lost[first:].all() else 0
 
     def stored(self, start: Start) -> tuple[int, bytes] | None:
-        """Return the mask of filters not applied to a chunk, and its stored bytes; None if it was never written.
+        """Return the ``filter_mask`` of a chunk for `decode_chunk`, and its stored bytes; None if it was never written.
 
-        ``start`` contains the indices of its first sample. The method is thread-safe.
+        ``start`` contains the indices of the chunk's first sample. The method is thread-safe.
         """
         place = tuple(k // length for k, length in zip(start, self._chunk, strict=True))
         at, size = int(self._at[place]), int(self._size[place])
@@ -273,9 +277,9 @@ class ChunkTable:
         return int(self._filter_masks[place]), raw
 
     def each_stored(self, starts: Iterable[Start]) -> Iterator[tuple[Start, int, memoryview]]:
-        """Yield start, filter mask and bytes of the written chunks at ``starts``; adjacent chunks are read together.
+        """Yield start, ``filter_mask`` and stored bytes of the chunks at ``starts``, without those never written.
 
-        The method is not thread-safe. The bytes of a chunk are valid until the next one is requested.
+        Chunks that are adjacent in the file are read together. The method is not thread-safe.
         """
         asked = list(starts)
         # look up all together: for small chunks, the look-up takes as long as reading
@@ -307,7 +311,10 @@ class ChunkTable:
                 self._closer = None
 
     def decoded(self, start: Start) -> NDArray[Any]:
-        """Return the values of the chunk at ``start``; fill values if it was never written."""
+        """Return the values of the chunk with the first sample at ``start``; fill values if it was never written.
+
+        `filters` must not be None.
+        """
         stored = self.stored(start)
         if stored is None:
             return np.full(self._chunk, self._fill, self._dtype)
@@ -316,7 +323,10 @@ class ChunkTable:
         return decode_chunk(stored[1], self._dtype, self._chunk, stored[0], self.filters, where=name)
 
     def read(self, slices: tuple[slice, ...]) -> NDArray[Any]:
-        """Return the samples in a box that is described by one slice per axis, with step 1 and explicit ends."""
+        """Return the samples in a box; ``slices`` has one slice per axis, with start and stop, and without a step.
+
+        `filters` must not be None.
+        """
         out = np.empty([s.stop - s.start for s in slices], self._dtype)
         starts = [range(s.start - s.start % c, s.stop, c) for s, c in zip(slices, self._chunk, strict=True)]
         for start in product(*starts):

@@ -45,13 +45,13 @@ Mark = tuple[int, int, int, int]
 
 
 def probe(path: Path, only: tuple[str, ...] | None = None) -> None:
-    """Raise `FileFormatError` if reading the HDF5 file ``path`` crashes or hangs a process.
+    """Raise `FileFormatError` if a child process that reads the HDF5 file ``path`` crashes or does not finish in time.
 
-    With ``only``, the check reads data only from these datasets, and of large datasets only the middle chunk.
+    With ``only``, the child reads data only from these datasets, and of large datasets only the middle chunk.
 
     A file that was checked before and has not changed since is not checked again. A file is accepted without a check if
-    no child process can be started (no memory, no permission, libraries that do not load), or if the process ends with
-    a Python exception.
+    no child process can be started (no memory, no permission, libraries that do not load), or if it ends with a Python
+    exception.
     """
     mark = _mark(path)
     with _CHILD.lock:

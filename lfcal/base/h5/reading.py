@@ -119,11 +119,14 @@ class H5File:
             return tuple(str(name) for name in found) if isinstance(found, h5py.Group) else ()
 
     def attributes(self, name: str = "") -> Attributes:
-        """Return the attributes of an entry."""
+        """Return the attributes of the entry ``name``; raise `FileFormatError` if there is no such entry."""
         return Attributes(self.path, self._object(name), name)
 
     def dataset_shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of a dataset in the root; empty if ``name`` is a link or not a dataset."""
+        """Return the shape of the dataset ``name`` in the root.
+
+        It is empty if there is no such dataset, or if ``name`` is a soft or external link.
+        """
         import h5py
 
         with damage(self.path, name):
@@ -133,7 +136,10 @@ class H5File:
             return tuple(entry.shape or ()) if isinstance(entry, h5py.Dataset) else ()
 
     def datasets(self) -> dict[str, tuple[int, ...]]:
-        """Return the shape of every dataset of plain numbers, by name; soft and external links are not followed."""
+        """Return the shape of every dataset of integers or real numbers, by name.
+
+        Soft and external links are not followed. A dataset with several names is included once.
+        """
         import h5py
 
         found: dict[str, tuple[int, ...]] = {}
@@ -157,7 +163,7 @@ class H5File:
         return found
 
     def links_out(self) -> list[str]:
-        """Return the targets of external links as ``file::/dataset``, without opening them."""
+        """Return the sorted targets of all external links as ``file::/dataset``; their files are not opened."""
         import h5py
 
         found: list[str] = []
@@ -200,7 +206,7 @@ class H5File:
         finite: bool = False,
         at_most: float | None = None,
     ) -> NDArray[Any]:
-        """Return all values of a small dataset (4 GB at most).
+        """Return all values of a dataset of at most 4 GiB.
 
         Parameters
         ----------
@@ -237,12 +243,12 @@ class H5File:
     def references(self, name: str) -> NDArray[np.object_]:
         """Return the names of the entries to which a dataset of object references refers, as an array of its shape.
 
-        Each name is that of a dataset or group in this file, whose contents are not checked.
+        The names are those of datasets or groups in this file. What these contain is not checked.
 
         Raises
         ------
         FileFormatError
-            If the dataset contains other values, or a reference leads nowhere.
+            If the dataset contains other values or too many references, or a reference leads nowhere.
         """
         import h5py
 
@@ -327,9 +333,9 @@ class H5Data:
     max_bytes
         Largest allowed declared size (bytes).
     dtype
-        The only accepted type, that of the records of a recording; by default plain numbers.
+        Required type, for the records of a recording. None: any type of integers, real or complex numbers, or bool.
     holes
-        Whether chunks may be missing; their samples then have the fill value.
+        Whether chunks, or the contiguous data, may be missing; these samples then have the fill value.
 
     Raises
     ------
@@ -338,6 +344,8 @@ class H5Data:
         ``max_bytes`` or far exceeds that of the file.
     FileFormatError
         If the file is damaged or unfinished.
+    InputError
+        If the data require hdf5plugin, which is not installed.
     """
 
     def __init__(
@@ -459,15 +467,25 @@ class H5Data:
 
     @property
     def offset(self) -> int | None:
-        """Offset in the file at which contiguous data begin (bytes); None for chunked data."""
+        """Offset in the file at which contiguous data begin (bytes); None for data that are chunked or absent."""
         with damage(self.path, self.name):
             found = None if self.chunks is not None else self._data.id.get_offset()
         return None if found is None else int(found)
 
     def read(self, index: Index = ()) -> NDArray[Any]:
-        """Return a part of the data as a new array; ``index`` contains an integer or a slice per axis; default: all.
+        """Return a part of the data as a new array.
 
-        Raises `IndexError` outside the dataset.
+        Parameters
+        ----------
+        index
+            An integer or a slice for each axis, in order; axes without one are read completely.
+
+        Raises
+        ------
+        IndexError
+            If an integer is outside the dataset, or there are more indices than axes.
+        FileFormatError
+            If the data are damaged, or the file is closed.
         """
         if not self.is_open:
             raise FileFormatError(f"{self.where}: its file is closed; open it again")
@@ -531,7 +549,7 @@ D = TypeVar("D")
 
 
 class Attributes:
-    """Attributes of one object in a file; an attribute of the wrong type raises `FileFormatError`.
+    """Attributes of one object in a file; its methods raise `FileFormatError` for an attribute of the wrong type.
 
     Parameters
     ----------
@@ -555,7 +573,7 @@ class Attributes:
     @overload
     def text(self, key: str, default: str) -> str: ...
     def text(self, key: str, default: str | None = None) -> str | None:
-        """Return an attribute that must be text; ``default`` if it is absent."""
+        """Return the attribute ``key``, which must be text; ``default`` if it is absent."""
         value = self._get(key)
         if value is None:
             return default
@@ -567,7 +585,7 @@ class Attributes:
         return value
 
     def integer(self, key: str) -> int | None:
-        """Return an attribute that must be one whole number; None if it is absent."""
+        """Return the attribute ``key``, which must be one integer; None if it is absent."""
         value = self._get(key)
         if value is None:
             return None
@@ -576,9 +594,9 @@ class Attributes:
         return int(value)
 
     def numbers(self, key: str, lengths: tuple[int, ...]) -> NDArray[np.float64] | None:
-        """Return an attribute that must be finite numbers; None if it is absent.
+        """Return the attribute ``key``, which must be finite numbers, as a 1-D array; None if it is absent.
 
-        Their number must be one of ``lengths``; if 1 is one of them, a scalar is accepted too.
+        The length must be one of ``lengths``. A scalar is an array of length 1.
         """
         value = self._get(key)
         if value is None:
@@ -592,7 +610,7 @@ class Attributes:
         return numbers.ravel()
 
     def plain(self) -> dict[str, Any]:
-        """Return all attributes that are text or numbers."""
+        """Return all attributes that are text, numbers or arrays, by name."""
         with damage(self._path, self._name):
             found = {key: self._values[key] for key in self._keys}
         return {key: value for key, value in found.items() if isinstance(value, str | np.ndarray | np.generic)}
@@ -617,9 +635,11 @@ _OF_THE_DISK = {errno.EIO, errno.EACCES, errno.EPERM, errno.ESTALE, errno.ENODEV
 
 
 class damage:
-    """Context manager that converts all errors of h5py on damaged data to a `FileFormatError` that contains ``where``.
+    """Context manager that converts errors of h5py to a `FileFormatError`, or a `StorageError` if the disk fails.
 
-    h5py raises KeyError, RuntimeError, OSError, TypeError, ValueError, OverflowError and UnicodeError.
+    On damaged data, h5py raises KeyError, RuntimeError, OSError, TypeError, ValueError, OverflowError and UnicodeError.
+    Every exception but a `LfcalError` is therefore converted. The message names the file ``path`` and, unless it is
+    empty, the entry ``where``.
     """
 
     # a class: it is entered for every pattern, and a generator would cost as much as the read
