@@ -115,11 +115,15 @@ class Inspection:
     unfinished: str = ""
 
     def settled(self, metric: Metric) -> FoundFault | None:
-        """Return the fault that explains the value of ``metric`` and replaces it; None if there is none."""
+        """Return the fault that explains the value of ``metric`` and is reported instead; None if there is none."""
         return next((one for one in self.faults if metric.key in one.fault.settles), None)
 
     def withdrawn(self, metric: Metric) -> bool:
-        """Return whether the comparison with the camera refutes ``metric``, because it finds almost no such effect."""
+        """Return whether the comparison with the camera refutes ``metric``.
+
+        This needs a comparison without a fault that explains the metric. The comparison must also measure the effect
+        more reliably, or the measured cost of the metric must be negligible.
+        """
         harmless = metric.measured and metric.key not in FRAMES and metric.cost < FAIR
         return bool(self.compared) and (metric.key in MEASURED or harmless) and self.settled(metric) is None
 
@@ -145,7 +149,7 @@ class Inspection:
 
     @property
     def judgement(self) -> Judgement:
-        """Findings about H from all sources."""
+        """Rating and verdict of H, with the findings from its metrics and from the comparison with the camera."""
         return judgement_of(self)
 
     @property
@@ -160,7 +164,10 @@ class Inspection:
 
     @property
     def known(self) -> str:
-        """Text that summarizes the checks that H passed; empty if it passed none."""
+        """Text with the number of checks that H passed, and the result of the comparison with the camera.
+
+        It is empty if H passed no check and there is neither a comparison nor a fault.
+        """
         good = sum(m.merit == "good" for m in self.quality.metrics)
         by = f"good by {format_count(good, 'check', 'checks')}"
         if self.compared or self.faults:
@@ -183,7 +190,7 @@ class Inspection:
         return f"{source} {many} that {which} ({listed([one.title for one in found], 4)})"
 
     def redo(self) -> list[tuple[tuple[int, int, int], str]]:
-        """Return pairs of a position (z, y, x) to record again and the reasons, in scan order."""
+        """Return the positions (z, y, x) to record again, each with the reasons as text, sorted by position."""
         others = [m.key for m in self.quality.metrics if self.withdrawn(m) or self.settled(m) is not None]
         reasons = {place: [words] for place, words in self.quality.redo(others)}
         for one in self.faults:
@@ -194,7 +201,10 @@ class Inspection:
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
 
     def to_dict(self, *, every: bool = False) -> dict[str, object]:
-        """Return everything except maps as plain JSON types; with ``every``, include metrics that do not apply."""
+        """Return metrics, findings and the positions to record again as plain JSON types, without maps.
+
+        With ``every``, metrics that do not apply are included.
+        """
         model = {"model": self._model()} if self.asked else {}
         redo = {"redo": [list(place) for place, _ in self.redo()]}
         return self.quality.to_dict(every=every) | model | self.judgement.to_dict() | redo
@@ -235,12 +245,15 @@ class Inspection:
 
 
 def is_bad(finding: FoundFault) -> bool:
-    """Return whether a fault makes H unusable, by its cost or, if unmeasured, by the light that it changes."""
+    """Return whether a fault makes H unusable: by its cost or, if this is unknown, by the light that it changes."""
     return finding.share >= BAD_SHARE if finding.cost is None else finding.cost >= BAD
 
 
 def is_fair(finding: FoundFault) -> bool:
-    """Return whether a fault is significant, by its cost or, if unmeasured, by the light that it changes."""
+    """Return whether a fault is significant: by its cost or, if this is unknown, by the light that it changes.
+
+    A fault that makes H unusable is significant, too.
+    """
     return finding.share >= FAIR_SHARE if finding.cost is None else finding.cost >= FAIR
 
 
@@ -250,7 +263,10 @@ def is_of_single_frames(finding: FoundFault) -> bool:
 
 
 def worst_first(finding: FoundFault) -> tuple[float, float]:
-    """Return the key that sorts faults by decreasing cost, or by the fraction of changed light if a cost is unknown."""
+    """Return the key that sorts faults by decreasing cost.
+
+    If the cost is unknown, it is estimated from the fraction of the light that the fault changes.
+    """
     # without a cost, use the fraction of the changed light relative to its limit
     cost = finding.share * BAD / BAD_SHARE if finding.cost is None else finding.cost
     return -cost, -finding.share
@@ -266,7 +282,8 @@ def iter_inspection(
 ) -> Work[Inspection]:
     """Compare H with its camera; return its metrics and the faults that explain the differences.
 
-    The patterns that are compared depend only on H and ``patterns``, so that the verdict is the same on every computer.
+    The compared patterns do not depend on the speed of the computer. The verdict is therefore the same on every
+    computer that reaches the end within the time limit.
 
     Parameters
     ----------

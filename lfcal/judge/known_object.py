@@ -54,9 +54,9 @@ class ObjectPlace:
 
 
 def nearest(places: Sequence[ObjectPlace], shape: tuple[int, int], origin: tuple[float, float]) -> NDArray[np.intp]:
-    """Return the index of the nearest region for each pixel of a frame, ``(rows, columns)``.
+    """Return the index in ``places`` of the region nearest to each pixel of a frame, ``(rows, columns)``.
 
-    ``origin`` is the first pixel (row, column) of the frame on the sensor.
+    The frame has the ``shape`` (rows, columns), and its first pixel is at ``origin`` (row, column) on the sensor.
     """
     rows, columns = (np.arange(n) + o for n, o in zip(shape, origin, strict=True))
     away = [np.add.outer((rows - r) ** 2, (columns - c) ** 2) for r, c in (one.middle_px for one in places)]
@@ -71,9 +71,9 @@ def object_error(
     given: tuple[float, float] | None,
     workers: int | None,
 ) -> Compared:
-    """Compare the frame of a known object with its prediction by the H nearest to each point.
+    """Compare the frame of a known object with a prediction that uses the H of the region nearest to each object point.
 
-    Patterns are assumed to be periodic only from each point to the nearest region.
+    Patterns are thus assumed to be periodic only between a point and the nearest region.
 
     Parameters
     ----------
@@ -82,11 +82,16 @@ def object_error(
     shot
         Frame of the object with the dark level subtracted.
     volume
-        The object, ``(nz, rows, columns)``, in any unit.
+        The object, ``(nz, rows, columns)``, in any unit; rows and columns are those of the frame.
     given
         Constant and slope of the variance of a sample, as in `NewFrame`. None: as stated by the frame.
     workers
         Number of threads. None: all processors.
+
+    Raises
+    ------
+    InputError
+        If neither ``given`` nor the frame states the variance.
     """
     noise = given or shot.noise
     if noise is None:

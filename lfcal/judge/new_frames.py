@@ -38,12 +38,13 @@ def new_frames(
         Plan of the scan of the frames. None: each frame is a single file, whose name may state the position of its
         source.
     most
-        Largest number of frames, spread evenly; 0: all.
+        Largest number of frames to return, spread evenly over ``view``; 0: all.
 
     Raises
     ------
     InputError
-        If the frames belong to another sensor, or have depths that H does not have.
+        If the size of the frames or of the sensor of ``plan`` does not match the sensor of H, or if a depth of ``plan``
+        is not among those of H.
     """
     _check_grid(matrix, view, plan or plan_of(matrix), source)
     if plan is None:

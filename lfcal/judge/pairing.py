@@ -52,7 +52,7 @@ class Pair:
         return (len(self.planes), *self.a.period, *self.cutout)
 
     def there(self, k: int) -> NDArray[np.bool_]:
-        """Return a mask ``(ny, nx)`` for pair ``k`` of planes, True at positions that exist in both H."""
+        """Return a mask ``(ny, nx)`` for pair ``k`` of planes, True at positions of ``a`` recorded in both H."""
         za, zb = self.planes[k]
         ours = np.asarray(self.a.recorded[za]) > 0
         theirs = np.asarray(self.b.recorded[zb]) > 0
@@ -88,8 +88,8 @@ def pair(
 ) -> Pair:
     """Return the common parts of two H for a comparison.
 
-    Planes are matched by their depths. Source positions are matched by their position on the sensor, if both H state a
-    camera.
+    Planes are matched by their depths if both H state them, and otherwise by their indices. Source positions are
+    matched by their position on the sensor if both H state a camera, and otherwise by their indices.
 
     Parameters
     ----------
@@ -104,7 +104,8 @@ def pair(
     Raises
     ------
     InputError
-        If the periods or the pixels differ, no plane is common, or numbers are complex.
+        If the periods or the numbers of pixels per sensor pixel differ, if no depth is common, or if an H is complex;
+        with ``by_index``, if the shapes differ.
     """
     first, second = (_straight(m) for m in (a, b))
     for matrix, which in ((first, "first"), (second, "second")):

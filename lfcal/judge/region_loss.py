@@ -27,10 +27,10 @@ class RegionLoss:
     anchors
         Sensor position (row, column) of position (0, 0) of each region, ``(n, 2)`` (pixels).
     error
-        ``|a / s - b| / |b|`` (L2) for each pattern a and that of the first region b, ``(n, nz, ny, nx)``, where s makes
-        the energies equal; NaN if not compared.
+        ``|a / s - b| / |b|`` (L2) of each pattern, ``(n, nz, ny, nx)``; NaN if not compared. Here a is the pattern, b
+        that of the first region at the same position, and s the factor that makes their energies equal.
     shift_px
-        Root mean square of the shifts of the centroids ``(n,)`` (pixels).
+        Root mean square of the shifts of the centroids from those of the first region, ``(n,)`` (pixels).
     """
 
     names: tuple[str, ...]
@@ -53,14 +53,14 @@ class RegionLoss:
         return float(np.nanmax(self.losses))
 
     def to_dict(self) -> dict[str, object]:
-        """Return the numbers of each region as plain JSON types."""
+        """Return the name, anchor, loss and shift of each region and the largest loss as plain JSON types."""
         rows = zip(self.names, self.anchors.tolist(), self.losses.tolist(), self.shift_px.tolist(), strict=True)
         regions = [{"region": n, "anchor": a, "loss": e, "shift_px": s} for n, a, e, s in rows]
         return {"worst": self.worst, "regions": regions}
 
 
 def iter_region_loss(path: str | os.PathLike[str], *, workers: int | None = None) -> Work[RegionLoss]:
-    """Compare every region of an H file with its default region.
+    """Compare the regions of an H file with the first one, which is the default.
 
     Raises
     ------
@@ -94,7 +94,10 @@ region_loss = drained(iter_region_loss)
 
 
 def draw_region_loss(loss: RegionLoss, path: Path) -> None:
-    """Write a figure with a map of the error of each region over positions, arranged as the regions on the sensor."""
+    """Write a figure with a map over positions of the error of each region (rms over planes) to the file ``path``.
+
+    The maps are arranged like the regions on the sensor.
+    """
     rows, columns = (np.unique(np.round(loss.anchors[:, k] / 8) * 8) for k in (0, 1))
     high = max(float(np.nanmax(loss.error)), 1e-6)
     with figure(2.2 * len(columns) + 1.0, 1.9 * len(rows) + 0.6) as fig:

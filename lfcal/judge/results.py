@@ -85,7 +85,7 @@ class StoredResult:
     when, dated
         Creation time (UTC), and whether the result states it; if it does not, ``when`` is the time of the file.
     bytes
-        Size of the file, or of all files in the folder (bytes).
+        Size of the file, or of all files directly in the folder (bytes).
     facts
         Pairs of name and value, as text.
     verdict, merit
@@ -150,7 +150,7 @@ class ListingProgress(Progress):
 def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> Work[ResultList]:
     """Find recordings, H files, fits, quality reports, exports of H and volumes, without reading frames or H.
 
-    The kind of a file is determined by its content. Files written by other software are left out. An lfcal file that
+    The kind of a result is determined by its content. Files written by other software are left out. An lfcal file that
     cannot be read has the kind ``"unreadable"``, and ``problem`` states the reason.
 
     Parameters
@@ -163,7 +163,7 @@ def iter_find_results(*folders: str | os.PathLike[str], depth: int = DEPTH) -> W
     Yields
     ------
     ListingProgress
-        Progress with the results found so far.
+        Progress with the results found since the previous record.
 
     Examples
     --------
@@ -539,7 +539,10 @@ _OF_FILES: dict[str, Reader] = {
 
 # -- details of one result ---------------------------------------------------------------------------------
 def detailed(result: StoredResult) -> StoredResult:
-    """Return ``result`` with facts that need more time to read, such as the light of the frames of a recording."""
+    """Return a recording with facts that need more time to read, such as the light of its frames.
+
+    A ``result`` of another kind, or one that cannot be read, is returned unchanged.
+    """
     if result.kind != "recording" or result.problem:
         return result
     with H5File(result.path / "recording.h5", only=("records",)) as file:
@@ -560,9 +563,9 @@ def detailed(result: StoredResult) -> StoredResult:
 
 
 def picture_of(result: StoredResult) -> NDArray[Any] | None:
-    """Return an image of a result, such as a frame or the sum of the patterns in the middle plane of H.
+    """Return an image of a result, such as the middle frame, or the sum of the patterns in the middle plane of H.
 
-    The image is ``(rows, columns)``; None if the result has no image.
+    The image is ``(rows, columns)``; None if the result has no image or ``problem`` states that it cannot be read.
 
     Raises
     ------

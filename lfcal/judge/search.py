@@ -17,7 +17,9 @@ required significance in standard deviations."""
 
 
 def iter_search(evidence: Evidence) -> Work[tuple[tuple[FoundFault, ...], Evidence]]:
-    """Search for every kind of fault; return the faults found, and the evidence after their removal.
+    """Search for all kinds of fault in turn; return the faults found, and the evidence after their removal.
+
+    Kinds that a fault found earlier explains are skipped.
 
     Examples
     --------

@@ -17,7 +17,7 @@ class Judged(Protocol):
 
     @property
     def data(self) -> str:
-        """Kind of the data for the verdict: "H", "session", "camera"."""
+        """Kind of the data for the verdict, such as "H", "session" or "camera"."""
         ...
 
     @property

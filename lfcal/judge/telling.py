@@ -19,14 +19,17 @@ __all__ = ["compared_words", "cost_words", "draw_picture", "drawn"]
 
 
 def cost_words(inspection: Inspection, finding: FoundFault) -> str:
-    """Return the reconstruction error due to noise alone, and due to noise and a fault together, as text."""
+    """Return the reconstruction error (NRMSE) due to noise alone, and due to noise and a fault together, as text.
+
+    If either is unknown, the text is "not measured".
+    """
     if finding.cost is None or inspection.clean is None:
         return "not measured"
     return f"{inspection.clean:.3f} → {math.hypot(inspection.clean, finding.cost):.3f}"
 
 
 def scene_words(inspection: Inspection) -> str:
-    """Return the reconstruction errors with H as it is and without its faults, as text; empty if not measured."""
+    """Return the reconstruction errors with H as it is and with its noise alone, as text; empty if not measured."""
     if inspection.clean is None or inspection.as_it_is is None:
         return ""
     return (

@@ -94,7 +94,7 @@ class Course:
     change, change_sigmas
         Change from the oldest to the newest value, absolute and in combined standard deviations; NaN if unknown.
     jumps
-        Changes between consecutive sessions that exceed the limit.
+        Changes of a parameter between consecutive compared sessions that are significant (`Trend.limit`).
     worse, better
         Whether a parameter has changed or the newest rating is worse than the previous known rating, and whether the
         newest rating is better.
@@ -118,16 +118,16 @@ class Course:
 
     @property
     def newest(self) -> CoursePoint | None:
-        """The newest value; None if unknown."""
+        """The value in the newest session; None if unknown."""
         return self.points[-1]
 
     @property
     def notable(self) -> bool:
-        """Whether the value is not good in at least one session."""
+        """Whether a known value is not rated "good" in at least one session; also true for every parameter."""
         return any(one is not None and one.merit != "good" for one in self.points)
 
     def to_dict(self) -> dict[str, object]:
-        """Return the values and ratings of a metric or a fault as plain JSON types."""
+        """Return the values, ratings and slope of a metric or a fault as plain JSON types."""
         return {
             "key": self.name,
             "title": self.title,
@@ -152,7 +152,7 @@ class Trend:
     courses
         All parameters of fits, or all faults and metrics of inspections, with those that got worse first.
     limit
-        Number of standard deviations above which a parameter has changed.
+        Number of standard deviations above which a change of a parameter is significant.
     notes
         Remarks in addition to the numbers.
     """
@@ -168,7 +168,7 @@ class Trend:
         return tuple(one for one in self.courses if one.worse)
 
     def to_dict(self) -> dict[str, object]:
-        """Return everything as plain JSON types."""
+        """Return the sessions, the values over time and the notes as plain JSON types."""
         newest = self.sessions[-1]
         if isinstance(newest, DatedFit):
             fits = [one for one in self.sessions if isinstance(one, DatedFit)]
@@ -233,8 +233,8 @@ def trend(sessions: Sequence[DatedFit | DatedInspection], sigmas: float = SIGMAS
     Raises
     ------
     InputError
-        If there are fewer than two sessions, there are both fits and inspections, or fits belong to several cameras or
-        have the same time.
+        If there are fewer than two sessions, there are both fits and inspections, fits belong to several cameras or
+        have the same time, or ``sigmas`` is not positive.
     """
     check_number("threshold of an alarm (standard deviations)", sigmas, above=0)
     fits = [one for one in sessions if isinstance(one, DatedFit)]
@@ -450,7 +450,7 @@ def _slope(times: Sequence[datetime], points: Sequence[CoursePoint]) -> tuple[fl
 
 
 def draw_trend(found: Trend, path: str | os.PathLike[str]) -> None:
-    """Draw values over time, with their standard deviations and limits where these are known.
+    """Draw values over time to the file ``path``, with their standard deviations and limits where these are known.
 
     All parameters are drawn, in grey where they are not compared. Of metrics and faults, at most `MOST_PANELS` are
     drawn: those that are not always good or, if there are none, the first ones.

@@ -52,7 +52,8 @@ class CheckLine:
 class CameraCheck:
     """Comparison of a camera with a white image: a line for each value, lattice fit, lens types, and measured camera.
 
-    The measured camera is None if the kind of lattice or the shape of the frame differs.
+    If the kind of lattice differs, ``camera`` is None; if the shape of the frame differs, ``fit`` is None as well.
+    ``types`` is None if the lens types were not determined.
     """
 
     data: ClassVar[str] = "camera"
@@ -64,7 +65,7 @@ class CameraCheck:
 
     @property
     def known(self) -> str:
-        """Text with the number of values that agree."""
+        """Text with the number of values that the white image confirms, out of all compared values."""
         fits = sum(line.verdict == FITS for line in self.lines)
         return f"confirmed by the white image in {fits} of {format_count(len(self.lines), 'value', 'values')}"
 
@@ -102,7 +103,7 @@ def check_camera(
     Raises
     ------
     InputError
-        If the frame is not a white image.
+        If the frame is not a white image, or with this ``origin`` extends beyond the sensor.
     """
     frame = np.asarray(white)
     if origin is not None and frame.ndim == 2:

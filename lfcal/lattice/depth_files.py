@@ -23,8 +23,8 @@ CLOUD = np.dtype(
 def save_depth(path: Path, found: DepthMap) -> None:
     """Write the depth, its standard error, confidence, light and disparity to a TIFF file of float32 images.
 
-    Depths are in µm if ``found`` contains them, otherwise slopes, and NaN where they are unknown. The file is an ImageJ
-    hyperstack, whose labels state the quantities and units; its ``Info`` contains them as JSON.
+    If ``found`` contains no depths in µm, slopes are written instead. Unknown values are NaN; their confidence is 0.
+    The file is an ImageJ hyperstack, whose labels state the quantities and units; its ``Info`` contains them as JSON.
 
     Examples
     --------
@@ -62,6 +62,8 @@ def save_depth(path: Path, found: DepthMap) -> None:
 
 def save_points(path: Path, found: DepthMap) -> int:
     """Write the points of known depth (`DepthMap.points`) with light and confidence to a PLY file; return their number.
+
+    A comment in the file states the axes and units of the coordinates.
 
     Examples
     --------

@@ -89,8 +89,9 @@ def iter_elemental_depth(
 ) -> Work[DepthMap]:
     """Compute the depth map of a frame of a Fourier light-field microscope, and return it.
 
-    The map shows the elemental image of the lenslet nearest to the optical axis. Its slopes are `sensor_slope`, the
-    relative displacement of the elemental images. As in `depth_map`, depths without texture are NaN.
+    The map has the pixels of the elemental image of the lenslet nearest to the optical axis. A slope is the relative
+    displacement of the elemental images, as returned by `sensor_slope`. As in `depth_map`, depths without texture are
+    NaN.
 
     Parameters
     ----------
@@ -165,7 +166,10 @@ def elemental_seconds(
     origin: tuple[float, float] = (0.0, 0.0),
     slopes: tuple[float, float] | None = None,
 ) -> float:
-    """Predict the CPU time (s) of `elemental_depth` with the same parameters, from the time of a few planes."""
+    """Predict the CPU time (s) of `elemental_depth`, extrapolated from the measured time of a few planes.
+
+    The parameters are those of `elemental_depth`.
+    """
     _, _, shift = _views(frame, camera, origin, None, None)
     low, high = _slopes(camera, slopes)
     step = (high - low) / (len(planes_between(low, high, shift)) - 1)

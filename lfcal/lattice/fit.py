@@ -249,7 +249,10 @@ TRACKING_DEGREE = 3
 
 
 def start_reach(model: LatticeModel, frame: DistortionFrame) -> float:
-    """Return the radius of the region that is fitted first (pixels)."""
+    """Return the radius (px) of the region of ``frame`` that is fitted first.
+
+    A region with too few lenslets of ``model`` is replaced by the scale of the frame.
+    """
     wanted = max(START_PITCHES * model.pitch, min(START_SHARE * frame.scale, START_PX))
     return wanted if 3 * (wanted / model.pitch) ** 2 >= MIN_REGION else frame.scale
 
@@ -263,9 +266,9 @@ def tracking_form(count: int) -> LatticeForm:
 def fit_outwards(
     image: NDArray[np.float32], model: LatticeModel, start: Array, workers: int | None
 ) -> tuple[LatticeModel, PlacedLenslets]:
-    """Return the lattice fitted in growing regions about ``start`` (x, y), each predicted by the previous one.
-
-    The lenslets of the last region, which is the whole frame, are returned as well.
+    """Fit the lattice in growing regions about ``start`` (x, y; px); return it, and the lenslets of the last region.
+    The initial ``model`` predicts the lenslets of the first region, and each fit those of the next one. The last region
+    is the whole frame.
     """
     frame = DistortionFrame.of(image.shape)
     farthest = float(np.hypot(*(frame.outline() - start).T).max())
@@ -309,9 +312,10 @@ Unresolved, blurred cells have 0.42 and above, and look alike for any object."""
 
 
 def mean_cell(image: NDArray[np.float32], model: LatticeModel, index: NDArray[np.intp]) -> Array:
-    """Return the mean brightness over one lattice cell, ``(CELL_SIDE, CELL_SIDE)``, of the lenslets ``index``.
+    """Return the mean brightness over one lattice cell, ``(CELL_SIDE, CELL_SIDE)``, averaged over lenslets.
 
-    ``index`` is ``(n, 2)`` as (q, r).
+    ``index`` ``(n, 2)`` contains their lattice indices (q, r); of many lenslets, only some are used. The cell starts at
+    the centre of a lenslet, and its axes are the lattice vectors.
     """
     from scipy.ndimage import map_coordinates
 

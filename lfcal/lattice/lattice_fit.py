@@ -44,7 +44,10 @@ class LatticeErrors:
 
     @classmethod
     def of(cls, fitted: FittedForm, covariance: Array, frame: DistortionFrame) -> LatticeErrors:
-        """Return the errors of a fitted form from the covariance of its free parameters."""
+        """Return the errors of a fitted form from the covariance of its free parameters.
+
+        ``frame`` contains the middle and the scale to which the distortion refers.
+        """
         model, form = fitted.model, fitted.form
         unit = model.along / model.pitch
         rows = np.zeros((4, form.size))
@@ -184,7 +187,9 @@ class LatticeFit:
     def to_lattice(
         self, camera: Camera, *, origin: tuple[int, int] | None = None, type_step: int | None = None
     ) -> LensletLattice:
-        """Return a copy of the lattice of ``camera`` with the measured pitches, rotation, offset and distortion.
+        """Return a copy of the lattice of ``camera`` with the measured pitches, rotation, shear, offset and distortion.
+
+        The clear diameter is adapted to the measured pitch.
 
         Parameters
         ----------
@@ -238,7 +243,7 @@ class LatticeFit:
 
 
 def outline_of(places: Array) -> Array:
-    """Return the corners ``(m, 2)`` of the convex outline of ``places`` ``(n, 2)``, in order."""
+    """Return the corners ``(m, 2)`` of the convex hull of ``places`` ``(n, 2)``, in their order along the hull."""
     from scipy.spatial import ConvexHull
 
     corners: Array = places[ConvexHull(places).vertices]
@@ -246,7 +251,10 @@ def outline_of(places: Array) -> Array:
 
 
 def within_outline(places: Array, outline: Array) -> NDArray[np.bool_]:
-    """Return a mask ``(n,)`` of the points ``places`` ``(n, 2)`` that are at most 1 px outside a convex ``outline``."""
+    """Return a mask ``(n,)`` of the points ``places`` ``(n, 2)`` inside a convex ``outline``, or at most 1 px outside.
+
+    ``outline`` ``(m, 2)`` contains its corners in order, as returned by `outline_of`.
+    """
     side = np.roll(outline, -1, axis=0) - outline
     away = places[:, None] - outline
     turn = side[:, 0] * away[..., 1] - side[:, 1] * away[..., 0]
@@ -268,6 +276,7 @@ def best_places(index: NDArray[np.intp], lattice: Array, measured: Array) -> Arr
     The estimate is the position in the lattice plus a fraction of the weighted mean deviation of the neighbours. The
     fraction is the part of this mean that is common to the neighbours (James and Stein 1961). If the deviations were
     only scatter, the variance of the mean with the weights w would be sum(w²)/sum(w)² times that of a single deviation.
+    If too few positions are measured, the estimate is the position in the lattice.
 
     Parameters
     ----------

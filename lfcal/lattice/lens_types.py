@@ -74,7 +74,10 @@ class LensTypes:
         return np.mod(self.type_step * (coset - self.phase), 3)
 
     def to_lattice(self, fit: LatticeFit, camera: Camera) -> LensletLattice:
-        """Return a copy of the lattice of ``camera`` with the fitted values, lens types and type-0 offset."""
+        """Return a copy of the lattice of ``camera`` with the values of ``fit`` and this order of the lens types.
+
+        The offset is that of the lenslet of type 0 nearest to the current offset.
+        """
         row, column = camera.pixels(camera.lattice.offset_um)
         near = np.rint(fit.lenslet_at(row, column)).astype(int)
         # the nearest lenslet of type 0 is at most two steps away
@@ -88,9 +91,9 @@ class LensTypes:
 def expected_blur(camera: Camera, virtual_depth: float | None = None) -> tuple[float, ...]:
     """Return the blur diameter of each lens type, ``|1/vf - 1/v|``, in lenslet diameters.
 
-    ``virtual_depth`` is the virtual depth v of the point source in the frame, and vf that at which the lens type is in
-    focus. None: a white image, in which the lenslets image the pupil of the main lens at v = -b/B, with the image
-    distance b and the gap B.
+    Here v is the ``virtual_depth`` of the point source in the frame, and vf that at which the lens type is in focus. If
+    ``virtual_depth`` is None, the frame is a white image, in which the lenslets image the pupil of the main lens. Then
+    v = -b/B, with the image distance b and the gap B. A virtual depth of 0 raises `InputError`.
 
     Examples
     --------
@@ -144,8 +147,8 @@ def classify_lens_types(
     Raises
     ------
     InputError
-        If the lattice is not hexagonal, two types have the same expected blur, or the frame does not determine the
-        assignment.
+        If the lattice is not hexagonal, the shape of the frame differs from that of the lattice, two types have the
+        same expected blur, or the frame does not determine the assignment.
 
     Examples
     --------

@@ -174,8 +174,9 @@ class CroppedLattice:
 class TypeLattice:
     """Lattice of the lenslets of one of three types: hexagonal, with sqrt(3) times the pitch, and rotated by -30°.
 
-    Lenslet (Q, R) of this lattice is lenslet (q, r) = ``(first + 2 Q + R, R - Q)`` of the lattice ``every`` of all
-    lenslets. The type depends on ``(q - r) mod 3``, which steps of (2, -1) and (1, 1) do not change.
+    Lenslet (Q, R) of this lattice is lenslet (q, r) = ``(first + 2 Q + R, R - Q)`` of the lattice ``every``, which
+    contains all lenslets; lenslet ``(first, 0)`` is of this type. The type depends on ``(q - r) mod 3``, which steps of
+    (2, -1) and (1, 1) do not change.
 
     Examples
     --------
@@ -221,12 +222,12 @@ class TypeLattice:
         return basis
 
     def centres_px(self, q: ArrayLike, r: ArrayLike) -> Array:
-        """Return the centres (row, column), ``(..., 2)``, of micro-images with indices Q and R (px)."""
+        """Return the centres (row, column), ``(..., 2)``, of micro-images (px); ``q`` and ``r`` are Q and R."""
         along, across = np.asarray(q), np.asarray(r)
         return self.every.centres_px(self.first + 2 * along + across, across - along)
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return the fractional indices (Q, R), ``(..., 2)``, of points of the frame (px)."""
+        """Return the fractional indices (Q, R) of this lattice, ``(..., 2)``, of points of the frame (px)."""
         return self._type_indices(*np.moveaxis(self.every.lenslet_at(row, column), -1, 0))
 
     def among(self, lenslets: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:

@@ -194,7 +194,7 @@ class Jitter(Fault):
     settles: ClassVar[tuple[str, ...]] = ("jitter", "misplaced")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if the displacements scatter more than their errors explain."""
+        """Yield a fault if the sources scatter about their positions by more than the measurement errors explain."""
         spread = []
         for name in ("source_y", "source_x"):
             left, (_, sigmas) = _fitted(evidence, name).left, evidence.column(name)
@@ -241,9 +241,9 @@ class FrameShift(Fault):
     settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault for each direction in which cutouts are displaced, down or across.
+        """Yield a fault for each direction (down, across the sensor) in which the cutouts are displaced.
 
-        The fault is the sharpest jump of the displacements in the order of the scan or, without a jump, their median.
+        It describes the sharpest jump of the displacement in scan order or, if no jump is significant, the median.
         """
         for name, along in (("window_y", "down"), ("window_x", "across")):
             values, sigmas = evidence.column(name)
@@ -301,9 +301,9 @@ class Strangers(Fault):
     settles: ClassVar[tuple[str, ...]] = ("misplaced",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault with the patterns whose sources or cutouts are far from their positions, or unlike the model.
+        """Yield a fault with the patterns that are far from their positions, or unlike those of the camera.
 
-        Nothing is yielded if there are too many such patterns.
+        The distance of the source and that of the cutout count. Nothing is yielded if there are too many such patterns.
         """
         alike, gains = evidence.alike, evidence.values[:, 0]
         lit = gains > DARK * float(np.median(gains[np.isfinite(evidence.sigmas[:, 0])]))

@@ -46,7 +46,8 @@ BRIGHT = 2e-4
 def standing_out(values: F8, sigmas: F8) -> tuple[F8, F8]:
     """Return the values of lines minus the median of their neighbours, and this difference in standard deviations.
 
-    The scatter of lines among themselves counts as noise.
+    ``sigmas`` are the standard errors of ``values``; a value is unknown if its error is not finite, and its difference
+    in standard deviations is then 0. The scatter of lines among themselves counts as noise.
     """
     known = np.where(np.isfinite(sigmas), values, np.nan)
     filled = np.where(np.isnan(known), np.nanmedian(known) if np.isfinite(known).any() else 0.0, known)
@@ -58,9 +59,10 @@ def standing_out(values: F8, sigmas: F8) -> tuple[F8, F8]:
 
 
 def bridged(axis: int, lines: NDArray[np.intp]) -> Repair:
-    """Return a function that replaces lines of the sensor by the mean of the nearest good lines on both sides.
+    """Return a function that replaces lines of the sensor by the mean of the nearest good line on each side.
 
-    ``axis`` is 0 for rows and 1 for columns; ``lines`` are their indices.
+    ``axis`` is 0 for rows and 1 for columns; ``lines`` are their indices in the scanned part of the sensor. Good lines
+    outside a pattern are not used; without one inside, the line is not replaced.
     """
     bad = set(lines.tolist())
 
@@ -83,7 +85,10 @@ def bridged(axis: int, lines: NDArray[np.intp]) -> Repair:
 
 
 def shifted(axis: int, offsets: F8) -> Repair:
-    """Return a function that subtracts the offsets of sensor rows (``axis`` 0) or columns (1) from patterns."""
+    """Return a function that subtracts the offsets of sensor rows (``axis`` 0) or columns (1) from patterns.
+
+    ``offsets`` contains one value for each line of the scanned part of the sensor.
+    """
 
     def repair(index: NDArray[np.intp], patterns: F4) -> F4:
         size = patterns.shape[1 + axis]
@@ -97,14 +102,18 @@ def shifted(axis: int, offsets: F8) -> Repair:
 def lit(axis: int, gains: F8, shape: tuple[int, ...]) -> PutIn:
     """Return a function that multiplies the light on each sensor row (``axis`` 0) or column (1) by its gain.
 
-    ``shape`` is that of the scanned part of the sensor (rows, columns).
+    ``gains`` contains one value for each line of the scanned part of the sensor, which has the ``shape`` (rows,
+    columns).
     """
     image = np.ones(shape) * (gains[:, None] if axis == 0 else gains)
     return lambda patch: patch.light * patch.seen(image)
 
 
 def added(image: F8) -> PutIn:
-    """Return a function that adds the corresponding part of an image of the sensor to patterns."""
+    """Return a function that adds to each pattern the part of ``image`` that the cutout of the pattern covers.
+
+    ``image`` shows the scanned part of the sensor.
+    """
     return lambda patch: patch.light + patch.seen(image)
 
 
@@ -144,7 +153,10 @@ class DeadLine(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault for all rows with less light than their neighbours, and one for all such columns."""
+        """Yield one fault for the rows with much less light than their neighbours, and one for such columns.
+
+        Nothing is yielded for a computed H.
+        """
         if evidence.computed:
             return
         total = sensor_map(evidence)
@@ -197,7 +209,10 @@ class HotLine(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault for all rows with more counts than their neighbours, and one for all such columns."""
+        """Yield one fault for the rows with many more counts than their neighbours, and one for such columns.
+
+        Nothing is yielded for a direction with too many such lines.
+        """
         total = sensor_map(evidence)
         peak = float(evidence.light.max())
         for axis in (0, 1):

@@ -56,7 +56,10 @@ class BadPixels(Fault):
     settles: ClassVar[tuple[str, ...]] = ("hot_pixels", "misplaced", "seam", "step", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault with the pixels that differ from their neighbours and from their row and column."""
+        """Yield a fault with the pixels that differ from their surroundings, except those of faulty rows and columns.
+
+        Nothing is yielded for a computed H.
+        """
         if evidence.computed:
             return
         total = sensor_map(evidence)

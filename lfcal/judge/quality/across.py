@@ -138,12 +138,14 @@ def shadow_sizes(
 ) -> NDArray[np.float64]:
     """Return the diameter of the shadow of the iris on the sensor for each plane ``(nz,)`` (pixels); NaN if unknown.
 
-    ``pixel_scale`` is the number of pixels of H per pixel of the sensor, along rows and columns.
+    Without a ``camera``, it is unknown. ``pixel_scale`` is the number of pixels of H per pixel of the sensor, along
+    rows and columns.
 
-    Light through the iris reaches the sensor at r = P (1 - 1/v) - e B/f, where P is a point of the shadow at the
-    lenslets, e a point of a lenslet, v the virtual depth, B the gap, and f the focal length of the lenslets. Over a
-    full cell, both are distributed independently. The second moment of a depth-plane sum is therefore that of the
-    shadow (D²/8 for a disc of diameter D) plus that of the lenslets. The latter does not depend on depth.
+    A ray through the iris reaches the sensor at the position r = P (1 - 1/v) - e B/f. Here P is a point of the shadow
+    in the plane of the lenslets, e a point of a lenslet, v the virtual depth, B the distance from the lenslets to the
+    sensor, and f the focal length of the lenslets. Over a full period of the lattice, P and e are distributed
+    independently. The second moment of a depth-plane sum is therefore that of the shadow (D²/8 for a disc of diameter
+    D) plus that of the lenslets. The latter does not depend on depth.
     """
     sizes = np.full(len(planes), math.nan)
     if camera is None:

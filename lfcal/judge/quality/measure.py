@@ -88,7 +88,10 @@ class PlaneContext:
 
     @property
     def corner_tail(self) -> float:
-        """Largest expected light in a dark pixel from the tails of a pattern, relative to its energy; 0 if unknown."""
+        """Upper bound of the light in a dark pixel from the tails of a pattern; 0 if unknown.
+
+        It is a fraction of the energy of the pattern.
+        """
         if self.expected is None or not self.expected.any():
             return 0.0
         corners = dark_corners(self.expected[None, None].astype(np.float32)).background
@@ -117,9 +120,10 @@ class Continuity:
     Attributes
     ----------
     seam
-        Ratio of the change of patterns across the edges of the period to that between neighbours; NaN if unknown.
+        Ratio of the change of patterns across the edges of the period to that between neighbours inside; NaN if
+        unknown.
     odd
-        Difference of each pattern from its neighbours, relative to the typical difference around it ``(ny, nx)``.
+        Difference of each pattern from its neighbours, relative to the typical difference around it, ``(ny, nx)``.
     """
 
     seam: float
@@ -141,7 +145,7 @@ class PlaneMeasures:
     table
         Table of the properties of the patterns, such as energy, highest value and centroid, with noise and background.
     lit, energy
-        Whether there is light in the plane, and the median energy of its good patterns in the unit of H.
+        Whether there is light in the plane, and the median energy of its usable patterns in the unit of H.
     faulty
         Positions with missing, NaN or duplicate frames.
     shares, shares_split
@@ -198,9 +202,9 @@ class PlaneMeasures:
 
     @property
     def sensor_noise(self) -> float | None:
-        """Noise of a pixel without light that H states, in the unit of H. None: unknown.
+        """Noise of an unlit pixel according to the noise model stated in H, in the unit of H. None: unknown.
 
-        It is the standard deviation, as a median over positions.
+        It is a standard deviation, computed from the median variance over positions.
         """
         noise = self.about.matrix.facts.noise
         if noise is None:

@@ -107,8 +107,8 @@ class CostModel:
     Attributes
     ----------
     at_bad
-        Cost of a value at the limit ``bad`` of `Limits`. The cost is proportional to the value, or inversely
-        proportional if higher values are better.
+        Cost of a value at the limit ``bad`` of `Limits`. A good value costs nothing. Otherwise, the cost is
+        proportional to the value, or inversely proportional if higher values are better.
     worst
         Largest possible cost.
     per_frame
@@ -243,7 +243,7 @@ class MetricSpec:
 
     @property
     def by_cost(self) -> bool:
-        """Whether values that are not good are rated by their cost: single frames can be recorded again."""
+        """Whether values that are not good are rated by their cost, because single frames can be recorded again."""
         return self.redo and self.cost.per_frame
 
 
@@ -305,7 +305,10 @@ class Metric:
 
     @property
     def text(self) -> str:
-        """Text with the value and its unit; "∞" if there is no noise to divide by, as in a simulated H."""
+        """Text with the value and its unit; "unknown" for NaN.
+
+        An infinite value is shown as "∞": there is no noise to divide by, as in a simulated H.
+        """
         if math.isnan(self.value):
             return "unknown"
         whole = float(self.value).is_integer() and abs(self.value) < 1e6
@@ -317,7 +320,7 @@ class Metric:
 
     @property
     def cost_text(self) -> str:
-        """Cost as text. One that was not measured is followed by "typical", or is a dash if it is zero or unknown."""
+        """Cost as text. A cost that was not measured is marked "typical"; if it is zero or unknown, it is a dash."""
         if self.measured:
             return f"{self.cost:.3f}"
         return f"{self.cost:.2g} typical" if self.cost > 0 else "—"

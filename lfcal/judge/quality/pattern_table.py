@@ -32,7 +32,7 @@ class PatternTable:
     dark
         Measurements of the dark corners.
     floor, peak
-        Threshold of lit pixels, and the median peak above the background.
+        Value above which a pixel is lit, and the median peak of some patterns above the background.
     tolerance
         Difference below which values count as equal.
     """
@@ -48,7 +48,7 @@ class PatternTable:
 
     @staticmethod
     def of(plane: NDArray[np.float32], dark: DarkCorners, workers: int | None = None) -> PatternTable:
-        """Return the table of a plane ``(ny, nx, nt, ns)``, computed by rows of positions in threads."""
+        """Return the table of the patterns ``(ny, nx, nt, ns)`` of a plane, whose dark corners are ``dark``."""
         ny, nx, nt, ns = plane.shape
         some = plane.reshape(ny * nx, -1)[:: max(1, ny * nx // 64)]
         tops = np.where(np.isfinite(some), some, -np.inf).max(1)

@@ -35,7 +35,8 @@ class QualityReport:
     apertures
         The aperture measured from the patterns of each plane.
     virtual_depths
-        Virtual depth of each plane, measured from the spacing of its spots, ``(nz,)``; NaN if it cannot be measured.
+        Virtual depth of each plane, ``(nz,)``, from the size of the shadow of the iris or, if this is unknown, from the
+        spacing of the spots; NaN if it cannot be measured.
     iris
         The iris, measured from all planes together; None if no plane shows it.
     f_number
@@ -90,7 +91,7 @@ class QualityReport:
 
     @property
     def extent(self) -> str:
-        """Text with the range of depths; empty if H states no depths."""
+        """Text with the depths of the first and the last plane; empty if H states no depths."""
         if not np.isfinite(self.depths).all():
             return ""
         ends = (self.depths[0], self.depths[-1])[: min(2, self.depths.size)]
@@ -108,7 +109,7 @@ class QualityReport:
 
     @property
     def cost(self) -> float:
-        """Estimated reconstruction error of all known faults together (NRMSE)."""
+        """Estimated reconstruction error (NRMSE) due to all metrics with a known value together."""
         return math.sqrt(sum(m.cost**2 for m in self.metrics if m.merit != "unknown"))
 
     @property
@@ -129,7 +130,7 @@ class QualityReport:
         return judgement_of(self).verdict
 
     def redo(self, without: Collection[str] = ()) -> list[tuple[tuple[int, int, int], str]]:
-        """Return pairs of a position (z, y, x) to record again and the reasons, in scan order.
+        """Return the positions (z, y, x) to record again, each with the reasons as text, sorted by position.
 
         ``without`` contains the keys of metrics to ignore.
         """
@@ -142,7 +143,10 @@ class QualityReport:
         return [(place, ", ".join(reasons[place])) for place in sorted(reasons)]
 
     def to_dict(self, *, every: bool = False) -> dict[str, object]:
-        """Return everything except maps as plain JSON types; with ``every``, include metrics that do not apply."""
+        """Return metrics, planes, findings and the positions to record again as plain JSON types, without maps.
+
+        With ``every``, metrics that do not apply are included.
+        """
         return {
             "format": "lfcal-quality",
             "version": 1,

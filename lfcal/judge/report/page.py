@@ -50,8 +50,8 @@ def page(
 ) -> str:
     """Return the report on ``H`` as one HTML document without scripts or external links.
 
-    ``comparison`` is that with another H, whose path is ``reference``. With ``every``, metrics that do not apply are
-    listed as well.
+    ``pictures`` are embedded in the sections that they name. ``comparison`` is that with another H, whose path is
+    ``reference``; None: there is none. With ``every``, metrics that do not apply are listed as well.
     """
     quality = inspection.quality
     name = one_line(Path(H.path).name) or "PSF matrix"
@@ -182,7 +182,10 @@ def _metrics(quality: QualityReport, every: bool) -> str:
 
 
 def limits(metric: Metric) -> tuple[str, str]:
-    """Return the limits of good and of bad values in the unit of the metric, as text."""
+    """Return texts with the limits of good and of bad values in the unit of the metric.
+
+    The second is "by cost" if values that are not good are rated by their cost.
+    """
     limits = metric.spec.limits
     better, worse = ("≥", "<") if limits.higher_is_better else ("≤", ">")
     return f"{better} {limits.good:g}", "by cost" if metric.spec.by_cost else f"{worse} {limits.bad:g}"

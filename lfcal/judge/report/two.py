@@ -97,7 +97,10 @@ def compared_words(found: Comparison) -> str:
 
 
 def figure_rows(found: Comparison) -> list[tuple[str, ...]]:
-    """Return table rows of the differences over all planes, in each plane and for each lens type, with `COLUMNS`."""
+    """Return table rows with `COLUMNS`: the differences over all planes, then those of each plane.
+
+    Each of these rows is followed by one row for the lenslets of each type.
+    """
     rows = _rows("all", found.all, found.types)
     for one in found.planes:
         # if the numbers of planes differ, state both
@@ -141,7 +144,10 @@ def _percent(share: float) -> str:
 
 
 def map_levels(error: NDArray[np.floating]) -> tuple[float, float]:
-    """Return the limits of the colour scale for a map of differences; they start at 0 if all values are equal."""
+    """Return the limits (low, high) of the colour scale for a map of differences; NaN values are ignored.
+
+    If all values are nearly equal, the scale starts at 0.
+    """
     known = error[np.isfinite(error)]
     low, top = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
     return (0.0, top or 1.0) if top - low <= EVEN * top else (low, top)
@@ -183,7 +189,10 @@ def iter_compared_report(found: Comparison, folder: str | os.PathLike[str], seco
 
 
 def names(found: Comparison) -> tuple[str, str]:
-    """Return the names of both H: their file names, with folders if the file names are equal."""
+    """Return the names of both H: the file name, or "first H" or "second H" for an H without a file.
+
+    If both names are equal, each is preceded by the name of its folder.
+    """
     paths = [Path(m.path) for m in (found.pair.a, found.pair.b)]
     reported = [one_line(path.name) or which for path, which in zip(paths, ("first H", "second H"), strict=True)]
     if reported[0] == reported[1]:

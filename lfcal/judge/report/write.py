@@ -58,7 +58,8 @@ def iter_report(
     Raises
     ------
     InputError
-        If ``inspection`` or ``reference`` has another shape.
+        If ``inspection`` or ``reference`` has another shape, or ``reference`` another number of pixels per sensor
+        pixel.
     StorageError
         If the folder is not writable.
 
@@ -132,7 +133,7 @@ report = drained(
 
 
 def report_files(folder: Path) -> list[Path]:
-    """Return the paths of all files that a report in ``folder`` may have: HTML page, lists and images.
+    """Return the paths of all files that a report in ``folder`` may have: HTML page, PDF, JSON files and images.
 
     Examples
     --------

@@ -31,7 +31,7 @@ AGAIN = "Copy the file again from its source, or make it again."
 
 
 def places(positions: tuple[Position, ...]) -> str:
-    """Return the first of the ``positions`` (z, y, x) as text."""
+    """Return the first `NAMED` of the ``positions`` (z, y, x) as text; empty if there are none."""
     return f"(z, y, x) = {listed([str(tuple(one)) for one in positions], NAMED)}" if positions else ""
 
 
