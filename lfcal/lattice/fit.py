@@ -267,6 +267,7 @@ def fit_outwards(
     image: NDArray[np.float32], model: LatticeModel, start: Array, workers: int | None
 ) -> tuple[LatticeModel, PlacedLenslets]:
     """Fit the lattice in growing regions about ``start`` (x, y; px); return it, and the lenslets of the last region.
+
     The initial ``model`` predicts the lenslets of the first region, and each fit those of the next one. The last region
     is the whole frame.
     """

@@ -120,6 +120,7 @@ def load_lattice(path: str | os.PathLike[str]) -> LatticeFit:
     """Read a lattice, with all lenslets of its frame including dead ones, from a ``lattice.json`` file.
 
     The file does not contain the located centres and the light of the lenslets; they are NaN.
+
     Raises
     ------
     FileFormatError
