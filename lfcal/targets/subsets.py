@@ -92,9 +92,10 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
 
 
 def planned_for_display(plan: TargetPlan, display: Display, verdict: CodingVerdict | None) -> TargetPlan:
-    """Return the plan for a display: with several offsets in each frame if that reduces noise, else with one.
+    """Return ``plan`` with several offsets in each frame if that reduces noise, otherwise ``plan`` itself.
 
-    The exposures do not change. If sums would saturate, each frame shows one offset.
+    ``verdict`` is the result of `coding_verdict` for the plan. None: frames show single offsets. They also show single
+    offsets if several would saturate the sensor, because the exposures do not change.
     """
     if verdict is None or not verdict.pays or verdict.gain.time.exposure < 1:
         return plan
@@ -102,7 +103,10 @@ def planned_for_display(plan: TargetPlan, display: Display, verdict: CodingVerdi
 
 
 def display_words(plan: TargetPlan, display: Display) -> str:
-    """Return a sentence on a display's frames, and on whether its pixels are small enough."""
+    """Return a line that states whether the display's pixels are small enough, and how its frames show the points.
+
+    The size of the pixels is compared with the step of the middle plane.
+    """
     depth = plan.scan.depths_um[len(plan.scan.depths_um) // 2]
     fit = display_fit(plan.scan.camera.step_um(depth), display.pixel_um)
     if plan.lit is None:

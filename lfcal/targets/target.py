@@ -56,7 +56,9 @@ class Target:
     pose
         Approximate pose of the target.
     within
-        Bounds of the error of each value of the pose, which is then fitted; all 0: the pose is exact.
+        Largest error of each value of `pose`, in the same unit. Plans also report their coverage for random poses
+        within these bounds, and the fit of the pose treats each bound as two standard deviations. All 0: the pose is
+        assumed to be exact.
 
     Examples
     --------
@@ -135,7 +137,7 @@ class Target:
 
     @property
     def nearest_um(self) -> float:
-        """Smallest distance between neighbouring holes (µm); infinite for a point."""
+        """Smallest distance between neighbouring holes of the complete array (µm); infinite for a point."""
         near = [math.inf]
         rows, columns = self.shape
         lean = 0.5 * self.pitch_um[1] if self.kind == "hexagonal" else 0.0
@@ -154,7 +156,15 @@ class Target:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Target:
-        """Return the target described by ``data``; unknown or missing entries raise `InputError`."""
+        """Return the target described by ``data``, as returned by `to_dict`.
+
+        Raises
+        ------
+        FileFormatError
+            If the format or version differs, or entries are unknown, missing or of another type.
+        InputError
+            If a value is not allowed.
+        """
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise FileFormatError.expected(
                 "target", f'"format": "{FORMAT}"', stated_format(data), "choose a file that describes a target"
@@ -175,9 +185,9 @@ EXAMPLE = "write it in the form array:12x12@1.2mm,hole=20um or array:12x12@1.2mm
 def parse_target(text: str) -> Target:
     """Return the target described by ``"point"``, ``"point,hole=50um"`` or ``"array:ROWSxCOLUMNS@PITCH"``.
 
-    An array's pitch is one length, or ``ROWxCOLUMN`` for rows and columns; lengths are in µm unless they end in mm.
-    Options may follow after commas: ``hex``, ``hole=20um``, ``absent=0:0+0:1`` (row:column of absent holes). A
-    hexagonal array has a single pitch, the distance between neighbouring holes.
+    ``PITCH`` is one length, or ``ROWxCOLUMN``: the distance between rows, and that between the holes of a row. Lengths
+    are in µm unless they end in mm. Options may follow after commas: ``hex``, ``hole=20um``, ``absent=0:0+0:1``
+    (row:column of absent holes). A hexagonal array has a single pitch, the distance between neighbouring holes.
 
     Raises
     ------
@@ -209,7 +219,7 @@ def parse_target(text: str) -> Target:
 def proposed_hole(text: str) -> float | None:
     """Return the diameter of the holes (µm) in the text of an array without a pitch; None for other texts.
 
-    Such texts are ``"array"`` and ``"array,hole=20um"``; other settings raise `InputError`.
+    Such texts are ``"array"`` (diameter 0) and ``"array,hole=20um"``; other settings raise `InputError`.
     """
     head, *more = (part.strip() for part in text.strip().split(","))
     if head != "array":
@@ -245,7 +255,7 @@ def _wrong(text: str) -> InputError:
 
 
 def target_words(target: Target) -> str:
-    """Return the text from which `parse_target` creates the same target; the pose is not included.
+    """Return the text from which `parse_target` creates the target; the pose and its bounds are not included.
 
     Examples
     --------

@@ -51,7 +51,7 @@ def _groups() -> tuple[str, ...]:
 
 
 def read_plan(path: Path) -> ScanPlan | TargetPlan | RegionPlan:
-    """Return the plan of a scan, a target or regions from a plan file, or from the file of a session."""
+    """Return the plan of a scan, a target or regions from a plan file, or from the ``session.json`` of a session."""
     from lfcal.base import parse_json
     from lfcal.camera import RegionPlan, ScanPlan
 
@@ -72,7 +72,8 @@ def read_plan(path: Path) -> ScanPlan | TargetPlan | RegionPlan:
 class PlannedSession(TaskResult):
     """Forecast of a recording into the folder ``out``, from a dry run that moves and writes nothing.
 
-    ``assumed`` lists the assumed values of the camera. ``optics`` states how a simulated camera computes its frames.
+    ``assumed`` lists the paths of the camera's assumed values. ``optics`` states how a simulated camera computes its
+    frames; it is empty for a real camera.
     """
 
     out: Path
@@ -92,8 +93,8 @@ class RecordedSession(TaskResult):
 
     ``out`` is the folder, ``outcome`` states how the recording ended, and ``alarms`` are the alarms raised during it.
     ``facts`` contains observations and output files by name. If the session records until H reaches a target error,
-    ``adapted`` states why it ended. ``error`` is an error that occurred after the last frame, when the recording was
-    complete.
+    ``adapted`` states why it ended; otherwise it is None. ``error`` is an error in the assembly or compression of the
+    complete recording, None if there is none.
     """
 
     out: Path
@@ -107,7 +108,7 @@ class RecordedSession(TaskResult):
     def exit_code(self) -> int:
         """Return 0 for a complete session, or 128 plus the number of the signal that stopped it.
 
-        An error that occurred after the last frame is raised.
+        If ``error`` is not None, it is raised.
         """
         if self.error is not None:
             announce(f"the recording is complete; make H from it with lfcal assemble {self.out}")
@@ -559,7 +560,7 @@ class AcquireRegions(_AcquireScan):
         return first_begun(self.out) if run.resume and is_regions(self.out) else None
 
     def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
-        """Record every region; ``how`` are keyword arguments of `lfcal.campaign.iter_record_regions`."""
+        """Record every region of ``plan``; ``how`` are keyword arguments of `lfcal.campaign.iter_record_regions`."""
         from lfcal.campaign import iter_record_regions
 
         return iter_record_regions(self.out, plan, rig, options, task=self._kept, **how)
@@ -712,7 +713,7 @@ class Acquire(_AcquireScan):
 
 
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
-    """Return the class of the task for the plan in the ``given`` arguments."""
+    """Return the class of the task that records the plan in the file ``given["plan"]``."""
     from lfcal.camera import RegionPlan, ScanPlan
 
     plan = read_plan(Path(given["plan"]))

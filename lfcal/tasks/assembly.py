@@ -58,10 +58,11 @@ RATE = 100e6
 class Assembled(TaskResult):
     """One assembled H.
 
-    ``name`` is the name of the region, or else of the colour. ``report`` contains the matrix and the results of its
-    assembly, which took ``seconds`` (s). ``out`` is the file of H; each colour has a separate file. All regions of a
-    colour share one file, and their matrices are closed. For a target, ``target``, ``points`` and ``facts`` are its
-    plan, the points found and facts about the frames. ``unused`` is the number of points that match no position.
+    ``name`` is the name of the region, or else of the colour; it is empty for a single H. ``report`` contains the
+    matrix and the results of its assembly, which took ``seconds`` (s). ``out`` is the file of H; each colour has a
+    separate file. All regions of a colour share one file, and their matrices are closed. For a target, ``target``,
+    ``points`` and ``facts`` are its plan, the points found and facts about the frames; ``unused`` is the number of
+    points that match no position.
     """
 
     name: str = ""
@@ -108,7 +109,11 @@ class Assembled(TaskResult):
 
 @dataclass(frozen=True)
 class AssemblyRun:
-    """Settings for the assembly of one H: executor, how other processes open the frames, and number of threads."""
+    """Settings for the assembly of one H.
+
+    ``choice`` is the executor, and ``reopening`` states how other processes open the frames. None: H is assembled
+    without units. ``workers`` is the number of threads. None: ``LFCAL_WORKERS``, or else one for each processor.
+    """
 
     choice: RunChoice | None = None
     reopening: Reopening | None = None
@@ -206,8 +211,8 @@ class AssembleRegions(_Assemble):
     def files(self, way: str) -> tuple[Path, ...]:
         """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
 
-        If each colour has its own H file, the files to write are known only after the frames are opened, and not
-        included.
+        If each colour has its own H file, the files to write are known only after the frames are opened. They are then
+        not included.
         """
         return () if way == "out" and self.channel == "each" else super().files(way)
 
@@ -346,8 +351,8 @@ class Assemble(AssembleRegions):
     def files(self, way: str) -> tuple[Path, ...]:
         """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
 
-        The folder of a manifest is included. If each colour has its own H file, the files to write are not known in
-        advance, and not included.
+        If ``frames`` is a manifest, its folder is included. If each colour has its own H file, the files to write are
+        not known in advance, and are not included.
         """
         files, beside = super().files(way), self.source.beside
         if way == "out":
@@ -380,9 +385,9 @@ class Assemble(AssembleRegions):
         return tuple(made)
 
     def parts(self, stack: ExitStack, *, quiet: bool = False) -> tuple[tuple[Frames, ScanPlan], list[ChannelPart]]:
-        """Return the open frames with their plan, and the H files to make; ``stack`` closes the frames.
+        """Return the open frames with their plan, and a `ChannelPart` for each H file to make.
 
-        With ``quiet``, no notes are reported.
+        ``stack`` closes the frames. With ``quiet``, no notes are reported.
         """
         source = self.source
 
@@ -417,7 +422,7 @@ class Assemble(AssembleRegions):
         return replace(made, name=name, seconds=time.perf_counter() - start)
 
     def iter_used(self, frames: FrameSource, workers: int | None = None) -> Work[FrameSource]:
-        """Return a source of the frames to assemble, without damaged frames and positions to leave out if requested."""
+        """Return the ``frames`` to assemble: without damaged ones (`skip_damaged`) and positions in `leave_out`."""
         from lfcal.frames import iter_undamaged, without_positions
 
         if self.skip_damaged:
@@ -441,7 +446,7 @@ class Assemble(AssembleRegions):
         part
             The frames as read, the plan of this H, and the file to write.
         scan
-            The plan of the complete scan, of whose pixels a single colour of a mosaic contains only a part.
+            The plan of the scan with all pixels of the sensor; the plan in ``part`` may be that of one colour.
         recipe, view
             Corrections of the frames, and the corrected frames.
         how
@@ -497,9 +502,10 @@ class Assemble(AssembleRegions):
 
 
 def open_planes(values: Mapping[str, Any], workers: int) -> AssembledPlanes:
-    """Return the planes of an H in another process, from the task and facts about its frames in ``values``.
+    """Open the frames in a worker process, and return the planes of H to assemble.
 
-    Each process searches for defective pixels again.
+    ``values`` contains the task and facts about its frames, and ``workers`` is the number of threads. Each process
+    searches for defective pixels again.
     """
     import numpy as np
 

@@ -38,7 +38,7 @@ OF_WEIGHTS = (*OF_NOISE, "sensor.saturation")
 
 
 def preset_names() -> tuple[str, ...]:
-    """Return the names of the cameras that are built in, and so need no file."""
+    """Return the names of the built-in cameras."""
     from lfcal.camera import PRESETS
 
     return tuple(PRESETS)
@@ -60,9 +60,10 @@ def load_camera(
 ) -> Camera:
     """Return the camera of a preset or of a file in any known format, and report assumed and implausible values.
 
-    With ``light=False``, assumed values of light and noise are not reported, because the result does not depend on
-    them. ``only`` lists the paths of all values on which the result depends. None: all. ``without_lattice`` replaces
-    ``only`` for a camera without a lattice.
+    For a preset, nothing is reported. With ``light=False``, assumed values of light and noise are not reported, because
+    the result does not depend on them. Other assumed values are reported only at the paths ``only``, on which the
+    result depends. None: at all paths. For a camera without a lattice, ``without_lattice`` replaces ``only`` unless it
+    is None.
     """
     from lfcal.camera import PRESETS, preset
 
@@ -96,7 +97,11 @@ def note_camera(
     light: bool = True,
     only: Collection[str] | None = None,
 ) -> None:
-    """Report ``notes``, and the assumed (at the paths ``only``, if given) and implausible values of ``camera``."""
+    """Report the assumed values of ``camera``, ``notes``, and the implausible values.
+
+    Messages begin with the name of the file ``path``. ``light`` and ``only`` select assumed values as in
+    `assumed_in_words`.
+    """
     from lfcal.camera import doubts
 
     if words := assumed_in_words(camera, light=light, only=only):
@@ -108,7 +113,10 @@ def note_camera(
 
 
 def note_assumed(camera: Camera | None, where: str, *, quiet: bool = False, light: bool = True) -> None:
-    """Report the assumed values of the camera in a plan or an H, which messages call ``where``, unless ``quiet``."""
+    """Report the assumed values of the camera in a plan or an H, unless it is None or ``quiet`` is set.
+
+    ``where`` names the plan or H in the message; ``light`` is as in `assumed_in_words`.
+    """
     if camera is not None and not quiet and (words := assumed_in_words(camera, light=light)):
         note(f"{where}: assumed values of the camera: {words}")
 

@@ -35,7 +35,8 @@ BYTES_PER_PIXEL = 70
 class MeasuredDepth(TaskResult):
     """A measured depth map, ``found``.
 
-    ``lattice`` and ``scale`` state the sources of the lattice and of the metric depths (empty: there are none).
+    ``lattice`` states the source of the lattice, and ``scale`` that of the depths in µm; ``scale`` is empty if the map
+    contains only slopes.
 
     ``out`` and ``cloud`` are the files of the map and the point cloud, None before `written` or without a cloud.
     ``points`` is the number of points in the cloud, and ``seconds`` the duration (s).

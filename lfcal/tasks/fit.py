@@ -42,10 +42,10 @@ class FitOutcome(TaskResult):
     """One fitted camera.
 
     ``fit`` is the fit to the patterns in ``source``, and ``files`` were written to the folder ``out``. ``field`` is the
-    fit of several regions or parts of the field, None for a single region. With it, ``fit`` and ``source`` are those of
-    the first region. ``hybrids`` describes, by region, what the hybrid H adds to the model; the name of a single region
-    is empty. For a target, ``points`` are the points found in its frames, and ``holes`` is the fitted size of its holes
-    as text.
+    fit of several regions, or of the parts of the field of a target; it is None for a single region. If it is given,
+    ``fit`` is that of the first region or part, and ``source`` is the first source. ``hybrids`` describes, by region,
+    what the hybrid H adds to the model; the name of a single region is empty. Without a hybrid H, it is empty. For a
+    target, ``points`` are the points found in its frames, and ``holes`` is the fitted size of its holes as text.
     """
 
     fit: Fit
@@ -82,7 +82,13 @@ class FittedPatterns(NamedTuple):
 
 
 def read_unknowns(text: str) -> str:
-    """Return the comma-separated groups of unknowns in ``text``, or ``auto``, after checking them."""
+    """Return ``text``, ``auto`` or comma-separated groups of unknowns, without spaces and repeated groups.
+
+    Raises
+    ------
+    InputError
+        If a group is unknown, or there is none.
+    """
     from lfcal.fit import GROUPS
 
     if text == "auto":
@@ -244,7 +250,10 @@ class FitMatrix(_Fit):
         return tuple(fit_outputs(self.out) if len(self.sources) == 1 else field_outputs(self.out, self._names))
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the paths of the H files that are computed in units, or only of those that a stopped run has begun."""
+        """Return the paths of the H files that are computed in units, or only of those that a stopped run has begun.
+
+        A hybrid H is not computed in units.
+        """
         from lfcal.work import parts_folder
 
         if self.hybrid or not self.write_h:
@@ -321,7 +330,7 @@ class FitMatrix(_Fit):
     def iter_write(
         self, found: FittedPatterns, workers: int | None = None, choice: RunChoice | None = None
     ) -> Work[FitOutcome]:
-        """Write ``found``, the result of `iter_fit`, to the fit's folder; with ``choice``, H is computed in units."""
+        """Write ``found``, the result of `iter_fit`, to the folder ``out``; with ``choice``, H is computed in units."""
         from lfcal.fit import iter_write_fit
 
         self._check_folder()

@@ -40,7 +40,7 @@ ONE_COLOUR = "extract one colour, and use the H of that colour"
 class CheckedMatrix(TaskResult):
     """Result of checking an old H with new frames.
 
-    ``check`` is the result, ``matrix`` the file of H, and ``frames`` the paths of the frames.
+    ``check`` is the result, ``matrix`` the file of H, and ``frames`` the files, folders or sessions with the frames.
     """
 
     check: Check

@@ -124,13 +124,16 @@ class Recalibrate(Task):
             )
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files that the task reads (``way="in"``) or writes (``way="out"``): those in its folder."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        The files to write are those in the folder ``out``.
+        """
         from lfcal.recalibrate import recalibration_outputs
 
         return recalibration_outputs(self.out, with_h=self.write_h) if way == "out" else super().files(way)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Recalibrated, ...]]:
-        """Read the frames, recalibrate the camera, and write it."""
+        """Read the frames and recalibrate the camera. If it explains the frames, write the results."""
         from lfcal.recalibrate import iter_recalibrate, iter_write_recalibration
 
         workers = run.workers if run else None

@@ -22,7 +22,7 @@ __all__ = ["FIT_OBJECT", "PredictObject", "PredictedObject"]
 
 @dataclass(frozen=True, kw_only=True)
 class PredictedObject(TaskResult):
-    """Result ``compared`` of comparing the measured frame of a known object with its prediction."""
+    """Differences between the measured frame of a known object and its prediction (``compared``)."""
 
     compared: Compared
 

@@ -78,7 +78,10 @@ class ValidateFit(Task):
         return (*self.sources, *((one,) if (one := numbers_file(self.fit)) else ()))
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Validated, ...]]:
-        """Predict the points of each region, and write the errors and a plot to the folder of the region."""
+        """Predict the points of each source, and write the errors and a plot.
+
+        They are written to the folder of the fit, or to that of the region if the sources are regions of the fit.
+        """
         from lfcal.fit import iter_write_validation, validation_outputs
 
         made, patterns, parts = [], [], self._parts()

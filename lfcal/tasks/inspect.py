@@ -51,7 +51,7 @@ class InspectedMatrix(TaskResult):
 
     @property
     def simulated(self) -> tuple[dict[str, Any] | None, ...]:
-        """Record of how each plane was simulated: engine, sampling, times and error; None if unknown."""
+        """For each plane, a record of its simulation (engine, sampling, times and error); None if unknown."""
         from lfcal.psf import simulated_planes
 
         return tuple(simulated_planes(self.matrix.provenance, len(self.matrix)))
@@ -148,11 +148,11 @@ class Inspect(MatrixTask):
         return (*report_files(self.report), self.report / REGIONS_PICTURE)
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the folder of the report, next to which results of a stopped run are stored, plane by plane."""
+        """Return the folder of the report, next to which the results of a stopped run are stored; empty without one."""
         return () if self.report is None else (self.report,)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[InspectedMatrix, ...]]:
-        """Measure the quality of H, compare H with its camera and with the reference H, and write the report."""
+        """Measure the quality of H, compare it with its camera and a reference H if given, and write the report."""
         from lfcal.judge import fitted_setup, iter_compare, iter_inspection
         from lfcal.judge.quality import METRICS
         from lfcal.work import discard, note_joining, parts_folder

@@ -68,7 +68,10 @@ class CopyTask(MatrixTask):
     )
 
     def opened(self, *, quiet: bool = False) -> PSFMatrix:
-        """Open H of the chosen region; raises `InputError` if the file has several regions and none is chosen."""
+        """Open H of the chosen region; raise `InputError` if the file has several regions and none is chosen.
+
+        With ``quiet``, the way in which the file was read is not reported.
+        """
         from lfcal.psf import regions_of
 
         if not self.region and len(names := regions_of(self.source)) > 1:
@@ -77,7 +80,10 @@ class CopyTask(MatrixTask):
 
 
 def with_task(task: Task, *matrices: PSFMatrix) -> dict[str, Any]:
-    """Return the provenance of the output of ``task``: the task itself, and the tasks that made ``matrices``."""
+    """Return the provenance of the output of ``task``: the task, and all earlier tasks that led to ``matrices``.
+
+    The paths of the output of ``task`` are left out. The tasks of each matrix are in the order in which they were run.
+    """
     earlier: list[Any] = []
     for matrix in matrices:
         known = matrix.provenance
@@ -127,7 +133,7 @@ def report_missing(matrix: PSFMatrix) -> int:
 
 
 def report_dark(matrix: PSFMatrix) -> tuple[int, ...]:
-    """Return the indices of the planes of ``matrix`` without light, and report them."""
+    """Return the indices of the planes of ``matrix`` without light, and report them if there are any."""
     from lfcal.psf import dark_planes
 
     dark = dark_planes(matrix)

@@ -34,7 +34,7 @@ def check_output(out: Path | None, *inputs: Path | str | None, force: bool) -> N
 
 
 def check_outputs(outs: Iterable[Path | None], *inputs: Path | str | None, force: bool) -> None:
-    """Check several outputs like `check_output`, and that their names differ."""
+    """Check several outputs like `check_output`, and raise `InputError` if two of them have the same path."""
     files = [out for out in outs if out is not None]
     if len({out.absolute() for out in files}) < len(files):
         raise InputError.expected("outputs", "a different name for each", str(files[-1]), "choose other names")

@@ -45,9 +45,10 @@ PLAN_FORMATS = {
 
 
 def plan_text(plan: ScanPlan, written_as: str, positions: NDArray[np.intp] | None = None) -> str:
-    """Return the content of a plan file, in one of `PLAN_FORMATS`.
+    """Return the content of a plan file in the format ``written_as``, a key of `PLAN_FORMATS`.
 
-    A file for another program contains the ``positions`` ``(n, 3)`` as (z, y, x). None: all.
+    A file for another program contains only the ``positions`` ``(n, 3)`` as (z, y, x). None: all. A file of lfcal
+    (``"plan"``) always describes the complete scan.
 
     Raises
     ------
@@ -224,7 +225,7 @@ class PlanRegions(_PlanOfCamera):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Plan the scan of one region, and repeat it for all regions of the field."""
+        """Plan the scan of one region, repeat it for all regions of the field, and write the plan if requested."""
         from lfcal.camera import RegionPlan, parse_regions
 
         yield from ()
@@ -277,7 +278,7 @@ class PlanRecorded(_Plan):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Read the list, and plan the scan. If the frames exist, also find the direction in which their light moves."""
+        """Read the list, and plan the scan. If the frames exist, find from them how the image moves with the stage."""
         from lfcal.frames import named_orientation, parse_origin
         from lfcal.frames.lists import Part, any_listing, located, plan_of_list, reader, sample_of
 
@@ -405,7 +406,7 @@ class PlanScan(_PlanOfCamera):
         note(f"{self.out.name} is for another program; to assemble H, write the plan too (lfcal plan … -o plan.json)")
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Plan the scan."""
+        """Plan the scan, write the plan and the list of positions if requested, and predict the noise if requested."""
         from lfcal.camera import half_cell
 
         yield from ()

@@ -33,7 +33,10 @@ def _groups() -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class PositionsPlanned(Planned):
-    """Positions chosen for a fit, with the expected error of H; ``earlier`` is the fit that they supplement, if any."""
+    """Positions chosen for a fit, with the expected error of H.
+
+    ``earlier`` is the fit to whose positions they are added, None if there is none.
+    """
 
     plan: PositionDesign
     earlier: Earlier | None
@@ -127,7 +130,7 @@ class PlanFit(PlanTask):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[PositionsPlanned, ...]]:
-        """Choose the positions, and write their list and the plot."""
+        """Choose the positions, and write their list and the plot if requested."""
         from lfcal.fit import draw_design
 
         made = yield from self.iter_planned(scan_of(self.plan), run)

@@ -267,7 +267,7 @@ class PlanDisplay(_PlanTarget):
         return (yield from iter_plan_display(scan, self.display, self.wishes))
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TargetPlanned, ...]]:
-        """Plan the frames, and write the images that the display shows."""
+        """Plan the frames, and write the images that the display shows if a folder is given."""
         from lfcal.targets import write_pictures
 
         (made,) = yield from super().work(run)

@@ -60,7 +60,10 @@ def virtual_depths_field(empty: str) -> tuple[float, ...]:
 
 
 def cutout_field(source: str, *, more: bool = False) -> tuple[int, int] | None:
-    """Declare the field ``cutout`` of a task on a scan; ``source`` names the origin of its default in the help."""
+    """Declare the field ``cutout`` of a task on a scan; ``source`` names the origin of its default in the help.
+
+    ``more`` states whether the field is advanced, as in `lfcal.records.Opt`.
+    """
     words = "Size of the cutout around the image of each point: an odd number of pixels, or ROWS,COLUMNS."
     empty = f"as in {source}, else the geometric size of the pattern"
     return opt(None, words, unit="px", read=read_cutout, show=show_pair, empty=empty, more=more)
@@ -128,7 +131,7 @@ def planned_scan(
     Raises
     ------
     InputError
-        If planes or a cutout are given together with a plan, or a camera without planes.
+        If planes or a cutout are given together with a plan, or a camera is given without planes.
     """
     from lfcal.camera import ScanPlan
 

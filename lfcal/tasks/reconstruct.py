@@ -130,7 +130,8 @@ class Reconstructed(TaskResult):
 class ReconstructedBars(TaskResult):
     """Volume with error bars, and its files: the volume, its maps, and the table of regions.
 
-    ``tested`` states whether the tests of the intervals apply to the solver and the replicates.
+    ``tested`` is True if there are at least 10 replicates, and the intervals were tested with the same solver, number
+    of iterations and contrast of replicates.
     """
 
     bars: ErrorBars
@@ -413,7 +414,7 @@ class ReconstructBars(_ReconstructTo):
         return super().files(way)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ReconstructedBars, ...]]:
-        """Reconstruct the frame, and then the replicates."""
+        """Reconstruct the frame and the replicates, and write the volume, its maps and the table of regions, if any."""
         from lfcal.reconstruct import iter_bars, runs_of
         from lfcal.work import RunChoice
 

@@ -37,7 +37,7 @@ class ReducedFile(TaskResult):
 
     @property
     def bound(self) -> Any:
-        """Largest relative L1 error of patterns, ``(nz, 3)``: due to truncation, due to rounding, and in total."""
+        """Largest relative L1 error of a pattern in each plane: by cropping, by rounding and in total, ``(nz, 3)``."""
         return self.matrix.facts.known()["bound"]
 
     @property
@@ -89,7 +89,7 @@ class Reduce(CopyTask):
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[ReducedFile, ...]]:
-        """Write H to the new file, rounded as coarsely as the tolerance allows."""
+        """Write H to the new file, with patterns cropped and rounded as far as the tolerance allows."""
         from lfcal.psf import iter_save, open_psf
 
         start, run = time.perf_counter(), run or RunSettings()

@@ -75,7 +75,7 @@ class SimulationForecast(TaskResult):
 
     @property
     def undescribed_words(self) -> tuple[str, ...]:
-        """Effects that the camera does not describe, as one sentence; empty if there are none."""
+        """One sentence on the effects that the camera does not describe; an empty tuple if there are none."""
         return tuple(filter(None, (self.undescribed.sentence,)))
 
     @property
@@ -119,14 +119,14 @@ class SimulatedH(SimulationForecast):
 
     @property
     def planes(self) -> tuple[dict[str, Any] | None, ...]:
-        """Record of how each plane was computed: engine, sampling, times and error; None if unknown."""
+        """For each plane, a record of its computation (engine, sampling, times and error); None if unknown."""
         from lfcal.psf import simulated_planes
 
         return tuple(simulated_planes(self.matrix.provenance, len(self.plan.depths_um)))
 
     @property
     def limit(self) -> float:
-        """Limit of the relative L1 error of each plane."""
+        """Largest allowed relative L1 error of each plane: the tolerance of the simulation plus ``stored``."""
         return self.effects.tolerance + (self.stored or 0)
 
     @property
@@ -176,7 +176,10 @@ class SimulatedRegions(TaskResult):
 
     @property
     def undescribed_words(self) -> tuple[str, ...]:
-        """Effects that the camera does not describe, as one sentence for all regions; empty if there are none."""
+        """One sentence on the effects that the camera does not describe; an empty tuple if there are none.
+
+        It is that of the first region with such effects.
+        """
         return tuple(dict.fromkeys(words for one in self.regions.values() for words in one.undescribed_words))[:1]
 
     def _values(self) -> dict[str, Any]:

@@ -17,7 +17,15 @@ __all__ = ["left_words", "opened_target", "wanted_target"]
 
 
 def wanted_target(source: Path, plan: Path | None) -> TargetPlan | None:
-    """Return the plan of the target that frames show, from ``plan`` or stored with them; None for frames of a scan."""
+    """Return the plan of the target that the frames ``source`` show: that of the file ``plan``, or the stored one.
+
+    None: there is no such plan, because the frames are those of a scan, or ``source`` is an H or does not exist.
+
+    Raises
+    ------
+    StorageError
+        If ``plan`` is the plan of a target, and ``source`` does not exist.
+    """
     from lfcal.acquire import NAME
     from lfcal.targets import read_target_plan
 
@@ -41,7 +49,10 @@ def wanted_target(source: Path, plan: Path | None) -> TargetPlan | None:
 def opened_target(
     source: Path, plan: TargetPlan, recipe: CorrectionRecipe, *, skip_damaged: bool = False
 ) -> Iterator[FrameSource]:
-    """Open the corrected frames of a target, decoded if several of them were shown together."""
+    """Return a context with the corrected frames of a target; coded frames are decoded to frames of single offsets.
+
+    ``recipe`` contains the corrections. With ``skip_damaged``, frames that cannot be read are left out.
+    """
     from lfcal.acquire import NAME
     from lfcal.frames import corrected_view, open_frames
     from lfcal.targets import decoded, open_target_frames
@@ -55,7 +66,7 @@ def opened_target(
 
 
 def left_words(left: int, count: int, plan: TargetPlan) -> str:
-    """Return a message on ``left`` points, out of ``count``, that match no position, and why they are not resampled."""
+    """Return a message: ``left`` of ``count`` points match no position of ``plan``, and why they are not resampled."""
     from lfcal.targets import resampling_words
 
     far = f"{left} of {count} points are farther than {plan.tolerance_px:g} px from every position"

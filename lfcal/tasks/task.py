@@ -55,7 +55,9 @@ class RunSettings:
     force: bool = opt(False, "Replace existing files.")
 
     def choice(self, out: Path, seconds: float = 0.0, units: str = "plane by plane") -> RunChoice | None:
-        """Return the settings for computing ``out`` in units; None if the work is short and units were not requested.
+        """Return the settings for computing ``out`` in units; None if it is computed without units.
+
+        Units are used if they are requested, if the work is long, or if an earlier run left a folder of units.
 
         Parameters
         ----------
@@ -91,7 +93,7 @@ class RunSettings:
 
 
 def may_replace(out: Path, run: RunSettings) -> bool:
-    """Return whether an existing ``out`` may be replaced, by ``force`` or because a resumed run was writing it."""
+    """Return whether an existing ``out`` may be replaced: with ``force``, or if a resumed run had begun to write it."""
     from lfcal.work import was_joining
 
     return run.force or (run.resume and was_joining(out))
@@ -172,7 +174,7 @@ class Task:
         return cls.in_units or name not in UNITS or (name == "resume" and cls.resumes)
 
     def unit_outputs(self) -> tuple[Path, ...]:
-        """Return the outputs next to which the units of a stopped run are stored."""
+        """Return the outputs next to which the units of a stopped run are stored; empty if the task has no units."""
         return self.files("out") if self.in_units else ()
 
     def to_dict(self, *, absolute: bool = False, outputs: bool = True) -> dict[str, Any]:

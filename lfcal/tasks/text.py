@@ -31,7 +31,10 @@ FACES = {
 
 
 def words_of(task: Task, run: RunSettings | None = None) -> tuple[str, ...]:
-    """Return the arguments of the command line after ``lfcal``, without values that equal the defaults."""
+    """Return the arguments after ``lfcal`` of a command line that is equivalent to ``task`` with the settings ``run``.
+
+    Values that equal the defaults are left out, except options that select the kind of task.
+    """
     inputs, options = [], []
     for row, value in [(row, value_at(one, row)) for one in (task, run) if one for row in rows_of(one)]:
         if row.opt.argument:
@@ -60,7 +63,9 @@ def command_of(task: Task, run: RunSettings | None = None) -> str:
 
 
 def python_of(task: Task, run: RunSettings | None = None, imported: Collection[str] = ()) -> str:
-    """Return Python code that is equivalent to ``task``; ``imported`` are modules that need not be imported again.
+    """Return Python code that runs ``task`` with the settings ``run``.
+
+    Imports from the modules named in ``imported`` are left out.
 
     Examples
     --------
@@ -119,7 +124,9 @@ def _literal(value: Any, names: set[tuple[str, str]]) -> str:
 
 
 def job_of(task: Task, run: RunSettings | None = None) -> str:
-    """Return the text of a job file (TOML) with all values of ``task`` and ``run``; `read_job` restores them.
+    """Return the text of a job file (TOML) for ``task`` and ``run``; `load_job` reads such a file.
+
+    It contains all values of the task that are not None, and the settings of the run that differ from the defaults.
 
     Examples
     --------
@@ -144,9 +151,9 @@ def _toml(value: Any) -> str:
 
 
 def read_job(data: Mapping[str, Any], what: str, root: Path = Path()) -> tuple[Task, RunSettings]:
-    """Return the task and the run settings of a job or a provenance; paths in it are relative to ``root``.
+    """Return the task and the run settings that ``data`` describes: the entries of a job file or of a provenance.
 
-    ``what`` is the name of the job in messages.
+    ``what`` is the name of the job in messages. Paths in ``data`` are relative to ``root``.
 
     Raises
     ------
@@ -186,9 +193,9 @@ def _made_by(path: Path) -> Any:
 
 
 def load_job(path: Path, more: Mapping[str, Any] = MappingProxyType({})) -> tuple[Task, RunSettings]:
-    """Return the job in a file (.toml, .json), or the job that made an H or volume file (.h5).
+    """Return the task and run settings in a job file (.toml, .json), or those that made an H or volume file (.h5).
 
-    Entries of ``more`` replace those of the job.
+    Entries of ``more`` replace those of the job. Paths are relative to the folder of the file.
 
     Raises
     ------

@@ -22,10 +22,10 @@ RATE = 150e6
 class TransposedFile(TaskResult):
     """The transposed file that was written.
 
-    ``out`` is its path. ``shape`` is the shape of the source, ``bytes`` its size in memory, and ``dark`` lists the
+    ``out`` is its path. ``shape`` is the shape of the source, ``bytes`` its uncompressed size, and ``dark`` lists the
     indices of its planes without light. ``method`` is the method of transposing, and ``seconds`` the duration (s).
     ``missing`` is the number of positions that were neither recorded nor filled. ``made`` is what the file contains:
-    ``"HT"``, or ``"H"`` if the source was HT.
+    ``"HT"``, or ``"H"`` if the source was HT and the method is exact.
     """
 
     out: Path

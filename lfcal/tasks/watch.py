@@ -28,7 +28,7 @@ COMPARED = 4
 class Watched(TaskResult):
     """Whether H is still valid for the frames of a series, and the files of the result.
 
-    ``found`` contains the tests of all frames, and ``files`` are the files written.
+    ``found`` contains the tests of all frames, and ``files`` are the files written; empty without an output folder.
     """
 
     found: DriftWatch
@@ -96,7 +96,10 @@ class Watch(Task):
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")
 
     def files(self, way: str) -> tuple[Path, ...]:
-        """Return the files that the task reads (``way="in"``) or writes (``way="out"``): those in its folder."""
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
+
+        The files to write are those in the folder ``out``; there are none without it.
+        """
         from lfcal.recalibrate import watch_outputs
 
         if way == "out":
@@ -104,7 +107,7 @@ class Watch(Task):
         return (*super().files(way), self._h())
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Watched, ...]]:
-        """Measure the drift in every frame, and write the files."""
+        """Measure the drift in each frame, or each average of ``mean`` frames, and write the files if requested."""
         from lfcal.recalibrate import iter_watch, write_watch
 
         setup, plan, contents = self._described()

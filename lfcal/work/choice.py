@@ -26,7 +26,7 @@ class RunChoice:
     executor
         Name of an executor in `EXECUTORS`.
     workers
-        Number of threads or processes. None: one for each available CPU.
+        Number of threads or processes. None: the environment variable ``LFCAL_WORKERS``, or else one per processor.
     address
         Address of a running scheduler, such as ``tcp://host:8786``; empty: a local scheduler is started if required.
     begun
@@ -74,9 +74,9 @@ def iter_begun(
     following: Following | None = None,
     joined: bool = False,
 ) -> Work[tuple[Path, ...]]:
-    """Process the units of the file ``out``, and return the files of the units, in order.
+    """Process the units of the file ``out``, and return the files of the units, in order; yields progress.
 
-    The files stay in `parts_folder` until the caller discards it.
+    The files stay in the folder `parts_folder` of ``out`` until the caller discards it.
 
     ``units``, ``out``, ``run`` and the errors are those of `iter_made`; ``title``, ``following`` and ``joined`` are
     those of `iter_run`.
@@ -134,7 +134,8 @@ def iter_made(
         Whether ``join`` reads one file in each step after a first step that reads none. Joining then begins while units
         are still being processed.
     joined
-        As in `iter_run`; set it to False if ``out`` may be much smaller than the files.
+        As in `iter_run`: whether to check the disk for space for the files and ``out``. Set it to False if ``out`` may
+        be much smaller than the files.
 
     Raises
     ------

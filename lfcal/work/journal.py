@@ -78,11 +78,11 @@ class Journal:
         self._file.flush()
 
     def settle(self, values: Mapping[str, Any], fingerprints: Iterable[str]) -> None:
-        """Record the settings of the units with these fingerprints, so that a later run can continue with them."""
+        """Record the settings ``values`` of the units with these fingerprints, so that a later run uses them again."""
         self.note(SETTLED, values=dict(values), units=list(fingerprints))
 
     def begin(self, title: str, units: Iterable[str], executor: str, workers: int, place: str) -> None:
-        """Record the start of a run: its title, units and executor.
+        """Record the start of a run: its title, the names of its units, and its executor.
 
         ``workers`` is the number of workers, and ``place`` the address of a dashboard that shows them (empty: none).
         """
@@ -108,8 +108,8 @@ class UnitState:
     attempts
         Number of times that the unit was started in this run.
     seconds
-        Time that the unit took, or has taken so far (s); NaN if it has not been started, or was finished by an earlier
-        run.
+        Time that the unit took, or has taken so far (s). NaN if it has not been started, if its run ended before it was
+        finished, or if it was finished by an earlier run.
     worker
         Name of the worker that processes or processed the unit.
     reason
@@ -214,7 +214,7 @@ def read_notes(folder: Path, event: str) -> list[dict[str, Any]]:
 
 
 def read_run(folder: Path, now: float | None = None) -> RunState:
-    """Read the state of the run whose units are in ``folder``.
+    """Return the state of the last run that was started in ``folder``, from its journal.
 
     ``now`` is the current time (s since 1970), from which the durations of unfinished units are computed. None: that of
     the computer.
@@ -327,9 +327,10 @@ class RunTable:
     place
         Address of a dashboard that shows the workers; empty if there is none.
     rows
-        Cells for the columns of `HEADER`, one row for each unit to list.
+        Cells for the columns of `HEADER`, one row for each unit. Of more than `MAX_ROWS` units, only those that are
+        under way, have failed or were started again have a row.
     pace
-        Number of units under way, units per hour and estimated time left, if known; empty if the run is not active.
+        Number of units under way and, if known, units per hour and estimated time left; empty if the run is not active.
     """
 
     headline: str

@@ -64,7 +64,7 @@ def parts_folder(out: str | os.PathLike[str]) -> Path:
 
 
 def check_begun(folder: Path, *, resume: bool) -> None:
-    """Raise `InputError` if an earlier run left units in ``folder`` and ``resume`` is not set."""
+    """Raise `InputError` if a run was started in ``folder`` and ``resume`` is not set."""
     if resume or "begin" not in read_events(folder):  # a run that was killed before it began left nothing
         return
     state = read_run(folder)
@@ -89,12 +89,18 @@ def note_joining(folder: Path) -> None:
 
 
 def was_joining(out: str | os.PathLike[str]) -> bool:
-    """Return whether an unfinished run had begun to write ``out``; an existing file is then overwritten."""
+    """Return whether an unfinished run had begun to write ``out``; resuming it may then replace an existing file."""
     return any(event == JOINING for event in read_events(parts_folder(out)))
 
 
 def discard(folder: Path) -> None:
-    """Remove the folder of a run with its contents; raises `StorageError` if another program uses it."""
+    """Remove the folder of a run, if it exists, with its contents.
+
+    Raises
+    ------
+    StorageError
+        If another run uses the folder, or it cannot be removed.
+    """
     if not folder.exists():
         return
     with only_writer(folder):
@@ -134,7 +140,7 @@ def iter_run(
     title
         Description of the output, for display.
     attempts
-        Maximum number of times that a unit is started, if its worker process dies before the unit is finished.
+        Maximum number of times that a unit is started, if its worker process dies or a file cannot be read or written.
     following
         Object that joins the files of finished units while other units are being processed; the caller closes it. None:
         files are not joined.
@@ -148,6 +154,8 @@ def iter_run(
 
     Raises
     ------
+    InputError
+        If two units have the same name.
     StorageError
         If another run uses the folder, or its disk is too small for the remaining files.
     LfcalError
@@ -377,7 +385,7 @@ def _given_up(event: Event, attempts: int) -> Exception:
 
 
 class Following:
-    """Join finished files step by step while other units are running.
+    """Object that joins finished files step by step while other units are running.
 
     Parameters
     ----------
@@ -398,7 +406,10 @@ class Following:
         return max(0, self._taken)
 
     def advance(self, files: Sequence[Path], available: int) -> None:
-        """Join one more file if one of the first ``available`` files has not been joined yet."""
+        """Join one more file if one of the first ``available`` files has not been joined yet.
+
+        ``files`` are those of all units. The first call joins no file; it only prepares the output.
+        """
         if self._steps is None:
             self._steps = self._join(tuple(files))
         if self._taken < available <= len(files):

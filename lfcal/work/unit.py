@@ -77,6 +77,8 @@ class Unit:
     def fingerprint(self) -> str:
         """Return the fingerprint, a hexadecimal text that depends on task, arguments, inputs and the version of lfcal.
 
+        Of each input, it depends on the absolute path, the size and the modification time.
+
         Raises
         ------
         StorageError
@@ -111,7 +113,13 @@ class Job:
     out: str
 
     def steps(self, workers: int) -> Work[str]:
-        """Process the unit with ``workers`` threads; yields progress, and returns the seal of its file (`seal_of`)."""
+        """Process the unit with ``workers`` threads; yields progress, and returns the seal of its file (`seal_of`).
+
+        Raises
+        ------
+        LfcalError
+            The error of the unit, or `InputError` if its function does not write the file.
+        """
         path = Path(self.out)
         yield from self.unit.function()({**self.unit.arguments, **self.unit.hints, **self.unit.settled}, path, workers)
         if not path.exists():
@@ -121,6 +129,8 @@ class Job:
 
 def stamp_of(inputs: Iterable[str]) -> str:
     """Return a fingerprint of files, to use as an argument of units that all read the same large set of files.
+
+    It depends on the absolute path, size and modification time of each file.
 
     Raises
     ------
@@ -147,7 +157,7 @@ def _digest(data: Any) -> str:
 
 
 def seal_of(path: Path) -> str:
-    """Return a seal, by which a file is recognized: a text with its size in bytes and its CRC-32.
+    """Return the seal of a file, which shows whether the file has changed: its size in bytes and its CRC-32, as text.
 
     Raises
     ------
@@ -162,7 +172,10 @@ def seal_of(path: Path) -> str:
 
 
 def file_name(unit: Unit, fingerprint: str) -> str:
-    """Return the name of the file that a unit writes: the name of the unit, its ``fingerprint`` and its suffix."""
+    """Return the name of the file that a unit writes: the name of the unit, its ``fingerprint`` and its suffix.
+
+    Characters other than ASCII letters, digits, ``-`` and ``_`` in the name of the unit become ``-``.
+    """
     plain_name = "".join(c if c.isascii() and (c.isalnum() or c in "-_") else "-" for c in unit.name)
     return f"{plain_name}.{fingerprint}{unit.suffix}"
 
@@ -217,7 +230,10 @@ _NUMBER: ContextVar[int] = ContextVar("worker", default=0)
 
 
 def worker_number() -> int:
-    """Return the number of the worker that processes the current unit, from 0; 0 if there is only one worker."""
+    """Return the number of the worker that processes the current unit, from 0; see `numbered` for dask workers.
+
+    It is 0 if there is only one worker.
+    """
     return _NUMBER.get()
 
 

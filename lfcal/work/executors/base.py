@@ -99,7 +99,7 @@ class Executor(Protocol):
         ...
 
     def events(self) -> list[Event]:
-        """Return the events since the last call; if there are none, wait briefly for one."""
+        """Return new events; if there are none, wait briefly for one. Further events may follow at the next call."""
         ...
 
 
@@ -114,8 +114,8 @@ class ExecutorKind:
     title
         Short description.
     make
-        Function that returns an executor, given ``workers`` (None: all processors of this machine) and ``address``
-        (empty: none).
+        Function that returns an executor, given ``workers`` (None: ``LFCAL_WORKERS``, or else one for each processor of
+        this machine) and ``address`` (empty: none).
     addressed
         Whether the executor accepts an address.
     """

@@ -36,7 +36,7 @@ SETTINGS: dict[str, Any] = {
 
 
 def do(job: Job) -> tuple[str, str, dict[str, Any]]:
-    """Process a unit on a worker; return the kind of event, the worker's address, and further fields of the `Event`."""
+    """Process a unit on a worker; return the value of an `EventKind`, the worker's address, and more event fields."""
     from distributed import get_worker
 
     worker, began = get_worker(), time.perf_counter()
@@ -135,7 +135,10 @@ class Dask:
         self._begun.append(job)
 
     def events(self) -> list[Event]:
-        """Return the events since the last call; if there are none, wait briefly for one."""
+        """Return the starts of units submitted since the last call, and the end of at most one unit.
+
+        If no unit was submitted, wait briefly for an end.
+        """
         found = [Event(job, EventKind.STARTED, "cluster") for job in self._begun]
         self._begun.clear()
         try:

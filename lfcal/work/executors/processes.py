@@ -32,7 +32,7 @@ _SCRIPT = threading.Lock()
 
 
 class WorkerLost(LfcalError):
-    """Error for a worker that ended before its unit was finished, because it was killed or ran out of memory."""
+    """Error for a worker that ended before its unit was finished, for example because memory was insufficient."""
 
 
 class TaskFailed(LfcalError):
@@ -152,7 +152,7 @@ class Processes:
         self._waiting.append(job)
 
     def events(self) -> list[Event]:
-        """Return the events since the last call; if there are none, wait briefly for one."""
+        """Return the starts of units and at most one event of each busy process; if there are none, wait briefly."""
         found = self._begin()
         busy = {worker.link: worker for worker in self._team if worker.job is not None}
         for link in wait(list(busy), timeout=0 if found else POLL_S):

@@ -23,10 +23,10 @@ POLL_S = 0.2
 
 
 def concurrent_units(sizes: Iterable[int], threads: int, memory: int) -> int:
-    """Return how many of the next units may run at the same time, given the memory that each needs.
+    """Return how many of the next units may run at the same time, at most one for each of the free ``threads``.
 
-    ``sizes`` and ``memory`` are in bytes; a size of 0 marks a unit that runs alone. The result is 0 if the first unit
-    runs alone or does not fit into ``memory``.
+    ``sizes`` states the memory that each unit needs, and ``memory`` the memory that is left (bytes). A size of 0 marks
+    a unit that runs alone. The result is 0 if the first unit runs alone or does not fit into ``memory``.
     """
     count = 0
     for size in itertools.islice(sizes, max(0, threads)):
@@ -38,7 +38,7 @@ def concurrent_units(sizes: Iterable[int], threads: int, memory: int) -> int:
 
 
 def concurrent_memory() -> int:
-    """Return the memory (bytes) that concurrent units may use together."""
+    """Return the memory (bytes) that concurrent units may use together: a fraction of the memory that is free now."""
     return int(FREE_SHARE * free_memory())
 
 
@@ -84,7 +84,8 @@ class Threads:
 
     Units that state their memory (`Unit.concurrent_bytes`) run concurrently as far as memory allows, and the threads
     are divided among them. This is faster than several threads per unit, which wait for each other. All other units run
-    one after the other in the caller's thread, each with all threads.
+    one after the other in the caller's thread, each with all threads. So do units of which memory allows only one at a
+    time.
     """
 
     name, place, ahead = "threads", "", False
@@ -117,7 +118,11 @@ class Threads:
         self._waiting.append(job)
 
     def events(self) -> list[Event]:
-        """Return the events since the last call, after one step of a unit that runs alone, if any."""
+        """Start waiting units and return their events; if none can start, return the next event of a running unit.
+
+        A unit that runs alone is advanced by one step. For concurrent units, this waits briefly, and the result may be
+        empty.
+        """
         begun = self._begin()
         if begun:
             return begun
