@@ -178,14 +178,18 @@ def held_out_error(
     *,
     complete: bool = True,
 ) -> ModelError:
-    """Return the error of the model from held-out patterns; ``spread`` is the covariance of shared unknowns.
+    """Return the error of the model at ``point``, estimated from held-out patterns.
 
-    ``among`` is a mask that selects patterns. None: all. The fitted patterns are used if none of them was held out. All
-    patterns are used if the model is not ``complete``. The residuals of its fitted patterns exceed the noise, are
-    hardly smaller than those of held-out patterns, and are four times as many. Squared residuals contain the variance
-    of the noise in addition to the error: E[(d - m)² - v] = error². Effects on single patterns, such as those of the
-    lamp and of displaced sources, are not errors of the model. If they are less than half of the residual, however,
-    they may be part of the error and are included.
+    ``which`` contains the indices of the fitted unknowns, and ``columns`` the derivatives. ``spread`` is the covariance
+    of these unknowns, followed by the gains and then the backgrounds of the planes. ``among`` is a mask that selects
+    patterns (None: all).
+
+    If none of these patterns was held out, the fitted ones are used. If the model is not ``complete``, all are used:
+    the residuals of the fitted patterns then exceed the noise, are hardly smaller than those of held-out patterns, and
+    are four times as many. Squared residuals contain the variance of the noise in addition to the error:
+    E[(d - m)² - v] = error². Effects on single patterns, such as those of the lamp and of displaced sources, are not
+    errors of the model. If they are less than half of the residual, however, they may be part of the error and are
+    included.
     """
     measured = problem.measured
     some = np.ones(len(measured), np.bool_) if among is None else among

@@ -33,7 +33,7 @@ class Columns:
     displacements: F4 | None = None
 
     def with_others(self, others: Columns, which: Sequence[int]) -> Columns:
-        """Return the derivatives for the unknowns ``which`` from this object, and all others from ``others``."""
+        """Return ``others`` with the derivatives for the unknowns ``which``, and the displacements, of this object."""
         shared = others.shared.copy()
         shared[list(which)] = self.shared[list(which)]
         return Columns(shared, self.displacements)
@@ -73,7 +73,7 @@ class Local:
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Normal equations N d = g for the shared unknowns, followed by the gain and background of each plane.
+    """Normal equations N d = g for the shared unknowns, followed by the gains and then the backgrounds of all planes.
 
     Attributes
     ----------
@@ -93,7 +93,11 @@ class Normal:
     solved: tuple[tuple[F8, F8], ...]
 
     def change(self, step: F8, which: NDArray[np.intp] | slice = slice(None)) -> float:
-        """Return the decrease of the sum of squares for a step of the shared unknowns ``which``."""
+        """Return the decrease of the sum of squares that the equations predict for ``step``.
+
+        ``step`` contains the changes of the unknowns with the indices ``which``, by default of all; the other unknowns
+        of the equations do not change.
+        """
         inner = self.matrix[which][:, which] if isinstance(which, slice) else self.matrix[np.ix_(which, which)]
         return float(2 * self.gradient[which] @ step - step @ inner @ step)
 
@@ -106,9 +110,11 @@ def normal_equations(
     planes: NDArray[np.intp],
     local: Local,
 ) -> Normal:
-    """Return the normal equations of n patterns in ``planes`` ``(n,)``; ``model`` ``(n, m)`` has unit gain.
+    """Return the normal equations of n patterns.
 
-    The equations include the priors of the unknowns of each pattern, but not those of the shared unknowns.
+    ``columns`` contains the derivatives of the predictions ``model`` ``(n, m)`` at unit gain, ``seen`` the weighted
+    residuals, and ``planes`` ``(n,)`` the index of the depth plane of each pattern. The equations include the priors of
+    the unknowns of each pattern, ``local``, but not those of the shared unknowns.
     """
     k, nz = len(columns.shared), len(levels.gains)
     size = k + 2 * nz

@@ -50,9 +50,10 @@ class Spread:
 
 
 def spread_of(problem: Problem, point: Point, columns: Columns) -> Spread:
-    """Return the rms of the nuisance parameters beyond their errors, from the best-fit values of each pattern.
+    """Return the rms displacement of the sources and the rms fluctuation of the lamp, without their fitting errors.
 
-    Best-fit displacements o with error variances v satisfy E[o² - v] = sigma².
+    Both follow from the best-fit values of the fitted patterns: values o with error variances v satisfy
+    E[o² - v] = sigma². The response is left at 0.
     """
     free = replace(point, local=replace(point.local, stage_px=1e3, lamp=1e3))
     only = Columns(columns.shared[:0], columns.displacements)
@@ -115,7 +116,10 @@ def _moment(values: F8, errors: F8, weight: F8) -> float:
 
 
 def nuisance_steps(problem: Problem, point: Point, columns: Columns, keep: NDArray[np.bool_]) -> Point:
-    """Return the point with the best-fit nuisance parameters of the patterns ``keep``, at fixed shared unknowns."""
+    """Return the point after one step of the nuisance parameters to their best fit, at fixed shared unknowns.
+
+    Only the patterns selected by the mask ``keep`` change. Displacements are limited to 8 times their prior rms.
+    """
     local, lamps = point.local, point.levels.lamps.copy()
     if local.count == 0:
         return point
@@ -135,9 +139,9 @@ def response_of(problem: Problem, point: Point) -> Response:
 
     The residuals are ``r = g m + noise``, where g is the relative deviation of the response of the pixel, and m the
     predicted light. The product of two patterns ``i`` and ``j`` at a pixel has the mean ``g² m_i m_j``, because their
-    noise is independent. Errors of the model contribute if they agree between patterns, so the result is limited to the
-    value in the description of the camera. A result that is not significant is 0, with the standard deviation from the
-    patterns, or else from the description.
+    noise is independent. Errors of the model contribute if they agree between patterns, so the result and its standard
+    deviation are limited to the value in the description of the camera. A result that is not significant is set to 0;
+    its standard deviation is kept.
     """
     measured = problem.measured
     described = measured.plan.camera.sensor.prnu**2

@@ -40,11 +40,12 @@ class ScanScales:
     planes
         Number of depth planes.
     reach_px
-        Half the cutout, the lever arm of a rotation and of a change of the pitch (pixels).
+        Lever arm of a rotation and of a change of the pitch (pixels): half the longer side of the cutout; for several
+        regions, plus the distance of the farthest region from ``middle_um``.
     middle_um
         Middle (x, y) of the scanned cell relative to the centre of the sensor (µm); for several regions, their mean.
     fields_um
-        Middle (x, y) of each of several regions of the field; empty for a single one.
+        Middle (x, y) of each of several regions, relative to the centre of the sensor (µm); empty for a single one.
     """
 
     planes: int
@@ -54,12 +55,12 @@ class ScanScales:
 
     @classmethod
     def of(cls, plan: ScanPlan) -> ScanScales:
-        """Return the properties of ``plan`` that unknowns need."""
+        """Return the properties of the scan of a single region, described by ``plan``."""
         return cls(plan.shape[0], max(plan.cutout) / 2, field_of(plan))
 
     @classmethod
     def over(cls, plans: Sequence[ScanPlan]) -> ScanScales:
-        """Return the properties of the plans of several regions; the lever arm is extended to the farthest region."""
+        """Return the properties of a scan of several regions, described by one plan for each region."""
         fields = np.array([field_of(plan) for plan in plans])
         middle = fields.mean(0)
         far = float(np.hypot(*(fields - middle).T).max()) / plans[0].camera.sensor.pixel_um
@@ -68,7 +69,7 @@ class ScanScales:
 
 
 def field_of(plan: ScanPlan) -> tuple[float, float]:
-    """Return the middle (x, y) of a scanned region relative to the centre of the sensor (µm)."""
+    """Return the middle (x, y) of the region scanned by ``plan``, relative to the centre of the sensor (µm)."""
     middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
     y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
     return float(x), float(y)
@@ -131,7 +132,10 @@ class Unknown:
             )
 
     def value(self, u: float) -> float:
-        """Return the value at a distance of ``u`` scales from the start, limited to `low` and `high`."""
+        """Return the value at ``u``, limited to `low` and `high`: start + u scale.
+
+        If `squared`, it is the square root of start² + u scale².
+        """
         if self.squared:
             square = self.start**2 + u * self.scale**2
             return min(self.high, max(self.low, math.sqrt(max(0.0, square))))
@@ -150,7 +154,7 @@ class Unknown:
         )
 
     def clipped(self, u: float) -> float:
-        """Return ``u``, limited so that the value is from `low` to `high`."""
+        """Return ``u``, limited so that the value stays between `low` and `high`."""
         if self.squared:
             low, high = (self.low**2 if self.low > 0 else 0.0), self.high**2
             bounds = ((low - self.start**2) / self.scale**2, (high - self.start**2) / self.scale**2)
@@ -183,7 +187,7 @@ class Group(ABC):
     assumed: bool = False
     """Whether the group, when fixed, always contributes to the standard deviations of the others, however little."""
     along: tuple[str, ...] = ()
-    """Groups that ``unknowns="auto"`` also tries together with this one, because neither may lower the error alone."""
+    """Groups that ``unknowns="auto"`` also tries together with this one, because each may have no effect alone."""
     core: bool = False
     """Whether ``unknowns="auto"`` starts with the group; others are added if they lower the held-out error."""
     needs: str = "a camera that has them"
@@ -191,21 +195,23 @@ class Group(ABC):
 
     @abstractmethod
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns of the group for ``setup``; empty if its camera does not have them.
+        """Return the unknowns of the group for ``setup``; empty if its camera or the scan has none of them.
 
-        ``frame`` contains properties of the scan that set their scales.
+        ``frame`` contains the properties of the scan that set the scales of the unknowns.
         """
 
     @abstractmethod
     def applied(self, setup: Setup, values: Mapping[str, float], frame: ScanScales) -> Setup:
-        """Return a copy of ``setup``, from which the fit started, with the unknowns set to ``values`` (by name).
+        """Return a copy of ``setup`` with the unknowns of the group set to ``values`` (by name).
+
+        ``setup`` is that from which the fit started, possibly with the unknowns of other groups already applied.
 
         ``frame`` contains the properties of the scan, as in `unknowns`.
         """
 
 
 def check_group(group: Group) -> None:
-    """Raise `TypeError` unless ``group`` is an instance of `Group` and has a title."""
+    """Raise `TypeError` unless ``group`` is an instance of `Group` and its title is a string."""
     if not isinstance(group, Group):
         raise TypeError(f"expected an object derived from Group, got {type(group).__name__}")
     if not isinstance(getattr(group, "title", None), str):
@@ -307,7 +313,7 @@ def lacking(setup: Setup, plan: ScanPlan, frame: ScanScales | None = None) -> di
 
 
 def check_groups(setup: Setup, plan: ScanPlan, names: Sequence[str], frame: ScanScales | None = None) -> None:
-    """Raise `InputError` if one of the groups ``names`` has no unknowns for this setup and plan."""
+    """Raise `InputError` if one of the groups ``names`` has no unknowns; the arguments are those of `lacking`."""
     if not names:
         return
     without = lacking(setup, plan, frame)

@@ -47,7 +47,7 @@ class Point:
     model
         Predictions at unit gain ``(n, m)``.
     levels, seen
-        Gains and backgrounds of the patterns, and their weighted residuals.
+        Gains and backgrounds of the planes, with the lamp's changes, and the weighted residuals of the patterns.
     sampling, doubtful
         Sampling of the computation, and whether the model is still doubtful, so that the larger of model and data
         determines the variance.
@@ -87,7 +87,9 @@ class Problem:
 
     # -- predictions -------------------------------------------------------------------------------------
     def model(self, u: F8, offsets_px: F8, sampling: Sampling) -> F4:
-        """Return the predictions ``(n, m)`` at unit gain for the vector ``u`` and displacements ``(n, 2)`` (pixels).
+        """Return the predictions ``(n, m)`` at unit gain for the vector ``u``.
+
+        ``offsets_px`` ``(n, 2)`` contains the displacements (dy, dx) of the sources (pixels).
 
         Raises
         ------
@@ -112,7 +114,8 @@ class Problem:
     ) -> Point:
         """Return the point at the vector ``u``, after computing its predictions.
 
-        ``lamps`` ``(n,)`` is the relative change of the lamp's brightness at each pattern. None: no change.
+        ``lamps`` ``(n,)`` is the relative change of the lamp's brightness at each pattern. None: no change. The other
+        arguments are those of `Point`.
         """
         model = self.model(u, local.offsets_px, sampling)
         return self.weigh(u, local, model, sampling, lamps=lamps, doubtful=doubtful)
@@ -122,7 +125,8 @@ class Problem:
     ) -> Point:
         """Return the point at the vector ``u`` for predictions ``model`` ``(n, m)`` that are already known.
 
-        ``lamps`` ``(n,)`` is the relative change of the lamp's brightness at each pattern. None: no change.
+        ``lamps`` ``(n,)`` is the relative change of the lamp's brightness at each pattern. None: no change. The other
+        arguments are those of `Point`.
         """
         own = np.zeros(len(self.measured)) if lamps is None else lamps
         error = _error(sampling, local)
@@ -161,9 +165,10 @@ class Problem:
     ) -> Work[Columns]:
         """Compute the derivatives for the unknowns ``which`` and, if ``displaced``, for the displacements of sources.
 
-        Derivatives are finite differences at the coarse sampling. Progress counts derivatives and shows ``note``. With
-        ``both``, differences are central; this is the default except at coarse points. One-sided differences contain a
-        curvature of a few percent, which makes degenerate unknowns appear distinguishable.
+        Derivatives are finite differences at the coarse sampling; those for unknowns not in ``which`` (indices) are 0.
+        Progress counts derivatives and shows ``note``. With ``both``, differences for unknowns are central. None: they
+        are central unless the sampling of ``point`` is coarse. One-sided differences contain a curvature of a few
+        percent, which makes degenerate unknowns appear distinguishable. Differences for displacements are one-sided.
         """
         central = point.sampling != Fineness.coarse if both is None else both
         tasks: list[tuple[str, int]] = [("shared", int(k)) for k in which]
@@ -213,7 +218,10 @@ class Problem:
         return found[0] if len(found) == 1 else (found[0] + found[1]) / np.float32(2)
 
     def normal(self, columns: Columns, point: Point, keep: NDArray[np.bool_]) -> Normal:
-        """Return the normal equations of the patterns ``keep``, without the priors of the shared unknowns."""
+        """Return the normal equations of the patterns selected by the mask ``keep``.
+
+        ``columns`` contains the derivatives of all patterns. The priors of the shared unknowns are not included.
+        """
         part = Columns(
             columns.shared[:, keep], None if columns.displacements is None else columns.displacements[:, keep]
         )

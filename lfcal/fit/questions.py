@@ -76,9 +76,10 @@ class Answer:
 
 
 def unexplained(problem: Problem, point: Point, keep: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return the squared residual of the patterns ``keep`` beyond model and noise, and its standard deviation.
+    """Return the sum of squared residuals beyond the noise, and its standard deviation due to the noise.
 
-    Both are fractions of the sum of the squared patterns.
+    ``keep`` is a mask that selects patterns. Both results are fractions of the sum of the squares of these patterns
+    without background.
     """
     data, valid = flat(problem.measured.of(keep))
     inverse = np.where(valid, point.seen.inverse[keep], 1.0)
@@ -93,13 +94,13 @@ def unexplained(problem: Problem, point: Point, keep: NDArray[np.bool_]) -> tupl
 
 
 def misfit(problem: Problem, point: Point) -> float:
-    """Return the residual of the fitted patterns beyond model and noise, as a fraction of their rms (relative L2)."""
+    """Return the rms residual of the fitted patterns beyond the noise, as a fraction of their rms (relative L2)."""
     share, _ = unexplained(problem, point, problem.fitted)
     return float(np.sqrt(max(0.0, share)))
 
 
 def check_light(measured: Measured) -> None:
-    """Raise `InputError` if the patterns show no light beyond their noise."""
+    """Raise `InputError` if the patterns that are not held out have no valid pixels, or no light beyond the noise."""
     keep = measured.of(~measured.held_out)
     data, valid = flat(keep)
     if not valid.any():
@@ -115,7 +116,7 @@ def check_light(measured: Measured) -> None:
 
 
 def check_described(measured: Measured) -> None:
-    """Raise `InputError` if the light of a camera as described would hardly reach the pixels of the patterns.
+    """Raise `InputError` if the described camera would form patterns much larger than the measured cutouts.
 
     Without this check, a wrong description, such as a microscope described with the distances of a main lens, would be
     reported only after hours.
@@ -132,7 +133,11 @@ def check_described(measured: Measured) -> None:
 
 
 def check_explained(problem: Problem, point: Point) -> None:
-    """Raise `InputError` if the point does not explain the patterns, which then belong to a different camera."""
+    """Raise `InputError` if the model at ``point`` does not explain the fitted patterns.
+
+    This is the case if the gain of a plane is not positive, or if `misfit` exceeds 0.5. The patterns then probably
+    belong to a different camera.
+    """
     if (point.levels.gains[np.unique(problem.planes)] <= 0).any():
         remedy = "check what was subtracted from the frames"
         raise InputError.expected(
@@ -158,9 +163,10 @@ def as_described(
     local: Local | None = None,
     note: str = "as described",
 ) -> Work[Point]:
-    """Return the point at which the ``core`` groups are fitted, starting from the description or from ``start``.
+    """Return the point after at most four rounds of fitting the unknowns of the groups ``core``.
 
-    ``start`` is a vector of unknowns, and ``local`` contains the unknowns of single patterns (None: there are none).
+    ``start`` is the vector of unknowns from which the fit starts (None: the description). ``local`` contains the
+    unknowns of single patterns (None: there are none).
     ``record_round`` creates a progress record of each round (None: no records), and ``note`` names the stage in the
     progress.
     """
@@ -170,7 +176,7 @@ def as_described(
 def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
     """Fit a few patterns under other assumptions about the description, such as mirrored axes or reversed depths.
 
-    Progress counts derivatives.
+    The unknowns of the groups ``core`` are fitted. Progress counts derivatives.
 
     Raises
     ------
@@ -196,10 +202,11 @@ def asked(problem: Problem, core: Sequence[str]) -> Work[None]:
 
 
 def order_of_types(described: Camera, found: Camera) -> str:
-    """Return the order of the lens types in the description that matches the fitted ones, such as "1, 0, 2".
+    """Return the order in which the described lens types match the fitted ones, such as "1, 0, 2".
 
-    The text is empty if the order in the description is correct. The focal lengths are compared: if the order is wrong,
-    the fit finds the values of the description, but for other types.
+    The text is empty if the camera has no periodic array, or if no other order matches at least twice as well as that
+    of the description. The focal lengths are compared: if the order is wrong, the fit finds the values of the
+    description, but for other types.
     """
     if not described.has_lattice:
         return ""

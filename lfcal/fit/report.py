@@ -131,7 +131,11 @@ def _chi2(left: FitResiduals) -> str:
 
 
 def limits(fit: Fit) -> str:
-    """Return an HTML table of the fixed parameters, and of what the scan does not determine."""
+    """Return an HTML table of what limits a fit.
+
+    Its rows are the fixed and degenerate parameters, groups that were tried without improvement, answers that differ
+    from the description, planes without patterns, and outliers.
+    """
     rows = [("held", one) for one in fit.held]
     rows += [("not separated", one) for one in fit.unidentified]
     rows += [("tried without improvement", one) for one in fit.unhelpful]

@@ -83,7 +83,7 @@ class Outlier:
 
 @dataclass(frozen=True, slots=True)
 class InRegion:
-    """Quality of a fit of several regions in one region, as the chi² and the error of its patterns."""
+    """Chi-square and error of the patterns of one region, for a joint fit of several regions."""
 
     chi_square: ChiSquare
     error: ModelError
@@ -107,8 +107,8 @@ class Fit:
     chi_square
         Chi-square of the fitted patterns.
     held_out_error
-        Relative error (L2) of the predicted patterns, estimated from held-out patterns or, if the model is incomplete,
-        from all patterns.
+        Relative error (L2) of the predicted patterns, estimated from held-out patterns, or from fitted ones if none was
+        held out. If the model is incomplete, it is estimated from all patterns.
     correlations
         Correlation matrix ``(k, k)`` of the parameters, in the order of ``parameters``.
     held
@@ -160,7 +160,7 @@ class Fit:
 
     @property
     def chi2(self) -> float:
-        """Mean of the squared residuals over their variance, weighted by the light; 1 for a correct model."""
+        """Mean of the squared residuals divided by their variances, weighted by the light; about 1 for a true model."""
         return self.chi_square.lit
 
     @property
@@ -197,7 +197,7 @@ class Fit:
 
     @property
     def header(self) -> Header:
-        """Header of the H of the fitted camera: its shape and other facts, without its values."""
+        """Header of the H of the fitted camera: shape, depths, camera, anchor and provenance, without its values."""
         plan = self.planned
         return Header(plan.shape, plan.depths_um, self.camera, plan.anchor, self.provenance)
 
@@ -252,7 +252,10 @@ class Fit:
 
     @property
     def middle_um(self) -> tuple[float, float]:
-        """Middle (x, y) of the scanned region on the sensor, relative to its centre (µm); the origin of offsets."""
+        """Middle (x, y) of the scanned region, relative to the centre of the sensor (µm).
+
+        The rotation and pitch of the array are fitted about this point.
+        """
         plan = self.planned
         middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2
         y, x = (middle - np.array(plan.camera.sensor.centre_px)) * plan.camera.sensor.pixel_um
@@ -260,7 +263,10 @@ class Fit:
 
     @property
     def ideal_places(self) -> Setup:
-        """The fitted setup with the sources at the positions of H: fitted depths, but the planned lateral steps."""
+        """The fitted setup with the sources at the positions of H.
+
+        Depths are as fitted, but lateral steps are as planned, and the stage moves along the optical axis.
+        """
         return replace(self.setup, stage_scale=0.0, travel_rad=(0.0, 0.0))
 
     def iter_hybrid(

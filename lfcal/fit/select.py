@@ -29,8 +29,8 @@ STEPS = 6
 class GroupSelection:
     """Sums of squares of fitted and held-out patterns, as quadratic forms of all unknowns about a point.
 
-    If no patterns are held out, the fitted ones take their place. ``samples`` is the number of held-out samples, and so
-    the sum that noise alone would contribute.
+    ``columns`` contains the derivatives for all unknowns at the point. If no patterns are held out, the fitted ones are
+    used instead. ``samples`` is the number of held-out samples, and so the sum that noise alone would contribute.
     """
 
     def __init__(self, problem: Problem, point: Point, columns: Columns) -> None:
@@ -42,22 +42,28 @@ class GroupSelection:
         self.samples = float((point.seen.inverse[aside] > 0).sum())
 
     def left(self, groups: Sequence[str]) -> float:
-        """Return the sum of squares of the held-out patterns after the best step of the unknowns of ``groups``."""
+        """Return the sum of squares of the held-out patterns after a step of the unknowns of ``groups``.
+
+        The step is the best one for the fitted patterns and the priors; gains and backgrounds change as well.
+        """
         used = shared_of(self.problem, self.problem.vector.of_groups(groups))
         step = solve(self._matrix[np.ix_(used, used)], self._gradient[used])
         return self._aside.chi2 - self._aside.change(step, used)
 
     def threshold(self, groups: Sequence[str], left: float) -> float:
-        """Return the decrease of the held-out sum of squares that distinguishes a group from one without effect.
+        """Return the decrease of the held-out sum of squares above which ``groups`` improve the model.
 
-        Here, ``left`` is the sum with these groups. q unknowns that fit only noise change the sum by about 0 ± sqrt(q).
+        ``left`` is the sum with these groups. q unknowns that fit only noise change the sum by about 0 ± sqrt(q).
         """
         q = len(self.problem.vector.of_groups(groups))
         return (4.0 + 4.0 * math.sqrt(q)) * max(1.0, left / self.samples)
 
 
 def gain_of(selection: GroupSelection, chosen: Sequence[str], added: Sequence[str]) -> tuple[float, float]:
-    """Return the decrease of the held-out sum of squares by adding the groups ``added``, and the required decrease."""
+    """Return the decrease of the held-out sum of squares due to the groups ``added``, and the required decrease.
+
+    It is relative to the groups in ``chosen`` that are not in ``added``.
+    """
     others = [one for one in chosen if one not in added]
     without, with_it = selection.left(others), selection.left([*others, *added])
     return without - with_it, selection.threshold(added, with_it)
@@ -82,8 +88,8 @@ def choose(
     """Return ``chosen`` followed by the ``candidates`` that lower the held-out residual, the most effective first.
 
     Each candidate is tried by a linear fit about ``point``, which uses the derivatives ``columns`` for all unknowns. It
-    must remove at least the fraction ``least`` of the residual, because far from the best point every group helps a
-    little.
+    must lower the sum of squared residuals by more than the fraction ``least``, because far from the best point every
+    group helps a little.
     """
     selection = GroupSelection(problem, point, columns)
     found, left = list(chosen), [name for name in candidates if name not in chosen]
@@ -100,7 +106,10 @@ def choose(
 def prune(
     problem: Problem, point: Point, columns: Columns, chosen: Sequence[str], core: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return ``chosen`` without the groups that do not lower the held-out residual; those in ``core`` always stay."""
+    """Return ``chosen`` without the groups that do not lower the held-out residual; those in ``core`` always stay.
+
+    ``point`` and ``columns`` are as in `choose`.
+    """
     found, kept = list(chosen), set(core)
     while more := [name for name in found if name not in kept]:
         # benefit of a group relative to its start, to which its unknowns return

@@ -101,7 +101,10 @@ class Setup:
         check_number("stage scale", self.stage_scale, above=-0.5, below=0.5)
 
     def of_region(self, k: int) -> Setup:
-        """Return the setup of the region with index ``k``, with its displacements applied."""
+        """Return the setup of the region with index ``k``, with its displacements applied.
+
+        If `regions` has no such entry, the setup itself is returned.
+        """
         if k >= len(self.regions):
             return self
         own = self.regions[k]
@@ -148,7 +151,10 @@ def described_effects(camera: Camera) -> tuple[Effect, ...]:
 
 
 def starting_effects(plan: ScanPlan) -> tuple[Effect, ...]:
-    """Return the initial effects of a fit: those of `described_effects`, and the vector field if it is noticeable."""
+    """Return the initial effects of a fit: those of `described_effects`, and the vector field if it is noticeable.
+
+    The vector field is added only for a camera with a periodic array.
+    """
     if not plan.camera.has_lattice:
         return described_effects(plan.camera)
     vectorial = VectorialPupil()
@@ -158,14 +164,14 @@ def starting_effects(plan: ScanPlan) -> tuple[Effect, ...]:
 
 
 def with_given(effects: Sequence[Effect], settings: Mapping[str, str], given: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return ``effects`` after adding the effects ``given``, and changing those named in ``settings``.
+    """Return ``effects`` with the effects ``given``, which replace those of the same name, and after ``settings``.
 
-    A setting is ``"on"`` or ``"off"``, by the name of the effect.
+    ``settings`` contains ``"on"`` or ``"off"`` by the name of an effect.
 
     Raises
     ------
     InputError
-        If an effect does not exist, or does not act on the light of a response.
+        If an effect does not exist, or acts on whole frames or by moving the source.
     """
     found = {effect.name: effect for effect in effects}
     found |= {effect.name: effect for effect in given}

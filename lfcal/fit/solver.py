@@ -31,7 +31,10 @@ RoundRecorder = Callable[[Problem, Point, str], Progress]
 
 
 def solve(matrix: F8, gradient: F8) -> F8:
-    """Return the solution of N d = g for a positive semidefinite N whose unknowns differ in scale."""
+    """Return the solution d of N d = g for N = ``matrix`` and g = ``gradient``.
+
+    N is positive semidefinite. Its unknowns may differ in scale, and components of d that N does not determine are 0.
+    """
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     known = size > 0
     out = np.zeros_like(gradient)
@@ -64,10 +67,10 @@ def with_prior(problem: Problem, normal: Normal, u: F8) -> tuple[F8, F8]:
 def stepped(
     problem: Problem, point: Point, columns: Columns, which: Sequence[int], damping: float
 ) -> tuple[Point, float, float]:
-    """Return the first point that is better than ``point``, the next damping, and the improvement.
+    """Return the first point that is better than ``point``, the next damping, and the decrease of the loss.
 
-    ``damping`` is that of the first trial; it is raised until a trial is better. If no better point is found, ``point``
-    and an improvement of 0 are returned.
+    The unknowns ``which`` (indices) change. ``damping`` is that of the first trial; it is raised after every trial that
+    is not better. If no better point is found in five trials, ``point`` and a decrease of 0 are returned.
     """
     normal = problem.normal(columns, point, problem.fitted)
     matrix, gradient = with_prior(problem, normal, point.u)
@@ -86,10 +89,10 @@ def stepped(
 
 
 def moved(problem: Problem, point: Point, normal: Normal, used: NDArray[np.intp], step: F8, count: int) -> Point | None:
-    """Return the point after a step; None if no such camera is possible.
+    """Return the point after a step; None if its camera is impossible or cannot be computed.
 
-    ``step`` contains the ``count`` unknowns with the indices ``used``, then gains and backgrounds. The unknowns of
-    single patterns are updated as well.
+    ``used`` contains the indices of ``step`` in the normal equations: first ``count`` unknowns, then gains and
+    backgrounds. A step longer than `LONGEST` is shortened. The unknowns of single patterns are updated as well.
     """
     longest = float(np.abs(step[:count]).max(initial=0.0))
     step = step * min(1.0, LONGEST / longest) if longest > 0 else step
@@ -124,11 +127,12 @@ def descend(
     columns: Columns | None = None,
     record_round: RoundRecorder | None = None,
 ) -> Work[tuple[Point, Columns]]:
-    """Return the point reached by descending until a step gains less than the fraction ``enough`` of the loss.
+    """Return the point reached by descending, and the last derivatives.
 
-    Only the unknowns ``which`` change, in at most ``most`` rounds. ``columns`` are known derivatives for the first
-    round. The last derivatives are also returned. Progress counts derivatives and shows ``note``; the result of
-    ``record_round`` is yielded at the end of each round.
+    There are at most ``most`` rounds; the last one is the first that lowers the loss by less than the fraction
+    ``enough``. Of the shared unknowns, only those with the indices ``which`` change. ``columns`` are the derivatives
+    for the first round, if known. Progress counts derivatives and shows ``note``; the result of ``record_round`` is
+    yielded at the end of each round.
     """
     damping, known = 1e-3, columns
     for turn in range(most):

@@ -13,9 +13,10 @@ __all__ = ["held_out_rows", "spread_out"]
 def held_out_rows(
     index: NDArray[np.intp], count: int, plan: ScanPlan, earlier: NDArray[np.intp] | None = None
 ) -> NDArray[np.intp]:
-    """Return the rows of ``count`` positions in ``index`` ``(n, 3)`` that represent all others, to be held out.
+    """Return which ``count`` positions to hold out, as row numbers in ``index`` ``(n, 3)``, in increasing order.
 
-    The columns of ``index`` are z, y and x. Positions ``earlier`` ``(m, 3)`` count as chosen but are not returned.
+    The positions (z, y, x) are chosen from ``index`` to represent all others, also far from the positions ``earlier``
+    ``(m, 3)``, which are not returned. If ``index`` has fewer than ``count`` positions, all are returned.
 
     Positions that are far apart in the period may differ by an integer number of lenslets. Their patterns are then
     equal, and test a model at only one position relative to a lenslet. The chosen positions are therefore also far
@@ -32,12 +33,12 @@ def spread_out(
     earlier: NDArray[np.intp] | None = None,
     cell: NDArray[np.float64] | None = None,
 ) -> NDArray[np.intp]:
-    """Return the rows of ``count`` positions in ``index`` ``(n, 3)`` (z, y, x) that are far from each other.
+    """Return ``count`` positions (z, y, x) that are far apart, as row numbers in ``index`` ``(n, 3)``.
 
-    Planes are filled in turn. Each new position is the one farthest from all those already chosen, with distances
-    measured periodically. Positions ``earlier`` ``(m, 3)`` count as chosen but are not returned. ``cell`` contains the
-    vectors ``(2, 2)`` of the unit cell of the array, as (rows, columns) in pixels. With it, positions are far apart
-    both in the period and relative to their lenslets.
+    The next plane is always that with the smallest fraction of chosen positions. Its next position is the one farthest
+    from those already chosen in the plane, with distances measured periodically. It is also far from the positions
+    ``earlier`` ``(m, 3)``, which are not returned. ``cell`` contains the vectors ``(2, 2)`` of the unit cell of the array, as (rows,
+    columns) in pixels. With it, positions are far apart both in the period and relative to their lenslets.
     """
     there = np.zeros((0, 3), np.intp) if earlier is None else earlier
     planes: dict[int, _Plane] = {}

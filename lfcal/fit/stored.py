@@ -60,12 +60,12 @@ class StoredFit:
     setup
         Fitted camera, effects and depths, with sources at the positions of H.
     depths_um, period, anchor
-        Depths, period and anchor of the fitted scan.
+        Depths (µm), period and anchor (pixels) of the fitted scan.
     gains
         Gain of each plane ``(nz,)`` in the units of the data, interpolated between neighbours for planes without a
         pattern.
     error
-        Relative error (L2) of the model, including that of its computation.
+        Relative error (L2) of the model, including the numerical error of its predictions.
     positions
         Positions (z, y, x) that were fitted, held out, or excluded with a reason.
     fitted_planes
@@ -93,7 +93,7 @@ class StoredFit:
 
     @classmethod
     def of(cls, fit: Fit) -> StoredFit:
-        """Return the contents that the folder of ``fit`` would have, without writing it."""
+        """Return the contents that the folder of ``fit`` would have, without writing it; `folder` is ``Path()``."""
         plan = fit.planned
         return cls(
             folder=Path(),
@@ -116,12 +116,15 @@ class StoredFit:
         return replace(self.setup, stage_scale=self.stage_scale, travel_rad=self.travel_rad)
 
     def is_of(self, plan: ScanPlan) -> bool:
-        """Return whether ``plan`` has the same positions as the scan that was fitted."""
+        """Return whether ``plan`` has the anchor, period and depths of the fitted scan."""
         own, theirs = (self.anchor, self.period, self.depths_um), (plan.anchor, plan.period, plan.depths_um)
         return own == theirs
 
     def check(self, plan: ScanPlan) -> None:
-        """Raise `InputError` unless ``plan`` is that of the fitted scan; its cutout may differ."""
+        """Raise `InputError` if ``plan`` differs from the fitted scan, or resamples the pixels.
+
+        Period, depths, anchor and size of the camera's pixels are compared.
+        """
         have: dict[str, tuple[Any, Any]] = {
             "period": (self.period, plan.period),
             "depths (µm)": (self.depths_um, plan.depths_um),
@@ -143,7 +146,7 @@ class StoredFit:
 
 
 def numbers_file(folder: Path) -> Path | None:
-    """Return the path of the file with the numbers of a fit, which is written last; None if there is none."""
+    """Return the path of the JSON file with the results of a fit, which is written last; None if there is none."""
     return next((folder / name for name in (FIELD, NUMBERS) if (folder / name).is_file()), None)
 
 
@@ -249,7 +252,7 @@ class Filler:
     Raises
     ------
     InputError
-        If the fit is that of another scan.
+        If the fit is that of another scan, or the scan resamples the pixels.
     """
 
     def __init__(self, fit: StoredFit, plan: ScanPlan, workers: int | None = None) -> None:
@@ -258,7 +261,7 @@ class Filler:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Facts about the fit that fills the positions, for the provenance of H."""
+        """Folder name, error and camera of the fit that fills the positions, for the provenance of H."""
         return {"fit": self._fit.folder.name, "error": self._fit.error, "camera": self._fit.setup.camera.to_dict()}
 
     def __call__(self, z: int, values: F4, facts: Facts) -> Work[Filled]:

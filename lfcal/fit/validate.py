@@ -105,7 +105,10 @@ class Validation:
     points: tuple[PointError, ...]
 
     def error(self, points: tuple[PointError, ...] | None = None, *, periodic: bool = False) -> ModelError:
-        """Return the error over ``points`` (None: all) of the fitted camera or, if ``periodic``, of a periodic H."""
+        """Return the error over ``points`` (None: all) of the fitted camera or, if ``periodic``, of a periodic H.
+
+        For points in the region of H, the error of the fitted camera is always used.
+        """
         some = self.points if points is None else points
         beside = [(one.periodic or one.model) if periodic else one.model for one in some]
         powers = np.array([float(np.square(one.light[one.weight > 0]).sum()) for one in beside])
@@ -130,7 +133,10 @@ class Validation:
         return self.points[-1].field - self.points[0].field > WIDE
 
     def worse(self, *, periodic: bool) -> bool:
-        """Return whether the error at the edges is clearly larger than in the middle; ``periodic`` is as in `error`."""
+        """Return whether the error at the edges is significantly larger than in the middle, by a factor above 1.5.
+
+        If the points are not `wide`, the result is False. ``periodic`` is as in `error`.
+        """
         inner, outer = self.error(self.middle, periodic=periodic), self.error(self.edges, periodic=periodic)
         significant = outer.squared - inner.squared > SIGNIFICANCE * math.hypot(
             outer.squared_sigma, inner.squared_sigma
@@ -152,7 +158,7 @@ class Validation:
         return f"{said}; {edges}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the errors of the fitted camera, and of H assumed periodic, as plain JSON types."""
+        """Return verdict, points, and errors of the fitted camera and of H assumed periodic, as plain JSON types."""
         parts = {"all": self.points, "middle": self.middle, "edges": self.edges}
         errors = {
             how: {name: self.error(part, periodic=how == "periodic").to_dict() for name, part in parts.items()}
@@ -213,7 +219,7 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     Raises
     ------
     InputError
-        If all patterns were fitted, or they come from another sensor.
+        If all patterns are at positions used by the fit, or they come from a sensor with another number of pixels.
     """
     known_of = fit if isinstance(fit, StoredFit) else StoredFit.of(fit)
     same = known_of.is_of(withheld.plan)
@@ -340,7 +346,7 @@ def _point(fit: StoredFit, withheld: Measured, k: int, model: PlaneModel, near: 
 
 
 def validation_outputs(folder: Path) -> tuple[Path, Path]:
-    """Return the paths of the numbers and the plot that `iter_write_validation` writes into the folder of a fit."""
+    """Return the paths of the results (JSON) and the plot that `iter_write_validation` writes into ``folder``."""
     return folder / "validation.json", folder / REPORT / "validation.png"
 
 
@@ -349,8 +355,8 @@ def iter_write_validation(
 ) -> Work[Validation]:
     """Validate a fit with `iter_validate`, write the result into the folder of the fit, and return it.
 
-    Numbers and plot are written to separate files, and the plot is added to the report. ``source`` is the name of the
-    recording.
+    Results (JSON) and plot are written to separate files, and the plot is added to the report. ``source`` is the name
+    of the recording.
     """
     found = yield from iter_validate(fit, withheld, another=another)
     numbers, picture = validation_outputs(folder)
@@ -362,7 +368,7 @@ def iter_write_validation(
 
 
 def draw_validation(found: Validation, path: str | os.PathLike[str]) -> None:
-    """Draw the error of every held-out point over the sensor, and by its distance from the middle of the sensor."""
+    """Draw the error of each point as a map of the sensor, and as a function of `PointError.field`."""
     errors = np.array([_shown(one.model.error) for one in found.points])
     with figure(9.6, 3.4) as fig:
         places, line = fig.subplots(1, 2)

@@ -23,12 +23,13 @@ MIN_VALUES = 16
 def find_shift(source: FrameSource) -> int:
     """Return the number of bits by which the samples of ``source`` are left-aligned; 0 if they are not.
 
-    Six frames, evenly spread over the source, are read completely. All their samples must be multiples of ``2^bits``.
+    Up to six frames, evenly spread over the source, are read completely. All their samples must be multiples of
+    ``2^bits``. Unreadable frames, and those with few different values, are ignored.
 
     Raises
     ------
     InputError
-        If some frames are left-aligned and others are not.
+        If the number of bits differs between frames.
     """
     if source.dtype.kind not in "iu" or not len(source):
         return 0
@@ -54,14 +55,15 @@ def find_shift(source: FrameSource) -> int:
 
 
 def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
-    """Return the number of bits to shift down, as stated in ``text`` or found for ``"auto"``, and a note or ``""``.
+    """Return the number of bits by which samples must be shifted right, and a note or ``""``.
 
-    With ``"0"``, the note warns if the samples appear to be left-aligned.
+    The number is that in ``text`` or, for ``"auto"``, the result of `find_shift`. With ``"0"``, the note warns if the
+    samples appear to be left-aligned.
 
     Raises
     ------
     InputError
-        If ``text`` is neither a number nor ``"auto"``, or if, with ``"auto"``, only some frames are left-aligned.
+        If ``text`` is neither an integer nor ``"auto"``, or if `find_shift` raises it with ``"auto"``.
     """
     if text != "auto":
         try:
@@ -82,7 +84,7 @@ def chosen_shift(text: str, source: FrameSource) -> tuple[int, str]:
 
 
 def shifted(values: NDArray[Any], bits: int, what: str) -> NDArray[Any]:
-    """Return integer ``values`` shifted down by ``bits``; ``what`` is their name in error messages.
+    """Return integer ``values`` shifted right by ``bits``; ``what`` is their name in error messages.
 
     Raises
     ------
@@ -100,7 +102,7 @@ def shifted(values: NDArray[Any], bits: int, what: str) -> NDArray[Any]:
 
 
 class ShiftedSource(SourceView):
-    """View of a source whose left-aligned samples are shifted down by ``bits`` to the values of the camera's converter.
+    """View of a source whose left-aligned samples are shifted right by ``bits`` to the values of the camera's ADC.
 
     The shift is 1 … 15 bits.
     """
@@ -111,7 +113,7 @@ class ShiftedSource(SourceView):
         self.bits = bits
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata of the frames, including the shift; stated levels and noise are shifted too."""
+        """Return the metadata ``known`` with the shift, and with bit depth, levels and noise adapted to it."""
         width, unit = 8 * self.source.dtype.itemsize, 1 << self.bits
         bit_depth = min(known.bit_depth or width, width) - self.bits
         black = known.black_level
@@ -125,9 +127,9 @@ class ShiftedSource(SourceView):
         )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return frame ``index``, or only the part of it in ``region``."""
+        """Return frame ``index``, or only the part of it in ``region``, with samples shifted right."""
         return shifted(self.source.read(index, region), self.bits, self.info(index).label)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples of frame ``index`` or a part of it, shifted down."""
+        """Return the samples of frame ``index``, or of the part of it in ``region``, shifted right."""
         return Frames.samples(self, index, region)

@@ -25,7 +25,10 @@ _LETTERS = "RGBWCMYE"
 
 
 def check_cfa(cfa: str) -> str:
-    """Return ``cfa``; raise `InputError` unless it is empty, or the letters of a square pattern in row-major order."""
+    """Return ``cfa``; raise `InputError` unless it is empty, or a square pattern in row-major order.
+
+    A square pattern has 1, 4, 16 or 36 of the letters R, G, B, W, C, M, Y and E.
+    """
     if not isinstance(cfa, str) or len(cfa) not in _SIDES or any(letter not in _LETTERS for letter in cfa):
         raise InputError.expected(
             "colour filter pattern",
@@ -42,7 +45,7 @@ def pattern_side(cfa: str) -> int:
 
 
 def cfa_from(cfa: str, origin: tuple[int, int]) -> str:
-    """Return the pattern of frames whose first pixel is the sensor pixel ``origin`` (row, column)."""
+    """Return the pattern of frames that start at pixel ``origin`` (row, column) of a sensor with pattern ``cfa``."""
     side = pattern_side(cfa)
     places = [((r + origin[0]) % side, (c + origin[1]) % side) for r in range(side) for c in range(side)]
     return "".join(cfa[r * side + c] for r, c in places) if cfa else ""
@@ -86,7 +89,8 @@ def channel_phase(cfa: str, channel: str) -> tuple[int, int]:
 def same_colour_offsets(cfa: str, reach: int = 2) -> list[list[list[NDArray[np.int32]]]]:
     """Return, for each pattern position ``[row][column]``, its same-colour neighbours in rings of equal distance.
 
-    Each ring is an ``(n, 2)`` array of row and column offsets, nearest ring first, up to ``reach`` periods away.
+    Each ring is an ``(n, 2)`` array of row and column offsets, nearest ring first. Both offsets are at most ``reach``
+    periods of the pattern.
     """
     side = pattern_side(cfa)
     letters = cfa or "W"
@@ -110,10 +114,11 @@ def same_colour_offsets(cfa: str, reach: int = 2) -> list[list[list[NDArray[np.i
 def check_greens(frame: NDArray[Any], cfa: str, name: str) -> None:
     """Raise an error if the Bayer tag of a RAW file appears to exchange the greens with red and blue.
 
-    RAW readers do not check this tag. If it is wrong, the supposed greens differ in the brightest 1 % of the cells,
-    while the other two colours agree. The error is raised if the difference between the greens exceeds 2.5 times that
-    between the other two colours, and 5 % of the light. An exchange of red and blue is not detected, and neither is a
-    wrong tag in a grey scene.
+    RAW readers do not check this tag. If it is wrong, the supposed greens differ in the brightest 1 % of the 2 x 2
+    cells of ``frame`` (the raw mosaic), while the other two colours agree. The error is raised if the difference
+    between the greens exceeds both 2.5 times that between the other two colours and 5 % of the mean value of the pixels
+    in these cells. Patterns other than Bayer's are not checked. An exchange of red and blue is not detected, and
+    neither is a wrong tag in a grey scene. ``name`` is that of the file in the message.
 
     Raises
     ------

@@ -31,7 +31,7 @@ __all__ = [
 
 
 def are_cutouts(source: FrameSource) -> bool:
-    """Return whether frames show different parts of the sensor, instead of all the same."""
+    """Return whether the frames are cutouts at different places on the sensor."""
     part = source.metadata.origin or (0, 0)
     return any(source.info(k).origin != part for k in range(len(source)))
 
@@ -92,7 +92,13 @@ class ChannelSource(SourceView):
         return replace(dark, frame=dark.frame[first[0] :: step, first[1] :: step], origin=place)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the metadata of frame ``index``; its drift is in pixels of the channel."""
+        """Return the metadata of frame ``index``, with origin and drift in pixels of the channel.
+
+        Raises
+        ------
+        InputError
+            If the frame starts at another pixel of the pattern than the first one.
+        """
         info, (r0, c0), step = self.source.info(index), self._phase, self._step
         origin = info.origin if self._cut else self.known.origin or (0, 0)
         # pixels of the mosaic from the channel's first pixel to the first one in this frame
@@ -127,9 +133,9 @@ class ChannelSource(SourceView):
 
 
 class OneColourSource(SourceView):
-    """View of a source of mosaics in which only the pixels of one channel are valid.
+    """View of a source of mosaics in which only the pixels of ``channel`` are valid.
 
-    Their pattern is that of the frames, or else of the sensor of ``plan``.
+    The colour filter pattern is that in the metadata of the frames, or else that of the sensor of ``plan``.
     """
 
     def __init__(self, source: FrameSource, channel: str, plan: ScanPlan) -> None:
@@ -174,7 +180,10 @@ class BalancedSource(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata ``known`` with the gains, and without the saturation, which now differs by colour."""
+        """Return the metadata ``known`` with the gains as ``balanced_by``, and without saturation and bit depth.
+
+        Saturation now differs between colours.
+        """
         return replace(known, saturation=None, bit_depth=None, gains=None, balanced_by=self.gains)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[np.float32]:
@@ -244,19 +253,19 @@ def balanced_source(source: FrameSource, gains: Sequence[float] | None = None) -
 
 @dataclass(frozen=True)
 class ColourScan:
-    """The part of a scan that is recorded by one colour channel, in units of channel pixels.
+    """The part of a scan that is recorded by one colour channel.
 
     Attributes
     ----------
     channel
         Name of the channel.
     plan
-        Plan of the channel, with larger camera pixels, fewer positions and a smaller cutout.
+        Plan of the channel, in channel pixels, with larger camera pixels, fewer positions and a smaller cutout.
     first
-        First y and first x of the scan positions that belong to the channel; every ``step``-th position after them also
-        belongs to it.
+        Smallest indices y and x of the positions of the scan that belong to the channel; every ``step``-th position
+        after them also belongs to it.
     step
-        Side of the filter's pattern (pixels).
+        Period of the filter's pattern (sensor pixels).
     """
 
     channel: str
@@ -278,6 +287,8 @@ def _filter(source: FrameSource, plan: ScanPlan) -> str:
 
 def colour_scan(source: FrameSource, plan: ScanPlan, channel: str) -> ColourScan | None:
     """Return the part of a mosaic's scan that ``channel`` records; None if ``plan`` is already the channel's plan.
+
+    The latter is assumed if frames are neither as large as the plan's sensor nor cutouts of a sensor with a filter.
 
     A step that moves the image by one pixel of the mosaic moves it by half a pixel of a Bayer channel. H needs steps of
     whole pixels, so each channel of a Bayer pattern uses a quarter of the positions: those whose image is centred on
@@ -390,5 +401,5 @@ class ThinnedSource(SourceView):
         return self.source.read(self._kept[index], region)
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the samples of frame ``index``."""
+        """Return the samples of frame ``index``, or of the part of it in ``region``."""
         return self.source.samples(self._kept[index], region)

@@ -45,7 +45,7 @@ class SelectedSource(SourceView):
         self._left_out = left_out
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata ``known``, with the frames that the view omits in ``left_out``."""
+        """Return the metadata ``known``, with ``left_out`` set to the frames that the view omits."""
         return replace(known, left_out=self._left_out)
 
     def __len__(self) -> int:

@@ -16,13 +16,16 @@ __all__ = ["DescribedSource", "sensor_noise", "stated_noise"]
 
 
 def sensor_noise(sensor: Sensor) -> Noise:
-    """Return the noise of raw samples due to reading, quantization and photons, from the sensor's description."""
+    """Return the noise of raw samples from the sensor's description: read noise, quantization noise and shot noise."""
     gain = sensor.electrons_per_count
     return Noise((sensor.read_noise_e / gain) ** 2 + 1 / 12, 1 / gain, sensor.black_level)
 
 
 def stated_noise(camera: Camera) -> Noise | None:
-    """Return the noise of raw samples of ``camera``; None if its read noise or full well is only assumed."""
+    """Return the noise of raw samples of ``camera``; None if its read noise or full well is only assumed.
+
+    A black level of 0 that was not measured is treated as unknown.
+    """
     marks = camera.marks
     if "assumed" in (marks["sensor.read_noise_e"], marks["sensor.full_well_e"]):
         return None
@@ -63,7 +66,7 @@ class DescribedSource(SourceView):
         return known if known.noise is not None else replace(known, noise=stated_noise(self.plan.camera))
 
     def info(self, index: int) -> FrameInfo:
-        """Return the metadata of frame ``index``, with the plan's exposure time if the frame states none."""
+        """Return the metadata of frame ``index``; a frame of a single position without exposure time has the plan's."""
         info = self.source.info(index)
         if info.exposure_s is None and len(info.points) == 1 and info.points[0].z < len(self.plan.exposures):
             return replace(info, exposure_s=self.plan.exposures[info.points[0].z])
@@ -80,7 +83,7 @@ class DescribedSource(SourceView):
         Raises
         ------
         InputError
-            If a sample exceeds the bit depth of the plan.
+            If the bit depth comes from the plan, and a sample exceeds it.
         """
         if not self._filled:
             found = self.source.samples(index, region)

@@ -44,7 +44,7 @@ class HalfCellSource(SourceView):
         """Filled positions, as numbers ``(z * ny + y) * nx + x``."""
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata ``known``, with details of the copies in ``half_cell``."""
+        """Return the metadata ``known``, with details of the copies as ``half_cell``."""
         ends = np.flatnonzero(np.diff(self.filled) != 1)
         first = self.filled[np.r_[0, ends + 1]] if len(self.filled) else self.filled
         last = self.filled[np.r_[ends, len(self.filled) - 1]] if len(self.filled) else self.filled

@@ -138,7 +138,8 @@ class CorrectionChain:
         frame
             Raw frame ``(rows, columns)`` of any integer or float type; it is not changed.
         exposure_s
-            Exposure time of the frame (s); required if the chain has an `Exposure` step.
+            Exposure time of the frame (s); required if the chain has an `Exposure` step, or a `DarkSet` for several
+            exposure times.
         out
             Contiguous float32 array ``(rows, columns)`` for the result. None: a new array.
         workers
@@ -147,7 +148,7 @@ class CorrectionChain:
         Raises
         ------
         InputError
-            If the frame is not 2-D or its shape is not that of the chain.
+            If the frame is not 2-D, its shape is not that of the chain, or a required exposure time is missing.
         """
         shape = self._check_frame(frame)
         plane = self.measure(lambda region: frame[region], shape, exposure_s=exposure_s)
@@ -172,7 +173,7 @@ class CorrectionChain:
             Rows and columns of ``part`` in sensor coordinates (px), as ``slice(start, stop)`` each.
         inside
             Region to return, within ``region``. None: all of it. The result equals that of the whole frame if
-            ``region`` exceeds ``inside`` by `margin` on every side (`grow_region`).
+            ``region`` exceeds ``inside`` by `margin` on every side (see `grow_region`).
         exposure_s
             As in `apply`.
         background
@@ -216,8 +217,9 @@ class CorrectionChain:
     ) -> Plane:
         """Return a frame's background for `apply_region`: its level at pixel (0, 0), and slopes per row and per column.
 
-        ``read`` is a function that returns raw regions of the frame, whose rows and columns are ``shape``. Only the
-        border of the frame is read, or nothing if the background is constant. ``exposure_s`` is as in `apply`.
+        ``read`` is a function that returns the raw pixels of a region of the frame, and ``shape`` is the shape
+        ``(rows, columns)`` of the frame. Only its border is read, or nothing if the background is constant or there is
+        none (zeros). ``exposure_s`` is as in `apply`.
         """
         background: Background | None = self._find(Background)
         if background is None:

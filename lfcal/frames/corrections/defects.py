@@ -145,7 +145,7 @@ class Defects:
 def nearest_good(
     pixels: NDArray[np.int32], bad: NDArray[np.bool_], cfa: str, *, origin: tuple[int, int] = (0, 0), reach: int = 2
 ) -> NDArray[np.int32]:
-    """Return, for each pixel, the nearest ring of same-colour neighbours that contains a good pixel.
+    """Return, for each pixel, the good pixels of the nearest ring of same-colour neighbours that contains any.
 
     Parameters
     ----------
@@ -158,12 +158,13 @@ def nearest_good(
     origin
         Sensor coordinates of the first pixel of ``bad``.
     reach
-        Largest distance of a neighbour, in periods of the pattern.
+        Largest distance of a neighbour along each axis, in periods of the pattern.
 
     Returns
     -------
     NDArray
-        Rows and columns of the neighbours in ``bad``, shape ``(n, m, 2)``, padded with -1.
+        Rows and columns of the neighbours in ``bad``, shape ``(n, m, 2)``, padded with -1. All are -1 for a pixel
+        without a good neighbour.
     """
     side = pattern_side(cfa)
     table = same_colour_offsets(cfa, reach)
@@ -235,12 +236,12 @@ def iter_find_defects(
 
     Each pixel is compared with its eight nearest neighbours of the same colour, of which two may be defective. A pixel
     is *hot* if its lowest value over the frames exceeds theirs by ``threshold`` robust standard deviations. It must
-    also exceed them by half of the amount by which they exceed the field. It must also be brighter than they are in
-    half of the frames. A pixel is *dead* or *stuck* if its values vary by less than a tenth of the range of its
-    neighbours, although a spot surrounded it in some frame. A dead pixel remains at the level without light. Dead and
-    stuck pixels are found only in 8 or more frames, and only where spots cover them. Use frames of different positions,
-    or several dark frames: in frames of a single position, spots would look like hot pixels. Frames are read a second
-    time if any pixel is suspect.
+    also exceed them by half of the amount by which they exceed the median of the lowest values of all pixels, and be
+    brighter than they are in half of the frames. A pixel is *dead* or *stuck* if its values vary by less than a tenth
+    of the range of its neighbours, although a spot surrounded it in some frame. A dead pixel remains at the level
+    without light. Dead and stuck pixels are found only in 8 or more frames, and only where spots cover them. Use frames
+    of different positions, or several dark frames: in frames of a single position, spots would look like hot pixels.
+    Frames are read a second time if any pixel is suspect.
 
     Parameters
     ----------
@@ -411,7 +412,7 @@ class _Suspects:
 def nearest_offsets(cfa: str) -> NDArray[np.int32]:
     """Return the offsets (row, column) of the eight nearest same-colour neighbours of each pattern position.
 
-    The shape is ``(side, side, 8, 2)``.
+    The shape is ``(side, side, 8, 2)``, where ``side`` is the period of the pattern ``cfa`` in pixels.
     """
     side = pattern_side(cfa)
     table = same_colour_offsets(cfa)

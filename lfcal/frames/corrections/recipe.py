@@ -77,6 +77,8 @@ def corrected_view(source: FrameSource, recipe: CorrectionRecipe, plan: ScanPlan
 def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: CorrectionRecipe, applied: str) -> None:
     """Raise `InputError` if frames are rotated, but their colour filter pattern is known only for the upright sensor.
 
+    Nothing is raised if ``recipe`` treats all colours alike.
+
     Parameters
     ----------
     frames
@@ -119,7 +121,7 @@ def check_turned_colours(frames: FrameSource, plan: ScanPlan, recipe: Correction
 def read_average(path: str | os.PathLike[str], *, colour: str | None = None, shift: int = 0) -> NDArray[np.float32]:
     """Return the mean of all pages of an image file, or of all images in a folder, ``(rows, columns)`` float32.
 
-    ``colour`` is as in `open_image`. Samples are shifted down by ``shift`` bits first, if it is not 0.
+    ``colour`` is as in `open_image`. Samples are first shifted right by ``shift`` bits.
 
     Raises
     ------

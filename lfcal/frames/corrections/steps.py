@@ -71,7 +71,7 @@ def difference_variance(first: NDArray[Any], second: NDArray[Any]) -> float:
     """Return the temporal variance of a sample, in squared sample values, from two frames with the same illumination.
 
     The variance is half the mean square of the difference, in which static content such as hot pixels cancels.
-    Differences beyond 6 sigma are ignored.
+    Differences beyond 6 times their rms are ignored. Large frames are subsampled.
     """
     step = max(1, int(np.sqrt(first.size / DIFFERENCED)))
     square = np.subtract(first[::step, ::step], second[::step, ::step], dtype=np.float64).ravel() ** 2
@@ -224,6 +224,11 @@ class DarkSet:
     ----------
     darks
         Dark steps by exposure time (s).
+
+    Raises
+    ------
+    InputError
+        If there are none.
     """
 
     darks: Mapping[float, Dark]
@@ -239,12 +244,12 @@ class DarkSet:
         return next(iter(self.darks.values())).shape
 
     def at(self, exposure_s: float | None) -> Dark:
-        """Return the dark step for the exposure time ``exposure_s`` (s); a single one also if the time is unknown.
+        """Return the dark step for the exposure time ``exposure_s`` (s); if it is None, the only dark step.
 
         Raises
         ------
         InputError
-            If no exposure time is within 1 % of it, or it is None and there are several.
+            If no dark step has an exposure time within 1 % of ``exposure_s``, or it is None and there are several.
         """
         if exposure_s is None:
             # a single dark is used for frames without a stated exposure; among several, any choice could be wrong
@@ -273,14 +278,15 @@ class DarkSet:
 def white_gain(
     light: NDArray[np.float32], floor: float, cfa: str = ""
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the factors that flatten the white image ``light``, and a mask of the pixels limited to ``1 / floor``.
+    """Return the factors that flatten the white image ``light``, and a mask of the pixels with limited factors.
 
-    ``light`` is first divided by its 99th percentile, separately for each position of the pattern ``cfa``.
+    A factor is the inverse of the relative brightness, that is, ``light`` divided by its 99th percentile. The
+    percentile is computed separately for each position of the pattern ``cfa``. Factors are limited to ``1 / floor``.
 
     Raises
     ------
     InputError
-        If this percentile is not positive.
+        If a percentile is not positive.
     """
     relative = np.empty_like(light)
     for rows, columns in phases(cfa):
@@ -404,6 +410,11 @@ class White:
 class Exposure:
     """Correction that scales frames to the exposure time ``reference_s`` (s).
 
+    Raises
+    ------
+    InputError
+        If ``reference_s`` is not a possible exposure time.
+
     Examples
     --------
     >>> from lfcal.frames import Exposure
@@ -473,8 +484,9 @@ def border_strips(shape: tuple[int, int], width: int) -> list[Region]:
 def fit_plane(rows: NDArray[Any], columns: NDArray[Any], values: NDArray[Any], *, rounds: int = 4) -> Plane:
     """Return ``(p0, p1, p2)`` of the plane ``p0 + p1 row + p2 column`` fitted to ``values`` at (``rows``, ``columns``).
 
-    The three arrays are one-dimensional. The plane is fitted up to ``rounds`` times, each time without the values that
-    are farther than 3 robust standard deviations from the previous plane.
+    The three arrays are one-dimensional. The plane is fitted up to ``rounds`` times: first without values that are
+    farther than 6 robust standard deviations from the median, then without those farther than 3 from the previous
+    plane.
     """
     design = np.stack([np.ones(rows.size), rows, columns], axis=1).astype(np.float64)
     values = values.astype(np.float64)
@@ -546,8 +558,8 @@ class Background:
     def measure(self, part: Callable[[Region], NDArray[np.float32]], shape: tuple[int, int]) -> Plane:
         """Return the background of a frame: its level at pixel (0, 0), and its slopes per row and per column.
 
-        ``part`` is a function that returns a region of the frame after the preceding steps, and ``shape`` the frame's
-        rows and columns.
+        ``part`` is a function that returns the pixels of a region after the preceding steps of the chain, and ``shape``
+        is the shape ``(rows, columns)`` of the frame. Without a valid pixel at the border, all are 0.
         """
         if self.kind == "constant":
             return float(self.value), 0.0, 0.0

@@ -41,7 +41,7 @@ def codec_fact(name: str, *, lossless: bool = True) -> dict[str, Any]:
 
 
 def check_tiff_codec(path: Path, compression: int, stored: Callable[[], bytes], *, whole: bool = False) -> str:
-    """Return the name of a TIFF file's compression scheme, which must be lossless.
+    """Return "lossless " and the name of a TIFF file's compression scheme, after checking that it is lossless.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def check_tiff_codec(path: Path, compression: int, stored: Callable[[], bytes], 
     Raises
     ------
     FileFormatError
-        If the scheme is lossy or unknown.
+        If the scheme is unknown, or may be lossy.
     """
     if compression in LOSSLESS:
         return LOSSLESS[compression]

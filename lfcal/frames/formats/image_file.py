@@ -83,7 +83,7 @@ class ImageFile(ABC):
         """Close the file."""
 
     def check_page(self, page: int) -> int:
-        """Return the page index ``page``; raises `FileFormatError` if the file has fewer pages."""
+        """Return ``page``; raise `FileFormatError` unless it is the index of a page (0 to ``pages - 1``)."""
         if not 0 <= page < self.pages:
             raise FileFormatError.expected(
                 str(self.path),
@@ -126,10 +126,10 @@ class Format:
 
 @contextmanager
 def decoding(path: Path, kind: str) -> Iterator[None]:
-    """Context manager that converts any error of a decoder to a one-line `FileFormatError` with the ``path``.
+    """Context manager that converts errors of a decoder to a one-line `FileFormatError` with the ``path``.
 
-    ``kind`` is the name of the format. Errors of lfcal and `MemoryError` pass unchanged, and errors of the operating
-    system become a `StorageError`.
+    ``kind`` is the name of the format. Errors of lfcal and `MemoryError` pass unchanged. An `ImportError` becomes an
+    `InputError` with a remedy, and an error of the operating system a `StorageError`.
     """
     try:
         yield
@@ -162,8 +162,9 @@ def decoding(path: Path, kind: str) -> Iterator[None]:
 def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: int) -> None:
     """Raise `UnsafeFileError` if a header declares an impossible shape, or far more data than the file can contain.
 
-    ``shape`` and ``itemsize`` (bytes) are declared by the header, and ``stored`` is the size of the stored data
-    (bytes).
+    ``shape`` (rows and columns first) and ``itemsize`` (bytes) are declared by the header, and ``stored`` is the size
+    of the stored data (bytes). Rows and columns must be 1 to `MAX_SIDE`. The declared data must not exceed
+    `MAX_EXPANSION` times the stored data by more than 1 MiB.
     """
     rows, columns = shape[:2]
     if not (1 <= rows <= MAX_SIDE and 1 <= columns <= MAX_SIDE):
@@ -184,7 +185,7 @@ def check_declared(path: Path, shape: tuple[int, ...], itemsize: int, stored: in
 
 
 def check_samples(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
-    """Return ``samples``; raise `FileFormatError` if a finite one is too large to be a measurement.
+    """Return ``samples``; raise `FileFormatError` if the absolute value of a finite one exceeds `MAX_SAMPLE`.
 
     NaN and infinity are accepted. They mark pixels without a measurement, which the caller handles.
     """
@@ -288,7 +289,10 @@ def container_in(folder: Path) -> Path | None:
 
 
 def split_dataset(path: str | os.PathLike[str]) -> tuple[Path, str | None]:
-    """Return the file and the dataset of a path like ``scan.h5::/entry/data/data``; None as dataset without ``::``."""
+    """Return the file and the dataset of a path like ``scan.h5::/entry/data/data``.
+
+    The dataset is None if ``path`` exists as a whole or does not name one.
+    """
     whole = Path(path)
     file, mark, name = os.fspath(path).partition("::")
     return (whole, None) if not mark or whole.exists() else (Path(file), name.strip("/") or None)

@@ -60,7 +60,8 @@ class NDTiffImage(ImageFile):
     Raises
     ------
     FileFormatError, UnsafeFileError, InputError, StorageError
-        If the index or an image is damaged, images differ, or there are several channels and none of them is stated.
+        If the index or an image is damaged, images are compressed or differ in size or type, or ``channel`` is not the
+        name of a channel (None: if there are several).
     """
 
     def __init__(self, path: Path, channel: str | None = None) -> None:

@@ -134,7 +134,7 @@ def unfilter(raw: NDArray[np.uint8], pixel_bytes: int, out: NDArray[np.uint8]) -
 
     Let a be the byte one pixel to the left, b the byte above and c the byte above a, each 0 outside the image. The
     first byte of a row selects its filter: each byte x is stored as x minus 0, a, b, floor((a + b) / 2) or Paeth(a, b,
-    c), modulo 256.
+    c), modulo 256. Paeth(a, b, c) is the one of a, b and c that is closest to a + b - c.
 
     Parameters
     ----------

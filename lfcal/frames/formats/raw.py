@@ -99,7 +99,7 @@ def codec_of(path: Path) -> dict[str, Any]:
     Raises
     ------
     FileFormatError
-        If the file is a DNG whose samples were compressed with a lossy image codec.
+        If the samples are compressed with an image codec that is lossy, or cannot be checked.
     """
     import tifffile
 

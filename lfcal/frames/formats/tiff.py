@@ -225,7 +225,7 @@ class TiffImage(ImageFile):
         return bool(page.is_memmappable) and self._samples == 1
 
     def read(self, page: int = 0) -> NDArray[Any]:
-        """Return one page, ``(rows, columns)``."""
+        """Return the page with index ``page``, ``(rows, columns)``."""
         part, where = self._locate(page)
         if where is not None:
             return self._read_rows(where, slice(0, self.shape[0]))
@@ -239,7 +239,7 @@ class TiffImage(ImageFile):
         return self._calibrated(image)
 
     def read_region(self, page: int, rows: slice, columns: slice) -> NDArray[Any]:
-        """Return the part ``[rows, columns]`` of one page; of an uncompressed page, only these rows are read."""
+        """Return the part ``[rows, columns]`` of page ``page``; of an uncompressed page, only these rows are read."""
         rows, columns = check_region((rows, columns), self.shape)
         _, where = self._locate(page)
         if where is None:
