@@ -38,8 +38,7 @@ class ColourReading:
 
     ``channel`` is one of `CHANNELS`, and ``cfa`` is the pattern of colour filters (empty: that of the file). ``dark``
     is a dark frame, or a folder of them; None: no dark frame. ``origin`` is the sensor position (row, column) of the
-    first pixel. None: the frames show the whole sensor. With ``repair``, pixels that are not finite or that the file
-    ``mask`` marks are interpolated.
+    first pixel. None: the frames show the whole sensor.
 
     With ``repair``, pixels that are not finite, and those that the file ``mask`` marks, are interpolated.
     """
@@ -216,10 +215,17 @@ def read_white(
     mask: Path | None = None,
     origin: tuple[int, int] | None = None,
 ) -> NDArray[np.float32]:
-    """Return a white image ``(rows, columns)`` minus its dark frame: grey, the ``channel``, or the mean of all colours.
+    """Return a white image minus its dark frame: a grey frame, the colour ``channel``, or the mean colour of a mosaic.
 
+    ``path`` and ``dark`` are files, or folders whose frames are averaged. Without ``dark``, only the black level stated
+    in the file of a mosaic is subtracted. ``cfa`` is the pattern of the colour filters (empty: that of the file).
     Pixels that are not finite, and those that the file ``mask`` marks, are interpolated. ``origin`` is the sensor
-    position (row, column) of the first pixel.
+    position (row, column) of the first pixel; None: the image shows the whole sensor.
+
+    Raises
+    ------
+    FileFormatError
+        If the file contains several colour planes and ``channel`` is empty.
     """
     check_choice("channel", channel, ("", *COLOURS))
     try:

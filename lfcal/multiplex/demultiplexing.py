@@ -66,20 +66,22 @@ def demultiplex(
         (`pixel_weights`). Channels are then interpolated linearly from pixels of nonzero weight and decorrelated by
         weighted least squares. `demultiplex_weighted` also returns the noise.
     out
-        Array to fill, float32 or float64. None: a new array, float64 for float64 frames and float32 for others.
+        Array to fill: float32 or float64, C-contiguous, of the shape of the result. None: a new array, float64 for
+        float64 frames and float32 for others.
     workers
-        Number of threads. None: one for each available CPU core.
+        Number of threads; not used with ``weights``. None: one for each available CPU core.
 
     Returns
     -------
     NDArray
         Samples ``(N, rows, columns)`` in the order of `Modulator.sample_names` and in the unit of the frame; `arrange`
-        separates views and colours. With one sample for each pixel, the array has the size of the frame.
+        separates views and colours. With one sample for each pixel, there are as many rows and columns as in the frame.
 
     Raises
     ------
     InputError
-        If the frame is smaller than a super-pixel or not finite, or an option is unknown.
+        If the frame is smaller than a super-pixel or not finite, or an option is unknown, out of range or cannot be
+        combined with the others.
 
     Examples
     --------
@@ -189,8 +191,8 @@ def demultiplex_weighted(
 def default_filter(modulator: Modulator, samples: tuple[int, int]) -> str:
     """Return the default spatial filter for ``samples`` (rows, columns) output samples per super-pixel.
 
-    It is ``"directional"`` for filter arrays over red, green and blue that recover all three, at one sample per pixel.
-    Otherwise it is ``"cubic"``, because samples of other kinds may not be correlated as colours are.
+    It is ``"directional"`` for colour filter arrays that recover red, green and blue, with one sample per pixel.
+    Otherwise it is ``"cubic"``, which does not assume that the samples are correlated.
     """
     from lfcal.multiplex._demosaicing import can_estimate
 
@@ -199,12 +201,14 @@ def default_filter(modulator: Modulator, samples: tuple[int, int]) -> str:
 
 
 def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
-    """Return ``frame`` as uint16, float32 or float64.
+    """Return ``frame`` as a C-contiguous array that represents its values exactly: uint16, float32 or float64.
+
+    Floats of other sizes become float32.
 
     Raises
     ------
     InputError
-        If the frame is not a two-dimensional array of finite numbers, or is smaller than a super-pixel of ``side``
+        If the frame is not a two-dimensional array of finite real numbers, or is smaller than a super-pixel of ``side``
         (rows, columns) pixels.
     """
     image = np.asarray(frame)
@@ -270,15 +274,15 @@ def multiplex(samples: ArrayLike, modulator: Modulator) -> NDArray[np.float64]:
     Parameters
     ----------
     samples
-        Plenoptic samples at every pixel, ``(N, rows, columns)``. A pixel behind a lenslet measures their mean over the
-        area of the lenslet.
+        Plenoptic samples at every pixel, ``(N, rows, columns)``. A pixel behind a lenslet measures the mean of each
+        sample over the area of the lenslet.
     modulator
         Modulator, whose first super-pixel begins at the first pixel of the frame.
 
     Raises
     ------
     InputError
-        If the number of samples is not that of the modulator.
+        If ``samples`` is not three-dimensional, or N is not the modulator's number of samples.
 
     Examples
     --------
@@ -319,7 +323,7 @@ def _gathered(light: NDArray[np.float64], cell: tuple[int, int]) -> NDArray[np.f
 
 
 def arrange(samples: NDArray[Any], modulator: Modulator) -> NDArray[Any]:
-    """Return the result of `demultiplex` as a view with axes ``(views down, views across, colours, rows, columns)``.
+    """Reshape the result of `demultiplex` to ``(views down, views across, colours, rows, columns)``.
 
     Examples
     --------

@@ -38,9 +38,9 @@ class Design:
     gain_db
         SNR gain over the reference, with the crosstalk of the search (dB; 10 log10, as in `snr_gain`).
     bound_db
-        Upper bound on the gain of all candidates (dB); equal to ``gain_db`` if all were tried.
+        Upper bound on the gain of any candidate (dB); equal to ``gain_db`` if all were tried.
     tried
-        Number of candidates whose gain was computed.
+        Number of candidates examined, including those that violate a limit of the search.
     exhaustive
         Whether all candidates were tried.
 
@@ -62,7 +62,7 @@ class Design:
 
     @property
     def certificate(self) -> str:
-        """Clause that states by how much the gain may be below the best possible one."""
+        """Text that states that all candidates were tried, or how far the gain may be below the best possible one."""
         if self.exhaustive:
             return f"the best of all {self.tried} candidates"
         return f"at most {max(0.0, self.bound_db - self.gain_db):.3f} dB below the best possible one"
@@ -124,12 +124,12 @@ def best_array(
     least_light
         Smallest mean transmission of the layout, 0 to 1.
     reference
-        Modulator to compare with. None: the Bayer pattern with the same crosstalk.
+        Modulator to compare with, without crosstalk; the same crosstalk is applied to it. None: the Bayer pattern.
 
     Raises
     ------
     InputError
-        If there are too many candidates to try, or none of them recovers the colours.
+        If there are too many candidates to try, or none within the limits recovers red, green and blue.
 
     Examples
     --------
@@ -238,11 +238,12 @@ def best_printed_mask(
     starts: int = 12,
     rng: np.random.Generator | None = None,
 ) -> Design:
-    """Search for the printable mask with the largest SNR gain over a pinhole of the same crosstalk; return a `Design`.
+    """Search for the printable mask with the largest SNR gain over a pinhole with the same crosstalk (a `Design`).
 
     If there are at most 20 000 candidates, all of them are tried. Otherwise, the best grey mask (`best_mask`), known
     masks and random masks are rounded to the printable levels, and then changed pixel by pixel as long as this
-    increases the gain. The bound is then that for arbitrary masks (`mask_gain_bound`).
+    increases the gain. The bound is then that for arbitrary masks (`mask_gain_bound`) plus the loss of the pinhole by
+    crosstalk.
 
     Parameters
     ----------

@@ -44,7 +44,10 @@ MOST_SHOWN = 64
 
 
 def draw_curves(axes: Axes, curves: GainCurves, title: str = "") -> None:
-    """Draw the gain of each modulator as a function of chi^2, marking each camera (Ihrke et al., figure 6)."""
+    """Draw the gain of each modulator as a function of chi^2, marking the cameras in this range (Ihrke et al., fig. 6).
+
+    Modulators without a finite gain are omitted.
+    """
     for k, (name, gain) in enumerate(zip(curves.names, curves.gains, strict=True)):
         if np.isfinite(gain).any():
             style = STYLES[k // len(LINES) % len(STYLES)]
@@ -101,7 +104,7 @@ def save_gain_map(found: GainMap, path: Path) -> None:
 
 
 def draw_modulator(modulator: Modulator, path: Path) -> None:
-    """Write a figure of a modulator: its pattern, the pattern's spectrum, and the matrices Sigma and Pi."""
+    """Write a figure of a modulator: its pattern, the pattern's spectrum, and its basis matrices Sigma and Pi."""
     pattern, spectrum = modulator.pattern(), modulator.pattern_spectrum()
     with figure(12.0, 3.2) as fig:
         one, two, three, four = np.ravel(fig.subplots(1, 4))
@@ -160,7 +163,8 @@ def _basis(axes: Axes, basis: Any, title: str, xlabel: str, ylabel: str) -> None
 def save_frontier(frontier: Frontier, path: Path, *, named: int = 8) -> None:
     """Write a plot of the candidates' gains for photon and additive noise, with the efficient ones marked.
 
-    The best candidate is also marked, and up to ``named`` efficient ones are labelled.
+    The candidate with the largest gain at ``frontier.chi2`` is also marked, and up to ``named`` efficient candidates
+    are labelled.
     """
     with figure(6.4, 4.4) as fig:
         axes = fig.subplots()
@@ -244,7 +248,11 @@ def colour_picture(samples: ArrayLike, *, top: float | None = None, gains: Seque
 
 
 def mosaic_picture(frame: ArrayLike, modulator: Modulator) -> Image:
-    """Return a raw frame as an image ``(rows, columns, 3)`` in 0 … 1, with each pixel in its filter's colour."""
+    """Return a raw frame as an image ``(rows, columns, 3)`` in 0 … 1, with each pixel in its filter's colour.
+
+    The colour is scaled by the pixel's value, with a gamma of 1/2.2; values from the 99.8th percentile have full
+    brightness. Modulators without three colours are shown in grey.
+    """
     image = np.asarray(frame, float)
     pattern = modulator.pattern()
     shares = pattern if pattern.shape[2] == 3 else np.repeat(pattern, 3, 2)
@@ -278,7 +286,7 @@ def save_colour_routes(
     ways: Sequence[tuple[str, str]] = (("spatial", "cubic"), ("fourier", "sinc")),
     gains: Sequence[float] = (1, 1, 1),
 ) -> None:
-    """Write figure 3 of Ihrke et al.: raw frame, its spectrum and each reconstruction, both complete and magnified.
+    """Write figure 3 of Ihrke et al.: magnified raw frame, its spectrum, each reconstruction complete and magnified.
 
     Parameters
     ----------
@@ -335,10 +343,11 @@ def _show(axes: Any, picture: Image, title: str, zoom: tuple[slice, slice] | Non
 
 
 def upsampled_views(frame: ArrayLike, modulator: Modulator, factor: int = 3) -> list[tuple[str, Image]]:
-    """Return titles and views ``(N, rows, columns)``, upsampled by ``factor`` in three ways.
+    """Return pairs of a title and the views ``(N, rows, columns)`` of a frame, upsampled in three ways.
 
-    The three ways (Ihrke et al., figure 5) are: zero-padded Fourier reconstruction; Fourier reconstruction at low
-    resolution, then bicubic interpolation; bicubic interpolation of the measurement channels, then decorrelation.
+    The views have ``factor`` samples per super-pixel along each axis. The three ways (Ihrke et al., figure 5) are:
+    zero-padded Fourier reconstruction; Fourier reconstruction with one sample per super-pixel, then bicubic
+    interpolation; bicubic interpolation of the measurement channels, then decorrelation.
     """
     from lfcal.base import cv2
 
@@ -359,7 +368,10 @@ SIGNALS = 25
 def save_coding(
     gain: CodingGain, patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, path: str | os.PathLike[str]
 ) -> None:
-    """Write plots of a code's gain: for each pixel of the middle point's pattern, and as a function of its light."""
+    """Write plots of the pattern of the middle point, its gain by a code at each pixel, and gains against the signal.
+
+    ``patterns``, ``code`` and ``noise`` are the arguments of `coding_gain` that returned ``gain``.
+    """
     light = np.asarray(patterns, float)
     middle = len(light) // 2
     with figure(12.0, 6.8) as fig:

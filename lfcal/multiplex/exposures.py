@@ -59,7 +59,7 @@ def coded_shutter(open_shares: ArrayLike, *, name: str = "coded shutter") -> Mod
     --------
     >>> import numpy as np
     >>> from lfcal.multiplex import coded_shutter, demultiplex
-    >>> shutter = coded_shutter([[(1, 0), (1, 1)]])  # one pixel closes after the first moment
+    >>> shutter = coded_shutter([[(1, 0), (1, 1)]])  # one pixel closes after the first interval
     >>> print(shutter.sample_names, demultiplex(np.tile([3.0, 5.0], (4, 4)), shutter)[:, 0, 0].round(3))
     ('t0', 't1') [3. 2.]
     """
@@ -83,8 +83,9 @@ def camera_array(rows: int, columns: int) -> Modulator:
     `interleave` combines the frames of the cameras.
 
     If the cameras have different filters, shutters or polarisers, multiply the result by a modulator with the same
-    super-pixel: ``camera_array(2, 2) * ...`` recovers every view in every colour. If all cameras see the same view, as
-    for a distant scene, use only the modulator of the colours.
+    super-pixel, such as ``camera_array(2, 2) * cfa("Bayer")``. Its samples are all views in all colours, of which each
+    camera measures only one. If all cameras see the same view, as for a distant scene, use only the modulator of the
+    colours, which recovers all of them.
 
     Examples
     --------
@@ -113,13 +114,13 @@ def interleave(frames: Sequence[ArrayLike], side: tuple[int, int]) -> NDArray[np
     """Combine the frames of several cameras (or exposures) into one mosaic ``(rows * side[0], columns * side[1])``.
 
     Frame k provides pixel k (in row-major order) of every super-pixel of ``side`` (rows, columns) pixels. An array of
-    cameras can thus be demultiplexed like a single sensor.
+    cameras can thus be demultiplexed like a single sensor. The mosaic is float64 if a frame is, else float32.
 
     Raises
     ------
     InputError
-        If the number of frames differs from the number of pixels of the super-pixel, or the shapes of the frames
-        differ.
+        If the number of frames differs from the number of pixels of the super-pixel, or the frames are not
+        two-dimensional arrays of the same shape.
 
     Examples
     --------

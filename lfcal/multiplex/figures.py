@@ -37,14 +37,14 @@ def figure_files(folder: Path) -> list[Path]:
 
 
 def iter_paper_figures(folder: Path, raw: Path | None, marks: Mapping[str, float], seed: int) -> Work[list[Path]]:
-    """Draw figures 3, 5, 6 and 7 of Ihrke et al., and the modulators, into ``folder``.
+    """Draw figures 3, 5, 6 and 7 of Ihrke et al., and the modulators `PICTURED`; return the paths of the files.
 
     Parameters
     ----------
     folder
         Folder for the figures; created if it does not exist.
     raw
-        RAW frame for figure 3. None: a synthetic scene.
+        RAW file for figure 3, which must state its colour filters. None: a synthetic scene.
     marks
         chi^2 of cameras to mark in figure 6, by name.
     seed

@@ -32,9 +32,10 @@ _TAPS = {"nearest": 1, "linear": 2, "cubic": 4, "lanczos": 6}
 
 
 def kernel(name: str, x: Array) -> Array:
-    """Return the values of filter ``name`` at distances ``x`` (in samples of a channel).
+    """Return the values of the interpolation kernel ``name`` at distances ``x`` (in samples of a channel).
 
-    ``cubic`` is Keys' kernel with a = -1/2; ``lanczos`` has three lobes on each side.
+    The kernels are ``"nearest"``, ``"linear"``, ``"cubic"`` (Keys' kernel with a = -1/2) and ``"lanczos"`` (three lobes
+    on each side).
     """
     check_choice("filter", name, tuple(_TAPS))
     d = np.abs(np.asarray(x, float))
@@ -62,15 +63,17 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
     side
         Number of pixels of the super-pixel along the axis.
     positions
-        Positions ``(side,)`` at which the rows of the super-pixel sample the light (pixels).
+        Positions ``(side,)`` along the axis at which the pixels of a super-pixel sample the light, relative to its
+        first pixel (pixels).
     samples
         Output samples per super-pixel.
 
     Returns
     -------
     tuple
-        Super-pixel of the first tap ``(samples, side)``, relative to that of the output sample, and weights ``(samples,
-        side, taps)``, which add up to one.
+        For each output sample of a super-pixel and each pixel along the axis: super-pixel of the first tap ``(samples,
+        side)``, relative to that of the output sample, and weights of the taps ``(samples, side, taps)``, which add up
+        to one.
     """
     check_choice("filter", name, tuple(_TAPS))
     taps = _TAPS[name]
@@ -88,11 +91,12 @@ def tap_table(name: str, side: int, positions: Array, samples: int) -> tuple[NDA
 
 
 def dirichlet_table(count: int, side: int, positions: Array, samples: int) -> Array:
-    """Return the weights ``(side, count * samples, count)`` of the periodic sinc for ``count`` samples of a channel.
+    """Return the weights of the periodic sinc that interpolates the ``count`` samples of each channel along one axis.
 
-    At the distance t (in samples of the channel), the filter is sin(pi t)/(count tan(pi t/count)) for even counts, with
-    half of the highest frequency at each end, and sin(pi t)/(count sin(pi t/count)) for odd counts. ``side``,
-    ``positions`` and ``samples`` are as in `tap_table`.
+    Their shape is ``(side, count * samples, count)``: channel, output sample, sample of the channel. At the distance t
+    (in samples of the channel), the filter is sin(pi t)/(count tan(pi t/count)) for even counts, in which the highest
+    positive and negative frequencies have half the weight of the others, and sin(pi t)/(count sin(pi t/count)) for odd
+    counts. ``side``, ``positions`` and ``samples`` are as in `tap_table`.
     """
     wanted = (np.arange(count * samples) + 0.5) * side / samples - 0.5
     t = (wanted[None, :, None] - positions[:, None, None]) / side - np.arange(count)

@@ -55,14 +55,14 @@ class GeneralModel:
         self.grid: tuple[int, int, int] = (len(self.transmissions), self._down.shape[1], self._across.shape[1])
 
     def forward(self, samples: ArrayLike) -> Array:
-        """Return the frame ``(rows, columns)`` of samples ``(N, nodes down, nodes across)``."""
+        """Return the frame ``(rows, columns)`` that the samples ``(N, nodes down, nodes across)`` produce."""
         values, frame = np.asarray(samples, float).reshape(self.grid), np.zeros(self.shape)
         for share, value in zip(self.transmissions, values, strict=True):
             frame += share * ((self._down @ value) @ self._across.T)
         return frame
 
     def adjoint(self, frame: ArrayLike) -> Array:
-        """Return the samples ``(N, nodes down, nodes across)`` that the transpose of `forward` yields for a frame."""
+        """Apply the transpose of `forward` to a frame; return an array ``(N, nodes down, nodes across)``."""
         image = np.asarray(frame, float)
         return np.stack([(self._down.T @ (share * image)) @ self._across for share in self.transmissions])
 
@@ -110,7 +110,7 @@ def iter_demultiplex_generally(
     tolerance: float = 1e-6,
     most: int = 400,
 ) -> Work[GeneralSamples]:
-    """Reconstruct the samples of a frame behind any modulator, periodic or not, by regularized least squares.
+    """Return `GeneralSamples` of a frame behind any modulator, periodic or not, by regularized least squares.
 
     Parameters
     ----------
@@ -200,9 +200,9 @@ demultiplex_generally = drained(
 def mask_shadows(pattern: ArrayLike, shape: tuple[int, int], views: tuple[int, int], shift_px: float) -> Array:
     """Return the transmission of each view through a mask at each pixel of a frame, ``(views, rows, columns)``.
 
-    The mask need not be periodic. The transmission for the view v at the pixel x is m(x - s v), with the mask m and the
-    shift s (Ihrke et al., eq. 9). Each pixel averages over its area the cells of the mask, which are one pixel wide.
-    Outside the pattern, the mask is opaque.
+    The mask need not be periodic. The transmission for the view v, relative to the middle view, at the pixel x is
+    m(x - s v), with the mask m and the shift s (Ihrke et al., eq. 9). Each pixel averages over its area the cells of
+    the mask, which are one pixel wide. Outside the pattern, the mask is opaque.
 
     Parameters
     ----------

@@ -62,8 +62,8 @@ def lattice_transmissions(
         Modulator of one super-pixel; its pixels are at equal steps along the vectors of the lattice.
     profile
         ``"cells"``: a mask of uniform cells, averaged over the area of each pixel (sampled at 64 points).
-        ``"sinusoids"``: the trigonometric polynomial through the values, as in optical heterodyning; it may exceed
-        their range.
+        ``"sinusoids"``: the trigonometric polynomial through the modulator's values, as in optical heterodyning; it may
+        exceed their range.
 
     Raises
     ------
@@ -127,7 +127,10 @@ def _waves(place: Array, n: int) -> Complex:
 
 
 def sample_places(grid: ViewGrid) -> Array:
-    """Return the position (row, column) in the frame of each sample of a view, ``(rows * columns, 2)`` (pixels)."""
+    """Return the position (row, column) in the frame (px) of each sample of a view, ``(rows * columns, 2)``.
+
+    The samples of ``grid`` are in row-major order.
+    """
     down = np.array([math.cos(grid.rotation_rad), -math.sin(grid.rotation_rad)])
     along = np.array([math.sin(grid.rotation_rad), math.cos(grid.rotation_rad)])
     i, j = np.indices(grid.shape)
@@ -136,7 +139,10 @@ def sample_places(grid: ViewGrid) -> Array:
 
 
 def is_straight(lattice: MicroImageLattice) -> bool:
-    """Return whether the centres of a lattice are in straight rows, as both Fourier-based routes assume."""
+    """Return whether the rows of a lattice are straight, as both Fourier-based routes assume.
+
+    The centre with the indices (20, 20) must be within `MOST_BENT_PX` of its extrapolation from the first centres.
+    """
     origin, along, across = _steps(lattice)
     far = lattice.centres_px(20, 20)
     return bool(np.abs(origin + 20 * (along + across) - far).max() <= MOST_BENT_PX)
@@ -165,9 +171,14 @@ def lattice_by_spectrum(
     """Return the samples ``(N, n)`` at ``places`` by theorem 2, which decorrelates tiles of the spectrum.
 
     Each tile surrounds one harmonic of the lattice. ``places`` ``(n, 2)`` are positions (row, column) on the frame;
-    ``rcond`` is as in `demultiplex_lattice`. The method takes one Fourier transform of the frame and one for each pixel
-    of the super-pixel. It assumes that the frame is periodic, so samples within two super-pixels of a border depend on
-    the opposite border.
+    ``rcond`` is as in `demultiplex_lattice`. The method requires one Fourier transform of the frame and one for each
+    pixel of the super-pixel. It assumes that the frame is periodic, so samples within two super-pixels of a border
+    depend on the opposite border.
+
+    Raises
+    ------
+    InputError
+        If the lattice is distorted (`is_straight`).
     """
     from scipy import fft
 
@@ -235,14 +246,14 @@ def lattice_by_sinc(
     """Return the samples ``(N, n)`` at positions ``places`` ``(n, 2)`` (row, column) by theorem 1 with a sinc filter.
 
     The trigonometric polynomial through the frame is evaluated at each pixel of the super-pixels, which may be between
-    sensor pixels. Each channel is interpolated to the positions with the waves of the lattice's cell, and the channels
-    are decorrelated there. Each channel takes about pixels x super-pixels operations. At most 4096 super-pixels are
-    allowed. ``rcond`` is as in `demultiplex_lattice`.
+    sensor pixels. Each channel is interpolated to ``places`` with those frequencies of the frame that are in one cell
+    of the reciprocal lattice, and the channels are decorrelated there. The number of operations for each channel is
+    about the number of pixels of the frame times the number of super-pixels. ``rcond`` is as in `demultiplex_lattice`.
 
     Raises
     ------
     InputError
-        If the frame has more than 4096 super-pixels, or the lattice is distorted.
+        If the frame has more than 4096 super-pixels, or the lattice is distorted (`is_straight`).
     """
     image = np.asarray(frame, float)
     origin, along, across = _vectors(lattice)

@@ -37,7 +37,7 @@ VALUES_AT_ONCE = 2_000_000
 
 
 class Offsets(NamedTuple):
-    """Number of channels (down, across) about each centre, and the distance between neighbouring ones (pixels)."""
+    """Number of channels (down, across) around the centre of a super-pixel, and the distance between them (pixels)."""
 
     number: tuple[int, int]
     step_px: tuple[float, float]
@@ -210,7 +210,7 @@ def lattice_channels(
     out: NDArray[Any] | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Sample each super-pixel at ``size`` x ``size`` points, and return these measurement channels.
+    """Sample each super-pixel at ``size`` points; return these measurement channels ``(down, across, rows, columns)``.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def lattice_channels(
     out
         Array to fill, ``(down, across, rows, columns)``, float32 or float64, which is also returned. None: a new array.
     workers
-        Number of threads. None: one for each available CPU core.
+        Number of threads; not used with ``weights``. None: one for each available CPU core.
 
     Raises
     ------
@@ -248,7 +248,7 @@ def lattice_channels(
     >>> import numpy as np
     >>> from lfcal.multiplex import SuperPixelLattice, lattice_channels
     >>> lattice = SuperPixelLattice("square", (5.0, 5.0), (10.5, 0.0), (0.0, 10.5))
-    >>> columns = np.tile(np.arange(48.0), (48, 1))  # each pixel names its column
+    >>> columns = np.tile(np.arange(48.0), (48, 1))  # the value of each pixel is its column
     >>> channels = lattice_channels(columns, lattice, 3)
     >>> print(channels.shape)
     (3, 3, 4, 4)
@@ -444,7 +444,8 @@ def demultiplex_lattice(
     Raises
     ------
     InputError
-        If the modulator is not a single super-pixel of a light field, or no super-pixel is inside the frame.
+        If the modulator is not a single super-pixel of a light field, or no super-pixel is completely inside the frame.
+        For the route ``"fourier"`` and the filter ``"sinc"``, also if the lattice is distorted.
 
     Examples
     --------

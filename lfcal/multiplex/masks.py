@@ -38,7 +38,7 @@ MAX_SHIFT_PX = 1e4
 def mask(kind: str, size: int) -> Modulator:
     """Return a light-field modulator with ``size`` x ``size`` pixels and as many views (Ihrke et al., section 4.2).
 
-    Attenuation masks are at such a distance from the sensor that their shadow moves by one pixel from view to view. The
+    Attenuation masks are assumed at the distance from the sensor at which their shadow moves by one pixel per view. The
     matrix A (`Modulator.matrix`) is then the circulant matrix of the mask pattern, with Sigma = F^-1 M-hat and Pi^T =
     F. Here F is the discrete Fourier transform, and M-hat that of the pattern (eq. 9). For the pinhole, A is the
     identity. For the lenslet, A is N times the identity for N views, because a lenslet collects the light of the entire
@@ -152,10 +152,10 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
     shift. The mask consists of cells as large as a pixel. The transmission of a pixel for a view is the mean of the
     shadow over the pixel and over the directions of the view. Transmissions therefore remain within the range of the
     mask's values. For any shift, the light of each view summed over a super-pixel equals the light that passes one
-    period of the mask. Sigma = F^-1 M-hat, and Pi^T contains the Fourier transform of a shifted cell for a pixel and a
-    view. For integer shifts and views without angular extent, this is exp(-2 pi i s v w) at the frequency w, which is
-    the Fourier basis if s = 1. With s = 0 (mask on the sensor), all views pass the same mask, and only their sum can be
-    recovered.
+    period of the mask. Sigma = F^-1 M-hat, with the discrete Fourier transform F and that of the pattern M-hat. Pi^T
+    contains the Fourier transform of a shifted cell for each frequency w and view v. For integer shifts and views
+    without angular extent, this is exp(-2 pi i s v w), which is the Fourier basis if s = 1. With s = 0 (mask on the
+    sensor), all views pass the same mask, and only their sum can be recovered.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def mask_at_distance(pattern: ArrayLike, shift_px: float, *, view_width: float =
     Raises
     ------
     InputError
-        If ``pattern`` is not an array of transmissions from 0 to 1, or ``view_width`` is out of range.
+        If ``pattern`` is not an array of at most 4096 transmissions from 0 to 1, or another parameter is out of range.
 
     Examples
     --------
@@ -229,9 +229,9 @@ def _moved_cell(n: int, shift: float, view_width: float) -> NDArray[np.complex12
 def cell_overlap(distance: ArrayLike, blur: float) -> Array:
     """Return the fraction of a mask cell's light that falls on a pixel; cell and pixel are one pixel wide.
 
-    ``distance`` is the distance between the middles of cell and pixel, and ``blur`` the movement of the shadow within a
-    view (pixels). The fraction is the convolution of three boxes (cell, pixel and movement); it sums to one over all
-    pixels.
+    ``distance`` is the distance between the centres of the cell's shadow and the pixel, and ``blur`` the movement of
+    the shadow within a view (pixels). The fraction is the convolution of three boxes (cell, pixel and movement); the
+    fractions on all pixels add up to one.
     """
     t = np.asarray(distance, float)
     if blur < 1e-6:  # below this, the difference of the integrals would be rounding errors
@@ -271,7 +271,10 @@ MAX_EXHAUSTIVE = 4
 
 
 def noise_shares(chi2: float) -> tuple[float, float]:
-    """Return the fractions of the noise variance due to additive and to photon noise, for ``chi2`` from 0 to inf."""
+    """Return the additive and the photon fraction of the noise variance for their ratio ``chi2`` (0 to inf).
+
+    ``chi2`` is the variance of photon noise divided by that of additive noise.
+    """
     if not chi2 >= 0:
         raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "give a number in this range")
     additive = 1.0 / (1.0 + chi2)
@@ -285,7 +288,7 @@ def mask_gain_bound(size: int, chi2: float) -> float:
     coefficient is N tau. The sum of squares of the others is at most N^2 tau (1 - tau), because transmissions are
     between 0 and 1. The noise variance is proportional to the sum of the inverse squares of all coefficients, which is
     smallest if all except the zeroth are equal; tau is then optimized. Masks based on cyclic difference sets reach this
-    bound.
+    bound if they have the optimal tau.
 
     Parameters
     ----------
@@ -326,12 +329,15 @@ def mask_gain_bound(size: int, chi2: float) -> float:
 
 
 def best_binary_mask(size: int, chi2: float) -> Array:
-    """Return the binary mask ``(size, size)`` of 0 and 1 with the largest SNR gain at ``chi2``; all masks are tried.
+    """Return the mask ``(size, size)`` of zeros and ones with the largest SNR gain at ``chi2``; all masks are tried.
+
+    ``chi2`` is the ratio of photon to additive noise variance of the camera (`camera_chi2`). The shadow moves by one
+    pixel from view to view.
 
     Raises
     ------
     InputError
-        If ``size`` is above `MAX_EXHAUSTIVE` pixels.
+        If ``size`` is not from 1 to `MAX_EXHAUSTIVE`, or ``chi2`` is negative.
 
     Examples
     --------

@@ -42,7 +42,7 @@ def load_modulator(path: str | os.PathLike[str]) -> Modulator:
     Raises
     ------
     FileFormatError
-        If the file does not contain such an array.
+        If the file contains neither such an array nor such an object, or its entries do not fit together.
     StorageError
         If the file does not exist.
 
@@ -79,7 +79,7 @@ def save_modulator(modulator: Modulator, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     InputError
-        If the file name has another suffix.
+        If the suffix of the file name is neither ``.npy`` nor ``.json``.
     """
     file = Path(path)
     if file.suffix.lower() not in MATRIX_SUFFIXES:

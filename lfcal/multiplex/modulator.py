@@ -22,7 +22,7 @@ MAX_SAMPLES = 4096
 
 
 def default_rcond(shape: tuple[int, int]) -> float:
-    """Return the fraction of the largest singular value up to which those of a matrix of ``shape`` count as zero."""
+    """Return the default cut-off for singular values of a matrix of ``shape``, as a fraction of the largest one."""
     return max(shape) * float(np.finfo(float).eps)
 
 
@@ -141,12 +141,15 @@ class Modulator:
 
     @property
     def natural_samples(self) -> tuple[int, int]:
-        """Default number (down, across) of output samples in a super-pixel: one for each pixel, or for each cell."""
+        """Default number (down, across) of output samples in a super-pixel: one for each `cell`."""
         return self.side[0] // self.cell[0], self.side[1] // self.cell[1]
 
     @property
     def positions(self) -> tuple[Array, Array]:
-        """Positions (px from the first pixel) at which the rows and the columns of a super-pixel sample the light."""
+        """Row and column positions at which the pixels of a super-pixel sample the light (px from the first pixel).
+
+        The arrays have the shapes ``(rows,)`` and ``(columns,)``.
+        """
         rows, columns = (
             np.asarray(np.arange(n) // c * c + (c - 1) / 2 if self.lenslets else np.arange(n), float)
             for n, c in zip(self.side, self.cell, strict=True)
@@ -196,7 +199,7 @@ class Modulator:
         return kept
 
     def rank(self, rcond: float | None = None) -> int:
-        """Return the rank of `matrix`, the number of measured combinations of samples; ``rcond`` is as in `inverse`."""
+        """Return the rank of `matrix`, the number of independent measurements; ``rcond`` is as in `inverse`."""
         return int(self._kept(rcond).sum())
 
     @property
@@ -221,7 +224,10 @@ class Modulator:
         return result
 
     def lost(self, rcond: float | None = None) -> Array:
-        """Return the unrecoverable fraction of each sample, ``(N,)``, 0 to 1; ``rcond`` is as in `inverse`."""
+        """Return the unrecoverable fraction of each sample, ``(N,)``, 0 to 1; ``rcond`` is as in `inverse`.
+
+        It is 1 minus the diagonal of A^+ A, with the pseudo-inverse A^+ of the matrix A.
+        """
         right = self._decomposition[2][self._kept(rcond)]
         share: Array = np.clip(1.0 - (np.abs(right) ** 2).sum(0), 0.0, 1.0)
         share[share < 1e-12] = 0.0
@@ -241,7 +247,10 @@ class Modulator:
         return block.reshape(*self.side, colours).copy()
 
     def pattern_spectrum(self) -> Array:
-        """Return the magnitude of the Fourier transform of `pattern` divided by K, zero frequency in the middle."""
+        """Return the magnitude of the Fourier transform of `pattern`, divided by the number of pixels K.
+
+        The array ``(rows, columns, colours)`` has the zero frequency in the middle.
+        """
         spectrum = np.fft.fftshift(np.fft.fft2(self.pattern(), axes=(0, 1)), axes=(0, 1))
         result: Array = np.abs(spectrum) / self.pixels
         return result
@@ -366,7 +375,7 @@ def modulator_from_matrix(
     --------
     >>> from lfcal.multiplex import modulator_from_matrix
     >>> own = modulator_from_matrix("clear, red", (1, 2), [[1, 1], [1, 0]], colours=("R", "B"))
-    >>> print(own.inverse().round(3))  # blue is what the clear pixel sees less the red one
+    >>> print(own.inverse().round(3))  # blue is the clear pixel minus the red one
     [[ 0.  1.]
      [ 1. -1.]]
     """

@@ -29,18 +29,19 @@ BAND_TABLES = ("filters", "efficiency", "illuminant")
 
 
 def is_whole(text: str) -> bool:
-    """Return whether a text is a whole number of at most nine plain digits."""
+    """Return whether a text consists of one to nine ASCII digits."""
     return text.isascii() and text.isdigit() and len(text) < 10
 
 
 def modulator_of(text: str) -> Modulator:
     """Return the modulator for a name or a matrix file, or the product of several of these joined by ``*``.
 
-    `GRAMMAR` lists the names. ``nd:`` is followed by transmissions, and ``polarisers:`` by angles in degrees, in rows
-    separated by slashes. ``bands:PATTERN:N`` uses the included model filters and silicon sensor for N bands between 400
-    and 700 nm. Other tables (`spectral_array`, `read_spectra`) are given as in
-    ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``. ``shutter:`` is followed by 0 or 1 for each
-    pixel and time interval: closed or open. ``cameras:2x2`` is an array of cameras.
+    `GRAMMAR` contains examples of names. Slashes separate the rows of a super-pixel, and commas the pixels of a row.
+    ``nd:`` is followed by transmissions, ``polarisers:`` by angles in degrees, and ``shutter:`` by a digit for each
+    time interval at each pixel: 0 for closed, 1 for open. ``bands:PATTERN:N`` uses the included model filters and
+    silicon sensor for N bands between 400 and 700 nm. Other tables (`spectral_array`, `read_spectra`) are given as in
+    ``bands:RG/GB:3:filters=own.csv,efficiency=sensor.csv,illuminant=D65``. ``cameras:2x2`` is an array of cameras. A
+    mask or lenslet without a size has 11 pixels along each side.
 
     Examples
     --------

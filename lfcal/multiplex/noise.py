@@ -89,7 +89,8 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: Sequence[float] |
 def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[float] | Array) -> float | Array:
     """Return the SNR gain over ``reference``, 10 log10(alpha_ref s_ref / (alpha s)) in dB (Ihrke et al., eq. 14).
 
-    Here, alpha is `amplification`, tau is `transmission`, s^2 = s_c^2 + tau s_p^2 is the noise variance of a pixel, and
+    Here, alpha is `amplification`, tau is `transmission`, and s^2 = s_c^2 + tau s_p^2 is the noise variance of a pixel.
+    Its parts are the variance s_c^2 of additive noise and the variance s_p^2 of photon noise at full scale, with
     chi^2 = s_p^2 / s_c^2 (eq. 12). Super-pixels of different size are compared per pixel: alpha is multiplied by
     sqrt(K) for K pixels, so that repeating a pattern does not change the gain. A modulator that does not recover every
     sample has a gain of minus infinity.
@@ -104,7 +105,7 @@ def snr_gain(modulator: Modulator, reference: Modulator, chi2: float | Sequence[
     Raises
     ------
     InputError
-        If the modulators have different samples, the reference does not recover all samples, or chi2 is negative.
+        If the numbers of samples differ, the reference does not recover all samples, or ``chi2`` is negative or NaN.
 
     Examples
     --------
@@ -175,8 +176,9 @@ def noise_optimal_inverse(modulator: Modulator, covariance: ArrayLike) -> Array:
 def pixel_variance(modulator: Modulator, chi2: float) -> Array:
     """Return the noise variance of each pixel in unmodulated light, ``(K,)``, relative to that of an open pixel.
 
-    It is (1 + chi^2 i)/(1 + chi^2) for a pixel that receives the fraction i of the unmodulated light. This is equation
-    12 of Ihrke et al. with the light of each pixel instead of the mean light.
+    It is (1 + chi^2 i)/(1 + chi^2) for a pixel that receives the fraction i of the unmodulated light. ``chi2``, 0 to
+    inf, is the ratio of photon to additive noise variance of an open pixel. This is equation 12 of Ihrke et al. with
+    the light of each pixel instead of the mean light.
 
     Examples
     --------
@@ -195,6 +197,8 @@ def pixel_variance(modulator: Modulator, chi2: float) -> Array:
 
 def decorrelation_gain(modulator: Modulator, chi2: float) -> float:
     """Return the SNR gain (dB, at least 0) of the noise-optimal over the unweighted decorrelation in unmodulated light.
+
+    The noise is that of `pixel_variance` for ``chi2``, and the noise-optimal matrix that of `noise_optimal_inverse`.
 
     Examples
     --------
@@ -293,8 +297,8 @@ def gain_curves(
 ) -> GainCurves:
     """Return the SNR gains (dB) of ``modulators`` over ``reference`` for several values of chi^2.
 
-    ``chi2`` contains ratios of photon to additive noise variance, by default from 1e-4 to 1e4. ``cameras`` maps names
-    of cameras to chi^2 (`camera_chi2`); they are marked in addition to the camera of Ihrke et al.
+    ``chi2`` contains ratios of photon to additive noise variance; None: values from 1e-4 to 1e4. ``cameras`` maps names
+    of cameras to chi^2 (`camera_chi2`), to be marked in plots in addition to the camera of Ihrke et al.
 
     Examples
     --------
@@ -417,7 +421,7 @@ def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None 
     Parameters
     ----------
     modulator, reference
-        Modulators with the same samples; the reference must recover all of them.
+        Modulators with the same number of samples; the reference must recover all of them.
     chi2
         Ratios of photon to additive noise variance, 0 to inf. None: values from 1e-4 to 1e4.
 
@@ -483,8 +487,9 @@ def sensor_gain(
 ) -> float:
     """Return the SNR gain over ``reference`` (dB) for the noise of a camera, at equal exposure and compared per pixel.
 
-    Each pixel has the noise of the light that it receives, whereas `snr_gain` uses the mean light of all pixels. The
-    parameters are those of `sample_deviation`.
+    Each pixel has the noise of the light that it receives, whereas `snr_gain` uses the mean light of all pixels.
+    ``reference`` must have as many samples as ``modulator`` and recover all of them. The other parameters are those of
+    `sample_deviation`.
 
     Examples
     --------

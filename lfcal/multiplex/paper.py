@@ -95,7 +95,8 @@ def paper_figure(number: int, *, camera: str = "", chi2: float | None = None, se
     number
         Number of the figure: 3, 5, 6 or 7.
     camera, chi2
-        Name and chi^2 of a camera; it is marked in figure 6 and replaces the noise of the PG Dragonfly in figure 7.
+        Name and chi^2 of a camera, which is marked in figure 6 and used in figure 7. None: in figure 7, the PG
+        Dragonfly of the paper, which is always marked in figure 6.
     seed
         Random seed of scene and noise in figure 7.
     """

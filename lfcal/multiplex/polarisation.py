@@ -22,7 +22,9 @@ MOST_POLARISERS = 4096
 def polarisers(
     angles_deg: ArrayLike, *, retardance_deg: ArrayLike | None = None, extinction: float = math.inf
 ) -> Modulator:
-    """Return a super-pixel of linear polarisers, which measures the Stokes parameters S0 to S2 (S0 to S3 with plates).
+    """Return a super-pixel of linear polarisers, which measures the Stokes parameters S0 to S2.
+
+    With ``retardance_deg``, it also measures S3.
 
     A polariser at the angle a transmits ``(S0 + e (S1 cos 2a + S2 sin 2a)) / 2`` (Mueller matrix of a diattenuator),
     with e = 1 for an ideal one. It transmits half of unpolarised light, for which only S0 is nonzero.
@@ -47,7 +49,7 @@ def polarisers(
     --------
     >>> from lfcal.multiplex import polarisers
     >>> array = polarisers([[0, 45], [135, 90]])
-    >>> print((array.matrix @ [1, 0.6, 0.8]).round(3))  # S0, S1, S2 of light that is all polarised, at 27°
+    >>> print((array.matrix @ [1, 0.6, 0.8]).round(3))  # S0, S1, S2 of fully polarised light, at 27°
     [0.8 0.9 0.1 0.2]
     >>> print((array.inverse() @ [0.8, 0.9, 0.1, 0.2]).round(3))  # and back
     [1.  0.6 0.8]
@@ -100,7 +102,9 @@ def _rows(angles: NDArray[np.float64], contrast: float, plates: NDArray[np.float
 
 
 def degree_of_polarisation(stokes: ArrayLike) -> NDArray[np.float64]:
-    """Return the degree of polarisation (0 to 1) for Stokes parameters ``(3, ...)`` or ``(4, ...)``; 0 if S0 <= 0.
+    """Return the degree of polarisation for Stokes parameters ``(3, ...)`` or ``(4, ...)``; 0 where S0 <= 0.
+
+    It is from 0 to 1 for physical values, but may be larger because of noise.
 
     Examples
     --------

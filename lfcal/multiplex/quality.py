@@ -41,12 +41,12 @@ def ways_of(modulator: Modulator) -> tuple[tuple[str, str], ...]:
 
 @dataclass(frozen=True, slots=True)
 class Ringing:
-    """Oscillation at sharp edges, relative to the scene's range.
+    """Oscillation at sharp edges, relative to the range of each sample in the scene.
 
     Attributes
     ----------
     flat
-        Rms error where the scene is uniform within two super-pixels, averaged over the samples.
+        Rms error where the scene is uniform within a distance of two super-pixels, averaged over the samples.
     overshoot
         Largest excursion beyond the range of the scene's values, averaged over the samples.
     """
@@ -58,6 +58,8 @@ class Ringing:
 def ringing(result: ArrayLike, truth: ArrayLike, side: tuple[int, int]) -> Ringing:
     """Return oscillations and overshoot at edges of reconstructed samples, compared with the scene.
 
+    The border of the image and samples that are constant in the scene are excluded.
+
     Parameters
     ----------
     result, truth
@@ -68,7 +70,7 @@ def ringing(result: ArrayLike, truth: ArrayLike, side: tuple[int, int]) -> Ringi
     Raises
     ------
     InputError
-        If the shapes differ, or the scene has no uniform parts.
+        If the shapes differ, or the scene has no edges or no uniform parts.
 
     Examples
     --------
@@ -164,7 +166,7 @@ def iter_measure_filters(
     rounds: int = 3,
     workers: int | None = None,
 ) -> Work[list[FilterTrial]]:
-    """Measure the error and the time of reconstructing a scene at every pixel, for several routes and filters.
+    """Return the error and the time of reconstructing a scene at every pixel, for several routes and filters.
 
     Parameters
     ----------
@@ -175,9 +177,10 @@ def iter_measure_filters(
     ways
         Pairs ``(route, filter)``. None: those that suit the modulator (`ways_of`).
     noise
-        Noise that is added to the frame, in its units: an array ``(rows, columns)`` or one number.
+        Noise that is added to the frame, in its units: an array ``(rows, columns)``, or one number for all pixels.
     rounds
-        Number of timed runs for each pair, after one run for compilation; the shortest time is returned.
+        Number of timed runs for each pair after the first run, which may include compilation; the shortest time is
+        returned.
     workers
         Number of threads. None: one for each available CPU core.
 

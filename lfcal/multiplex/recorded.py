@@ -19,7 +19,7 @@ __all__ = ["RecordedFrame", "read_recorded"]
 
 
 class RecordedFrame(NamedTuple):
-    """Recorded frame, with its colour filters and black level if the file states them."""
+    """Recorded frame, with the colour filters (else empty) and the black level (else None) that its file states."""
 
     path: Path
     raw: NDArray[Any]
@@ -35,11 +35,11 @@ class RecordedFrame(NamedTuple):
         return 0.0 if sensor is None else sensor.black_level
 
     def weights(self, level: Any, sensor: Sensor | None, mask: Path | None, **how: Any) -> NDArray[Any] | None:
-        """Return the weight ``(rows, columns)`` of each pixel; None if all weights are equal.
+        """Return the weight ``(rows, columns)`` of each pixel; None without sensor, mask and non-finite pixels.
 
-        Pixels that are not finite, and those that the file ``mask`` marks, have the weight 0. The weights of the others
-        are inverse variances for the noise of ``sensor``; None: 1. ``level`` is the black level (counts). ``how``
-        contains further options of `lfcal.multiplex.pixel_weights`.
+        Pixels that are not finite, and those that the file ``mask`` marks, have the weight 0. With ``sensor``, so have
+        saturated pixels, and the weights of the others are inverse variances; without it, they are 1. ``level`` is the
+        black level (counts). ``how`` contains further options of `lfcal.multiplex.pixel_weights`.
         """
         lost = lost_pixels(self.raw, self.path, mask)
         missing = int(np.count_nonzero(~np.isfinite(self.raw)))
@@ -56,7 +56,7 @@ class RecordedFrame(NamedTuple):
 
 
 def read_recorded(path: str | os.PathLike[str], page: int = 0) -> RecordedFrame:
-    """Return one page of an image file with its metadata; pages are counted from 0."""
+    """Return one page of an image file with its colour filters and black level; the first page is 0."""
     image = open_image(path)
     try:
         frame: NDArray[Any] = image.read(image.check_page(page))

@@ -30,7 +30,7 @@ def filament_light_field(views: int, cells: tuple[int, int], rng: np.random.Gene
     Returns
     -------
     NDArray
-        Samples of a plenoptic function, smooth over two super-pixels; the largest is 1/views^2.
+        Samples of the light field, whose filaments are about two super-pixels wide; the largest sample is 1/views^2.
     """
     from lfcal.base import cv2
 
@@ -92,7 +92,11 @@ def colour_edges(shape: tuple[int, int]) -> Array:
 
 
 def view_edges(views: int, cells: tuple[int, int]) -> Array:
-    """Return a light field ``(views^2, rows, columns)`` of sharp-edged patches, brighter towards the middle view."""
+    """Return a light field ``(views^2, rows, columns)`` of sharp-edged patches, brighter towards the middle view.
+
+    ``views`` is the number of views along a side and the side of a super-pixel (px), and ``cells`` the number of
+    super-pixels (rows, columns).
+    """
     shape = (cells[0] * views, cells[1] * views)
     chart = colour_edges(shape).mean(0)
     offset = np.linspace(-1, 1, views) if views > 1 else np.zeros(1)

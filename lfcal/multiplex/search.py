@@ -62,7 +62,7 @@ class Frontier:
     chi2
         Ratio chi^2 of photon to additive noise variance, for which `chosen` is computed.
     efficient
-        Whether no other candidate has a larger gain in both limits (Pareto-efficient), ``(n,)``.
+        Whether no other candidate is as good in both limits and better in one (Pareto-efficient), ``(n,)``.
     bound
         Upper bound on the gain at `chi2` of all modulators of this kind (dB); None if unknown.
 
@@ -108,7 +108,7 @@ def _frontier(modulators: Sequence[Modulator], reference: Modulator, chi2: float
 def filter_set_frontier(
     chi2: float, *, reference: Modulator | None = None, letters: str = FREE_LETTERS, filters: int = 4
 ) -> Frontier:
-    """Return all sets of ``filters`` filters that recover red, green and blue, with their SNR gains.
+    """Return a `Frontier` of all sets of ``filters`` filters that recover red, green and blue.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def filter_set_frontier(
     letters
         Letters of the filters to choose from (`FILTERS`).
     filters
-        Number of filters in the super-pixel; without crosstalk, their arrangement does not affect the noise.
+        Number of filters in the super-pixel, 3 to 6; without crosstalk, their arrangement does not affect the noise.
 
     Examples
     --------
@@ -167,7 +167,7 @@ def best_filter_set(
     chi2
         Ratio chi^2 of photon to additive noise variance of the camera (`camera_chi2`), 0 to inf.
     filters
-        Number of filters, that is, of pixels of the super-pixel.
+        Number of filters, that is, of pixels of the super-pixel, 3 to 6.
     starts
         Number of random starting points.
     rng
@@ -247,7 +247,8 @@ def best_mask(
 
     The search starts from known masks, from random masks with various fractions of open pixels, and from the best mask
     so far with a few pixels inverted. For small masks (up to `MAX_EXHAUSTIVE` pixels per side), it also starts from the
-    best binary mask. The result is at least as good as every starting point; `mask_gain_bound` returns an upper bound.
+    best binary mask. The result is at least as good as every starting point; `mask_gain_bound` returns an upper bound
+    on its gain.
 
     Parameters
     ----------
@@ -318,7 +319,7 @@ class SearchProgress(Progress):
 def iter_mask_frontier(
     size: int, chi2: float, *, points: int = 7, starts: int = 6, rng: np.random.Generator | None = None
 ) -> Work[Frontier]:
-    """Return known masks, and masks found by a search for several values of chi^2, with their gains over a pinhole.
+    """Return a `Frontier` of known masks and masks found by a search for several values of chi^2, against a pinhole.
 
     Parameters
     ----------
@@ -327,7 +328,7 @@ def iter_mask_frontier(
     chi2
         Ratio chi^2 of photon to additive noise variance of the camera; one mask is searched for at this value.
     points
-        Number of values of chi^2 for which a mask is searched, including 0 and infinity.
+        Number of other values of chi^2 for each of which a mask is searched, including 0 and infinity; at least 2.
     starts, rng
         As in `best_mask`.
 

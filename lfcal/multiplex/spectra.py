@@ -168,8 +168,8 @@ def shipped_spectra(name: str) -> Spectra:
 def daylight(temperature_k: float) -> Spectra:
     """Return the relative power of CIE daylight at a correlated colour temperature, 100 at 560 nm (CIE 15).
 
-    The power is ``S0 + M1 S1 + M2 S2``, with M1 and M2 from the chromaticity of the daylight locus. D65 is daylight at
-    6504 K.
+    The power is ``S0 + M1 S1 + M2 S2`` with the tabulated CIE components S0, S1 and S2; M1 and M2 follow from the
+    chromaticity of the daylight locus. D65 is daylight at 6504 K.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def bandpass_filters(middles_nm: ArrayLike, width_nm: float) -> Spectra:
     --------
     >>> from lfcal.multiplex import bandpass_filters
     >>> filters = bandpass_filters([500, 600], width_nm=40)
-    >>> print(filters.names, filters.on([480, 500, 600]).round(3).tolist())  # half at half the width away
+    >>> print(filters.names, filters.on([480, 500, 600]).round(3).tolist())  # 0.5 at half the width from the centre
     ('F0', 'F1') [[0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
     """
     middles = np.atleast_1d(np.asarray(middles_nm, float))
@@ -285,7 +285,10 @@ def spectral_array(
     efficiency: Spectra | None = None,
     basis: ArrayLike | None = None,
 ) -> Modulator:
-    """Return a filter array over spectral bands; entries are means over a band of filter, efficiency and illuminant.
+    """Return a filter array, as a modulator of spectral bands.
+
+    Each entry of its matrix is the mean over a band of the product of the filter's transmission, the quantum efficiency
+    and the relative number of photons of the illuminant.
 
     Parameters
     ----------
@@ -297,9 +300,9 @@ def spectral_array(
     filters
         Transmissions of the filters, 0 to 1. None: the included model filters R, G, B, C, M, Y and W.
     illuminant
-        Relative spectral power of the illuminant (one curve). Samples are then reflectances, each multiplied by the
-        relative number of photons of the illuminant in its band (`Modulator.light`, normalized to a mean of 1 over the
-        bands). None: samples are the numbers of photons in each band.
+        Relative spectral power of the illuminant (one curve). Its number of photons is normalized to a mean of 1 over
+        the bands. Samples are then reflectances, each multiplied by the fraction of the spectral range that its band
+        occupies (`Modulator.light`). None: samples are the numbers of photons in each band.
     efficiency
         Quantum efficiency of the sensor, in electrons per photon (one curve). None: 1.
     basis

@@ -32,7 +32,7 @@ class ModulatorNumbers:
     side
         Pixels ``(rows, columns)`` of the super-pixel.
     pixels, samples, rank
-        Number K of pixels, number N of samples, and number of combinations of the samples that are measured.
+        Number K of pixels, number N of samples, and number of independent measurements (`Modulator.rank`).
     condition
         Ratio of the largest to the smallest singular value; infinite if rank < N.
     transmission, amplification
@@ -138,7 +138,8 @@ def merits(
     noise
         Noise of the sensor.
     pattern
-        Name or rows of colour filters whose curves are included; other modulators have no colour error.
+        Name or rows of the colour filter array; its colour error is computed if lfcal includes the curves of its
+        filters. Empty: no colour error.
     filter
         Filter of the reconstruction whose MTF is measured; default: that of `lfcal.multiplex.demultiplex`.
     most_entries

@@ -17,7 +17,9 @@ Index = NDArray[np.intp]
 
 
 def tile_pixels(pixels: Sequence[tuple[int, int]], vectors: Sequence[tuple[int, int]]) -> Index:
-    """Return the index in ``pixels`` at each pixel of the smallest rectangular period of a tiling, ``(rows, columns)``.
+    """Return which of ``pixels`` is at each position of the smallest rectangular period of a tiling.
+
+    The result is an array ``(rows, columns)`` of indices into ``pixels``.
 
     Parameters
     ----------
@@ -29,7 +31,7 @@ def tile_pixels(pixels: Sequence[tuple[int, int]], vectors: Sequence[tuple[int, 
     Raises
     ------
     InputError
-        If the repeated tiles leave gaps or overlap.
+        If the repeated tiles leave gaps or overlap, or their period has too many pixels.
     """
     (a, b), (c, d) = (check_tuple("vector of the tiles (px)", tuple(v), 2, integer=True) for v in vectors)
     area = abs(a * d - b * c)

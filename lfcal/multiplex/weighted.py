@@ -28,7 +28,8 @@ class WeightedSamples:
     Attributes
     ----------
     samples
-        Plenoptic samples, ``(N, rows, columns)``; measurement channels from `lattice_channels_weighted`.
+        Plenoptic samples, ``(N, rows, columns)``; from `lattice_channels_weighted`, measurement channels ``(down,
+        across, rows, columns)``.
     deviation
         Standard deviation of each sample, in the same shape and unit, if the weights are inverse variances. It is
         infinite for samples that are not measured.
@@ -53,7 +54,7 @@ def check_weights(weights: ArrayLike, shape: tuple[int, ...]) -> Array:
     Raises
     ------
     InputError
-        If the weights do not have this shape or are not valid.
+        If the weights do not have this shape, are all zero, or include a negative or non-finite value.
     """
     array = np.asarray(weights, float)
     if array.shape != shape or not np.isfinite(array).all() or array.min(initial=0.0) < 0 or not array.any():
@@ -82,11 +83,12 @@ def reconstruct_weighted(
 ) -> WeightedSamples:
     """Return the samples of a frame of complete super-pixels, by weighted least squares at every output position.
 
-    Each measurement channel is interpolated linearly from the samples with weight, ``c = sum h w f / sum h w``. Its
-    variance is ``sum h^2 w / (sum h w)^2`` if w are inverse variances. Then ``(A^T W A) x = A^T W c`` is solved
-    (theorem 1 with the weights of Gauss and Markov). If the samples of a channel around an output position all have
-    weight 0, those within two super-pixels are used. If these also have weight 0, the channel is omitted. The
-    least-norm solution is returned for parts that the other channels do not determine.
+    Each measurement channel c is interpolated linearly from its pixels with the values f, the interpolation weights h
+    and the pixel weights w, ``c = sum h w f / sum h w``. Its variance is ``sum h^2 w / (sum h w)^2`` if w are inverse
+    variances; W contains the inverses of these. Then ``(A^T W A) x = A^T W c`` is solved for the samples x, with the
+    matrix A of the modulator (theorem 1 with the weights of Gauss and Markov). If the pixels of a channel around an
+    output position all have weight 0, those within two super-pixels are used. If these also have weight 0, the channel
+    is omitted. The least-norm solution is returned for parts that the other channels do not determine.
 
     Parameters
     ----------
@@ -166,10 +168,11 @@ def _weighed(f: Array, w: Array, down: Any, across: Any) -> tuple[Array, Array]:
 
 
 def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | None = None) -> tuple[Array, Array]:
-    """Return the weighted least-squares samples ``(N, n)`` and their variances from channels ``(K, n)`` at n positions.
+    """Return the weighted least-squares samples ``(N, n)`` at n positions and their variances, of the same shape.
 
-    If the weighted equations do not have full rank, the result has the least norm; every sample that depends on
-    unmeasured parts then has infinite variance. ``rcond`` is as in `reconstruct_weighted`.
+    ``matrix`` ``(K, N)`` maps samples to channels, whose ``values`` and ``weights`` have the shape ``(K, n)``. If the
+    weighted equations do not have full rank, the result has the least norm; every sample that depends on unmeasured
+    parts then has infinite variance. ``rcond`` is as in `reconstruct_weighted`.
     """
     inverse, lost = weighted_inverse(matrix, weights, rcond)
     found = np.einsum("pij,pj->ip", inverse, (weights * values).T @ matrix)
@@ -181,7 +184,8 @@ def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | N
 def weighted_inverse(matrix: Array, weights: Array, rcond: float | None = None) -> tuple[Array, NDArray[np.bool_]]:
     """Return ``(A^T W A)^+`` ``(n, N, N)`` for the weights ``(K, n)`` at n positions, and a mask of lost samples.
 
-    The mask ``(n, N)`` marks samples that depend on unmeasured parts. ``rcond`` is as in `reconstruct_weighted`.
+    A is ``matrix`` ``(K, N)``, and W is the diagonal matrix of the weights at a position. The mask ``(n, N)`` marks
+    samples that depend on unmeasured parts. ``rcond`` is as in `reconstruct_weighted`.
     """
     count = matrix.shape[1]
     pairs = (matrix[:, :, None] * matrix[:, None, :]).reshape(len(matrix), -1)

@@ -33,7 +33,7 @@ Read = Callable[[Index], Any]
 
 
 def get_reader(path: str | Sequence[str]) -> Callable[[str | Sequence[str]], list[Layer]] | None:
-    """Return the reader for ``path``, or None if it is not a file of lfcal; napari calls this function.
+    """Return the reader for ``path``, or None if it is not a single file or session of lfcal; napari calls this.
 
     Parameters
     ----------

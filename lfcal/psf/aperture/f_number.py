@@ -50,9 +50,9 @@ def working_f_number(
     """Return the working f-number N, fitted to the diameters ``D = |a| / N`` of the iris's shadow at several depths.
 
     A line is fitted to sign(a) D as a function of a, the distance of the image behind the lenslets. Planes on both
-    sides of the native plane, where a = 0, then have the same slope. Neither a constant error of the depths nor the
-    blur of the edge affects the slope. Diameters that deviate by more than three robust standard deviations have a
-    lower weight.
+    sides of the native plane, where a = 0, then have the same slope. A constant error of the depths does not affect the
+    slope. A constant error of the diameters, such as from the blur of the edge, does not affect it if all planes are on
+    one side. Diameters that deviate by more than three robust standard deviations from the line have a lower weight.
 
     Parameters
     ----------

@@ -37,8 +37,9 @@ class Iris:
     blades
         Number of blades; 0 for a circular iris.
     rotation_rad
-        Direction of the first vertex (rad) in planes that show the iris upright, in [0, 2 pi / blades). If the blades
-        are odd in number and no plane is known to be upright or inverted, the angle may refer to inverted planes.
+        Direction of the first vertex (rad), from +column towards +row, in planes that show the iris upright, in [0, 2
+        pi / blades). If the blades are odd in number and no plane is known to be upright or inverted, the angle may
+        refer to inverted planes.
     curvature, curvature_sigma
         Curvature of the blades (0: straight, 1: circular), and its standard error.
     planes

@@ -149,7 +149,8 @@ class Obstruction:
     def is_central(self, centre: tuple[float, float], radius_px: float) -> bool:
         """Return whether the obstruction is near the centre, like the secondary mirror of a mirror lens.
 
-        ``centre`` (row, column) and ``radius_px`` are those of the aperture (px).
+        ``centre`` (row, column) and ``radius_px`` are those of the aperture (px). The centres must be less than
+        `CENTRAL` radii apart.
         """
         return math.dist(self.centre, centre) < CENTRAL * radius_px
 
