@@ -97,7 +97,7 @@ class FrameEntry:
 class Manifest:
     """List of all frames of a session, with the properties that every frame must have.
 
-    Frames may be in any order; positions may be missing or repeated, but each page of a file must occur only once.
+    Frames may be in any order; positions may be missing or repeated, but each page of a file may occur only once.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class Manifest:
     Raises
     ------
     InputError
-        If a value is invalid, a position is outside ``plan_shape``, or a page is listed twice.
+        If there are no entries, a value is invalid, a position is outside ``plan_shape``, or a page is listed twice.
 
     Examples
     --------
@@ -192,12 +192,13 @@ class Manifest:
     ) -> Manifest:
         """Return the manifest of the relative paths ``names`` that match ``pattern``; other paths are ignored.
 
-        ``plan_shape`` is the number of positions of the scan, ``(nz, ny, nx)``. None: unknown.
+        ``pattern`` is a `NamePattern` or its template. ``plan_shape`` is the number of positions of the scan, ``(nz,
+        ny, nx)``. None: unknown.
 
         Raises
         ------
         InputError
-            If no path matches.
+            If no path matches, or a position is outside ``plan_shape``.
         """
         form = NamePattern(pattern) if isinstance(pattern, str) else pattern
         # natural order, so that img10 comes after img9
@@ -215,16 +216,17 @@ class Manifest:
     def from_order(
         cls, pages: Iterable[tuple[str, int]], plan_shape: tuple[int, int, int], order: str, *, early: bool = False
     ) -> Manifest:
-        """Return the manifest of ``pages``, which are pairs (file, page index) in the scan order ``order``.
+        """Return the manifest of ``pages``, which are pairs (file, page index) in the order of recording.
 
-        ``plan_shape`` is the number of positions of the scan, ``(nz, ny, nx)``. If ``early`` is True, there may be
-        fewer pages than positions, because the scan stopped before its end.
+        ``plan_shape`` is the number of positions of the scan, ``(nz, ny, nx)``, and ``order`` its scan order, as in
+        `scan_positions`. If ``early`` is True, there may be fewer pages than positions, because the scan stopped before
+        its end.
 
         Raises
         ------
         InputError
-            If the number of pages differs from the number of positions: the order does not show which pages are
-            missing.
+            If the number of pages differs from the number of positions, and ``early`` does not allow this: the order
+            does not show which pages are missing.
         """
         pages, positions = list(pages), scan_positions(plan_shape, order)
         if early and 0 < len(pages) < len(positions):
@@ -242,7 +244,9 @@ class Manifest:
 
 
 def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[str, Path]:
-    """Return the path of each of ``names`` below ``root`` with links resolved; all must be files inside ``root``.
+    """Return the path, by name, of each of ``names`` below ``root``, with links resolved.
+
+    All must be files inside ``root``.
 
     Content that git-annex stores in the repository that contains ``root`` also counts as inside.
 
@@ -251,7 +255,7 @@ def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[s
     UnsafeFileError
         If a file is outside ``root`` after links and ``..`` are resolved.
     StorageError
-        If a file does not exist.
+        If a file does not exist or is not a regular file.
     """
     base = _follow(str(root), str(root))
     folders: dict[str, str] = {}
@@ -300,12 +304,12 @@ def _leads_out(name: str, folder: str) -> UnsafeFileError:
 
 
 def number(text: object, what: str, *, integer: bool = False) -> Any:
-    """Return the finite number in ``text``, a whole number if ``integer``.
+    """Return the finite number in ``text``, which must be a whole number if ``integer``.
 
     Raises
     ------
     FileFormatError
-        If there is none; the message refers to the text as ``what``.
+        If ``text`` is no such number. The message calls it ``what``.
     """
     try:
         value = int(str(text)) if integer else float(str(text))
@@ -318,7 +322,7 @@ def number(text: object, what: str, *, integer: bool = False) -> Any:
 
 
 def entry_from(record: Mapping[str, Any], where: str) -> FrameEntry:
-    """Return the entry defined by a row or JSON object of a manifest; messages refer to it as ``where``."""
+    """Return the entry defined by ``record``, a row or JSON object of a manifest; messages call it ``where``."""
     unknown = sorted(str(key) for key in record if key not in COLUMNS)
     missing = [key for key in ("file", "z", "y", "x") if record.get(key) in (None, "")]
     if unknown or missing:
@@ -368,7 +372,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     FileFormatError, InputError
         If the manifest is invalid; the message states file, line and column.
     UnsafeFileError
-        If the file of a frame is not in the session folder.
+        If the path of a frame leads out of the session folder.
     StorageError
         If the file cannot be read.
 

@@ -138,7 +138,8 @@ def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
 
     The columns of ``moves`` ``(2, 2)`` are the observed motions (down, right; px) of the image for a planned motion of
     one pixel down and of one pixel right. For upright frames, ``moves`` is the unit matrix. The residual is the
-    Frobenius norm of the difference between ``moves`` and the matrix of the returned orientation.
+    Frobenius norm of the difference between ``moves`` and the motions in frames that exactly need the returned
+    orientation.
 
     Examples
     --------
@@ -154,7 +155,7 @@ def nearest_orientation(moves: ArrayLike) -> tuple[Orientation, float]:
 
 
 def named_orientation(name: str) -> Orientation:
-    """Return the orientation ``name``, written with spaces or hyphens; raises `InputError` if there is none.
+    """Return the orientation ``name``, written with spaces or hyphens; raise `InputError` if there is none.
 
     Examples
     --------
@@ -198,7 +199,10 @@ class OrientedSource(SourceView):
         return self.turn.shape(self.source.shape)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata ``known`` for the turned frames, without entries that refer to pixels as delivered."""
+        """Return the metadata ``known`` for the turned frames: with the turned origin, and without cfa and darks.
+
+        Colour filter pattern, channel phase and dark frames are omitted, because they refer to pixels as delivered.
+        """
         origin = self.info(0).origin if known.origin is not None and len(self.source) else known.origin
         return replace(known, cfa="", channel_phase=None, darks={}, origin=origin, orientation=self.turn.name)
 
@@ -206,6 +210,11 @@ class OrientedSource(SourceView):
         """Return the metadata of frame ``index``, with its origin and mask turned.
 
         The drift stays unchanged, because it refers to the plan's upright image.
+
+        Raises
+        ------
+        InputError
+            If the frame extends beyond the sensor.
         """
         info = self.source.info(index)
         # the pixel that becomes the first is at the corner nearest to that of the turned sensor
@@ -227,7 +236,10 @@ class OrientedSource(SourceView):
         return self._turned(self.source.read(index, self._behind(region)))
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the turned samples of frame ``index`` or of its turned ``region``, with validity and noise."""
+        """Return the turned samples of frame ``index``, with their validity and noise.
+
+        ``region`` is the part of the turned frame to return, as rows and columns. None: the whole frame.
+        """
         found = self.source.samples(index, self._behind(region))
         return found._replace(
             values=self._turned(found.values),

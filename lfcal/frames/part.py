@@ -29,7 +29,7 @@ Place = tuple[int, int]
 
 
 def parse_origin(text: str) -> Place | None:
-    """Return (row, column) from a text such as ``"120,64"``; None if empty. Raises `InputError` for other texts."""
+    """Return (row, column) from a text such as ``"120,64"``; None if empty. Raise `InputError` for other texts."""
     if not text.strip():
         return None
     fields = [field.strip() for field in text.split(",")]
@@ -67,7 +67,7 @@ def parse_roi(value: Any) -> tuple[int, int, int, int] | None:
 def stated_origin(roi: tuple[int, int, int, int] | None, shape: Place) -> Place | None:
     """Return (row, column) of the first pixel of a camera's region ``roi`` (column, row, width, height; px).
 
-    None if ``roi`` is None or ``shape`` is not that of the region.
+    The result is None if ``roi`` is None, or the frames' ``shape`` (rows, columns) differs from that of the region.
     """
     if roi is None or (roi[3], roi[2]) != shape:
         return None
@@ -75,7 +75,10 @@ def stated_origin(roi: tuple[int, int, int, int] | None, shape: Place) -> Place 
 
 
 def binned(sensor: Place, shape: Place) -> int:
-    """Return the binning factor (2 to 8) of frames of ``shape`` from a sensor of shape ``sensor``; 0 if not binned."""
+    """Return the smallest binning factor, 2 to 8, that explains frames of ``shape`` from a sensor of shape ``sensor``.
+
+    Both shapes are (rows, columns). The result is 0 if no factor does.
+    """
     for times in range(2, 9):
         if all(side // times <= length <= -(-side // times) for side, length in zip(sensor, shape, strict=True)):
             return times
@@ -83,7 +86,10 @@ def binned(sensor: Place, shape: Place) -> int:
 
 
 def is_part_of_sensor(shape: Place, camera: Camera) -> bool:
-    """Return whether frames of ``shape`` show a part of the camera's sensor; False if its size is only assumed."""
+    """Return whether frames of ``shape`` show a part of the camera's sensor.
+
+    False if they may be binned frames of the whole sensor, or if the size of the sensor is only assumed.
+    """
     sensor = camera.sensor.shape
     if shape == sensor or binned(sensor, shape) or camera.marks["sensor.shape"] == "assumed":
         return False
@@ -106,7 +112,10 @@ def check_inside(origin: Place, shape: Place, sensor: Place) -> None:
 
 
 def check_stated(source: FrameSource, camera: Camera) -> None:
-    """Raise `InputError` if frames extend beyond the sensor, or show a part of it whose origin is not confirmed."""
+    """Raise `InputError` if frames extend beyond the sensor, or show a part whose origin only their metadata state.
+
+    Frames of one channel of a colour filter pattern are not checked.
+    """
     known = source.metadata
     if known.channel:  # one colour of a mosaic has fewer pixels than the sensor
         return

@@ -101,6 +101,8 @@ def missing_numbers(names: Sequence[str]) -> list[int]:
 def first_number(numbers: NDArray[np.intp], counts: Sequence[int] | NDArray[np.intp] | None = None) -> int:
     """Return the number from which positions are counted, 0 or 1.
 
+    It is 1 if no number is 0, no axis exceeds its number of positions, and at least one axis reaches it.
+
     Parameters
     ----------
     numbers
@@ -140,7 +142,8 @@ class NamePattern:
     Raises
     ------
     InputError
-        If the template is an absolute path, leads out of the folder, or lacks ``{y}`` or ``{x}``.
+        If the template is not a path within the folder, has an unknown field, or lacks ``{y}`` or ``{x}``, or if
+        ``first`` is neither 0 nor 1.
 
     Examples
     --------
@@ -282,8 +285,8 @@ def guess_pattern(names: Sequence[str], plan_shape: Sequence[int] | None = None)
     """Return the patterns that ``names`` may follow.
 
     Numbers are identified by the preceding word (``x012``, ``row-3``, ``plane1``). Without such words, numbers are
-    identified by how many different values they have. These must equal the scan's numbers of planes, rows and columns,
-    which must all differ.
+    identified by how many different values they have, which must equal the scan's number of planes, rows or columns. If
+    some of these are equal or unknown, several patterns are possible.
 
     Parameters
     ----------

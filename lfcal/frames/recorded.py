@@ -16,10 +16,10 @@ STAMP = 306
 
 
 def recorded_times(source: FolderSource) -> list[datetime | None]:
-    """Return the time of each frame: that stated in its TIFF page, or else that of its file; None if unknown.
+    """Return the time of each frame, as stated in the TIFF pages or else from the file system; None if unknown.
 
-    If any page states no time, the times of the files are used for all frames, because they are from another clock.
-    These are unknown for all frames if a file contains several of them.
+    If any page states no time, the modification times of the files are used for all frames, because the two clocks may
+    differ. If a file contains several frames, the times of all frames are then unknown.
     """
     entries = source.manifest.entries
     paths = [source.root / entry.file for entry in entries]

@@ -75,7 +75,7 @@ class FrameInfo:
 
     @property
     def position(self) -> Position:
-        """Scan position (z, y, x) of a frame of a single point; raises `InputError` for frames of several points."""
+        """Scan position (z, y, x) of a frame of a single point; raise `InputError` for other frames."""
         if len(self.points) != 1:
             raise InputError.expected(
                 self.label or "frame",
@@ -105,8 +105,8 @@ class Noise(NamedTuple):
     """Model of the noise of a sample: at the value v, the variance is ``constant + slope * max(v - black, 0)`` counts².
 
     A sensor with g electrons per count and r electrons of read noise has ``constant = (r / g)^2 + 1/12`` (quantization)
-    and ``slope = 1 / g`` (photon noise). Both are numbers, or arrays ``(rows, columns)`` with a value for every sample.
-    ``black`` is the sample value without light (counts). None: unknown, and treated as 0.
+    and ``slope = 1 / g`` (photon noise). ``constant`` and ``slope`` are numbers, or arrays ``(rows, columns)`` with a
+    value for every sample. ``black`` is the sample value without light (counts). None: unknown, and treated as 0.
 
     Examples
     --------
@@ -127,11 +127,11 @@ class Noise(NamedTuple):
         return Noise(self.constant * factor * factor, self.slope * abs(factor), black)
 
     def of_mean(self, count: int) -> Noise:
-        """Return the noise of the mean of ``count`` samples with this noise."""
+        """Return the noise of the mean of ``count`` independent samples with this noise."""
         return Noise(self.constant / count, self.slope / count, self.black)
 
     def moved(self, move: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Noise:
-        """Return the noise of samples that the function ``move`` rearranges; single numbers stay unchanged."""
+        """Return the noise of samples that ``move`` rearranges; a scalar constant or slope stays unchanged."""
         constant, slope = (move(n) if isinstance(n, np.ndarray) and n.ndim else n for n in (self.constant, self.slope))
         return Noise(constant, slope, self.black)
 
@@ -176,7 +176,8 @@ class DarkNoise:
 class FrameMetadata:
     """Metadata common to all frames of a source. None, an empty value, or the default means unknown.
 
-    A view of a source returns a modified copy of the metadata of the source.
+    A view of a source returns a modified copy of the metadata of the source. "Stored with H" marks what is saved with
+    the transfer matrix H that is measured from the frames.
 
     Attributes
     ----------
@@ -204,7 +205,7 @@ class FrameMetadata:
     codec
         Compression of the samples in the files, such as ``{"name": "lzw", "lossless": True}``. Stored with H.
     colour
-        Component of colour images to which the frames correspond, one of `lfcal.frames.opening.COMPONENTS`.
+        Component of colour images from which the frames were read, one of `lfcal.frames.opening.COMPONENTS`.
     pixel_um
         Size of a pixel in object space, as stated by the files (µm).
     path
@@ -230,7 +231,7 @@ class FrameMetadata:
     balanced_by
         Factors by which the positions of the colour filter pattern were multiplied, in row-major order.
     shift
-        Number of bits by which left-aligned samples were shifted down.
+        Number of bits by which left-aligned samples were shifted to the right.
     corrections
         The applied corrections (`CorrectionChain.describe`). Stored with H.
     keeps_level
@@ -328,7 +329,7 @@ class FrameMetadata:
         Raises
         ------
         InputError
-            If ``known`` is neither a record nor a mapping.
+            If ``known`` is neither a `FrameMetadata` nor a mapping.
         """
         if isinstance(known, cls):
             return known
@@ -341,7 +342,10 @@ class FrameMetadata:
         return cls(**stated, other={key: value for key, value in known.items() if key not in names})
 
     def stated(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return the fields ``names`` that are not empty, by name, in the given order and in the form stored with H."""
+        """Return the values of the fields ``names``, by name, in the given order.
+
+        Values that are None, zero or empty are omitted. The others have the form stored with H.
+        """
         return {name: value for name in names if (value := getattr(self, name))}
 
 
@@ -459,7 +463,10 @@ class Frames(ABC):
         """Return frame ``index``, or the part of it in ``region`` (rows, columns), as a new array of `dtype`."""
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the result of `read` with its validity: saturated and masked samples are invalid."""
+        """Return the result of `read` with validity, noise and the number of saturated pixels.
+
+        Saturated and masked samples are invalid.
+        """
         known = FrameMetadata.of(self.metadata)  # sources of earlier plug-ins return a mapping
         found = observed(self.read(index, region), known.saturation, known.noise)
         mask = self.info(index).mask
@@ -484,9 +491,9 @@ class Frames(ABC):
 def observed(values: NDArray[Any], saturation: float | None, noise: Noise | None = None) -> Samples:
     """Return raw ``values`` as samples with ``noise``; those at or above the value ``saturation`` are invalid.
 
-    Without ``saturation``, only the highest value of an integer type is certainly saturated. If no sample has that
-    value, the number of saturated samples is unknown, because the sensor may saturate at a lower one. Only 8-bit
-    samples are then known to be unsaturated.
+    Without ``saturation``, only integer samples with the highest value of their type are invalid. If there are none,
+    the number of saturated samples is 0 for 8-bit samples. For other samples, also of floating point, it is then
+    unknown, because the sensor may saturate at a lower value.
     """
     # floats have no natural upper end: without a level none can be called saturated
     if saturation is None and values.dtype.kind == "f":

@@ -35,7 +35,7 @@ class SourceView(Frames):
 
     @cached_property
     def known(self) -> FrameMetadata:
-        """Metadata of the viewed frames."""
+        """Metadata of the frames of ``source``, before the changes made by `derived`."""
         return FrameMetadata.of(self.source.metadata)
 
     @cached_property

@@ -63,7 +63,7 @@ class TurnedWhite:
 
     @property
     def options(self) -> str:
-        """Command-line options that turn the white image upright."""
+        """Command-line option that turns the white image upright; alternatives are joined by "or"."""
         return " or ".join(f"--orientation {turn.option}" for turn in self.turns)
 
 
@@ -77,7 +77,7 @@ class _Compared:
 def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) -> TurnedWhite | None:
     """Return the orientations in which a white image matches ``camera``.
 
-    The result is None if it matches as delivered, or in no orientation.
+    The result is None if it matches as delivered and no other orientation is clearly better, or if none matches.
 
     The comparison uses the order of the lens types, the rotation of the lattice, and its offset unless that is only
     assumed.
@@ -114,7 +114,11 @@ def find_turned_white(camera: Camera, fit: LatticeFit, types: LensTypes | None) 
 
 
 def compared_orientations(check: CameraCheck, camera: Camera) -> tuple[CameraCheck, TurnedWhite | None]:
-    """Return ``check`` with a line added if the white image is flipped or turned, and the finding (or None)."""
+    """Return ``check`` and the `TurnedWhite` found, which is reported in an additional line of ``check``.
+
+    If the white image is not flipped or turned, or could not be analysed, ``check`` is unchanged, and None is returned
+    with it.
+    """
     found = None if check.fit is None or check.camera is None else find_turned_white(camera, check.fit, check.types)
     if found is None:
         return check, None

@@ -28,9 +28,9 @@ __all__ = ["files_below", "find_files", "located", "manifest_of"]
 
 
 def located(listing: Listing, root: Path) -> Listing:
-    """Return the list with the paths of its files below ``root``.
+    """Return ``listing`` with the paths of its files relative to ``root``.
 
-    If the list states no pages, the rows that name the same file are taken as its pages, in order.
+    If the list states no pages but names files several times, the rows of a file are taken as its pages, in order.
     """
     files, notes = find_files(listing, root)
     pages = listing.pages
@@ -70,7 +70,7 @@ def manifest_of(
     orientation: str = "",
     part: Part | None = None,
 ) -> tuple[Manifest, tuple[str, ...]]:
-    """Return the manifest of a list from `located`, and notes on how positions were determined, one line each.
+    """Return the manifest of a list, and its notes followed by notes on how positions were determined, one line each.
 
     Parameters
     ----------
@@ -79,19 +79,19 @@ def manifest_of(
     plan
         Scan plan to compare stage coordinates with; needed if the list contains any.
     plan_shape
-        Number of positions ``(nz, ny, nx)`` of the scan, if there is no plan.
+        Number of positions ``(nz, ny, nx)`` of the scan, if there is no plan. It is used to detect ``first``.
     first
-        Number of the first position if the list states position numbers. None: detected.
-    read
-        As in `lfcal.frames.lists.placing.place`.
-    orientation, part
+        Number of the first position along each axis, if the list states position numbers. None: detected.
+    read, orientation, part
         As in `lfcal.frames.lists.placing.place`.
 
     Raises
     ------
     InputError
-        If there are stage coordinates but no plan, they do not match the plan, or position numbers are outside the
-        scan.
+        If there are stage coordinates but no plan, they do not match the plan, or position numbers are less than
+        ``first`` or outside the plan.
+    FileFormatError
+        If position numbers are fractions.
     """
     shape = plan.shape[:3] if plan is not None else plan_shape
     if listing.unit == "index":
@@ -156,7 +156,10 @@ def _manifest(
 
 
 def files_below(root: Path, *, deep: bool) -> list[str]:
-    """Return the relative paths of files in ``root`` and, if ``deep``, in its subfolders; hidden ones are omitted."""
+    """Return the paths, relative to ``root``, of the files in ``root`` and, if ``deep``, in its subfolders.
+
+    Files and folders whose names begin with a dot are omitted.
+    """
     names = []
     with storage_errors(root):
         for folder, folders, files in os.walk(root):
@@ -167,7 +170,7 @@ def files_below(root: Path, *, deep: bool) -> list[str]:
 
 
 def find_files(listing: Listing, root: Path) -> tuple[list[str], list[str]]:
-    r"""Return the path below ``root`` of each listed frame, and notes on how the names were interpreted.
+    r"""Return the path, relative to ``root``, of each listed frame, and notes on how the names were interpreted.
 
     A name may have backslashes, lack its suffix, or contain a folder of another computer (``D:\scan\a.tif``). The
     longest trailing part of the name that exists below ``root`` is then used. Paths outside ``root`` are never
@@ -176,7 +179,7 @@ def find_files(listing: Listing, root: Path) -> tuple[list[str], list[str]]:
     Raises
     ------
     StorageError
-        If a file is missing, or a name is ambiguous.
+        If a file is missing, or several files match a name.
     """
     wanted = [_parts(name) for name in listing.files]
     deep = any(len(parts) > 1 for parts in wanted)

@@ -49,7 +49,11 @@ SAMPLE = 50
 
 
 def is_plain(path: Path) -> bool:
-    """Return whether a file is a manifest in lfcal's own form, with its column names and position numbers."""
+    """Return whether a file is a manifest in lfcal's own form.
+
+    This is a CSV file in which all column names are lfcal's and most positions are whole numbers, an empty CSV file, or
+    any file without the suffix of a table, such as JSON.
+    """
     if path.suffix.lower() not in TABLE_SUFFIXES:
         return True
     lines = read_text(path, limit=256 << 20, foreign=True).splitlines()[: SAMPLE + 1]
@@ -72,7 +76,7 @@ def _has(header: list[str], axis: str, row: list[str]) -> bool:
 
 
 def manifest_from(path: Path, root: Path, options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
-    """Return the manifest of the list ``path`` of files below ``root``, and notes on what was guessed."""
+    """Return the manifest from the list at ``path``, whose files are below ``root``, and notes on what was guessed."""
     if not options.columns and options.first is None and is_plain(path):
         return read_manifest(path), ()
     return _placed(located(read_listing(path, options.columns), root), root, options)
@@ -81,10 +85,12 @@ def manifest_from(path: Path, root: Path, options: FrameOptions) -> tuple[Manife
 def from_micromanager(
     path: Path, root: Path, options: FrameOptions
 ) -> tuple[Manifest, tuple[str, ...], dict[str, Any]]:
-    """Return the manifest of frames from Micro-Manager's ``metadata.txt``, notes on it, and facts about all frames.
+    """Return the manifest from Micro-Manager's ``metadata.txt`` at ``path``, notes, and facts about all frames.
 
-    Only one of several channels is read: the one named by ``columns="channel=NAME"``, or the only one whose name does
-    not indicate dark frames. Dark frames are taken from a channel whose name indicates them.
+    The files are below ``root``. Only one of several channels is read: the one named by the option
+    ``columns="channel=NAME"``, or the only one whose name does not indicate dark frames. The facts are those of
+    `read_micromanager`, but with the mean dark frame in ``darks``, by exposure time (s), if all dark frames have the
+    same exposure.
     """
     role, _, channel = options.columns.partition("=")
     if options.columns and role.strip() != "channel":
@@ -128,7 +134,10 @@ def any_listing(path: Path, columns: str = "") -> Listing:
 
 
 def from_stage(path: Path, metadata: Mapping[str, Any], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]]:
-    """Return the manifest of a multi-page file whose metadata contain the stage coordinates, and notes on it."""
+    """Return the manifest of the multi-page file ``path``, and notes on how positions were determined.
+
+    ``metadata`` are those of the file, with the stage coordinates.
+    """
     return _placed(stage_listing(path, metadata), path.parent, options)
 
 
@@ -136,7 +145,15 @@ _COORDINATE = re.compile(r"(?<![A-Za-z])([xyz])[_=]?([+-]?\d+(?:[.,]\d+)?)(um|µ
 
 
 def from_names(root: Path, names: Sequence[str], options: FrameOptions) -> tuple[Manifest, tuple[str, ...]] | None:
-    """Return the manifest of files named like ``x-1.25um_y+0.42um_z-20um.tif``, and notes; None for other names."""
+    """Return the manifest of files named like ``x-1.25um_y+0.42um_z-20um.tif``, and notes.
+
+    The result is None if a name does not contain both x and y.
+
+    Raises
+    ------
+    FileFormatError
+        If only some names contain z.
+    """
     places = np.full((len(names), 3), np.nan)
     for row, name in enumerate(names):
         found = {axis.lower(): (number, unit) for axis, number, unit in _COORDINATE.findall(Path(name).stem)}
@@ -158,7 +175,15 @@ def from_names(root: Path, names: Sequence[str], options: FrameOptions) -> tuple
 
 
 def stage_listing(path: Path, metadata: Mapping[str, Any]) -> Listing:
-    """Return a list of the pages of one file with the stage coordinates from its metadata."""
+    """Return the pages listed in ``metadata`` of the file ``path``, with their stage coordinates and exposure times.
+
+    The exposure times are None if unknown or longer than `MAX_EXPOSURE_S`.
+
+    Raises
+    ------
+    StorageError
+        If a listed file is not in the folder of ``path``.
+    """
     exposures = metadata.get("stage_exposure_s")
     named = [(file or path.name, page) for file, page in metadata["stage_pages"]]
     files, pages = zip(*named, strict=True)
@@ -195,7 +220,11 @@ def _placed(listing: Listing, root: Path, options: FrameOptions) -> tuple[Manife
 
 
 def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None, Any]:
-    """Return the shape of a list's first frame, the component used (None if grey), and the camera's region or None."""
+    """Return shape, colour component and region of the first frame of a list from `located`.
+
+    The shape is (rows, columns). The component is ``"G"`` for colour images, otherwise None. The region of the sensor
+    is (column, row, width, height); None: not stated.
+    """
     path = root / listing.files[0]
     colour = None
     try:
@@ -211,7 +240,8 @@ def sample_of(listing: Listing, root: Path) -> tuple[tuple[int, int], str | None
 def reader(listing: Listing, root: Path, colour: str | None = None, turn: Orientation | None = None) -> Any:
     """Return a function that reads the frame in row k of a list from `located`.
 
-    ``colour`` is the component to read from colour images. ``turn`` is applied to each frame to make it upright.
+    ``root`` is the folder of its files. ``colour`` is the component to read from colour images; None: grey images.
+    ``turn`` is applied to each frame to make it upright; None: frames are returned as delivered.
     """
 
     def read(k: int) -> NDArray[Any]:
@@ -232,7 +262,7 @@ _PLACES = ("XPositionUm", "YPositionUm", "ZPositionUm")
 
 
 def micromanager_list(folder: Path) -> Path | None:
-    """Return the metadata file of a folder saved by Micro-Manager; None if there is not exactly one."""
+    """Return the only metadata file (``*metadata.txt``) of a Micro-Manager folder; None if there is none or several."""
     found = sorted(path for path in folder.glob("*metadata.txt") if path.is_file())
     return found[0] if len(found) == 1 else None
 
@@ -242,14 +272,16 @@ def read_micromanager(path: Path, channel: str = "") -> tuple[Listing, dict[str,
 
     The file is ``metadata.txt`` or ``…_metadata.txt``. Versions 1.4 (``FrameKey-…``) and 2.0 (``Metadata-…``) are
     supported, with the entries ``XPositionUm``, ``YPositionUm``, ``ZPositionUm``, ``Exposure-ms`` and ``FileName``. The
-    facts are ``pixel_um`` (``PixelSizeUm``, in object space), ``bit_depth``, ``saturation``, and ``roi`` (``ROI``, the
-    region of the camera as column, row, width and height). ``dark`` is the list of frames in a channel whose name
-    indicates dark frames. If there are several other channels, only ``channel`` is read.
+    facts, if known, are ``pixel_um`` (``PixelSizeUm``, in object space), ``bit_depth``, ``saturation`` (the largest
+    value of so many bits), ``roi`` (``ROI``, the region of the camera as column, row, width and height), and ``dark``,
+    the `Listing` of the only channel whose name indicates dark frames. Of the other channels, only ``channel`` is read;
+    it may be empty if there is only one.
 
     Raises
     ------
     FileFormatError
-        If the file is not from Micro-Manager, an entry has no coordinates, or a channel must be chosen.
+        If the file is not from Micro-Manager, an entry has no x or y coordinate, ``channel`` does not exist, or it is
+        empty and there are several.
     """
     body = parse_json(read_text(path, limit=MAX_BYTES), str(path), finite=False)
     entries = list(_frames(body))

@@ -37,12 +37,12 @@ class Listing:
     name
         Name of the list, for messages.
     files, pages
-        File as written in the list, and page, of each frame.
+        File as written in the list, and page from 0, of each frame.
     places
-        ``(N, 3)`` as (x, y, z): stage coordinates, or position numbers if ``unit`` is ``"index"``. NaN for all z if
-        the list has none.
+        ``(N, 3)`` as (x, y, z): stage coordinates, or position numbers if ``unit`` is ``"index"``. NaN where the list
+        states no z.
     unit
-        Unit of length of the stage coordinates; ``"index"``; or empty if the list does not state it.
+        Unit of length of the stage coordinates; ``"index"`` for position numbers; empty if the list states no unit.
     exposures
         Exposure time of each frame (s). None: unknown.
     drift
@@ -72,7 +72,7 @@ class Listing:
 
     @property
     def has_depth(self) -> bool:
-        """Whether the list states the plane of each frame."""
+        """Whether the list states z for every frame."""
         return bool(np.isfinite(self.places[:, 2]).all())
 
     def label(self, k: int) -> str:

@@ -40,11 +40,11 @@ class CentroidMotion:
     matrix
         Motion (down, right; px) per step along the two lateral axes, ``(2, 2)``; each column belongs to one axis.
     start
-        Row and column of the centroid (px) at the first position along both axes.
+        Fitted row and column of the centroid (px) at the first position along both axes.
     rms_px
         Rms distance of the centroids from the fitted motion, over the frames (px).
     middle
-        Row and column of the centroid (px) at the middle of the positions.
+        Fitted row and column of the centroid (px) at the middle of the positions.
     shape
         Rows and columns of the frames.
     """
@@ -56,7 +56,10 @@ class CentroidMotion:
     shape: tuple[int, int]
 
     def axes(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
-        """Return (axis, sign) of the motion down and of that to the right; None if the light does not show them."""
+        """Return (axis, sign) of the scan for the motion down and for that to the right; None if they are unclear.
+
+        The axis is 0 or 1, the column of ``matrix``. The sign is that of the motion per step.
+        """
         down, right = np.abs(self.matrix)
         order = (int(down.argmax()), int(right.argmax()))
         main = np.array([down[order[0]], right[order[1]]])
@@ -83,8 +86,8 @@ class CentroidMotion:
 class Part(NamedTuple):
     """Part of the sensor that frames show.
 
-    ``origin`` is the (row, column) of their first pixel on the sensor, as delivered. ``turn`` is the orientation that
-    makes the frames upright, as in `lfcal.frames.ORIENTATIONS`.
+    ``origin`` is the position (row, column) on the sensor of their first pixel before they are turned. ``turn`` is the
+    name, in `lfcal.frames.ORIENTATIONS`, of the orientation that makes the frames upright.
     """
 
     origin: tuple[int, int]
@@ -92,7 +95,10 @@ class Part(NamedTuple):
 
 
 def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.intp]:
-    """Return which rows of ``index`` ``(N, 2)`` are up to ``count`` positions that are as far apart as possible."""
+    """Return which rows of ``index`` ``(N, 2)`` are up to ``count`` positions that are far apart.
+
+    The first one has the smallest sum of indices. Each next one is the farthest from those already chosen.
+    """
     chosen = [int(np.argmin(index.sum(axis=1)))]
     distance = np.full(len(index), np.inf)
     while len(chosen) < min(count, len(index)):
@@ -107,7 +113,8 @@ def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.i
 def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -> CentroidMotion | None:
     """Return the motion of the centroid of light over the frames of one plane; None if it cannot be determined.
 
-    The content common to all frames (dark level, hot pixels) is subtracted, and values within the noise are ignored.
+    The minimum of each pixel over the frames (dark level, hot pixels) is subtracted, and values within the noise are
+    ignored. Damaged frames are skipped.
 
     Parameters
     ----------
@@ -146,7 +153,10 @@ def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -
 
 
 def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
-    """Return row and column of the centroid of the light above the noise; both are NaN if there is no such light."""
+    """Return row and column (px) of the centroid of the light above the noise; both are NaN if there is no such light.
+
+    The threshold is above the median by 5 standard deviations of the noise, but at least 2 % of the maximum.
+    """
     level = float(np.median(light))
     noise = 1.4826 * float(np.median(np.abs(light - level)))
     light = light - np.float32(level + max(5 * noise, 0.02 * (float(light.max()) - level)))
@@ -160,7 +170,7 @@ def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class StageOrientation:
-    """Stage axes and the orientation of frames that they imply, with an alternative if the light does not rule it out.
+    """Stage axes and the orientation of frames that they imply, with an alternative if the light leaves one open.
 
     Attributes
     ----------
@@ -169,7 +179,8 @@ class StageOrientation:
     turn
         Orientation that would make the frames upright.
     other
-        Orientation of the frames if the plan's axes are correct; None if the light rules that out.
+        Alternative: orientation that would make the frames upright if the plan's axes are correct. None: there is no
+        alternative.
     """
 
     stage: StageAxes
@@ -178,9 +189,10 @@ class StageOrientation:
 
 
 def turn_of(stage: StageAxes, light: CentroidMotion, lateral: tuple[int, int]) -> Orientation | None:
-    """Return the orientation of frames that reconciles the motion of their light with the stage axes, or None.
+    """Return the orientation of frames that reconciles the motion of their light with the stage axes.
 
-    ``lateral`` contains the indices of the first and the second lateral axis in (x, y, z).
+    The result is None if the motion is unclear, or if there is no such orientation. ``lateral`` contains the indices of
+    the first and the second lateral axis in (x, y, z).
     """
     seen = light.axes()
     if seen is None:
@@ -197,7 +209,7 @@ def find_stage_orientation(
 ) -> StageOrientation | None:
     """Return the stage axes and frame orientation that explain the motion of the light; None if no ``allowed`` axes do.
 
-    If the frames are certainly flipped or turned, the plan's axes are kept, so that only the frames need turning.
+    If the frames are certainly flipped or turned, the plan's axes are preferred, so that only the frames need turning.
 
     Parameters
     ----------

@@ -46,13 +46,13 @@ class Placing:
     Attributes
     ----------
     positions
-        ``(N, 3)`` as (z, y, x) of the plan.
+        Position numbers in the plan, ``(N, 3)`` as (z, y, x).
     drift
         ``(N, 2)``: displacement of each image from its position (rows, columns; sensor pixels).
     stage
         The stage axes found.
     rms_px, worst_px, worst
-        Rms and largest drift (px), and the number of the frame with the largest drift.
+        Rms and largest drift (px), and the row in the list (from 0) of the frame with the largest drift.
     notes
         Notes on what was found, one line each.
     scales
@@ -88,16 +88,16 @@ def place(
     read
         Function that returns the frame in row k of the list, ``(rows, columns)``.
     orientation
-        ``"check"`` or ``"auto"``: frames may be flipped or turned, which is then not attributed to the stage's axes
-        (`lfcal.frames.lists.motion`). Any other value: frames are upright as ``read`` returns them.
+        ``"check"`` or ``"auto"``: frames may be flipped or turned, see `lfcal.frames.lists.motion`. Any other value:
+        frames are upright as ``read`` returns them.
     part
         Part of the sensor that the frames show. None: the whole sensor.
 
     Raises
     ------
     InputError
-        If the list belongs to another scan, more frames have the same position than the plan averages, or a frame is
-        more than half a step away from its position.
+        If the list belongs to another scan or states no z for several planes, more frames have the same position than
+        the plan averages, or a frame is more than half a step away from its position.
     """
     numbered = listing.counted
     if (
@@ -141,9 +141,14 @@ def place(
 
 
 def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[ScanGrid, tuple[int, int]]:
-    """Return the grid of a list, and the indices of the first and the second lateral axis in (x, y, z).
+    """Return the grid of the stage coordinates in a list, and the indices in (x, y, z) of the two lateral axes.
 
-    ``stage`` states the axis of depth. ``planes`` is the number of planes of the scan; 0: unknown.
+    ``stage`` states which axis is the depth. ``planes`` is the number of planes of the scan; 0: unknown.
+
+    Raises
+    ------
+    InputError
+        If z is missing although there are several planes or z is a lateral axis.
     """
     depth = AXES.index(stage.away[1])
     lateral = tuple(k for k in range(3) if k != depth)
@@ -160,7 +165,10 @@ def grid_of(listing: Listing, stage: StageAxes, *, planes: int = 0) -> tuple[Sca
 
 
 def light_of(grid: ScanGrid, read: ReadFrame) -> CentroidMotion | None:
-    """Return the motion of the light in the middle plane along the lateral axes; None if it cannot be determined."""
+    """Return the motion of the light along the lateral axes; None if it cannot be determined.
+
+    It is measured in some frames of the middle plane of ``grid``. ``read`` returns the frame in row k of the list.
+    """
     plane = grid.planes[len(grid.planes) // 2]
     chosen = spread_out(plane.index)
     return image_motion(lambda k: read(int(plane.frames[chosen[k]])), plane.index[chosen])
@@ -384,7 +392,7 @@ def _light_notes(plan: ScanPlan, light: CentroidMotion | None, stage: StageAxes,
 def anchor_of(
     light: CentroidMotion, stage: StageAxes, lateral: tuple[int, int], period: tuple[int, int]
 ) -> tuple[float, float]:
-    """Return the row and the column of the centroid of the light at position y = x = 0 (px).
+    """Return the row and the column (px) of the centroid of the light at the plan's position y = x = 0.
 
     ``lateral`` contains the indices of the first and the second lateral axis in (x, y, z), and ``period`` the number of
     positions (ny, nx).

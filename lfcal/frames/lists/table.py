@@ -82,7 +82,8 @@ def read_table(path: str | Path) -> Table:
     Raises
     ------
     FileFormatError
-        If rows differ in the number of cells, a column name occurs twice, or numbers have two formats.
+        If there are no rows, rows differ in the number of cells, a column name occurs twice, or some numbers have a
+        decimal comma and others a decimal point.
     StorageError
         If the file cannot be read.
     """
@@ -230,15 +231,15 @@ class Column:
 
 
 def parse_columns(text: str) -> dict[str, tuple[str, str]]:
-    """Return column name and unit by role, from an assignment such as ``"file=Name,y=PosY,exposure_ms=Exp"``.
+    """Return (column name, unit) by role, from an assignment such as ``"file=Name,y=PosY,exposure_ms=Exp"``.
 
-    A unit follows the role, as in ``y_mm=PosY``. ``y_index=Row`` states that a column contains position numbers.
-    ``exposure=`` states that no column contains the exposure, even if a name suggests one.
+    A unit follows the role, as in ``y_mm=PosY``; without it, the unit is empty. ``y_index=Row`` states that a column
+    contains position numbers. ``exposure=`` states that no column contains the exposure, even if a name suggests one.
 
     Raises
     ------
     InputError
-        If ``text`` does not have this form, or names an unknown role.
+        If ``text`` does not have this form, contains an unknown role or unit, or assigns a role twice.
     """
     found: dict[str, tuple[str, str]] = {}
     for part in text.split(","):
@@ -262,8 +263,8 @@ def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = No
     Raises
     ------
     InputError
-        If several columns could have the same role, a required column is not found, or ``stated`` names a column that
-        does not exist.
+        If several columns could have the same role, no column is found for file, y or x, or ``stated`` names a column
+        that does not exist.
     """
     chosen, doubtful = _sorted_out(table, stated or {})
     for role, found in doubtful.items():

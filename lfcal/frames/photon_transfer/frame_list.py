@@ -34,9 +34,9 @@ class CalibrationFrame:
     exposure_s
         Exposure time (s); None if neither the file nor its name nor its folder's name states it.
     group
-        Subfolder of the given folder; frames of different subfolders have different light levels.
+        Subfolder of the folder given to `find_frames`. Frames of different subfolders are different light levels.
     shift
-        Number of bits by which left-aligned samples are shifted down.
+        Number of bits by which left-aligned samples are shifted to the right.
     """
 
     source: Path | NDArray[Any]
@@ -53,7 +53,13 @@ class CalibrationFrame:
         return f"{self.source.name}[{self.page}]" if self.page else self.source.name
 
     def read(self) -> NDArray[Any]:
-        """Return the samples ``(rows, columns)``; raises `InputError` if they are not finite."""
+        """Return the samples ``(rows, columns)``, shifted to the right by ``shift`` bits.
+
+        Raises
+        ------
+        InputError
+            If samples are not finite, or cannot be shifted without loss.
+        """
         if isinstance(self.source, Path):
             image = open_image(self.source)
             try:
@@ -67,12 +73,12 @@ class CalibrationFrame:
         return shifted(values, self.shift, self.label) if self.shift else values
 
     def moved(self, shift: int) -> CalibrationFrame:
-        """Return the frame with its samples shifted down by ``shift`` bits."""
+        """Return the frame with its samples shifted to the right by ``shift`` bits instead of by the present number."""
         return replace(self, shift=shift)
 
 
 def find_frames(path: Path) -> tuple[list[CalibrationFrame], dict[str, Any]]:
-    """Return the frames of an image file, of a folder or of its subfolders, and the facts that their files state.
+    """Return the frames in an image file, or in a folder and its subfolders, and the facts that their files state.
 
     The facts are ``cfa``, ``bit_depth`` and ``black_level``, as in `FrameMetadata`; unknown ones are missing.
 

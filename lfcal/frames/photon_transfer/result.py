@@ -52,10 +52,10 @@ class SensorMeasurement:
     bits
         Number of bits that the sample values need.
     shift
-        Number of bits by which left-aligned samples were shifted down; all sample values refer to shifted samples.
+        Number of bits by which left-aligned samples were shifted to the right; all sample values refer to shifted
+        samples.
     hot, dead
-        Numbers of hot pixels, which are too bright in the darks, and of dead pixels. Both are excluded from all other
-        values.
+        Numbers of hot pixels, which are too bright in the darks, and of dead pixels, which are too dark in the flats.
     channels
         Gain of each channel of the colour filter pattern, by name.
     frames
@@ -115,11 +115,11 @@ class SensorMeasurement:
 
     @property
     def brightest(self) -> float:
-        """Highest level on the photon-transfer curve (sample value), the mean of pixels of similar brightness."""
+        """Highest sample value on the photon-transfer curve, whose points are means of pixels of similar value."""
         return self.dark_level.value + float(self.curve.points.x.max())
 
     def sensor(self, known: Sensor) -> tuple[Sensor, tuple[str, ...]]:
-        """Return the sensor ``known`` with the measured values, and the names of the changed fields.
+        """Return the sensor ``known`` with the measured values, and the names of the measured fields.
 
         The full well of a sensor description refers to the highest sample value, even if pixels saturate at a lower
         one.
@@ -155,7 +155,13 @@ class SensorMeasurement:
         return replace(known, **{"saturation": stays, **values}), changed  # type: ignore[arg-type]
 
     def camera(self, known: Camera) -> Camera:
-        """Return the camera ``known`` with the measured sensor values, marked as measured."""
+        """Return the camera ``known`` with the measured sensor values, marked as measured.
+
+        Raises
+        ------
+        InputError
+            As in `SensorMeasurement.sensor`.
+        """
         sensor, changed = self.sensor(known.sensor)
         return replace(known, sensor=sensor, marks=known.marks.marked([f"sensor.{n}" for n in changed], "measured"))
 
@@ -165,7 +171,9 @@ SMALLEST, LARGEST = 0.5, 2.0
 
 
 def figures_of(found: SensorMeasurement, known: Sensor | None = None) -> list[tuple[str, str]]:
-    """Return (name, text) for every property; the text is the value with its error and unit, or "unknown".
+    """Return (name, text) for every property; an empty name denotes the previous property in another unit.
+
+    The text is the value with its standard error and unit, "unknown", or a lower bound if no flat was bright enough.
 
     Parameters
     ----------
@@ -195,7 +203,10 @@ def figures_of(found: SensorMeasurement, known: Sensor | None = None) -> list[tu
 
 
 def sensor_differences(found: SensorMeasurement, known: Sensor) -> list[str]:
-    """Return descriptions of how size and gain of the frames differ from those of the sensor ``known``."""
+    """Return descriptions of how the size and the gain of the frames differ from those of the sensor ``known``.
+
+    Small differences of the gain are omitted.
+    """
     words = []
     if found.shape != known.shape:
         sizes = [" × ".join(map(str, size)) for size in (found.shape, known.shape)]
@@ -246,7 +257,7 @@ def _text(value: MeasuredValue | None, unit: str) -> str:
 
 
 def save_curve(found: SensorMeasurement, path: str | os.PathLike[str]) -> None:
-    """Save a plot of the photon-transfer curve with logarithmic axes: points, fit, and saturation limit."""
+    """Save a plot of the photon-transfer curve to ``path``: rms noise versus signal, with logarithmic axes."""
     curve = found.curve
     with figure(6.4, 4.4) as fig:
         axes = fig.add_subplot()

@@ -40,7 +40,8 @@ class ArraySource(Frames):
     Raises
     ------
     InputError
-        If the array has the wrong number of axes or dtype, or the arguments differ in length.
+        If the array is empty or has the wrong number of axes or dtype, positions are missing for a 3-D array, the
+        arguments differ in length, or ``mask`` has no valid pixel or another shape than the frames.
 
     Examples
     --------

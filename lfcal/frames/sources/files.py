@@ -57,14 +57,14 @@ def open_files(path: Path, options: FrameOptions) -> FolderSource:
 
 
 def open_unplaced(path: Path, colour: str | None = None) -> FolderSource:
-    """Open all pages of the image file ``path``, or all images in that folder, as frames without known positions.
+    """Open all pages of an image file, or of all images in a folder, as frames without known positions.
 
-    ``colour`` is the component of colour images to read, as in `open_image`.
+    ``path`` is the file or the folder. ``colour`` is the component of colour images to read, as in `open_image`.
 
     Raises
     ------
     StorageError, FileFormatError, InputError
-        If there is no such file, it is not a valid image, or the folder contains no image.
+        If ``path`` does not exist, a file is not a valid image, or the folder contains no image, respectively.
 
     Examples
     --------

@@ -93,9 +93,10 @@ def check_frame(
 
 
 def without_nan(frame: NDArray[Any], cfa: str = "") -> NDArray[Any]:
-    """Return a frame in which each NaN is replaced by the mean of its nearest same-colour neighbours.
+    """Return a copy of ``frame`` in which each NaN is replaced by the mean of its nearest same-colour neighbours.
 
-    ``cfa`` is the colour filter pattern in row-major order; empty for a monochrome frame.
+    A NaN without such neighbours is replaced by the median of the frame, or by 0 if all pixels are NaN. ``cfa`` is the
+    colour filter pattern in row-major order; empty for a monochrome frame.
     """
     from lfcal.frames.corrections import repair_nan
 
@@ -296,7 +297,7 @@ class FolderSource(Frames):
 
     @property
     def metadata(self) -> FrameMetadata:
-        """Metadata common to all frames, from the first file and the manifest."""
+        """Metadata common to all frames, from the first readable file, the manifest, and the arguments."""
         return self._metadata
 
     def __len__(self) -> int:
@@ -304,7 +305,7 @@ class FolderSource(Frames):
         return len(self.manifest.entries)
 
     def info(self, index: int) -> FrameInfo:
-        """Return what the manifest states about frame ``index``."""
+        """Return what the manifest states about frame ``index``, with the origin and the mask common to all frames."""
         entry = self.manifest.entries[check_index(index, len(self))]
         label = f"{entry.file} page {entry.page}" if entry.file in self._many else entry.file
         return FrameInfo(
