@@ -74,7 +74,7 @@ class Check:
     suspects
         Possible changes of the camera since H was made, the best explanation first.
     model_misfit
-        Fraction of the light of H that its camera does not explain (relative L2). None: H has no camera.
+        Error of the best prediction of H by its camera (relative L2). None: H has no camera.
     noise_from
         Text that states how the noise of the frames was determined.
     notes
@@ -221,7 +221,8 @@ def iter_check(
     Raises
     ------
     InputError
-        If H was not made from unchanged pixels, or a frame shows no light where H has a pattern.
+        If H is transposed, resampled or without recorded patterns, ``limit`` is not between 0 and 1, or a frame shows
+        no light where H has a pattern.
     """
     check_number("largest error of a valid H", limit, above=0, below=1)
     _check_matrix(matrix)

@@ -182,14 +182,20 @@ class Comparison:
         return (*self.pair.notes, *swapped)
 
     def worst(self, count: int = 6) -> list[tuple[int, int, int]]:
-        """Return the ``count`` positions (k, y, x) with the largest ``error``, worst first; k is the compared plane."""
+        """Return up to ``count`` positions (k, y, x) with the largest ``error``, worst first.
+
+        k is the index of the compared plane.
+        """
         known = np.where(np.isfinite(self.error), self.error, -np.inf)
         order = np.argsort(known, axis=None, kind="stable")[::-1][:count]
         found = [tuple(int(v) for v in np.unravel_index(at, known.shape)) for at in order]
         return [(k, y, x) for k, y, x in found if known[k, y, x] > -np.inf]
 
     def to_dict(self) -> dict[str, object]:
-        """Return everything except the maps as plain JSON types."""
+        """Return everything except the maps ``error`` and ``shift_px`` as a dictionary.
+
+        Differences are `Figures` and `PlaneFigures`; all other values are plain JSON types.
+        """
         return {
             "format": "lfcal-comparison",
             "version": 1,

@@ -46,8 +46,8 @@ class DatedFit:
     camera
         The fitted camera.
     values
-        Value of each parameter by name, and its standard deviation if all parameters that were not fitted have exactly
-        their described values.
+        Value and standard deviation of each parameter, by name. The standard deviation assumes that the parameters that
+        were not fitted have exactly their described values.
     units, groups_of
         Unit and group of each parameter.
     groups
@@ -86,7 +86,7 @@ def fits_in(path: str | os.PathLike[str]) -> list[Path]:
     Raises
     ------
     InputError
-        If there is none.
+        If there is no fit at ``path``.
     """
     place = Path(path)
     if place.is_file():
@@ -251,7 +251,7 @@ def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection
 
 
 def inspection_of(report: QualityReport, label: str, when: datetime) -> DatedInspection:
-    """Return the entry ``label`` of a series for a new inspection; ``when`` is the time of the inspected file."""
+    """Return the new inspection ``report`` as an entry ``label`` of a series; ``when`` is the time of its file."""
     return _inspection(label, when, False, report.to_dict(), None)
 
 
@@ -284,7 +284,7 @@ def inspections_in(path: Path) -> list[Path]:
     Raises
     ------
     InputError
-        If there is none.
+        If there is no inspection at ``path``.
     """
     if path.is_file():
         return [path]
@@ -303,7 +303,10 @@ def inspections_in(path: Path) -> list[Path]:
 
 
 def labels_of(places: Sequence[Path]) -> list[str]:
-    """Return the shortest names that distinguish the files ``places``, extended by parent folders where necessary."""
+    """Return the shortest names that distinguish the files ``places``, with the same number of parent folders in each.
+
+    The name ``quality.json`` after a folder is omitted.
+    """
     for above in range(1, 8):
         reported = ["/".join(place.parts[-above:]) for place in places]
         if len(set(reported)) == len(reported):

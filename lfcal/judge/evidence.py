@@ -63,7 +63,7 @@ class Unlike:
     stated
         Whether a camera is stated but does not explain the patterns.
     camera
-        The stated camera; None if its patterns cannot be computed.
+        The stated camera, if its patterns were computed; else None.
     correlation
         Median correlation of the patterns with those of the camera. None: not measured.
 
@@ -200,7 +200,7 @@ class Evidence:
 
     @cached_property
     def weight(self) -> F4:
-        """Inverse variance of each sample, ``(n, nt, ns)``; 0 at invalid values and in the patterns `unlike`."""
+        """Inverse variance of each sample, ``(n, nt, ns)``; 0 at invalid values and in patterns that are `unlike`."""
         found: F4 = np.where(self.valid, 1.0 / self.variance, 0.0).astype(np.float32)
         found[self.unlike] = 0.0
         return found
@@ -226,7 +226,7 @@ class Evidence:
 
     @cached_property
     def unlike(self) -> Flags:
-        """Mask ``(n,)``, True for patterns that do not belong to their positions, and cannot show sensor faults."""
+        """Mask ``(n,)``, True for patterns that do not belong to their positions; these cannot show sensor faults."""
         seen = self.valid.any((1, 2))
         if not seen.any():
             return np.zeros(len(self), np.bool_)
@@ -413,7 +413,7 @@ def iter_evidence(
 ) -> Work[Evidence | Unlike]:
     """Compare patterns of H with its camera, and return the evidence or the reason why they cannot be compared.
 
-    The choice of patterns depends only on H, so that results are reproducible.
+    The choice of patterns depends only on H and the arguments, so that results are reproducible.
 
     Parameters
     ----------
@@ -496,7 +496,10 @@ def _camera_behind(matrix: PSFMatrix, recorded: NDArray[np.intp], setup: Setup |
 
 
 def patterns_of(matrix: PSFMatrix, index: NDArray[np.intp]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the patterns ``(n, nt, ns)`` at positions ``index`` ``(n, 3)``, and a mask of their valid samples."""
+    """Return the patterns ``(n, nt, ns)`` of H (``matrix``) at ``index`` ``(n, 3)``, and a mask of their valid samples.
+
+    Invalid samples are set to 0.
+    """
     data = np.stack([np.asarray(matrix[z, y, x], np.float32) for z, y, x in index.tolist()])
     valid = np.stack([matrix.valid(z, y, x) for z, y, x in index.tolist()]) & np.isfinite(data)
     data[~valid] = 0.0
@@ -513,10 +516,11 @@ def iter_fitted(
     *,
     elsewhere: bool = True,
 ) -> Work[Evidence]:
-    """Fit patterns ``(n, nt, ns)`` by models at their apparent source position, cutout and depth.
+    """Fit models of the camera ``known`` to patterns of H (``matrix``), and return the evidence.
 
-    ``clock`` counts hundredths of the work. If ``elsewhere``, the depths of the planes are also searched for far from
-    their stated values.
+    The models are computed at the apparent source position, cutout and depth of each pattern. ``index``, ``data`` and
+    ``valid`` are as in `Evidence`. ``clock`` counts hundredths of the work. If ``elsewhere``, the depths of the planes
+    are also searched for far from their stated values.
     """
     model, columns = (np.empty((len(index), *shape), np.float32) for shape in (matrix.cutout, (5, *matrix.cutout)))
     starts = Starts.none(len(index), len(matrix))

@@ -48,7 +48,7 @@ class Behind:
 
     @property
     def explains(self) -> bool:
-        """Whether the camera can predict changes of H."""
+        """Whether ``misfit`` is so small that the camera can predict changes of H."""
         return self.misfit < EXPLAINS
 
 
@@ -179,7 +179,7 @@ class ExpectedPattern:
         return rows, columns
 
     def at(self, offset: F8) -> F8:
-        """Return the pattern ``(nt, ns)`` of a source displaced by ``offset`` (dy, dx) pixels."""
+        """Return the pattern ``(nt, ns)`` of a source displaced from the position by ``offset`` (dy, dx) pixels."""
         return self._both(offset)[0]
 
     def doubt(self, offset: F8) -> float:

@@ -95,7 +95,7 @@ _STAGE = "searching for an explanation of the patterns"
 
 @dataclass(frozen=True)
 class Explanation:
-    """Change of the camera description, or of the recording, that explains the patterns of H much better.
+    """Change of the camera description, or error of the recording, with which the camera explains H much better.
 
     Attributes
     ----------
@@ -196,7 +196,7 @@ class Disagreement:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the values as plain JSON types."""
+        """Return the attributes, `certain` and `advice` as plain JSON types."""
         return asdict(self) | {"certain": self.certain, "advice": self.advice}
 
 
@@ -242,7 +242,9 @@ def _iter_few(matrix: PSFMatrix, known: Behind, misfit: float | None) -> Work[_F
 
 # -- orientation -------------------------------------------------------------------------------------------
 def iter_rearranged(matrix: PSFMatrix, known: Behind, misfit: float | None = None) -> Work[Explanation | None]:
-    """Return the change of orientation, lines or position that makes the patterns match their camera, or None.
+    """Return the error in the arrangement of the pixels that explains why patterns do not match the camera, or None.
+
+    Orientations, displacements of every other row or column, and positions of the cutouts on the sensor are tried.
 
     Parameters
     ----------
@@ -359,7 +361,7 @@ def _most_agree(shifts: F8, size: Index) -> bool:
 def iter_explained(
     matrix: PSFMatrix, known: Behind, *, iris: Iris | None = None, evidence: Evidence | None = None
 ) -> Work[Explanation | None]:
-    """Return an explanation of the patterns that is much better than their camera description; None if there is none.
+    """Return the change of the camera, or of its pupil, that explains the patterns much better; None if there is none.
 
     Parameters
     ----------

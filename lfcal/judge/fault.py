@@ -152,7 +152,7 @@ class FoundFault:
 
     @property
     def confidence(self) -> float:
-        """Probability (0 to 1) that the fault is not due to chance, for Gaussian noise and 10,000 independent tests."""
+        """Lower limit (0 to 1) of the probability that 10,000 tests of Gaussian noise find no such fault by chance."""
         return max(0.0, 1.0 - 1e4 * math.erfc(self.sigmas / math.sqrt(2)))
 
 

@@ -75,7 +75,10 @@ class ExposureFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("flicker",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault with the frames whose light differs strongly from that of all others."""
+        """Yield a fault with the frames whose light differs strongly from the median of their plane.
+
+        Nothing is yielded if more than 20 % of the frames differ.
+        """
         gains, sigmas = _gains(evidence)
         most = usual(gains, sigmas)
         if most is None:

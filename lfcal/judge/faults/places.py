@@ -17,14 +17,17 @@ F8 = NDArray[np.float64]
 
 
 def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float:
-    """Return the fraction of the light (relative L1) that changes if the parameters ``names`` change by ``amount``."""
+    """Return the fraction of the light (relative L1) that changes if a parameter in ``names`` changes by ``amount``.
+
+    The names are in `COLUMNS`; the result is the mean over them.
+    """
     light = max(float(np.abs(evidence.model).sum(dtype=np.float64)), 1e-300)
     change = [float(np.abs(evidence.columns[:, COLUMNS.index(n) - 2]).sum(dtype=np.float64)) for n in names]
     return amount * float(np.mean(change)) / light
 
 
 def late(plan: ScanPlan, index: NDArray[np.intp], first: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return a mask of the positions ``(n, 3)`` that are not before ``first``, plane by plane and row by row."""
+    """Return a mask ``(n,)`` of the positions ``index`` ``(n, 3)`` that are ``first`` or later in raster order."""
     shape = plan.shape[:3]
     found: NDArray[np.bool_] = np.ravel_multi_index(tuple(index.T), shape) >= np.ravel_multi_index(tuple(first), shape)
     return found

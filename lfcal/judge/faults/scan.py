@@ -46,10 +46,10 @@ DARK = 0.25
 
 
 class Moved(NamedTuple):
-    """Robust fit of a displacement: coefficients with standard deviations, and residuals ``(n,)`` (px).
+    """Robust fit of a displacement along one axis.
 
-    The coefficients are ``by_row`` and ``by_column`` (px per position), and ``by_direction`` (px), the difference
-    between odd and even rows.
+    ``terms`` contains (value, standard deviation) of ``by_row`` and ``by_column`` (px per position), and of
+    ``by_direction`` (px), the difference between odd and even rows. ``left`` are the residuals ``(n,)`` (px).
     """
 
     terms: dict[str, tuple[float, float]]
