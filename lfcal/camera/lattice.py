@@ -241,7 +241,7 @@ class LensletLattice:
 
     @property
     def tilt_rad(self) -> float:
-        """Angle (rad) from the nearest sensor axis to the lenslet rows."""
+        """Angle (rad) from the nearest sensor axis to the lenslet rows, positive from +x towards +y."""
         return self.rotation_rad - self.quarter_turns * math.pi / 2
 
     def basis_um(self) -> NDArray[np.float64]:
@@ -260,7 +260,7 @@ class LensletLattice:
         return (self.pitch_um, 0.0), (lean + self.row_step_um * math.tan(self.shear_rad), self.row_step_um)
 
     def centres_um(self, q: ArrayLike, r: ArrayLike) -> NDArray[np.float64]:
-        """Return the centre (x, y), ``(..., 2)``, of micro-image q in row r, relative to the sensor's centre (µm)."""
+        """Return the centres (x, y), ``(..., 2)``, of the micro-images q in rows r, in µm from the sensor's centre."""
         index = np.stack(np.broadcast_arrays(np.asarray(q, float), np.asarray(r, float)), axis=-1)
         centres: NDArray[np.float64] = index @ self.basis_um() + np.array(self.offset_um)
         return centres if self.distortion is None else self.distortion.apply(centres)
@@ -280,10 +280,11 @@ class LensletLattice:
         return inside
 
     def local(self, about_um: tuple[float, float]) -> LensletLattice:
-        """Return an undistorted lattice that approximates this one near the point (x, y) of the sensor (µm).
+        """Return an undistorted lattice that approximates this one near ``about_um``.
 
-        Its pitch, row pitch, rotation and shear are those at the nearest type-0 lenslet, whose centre becomes the
-        offset. Use it to compute periods, wave vectors and rotations of a distorted lattice.
+        ``about_um`` is a point (x, y) in µm from the sensor's centre. Pitch, row pitch, rotation and shear are those at
+        the nearest type-0 lenslet, whose centre becomes the offset. An undistorted lattice is returned unchanged. Use
+        this method to compute periods, wave vectors and rotations of a distorted lattice.
         """
         if self.distortion is None:
             return self
@@ -313,16 +314,17 @@ class LensletLattice:
         )
 
     def clear_of(self, pitch_um: float) -> float | None:
-        """Return the clear diameter (µm) for a lattice with the pitch ``pitch_um`` (µm); None if no diameter is given.
+        """Return `clear_um` for this lattice with another pitch, ``pitch_um`` (µm); None if `clear_um` is None.
 
-        An array without gaps remains without gaps. Other lenslets keep their diameter, but at most 1.5 times the pitch.
+        The diameter of lenslets without gaps scales with the pitch. Lenslets with gaps keep their diameter, limited to
+        1.5 times the new pitch.
         """
         if self.clear_um is None or not self.gapless:
             return None if self.clear_um is None else min(self.clear_um, 1.5 * pitch_um)
         return self.clear_um * pitch_um / self.pitch_um
 
     def scaled(self, factor: float) -> LensletLattice:
-        """Return a copy scaled by ``factor`` about the sensor's centre, with the same gap and lens types."""
+        """Return a copy scaled in the sensor plane by ``factor`` about its centre, with the same gap and types."""
         x, y = self.offset_um
         return replace(
             self,
@@ -355,8 +357,8 @@ class LensletLattice:
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         """Return centres (x, y), ``(n, 2)`` (µm), and types, ``(n,)``, of the lenslets in a box about ``about_um``.
 
-        The box extends from the point ``about_um`` (x, y) by ``half_width_um`` to each side, and by ``half_height_um``
-        up and down. All coordinates are in µm relative to the sensor's centre.
+        The box extends from the point ``about_um`` (x, y) by ``half_width_um`` to the left and to the right, and by
+        ``half_height_um`` up and down. All coordinates are in µm relative to the sensor's centre.
         """
         # the box's outline in lattice indices, with a margin of one cell: a rotated lattice's index range is larger
         # than the box, and that of a distorted one is not largest at the corners
@@ -377,9 +379,10 @@ RIGHT_ANGLE = 1e-9
 
 
 def cell_neighbours(basis: ArrayLike) -> Array:
-    """Return the lattice vectors ``(2 or 3, 2)`` to neighbours that bound a cell, one of each opposite pair.
+    """Return the vectors from a lattice point to the neighbours whose cells share a side with its cell.
 
-    There are two for a rectangular cell and three for a hexagonal one.
+    Of each opposite pair of neighbours, only one is included: two in all for a rectangular cell, three for a hexagonal
+    one.
 
     Parameters
     ----------
@@ -389,7 +392,8 @@ def cell_neighbours(basis: ArrayLike) -> Array:
     Returns
     -------
     ndarray
-        ``(2 or 3, 2)``, sorted by angle within half a turn; with their negatives they surround the cell.
+        Vectors (x, y), ``(2 or 3, 2)``, in the unit of ``basis``, by increasing angle from +x towards +y within half a
+        turn. Together with their negatives, they are the vectors to all these neighbours.
     """
     vectors = np.array(basis, float)
     # normalized, because squares of lengths could overflow
@@ -412,10 +416,10 @@ def cell_neighbours(basis: ArrayLike) -> Array:
 
 
 def cell_corners(basis: ArrayLike) -> Array:
-    """Return the corners ``(4 or 6, 2)`` of the cell about a lattice point, ordered from +x towards +y.
+    """Return the corners (x, y), ``(4 or 6, 2)``, of the cell about a lattice point, relative to this point.
 
-    ``basis`` contains two basis vectors of the lattice as rows. All corners have the same distance from the lattice
-    point.
+    The order is that of increasing angle, in the direction from +x towards +y. ``basis`` contains two basis vectors of
+    the lattice as rows. All corners have the same distance from the lattice point.
     """
     unit = float(np.abs(np.array(basis, float)).max())
     half = cell_neighbours(basis) / unit
@@ -428,9 +432,10 @@ def cell_corners(basis: ArrayLike) -> Array:
 
 @lru_cache(maxsize=256)
 def cell_size(a: Vector, b: Vector) -> tuple[tuple[float, ...], float]:
-    """Return the distances between opposite sides of the cell of a lattice, and the cell's corner-to-corner diameter.
+    """Return the distances between opposite sides of the cell of a lattice, and its corner-to-corner diameter.
 
-    ``a`` and ``b`` are two basis vectors of the lattice.
+    ``a`` and ``b`` are two basis vectors of the lattice. There are two distances for a rectangular cell and three for a
+    hexagonal one.
     """
     sides = np.hypot(*cell_neighbours((a, b)).T)
     return tuple(sides.tolist()), 2 * float(np.hypot(*cell_corners((a, b))[0]))

@@ -23,7 +23,7 @@ class MainLens:
     working_distance_um
         Distance from the lens to the plane that is imaged onto the lenslet array (µm).
     blades
-        Number of iris blades; 0 is a circular iris.
+        Number of iris blades; 0 for a circular iris.
     blade_rotation_rad
         Angle (rad) from the sensor's +x axis towards +y to the first vertex of the iris.
     blade_curvature
@@ -73,7 +73,7 @@ class MainLens:
         return self.image_of(self.working_distance_um)
 
     def image_of(self, object_distance_um: float) -> float:
-        """Return the image distance (µm) of a point that is ``object_distance_um`` (µm) in front of the lens."""
+        """Return the distance (µm) from the lens to the image of a point ``object_distance_um`` in front of it."""
         return 1.0 / (1.0 / self.focal_length_um - 1.0 / object_distance_um)
 
     @property

@@ -48,7 +48,7 @@ MAX_WAIT_S = 86_400.0
 
 
 def depths_of(camera: Camera, depths: Iterable[float] | None, virtual: Iterable[float] | None) -> tuple[float, ...]:
-    """Return object-space depths (µm) from either depths (µm) or virtual depths; exactly one of them must be given."""
+    """Return object depths (µm): ``depths`` (µm), or those of the virtual depths ``virtual``; give one of the two."""
     if (depths is None) == (virtual is None):
         raise InputError.expected(
             "depth planes",
@@ -68,7 +68,8 @@ def checked_depths(camera: Camera, depths: Sequence[float]) -> tuple[float, ...]
     Raises
     ------
     InputError
-        If the camera does not image a depth, or the depths are neither strictly increasing nor strictly decreasing.
+        If the camera does not image a depth, a depth is too far from the focal plane of a microscope, or the depths are
+        neither strictly increasing nor strictly decreasing.
     """
     checked = check_tuple("depths (µm)", depths)
     for z in checked:
@@ -97,7 +98,7 @@ def _check_near(optics: Microscope, z_um: float) -> None:
 
 
 def checked_exposures(given: float | Sequence[float], planes: int) -> tuple[float, ...]:
-    """Return the exposure of each of ``planes`` planes (s); a single value applies to all planes."""
+    """Return the exposure time (s) of each of ``planes`` planes; one number, or a sequence of one, applies to all."""
     # JSON writes one exposure for all planes as a list of one
     given = given.tolist() if isinstance(given, np.ndarray) else given
     several = isinstance(given, list | tuple) and len(given) != 1
@@ -125,8 +126,9 @@ MAX_TILT_RAD = math.radians(2.0)
 class ScanPlan:
     """Plan of a scan: the positions of a point source, and the part of each frame to record.
 
-    At the position ``(z, y, x)``, the image of the source along the chief ray is at ``anchor + (y, x)`` in every depth
-    plane. The lateral step in object space is therefore `step_um` and depends on the depth.
+    At the position with the indices ``(z, y, x)``, the image of the source along the chief ray is at
+    ``anchor + (y, x)`` in every depth plane. The lateral step in object space, `step_um`, therefore depends on the
+    depth.
 
     Attributes
     ----------
@@ -229,12 +231,12 @@ class ScanPlan:
         depths_um, virtual_depths
             Depth planes, as object depths (µm) or as virtual depths; exactly one of the two must be given.
         cutout
-            Number of pixels to record around the image, one number or ``(nt, ns)``. None: it covers the geometric
-            pattern at every depth, with a margin for diffraction by the lenslets; without a lattice, it is at most the
-            size of the sensor.
+            Number of pixels to record around the image, one number or ``(nt, ns)``. None: a square that covers the
+            geometric pattern at every depth, with a margin for diffraction by the lenslets. Without a lattice, this
+            square is limited to the sensor.
         anchor
-            As in `ScanPlan`. None: the cell is at the sensor's centre, and the anchor is an integer pixel; without a
-            lattice, the single position is on the optical axis.
+            As in `ScanPlan`. None: the cell is centred on the sensor's centre to the nearest pixel; without a lattice,
+            the single position is at the pixel nearest to the optical axis.
         stage, order, exposure_s, settle_s, frames_averaged, resample
             As in `ScanPlan`.
 
@@ -273,7 +275,7 @@ class ScanPlan:
     # -- sizes -----------------------------------------------------------------------------------------
     @property
     def cell_camera(self) -> Camera:
-        """Copy of the camera whose lattice is linearized about the scanned cell."""
+        """Copy of the camera with an undistorted lattice that approximates its lattice near the anchor."""
         return self.camera.local(self.anchor)
 
     @property
@@ -288,7 +290,7 @@ class ScanPlan:
 
     @property
     def n_positions(self) -> int:
-        """Number of source positions in all planes."""
+        """Total number of source positions, over all planes."""
         return len(self.depths_um) * self.period[0] * self.period[1]
 
     @property
@@ -306,25 +308,25 @@ class ScanPlan:
 
     @property
     def cells(self) -> tuple[int, int]:
-        """Number of rectangular array periods ``(y, x)`` in the period of the plan, usually (1, 1)."""
+        """Number of rectangular array periods ``(y, x)`` in the plan's period (nearest integer), usually (1, 1)."""
         ny, nx = (max(1, round(n / p)) for n, p in zip(self.period, self.cell_camera.period_px, strict=True))
         return ny, nx
 
     @property
     def period_residual_px(self) -> tuple[float, float]:
-        """Rounding residual ``(y, x)`` of the period (px): period of the array minus period of the plan."""
+        """Rounding residual ``(y, x)`` of the period (px): `cells` periods of the array minus that of the plan."""
         y, x = (k * p - n for k, p, n in zip(self.cells, self.cell_camera.period_px, self.period, strict=True))
         return y, x
 
     @property
     def drift_px(self) -> float:
-        """Accumulated difference (px) between array and plan periods over the sensor, along the worse axis."""
+        """Difference (px) between array and plan periods, accumulated over the sensor: the larger of both axes."""
         sides = zip(self.period_residual_px, self.camera.sensor.shape, self.period, strict=True)
         return max(abs(residual) * side / period for residual, side, period in sides)
 
     @property
     def tilt_residual_px(self) -> float:
-        """Lateral shift (px) of a lenslet row over the longer side of the period, due to the tilt of the rows."""
+        """Signed sideways shift (px) of a lenslet row over the longer side of the period, due to its tilt."""
         return max(self.period) * math.tan(self.cell_camera.lattice.tilt_rad)
 
     @property
@@ -372,7 +374,7 @@ class ScanPlan:
         return np.stack([offset[..., 1] * steps, offset[..., 0] * steps, depth], axis=-1)
 
     def stage_um(self, positions: ArrayLike | None = None) -> NDArray[np.float64]:
-        """Return stage coordinates (x, y, z), ``(..., 3)``, in µm, of positions (z, y, x). None: all, in scan order."""
+        """Return stage coordinates (x, y, z), ``(..., 3)`` (µm), of ``positions`` (z, y, x); None: all, in order."""
         return self.stage.to_stage(self.object_um(self.order_indices() if positions is None else positions))
 
     # -- order -----------------------------------------------------------------------------------------
@@ -397,7 +399,10 @@ class ScanPlan:
         return index.reshape(3, -1).T
 
     def row_ends(self) -> NDArray[np.intp]:
-        """Return the indices (z, y, x) of the first and last position of every row, ``(n, 3)``, in scan order."""
+        """Return the indices (z, y, x), ``(n, 3)``, of the first and last position of every row, in scan order.
+
+        A row with a single position is included once.
+        """
         columns = self.period[1]
         ends = self._ordered(min(columns, 2))
         ends[:, 2] *= columns - 1
@@ -444,7 +449,11 @@ class ScanPlan:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ScanPlan:
-        """Return the plan described by the result of `to_dict`; unknown or missing entries raise `InputError`."""
+        """Return the plan described by the result of `to_dict`.
+
+        Another format or version, and unknown or missing entries, raise `FileFormatError`; invalid values raise
+        `InputError`.
+        """
         if not cls.is_one(data):
             raise FileFormatError.expected(
                 "scan plan", f'"format": "{FORMAT}"', stated_format(data), "choose a plan made by lfcal plan"
@@ -563,8 +572,8 @@ class HalfCell:
     shift
         Half the period.
     residual_px
-        Difference ``(y, x)`` between half the period of the array and that of the plan, for the worse of the two
-        diagonals (pixels).
+        Offset ``(y, x)`` (px) of the lenslet half a period away from the point half a plan period away. Along each
+        axis, this is the larger offset of the two diagonals.
     """
 
     period: tuple[int, int]
@@ -578,7 +587,7 @@ class HalfCell:
         return out
 
     def half(self, plan: ScanPlan) -> NDArray[np.intp]:
-        """Return the positions (z, y, x), ``(n, 3)``, in the first half of the rows of the period, in scan order."""
+        """Return the positions (z, y, x), ``(n, 3)``, in the first half of the rows of every plane, in scan order."""
         order = plan.order_indices()
         found: NDArray[np.intp] = order[order[:, 1] < self.shift[0]]
         return found
@@ -590,9 +599,9 @@ def half_cell(plan: ScanPlan) -> HalfCell:
     Raises
     ------
     InputError
-        If frames are resampled, or patterns half a period apart differ. They differ if the period is odd, if there is
-        no lenslet of the same type half a period away, or if its distance deviates from a whole number of pixels by
-        more than 0.05 px. The message states the reason.
+        If frames are resampled, or patterns half a period apart differ. They differ if the plan's period is odd along
+        an axis, if there is no lenslet of the same type half a period away, or if this lenslet is displaced from half
+        the plan's period by more than 0.05 px along an axis. The message states the reason.
     """
     ny, nx = plan.period
     what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan fit)"

@@ -55,7 +55,7 @@ def bench() -> Camera:
 
 
 def lfm_20x05() -> Camera:
-    """Return the 20x/0.5 light-field microscope of Broxton et al. 2013, with 125 µm lenslets of 15 px."""
+    """Return the 20x/0.5 light-field microscope of Broxton et al. 2013, with a lenslet pitch of 125 µm (15 px)."""
     pixel = 125.0 / 15
     return Camera(
         "lfm_20x05",
@@ -68,7 +68,7 @@ def lfm_20x05() -> Camera:
 
 
 def lfm_60x12() -> Camera:
-    """Return a 60x/1.2 water-immersion light-field microscope with 100 µm lenslets of 15.385 px.
+    """Return a 60x/1.2 water-immersion light-field microscope with a lenslet pitch of 100 µm (15.385 px).
 
     The focal length of the lenslets is 2.5 mm, the pixel pitch 6.5 µm.
     """
@@ -83,9 +83,10 @@ def lfm_60x12() -> Camera:
 
 
 def flfm_20x05() -> Camera:
-    """Return a 20x/0.5 Fourier light-field microscope with 7 hexagonally arranged lenslets in a pupil of 7.5 mm.
+    """Return a 20x/0.5 Fourier light-field microscope with 7 hexagonally arranged lenslets in a 7.5 mm pupil.
 
-    The design follows Guo et al. 2019: the lateral resolution λ/(2 NA) of a lenslet, 1.6 µm, corresponds to two pixels.
+    The design follows Guo et al. 2019: the lateral resolution of a lenslet, 1.6 µm, corresponds to two pixels. It is
+    λ/(2 NA) with a third of the objective's NA, because three lenslets fit across the pupil.
     """
     pitch = 2500.0
     ring = tuple((pitch * math.cos(k * math.pi / 3), pitch * math.sin(k * math.pi / 3)) for k in range(6))

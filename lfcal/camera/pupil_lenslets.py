@@ -175,16 +175,16 @@ class PupilLenslets:
     def lenslets_within(
         self, half_width_um: float, half_height_um: float, about_um: tuple[float, float] = (0.0, 0.0)
     ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Return centres (x, y), ``(n, 2)`` (µm), and types (all 0) of elemental images in a box about ``about_um``.
+        """Return centres (x, y), ``(n, 2)`` (µm), and types, ``(n,)``, of elemental images in a box about ``about_um``.
 
-        The box extends from the point ``about_um`` (x, y) by ``half_width_um`` to each side, and by ``half_height_um``
-        up and down. All coordinates are in µm relative to the sensor's centre.
+        All types are 0. The box extends from the point ``about_um`` (x, y) by ``half_width_um`` to the left and to the
+        right, and by ``half_height_um`` up and down. All coordinates are in µm relative to the sensor's centre.
         """
         centres = np.array(self.lens_centres_um) + np.array(self.offset_um)
         inside = (np.abs(centres - np.array(about_um)) <= (half_width_um, half_height_um)).all(-1)
         return centres[inside], np.zeros(int(inside.sum()), np.intp)
 
     def local(self, about_um: tuple[float, float]) -> PupilLenslets:
-        """Return the lenslets themselves, because they are the same for every point of the field."""
+        """Return this object, because the lenslets are the same for every point ``about_um`` of the field."""
         del about_um
         return self

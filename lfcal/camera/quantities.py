@@ -57,7 +57,7 @@ class Quantity:
     meaning: str = ""
 
     def text(self, value: Any) -> str:
-        """Return the text that displays ``value`` (in the unit of the description), with its displayed unit."""
+        """Return ``value`` (in the unit of the description) as text in the displayed unit; `empty` if missing."""
         if value is None or value == "":
             return self.empty
         if self.path == "sensor.shape":
@@ -149,7 +149,8 @@ def _names(kind: Any) -> frozenset[str]:
 def has_value(camera: Camera, path: str) -> bool:
     """Return whether the description of ``camera`` has a value at ``path``.
 
-    Values that are displayed only if they differ from their default count as missing if they do not.
+    A value that is displayed only if it differs from its default counts as missing if it equals the default. The type
+    step of a lattice with a single lens type also counts as missing.
 
     Examples
     --------
@@ -170,7 +171,7 @@ def has_value(camera: Camera, path: str) -> bool:
 
 
 def quantities_of(camera: Camera) -> tuple[Quantity, ...]:
-    """Return the definitions of all values in the description of ``camera``.
+    """Return the definitions of all values that `has_value` finds in the description of ``camera``.
 
     Examples
     --------

@@ -48,7 +48,8 @@ class RegionPlan:
         Scan plan of the first region: camera, planes, cutout, exposures. The plans of other regions differ only in
         their anchors.
     names
-        Names of the regions in an H file and in the folders of a session: letters, digits, ``-`` and ``_``.
+        Names of the regions in an H file and in the folders of a session: up to 40 letters, digits, ``-`` and ``_``.
+        Two names must differ in more than upper and lower case.
     anchors
         Sensor position ``(row, column)`` (px) of the image of position (0, 0) in each region; the first one is that of
         `scan`.
@@ -97,21 +98,22 @@ class RegionPlan:
         return len(self.names)
 
     def plan(self, k: int) -> ScanPlan:
-        """Return the scan plan of region ``k``; raises `InputError` if a cutout would extend beyond the sensor."""
+        """Return the scan plan of the region with index ``k``; 0 is the first region."""
         return replace(self.scan, anchor=self.anchors[k])
 
     def residual_px(self, k: int) -> tuple[float, float]:
-        """Return the lattice phase (row, column) of region ``k`` minus that of the first region (px)."""
+        """Return `ScanPlan.lattice_anchor` (row, column) (px) of region ``k`` minus that of the first region."""
         first, own = self.plan(0).lattice_anchor, self.plan(k).lattice_anchor
         return own[0] - first[0], own[1] - first[1]
 
     @classmethod
     def spread(cls, scan: ScanPlan, shape: tuple[int, int]) -> RegionPlan:
-        """Return a plan with ``shape`` (rows, columns) regions spread over the field; the middle region is the first.
+        """Return a plan with ``shape`` (rows, columns) regions spread over the field; the most central one is first.
 
-        The outermost regions are as far from the centre as their cutouts allow. Anchors are integer pixels within a few
-        periods of their ideal positions. They are chosen such that a position of the scan has nearly the same phase
-        relative to the lattice in every region; `residual_px` returns the remaining difference.
+        Ideally, the regions are equally spaced, and the outermost ones are as far from the centre as their cutouts
+        allow. Anchors are integer pixels within a few periods of these ideal positions. They are chosen such that a
+        position of the scan has nearly the same phase relative to the lattice in every region; `residual_px` returns
+        the remaining difference.
 
         Raises
         ------
@@ -160,7 +162,11 @@ class RegionPlan:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> RegionPlan:
-        """Return the plan described by the result of `to_dict`; unknown or missing entries raise `InputError`."""
+        """Return the plan described by the result of `to_dict`.
+
+        Another format or version, and unknown or missing entries, raise `FileFormatError`; invalid values raise
+        `InputError`.
+        """
         what = "plan of regions"
         if not cls.is_one(data) or data.get("version") != VERSION:
             wanted = f'"format": "{FORMAT}", version {VERSION}'
@@ -196,7 +202,10 @@ class RegionPlan:
 
 
 def parse_regions(text: str) -> tuple[int, int]:
-    """Return the numbers of rows and columns of regions from a text such as ``3x3``."""
+    """Return the numbers of rows and columns of regions from a text such as ``3x3``.
+
+    Another form, a single region, or too many regions raise `InputError`.
+    """
     match = re.fullmatch(r"\s*(\d{1,9})\s*[x×]\s*(\d{1,9})\s*", text)
     if match is None:
         raise InputError.expected("regions", "ROWSxCOLUMNS", repr(text), "give two whole numbers: 3x3")

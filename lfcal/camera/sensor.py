@@ -35,9 +35,9 @@ class Sensor:
     prnu
         Photo-response non-uniformity (PRNU): rms variation of the pixel gains relative to their mean.
     quantum_efficiency
-        Quantum efficiency: fraction of the photons that is detected, 0 to 1.
+        Quantum efficiency: fraction of the incident photons that are detected, above 0 and at most 1.
     fill_factor
-        Light-sensitive fraction of the area of a pixel, 0 to 1.
+        Light-sensitive fraction of the area of a pixel, above 0 and at most 1.
     cfa
         Letters of the colour filters of one unit of the pattern in row-major order, such as ``"GRBG"`` for 2 x 2
         pixels; empty for a monochrome sensor.
@@ -117,6 +117,6 @@ class Sensor:
 
     @property
     def electrons_per_count(self) -> float:
-        """Conversion factor from counts to electrons (electrons per count)."""
+        """Conversion factor from counts above the black level to electrons (electrons per count)."""
         # full well is reached at the highest sample value, and the black level corresponds to no electrons
         return self.full_well_e / (self.max_value - self.black_level)

@@ -58,8 +58,9 @@ def half_extent_px(camera: Camera, z_um: float) -> float:
     Here a is the distance from the array to the image (`Camera.image_shift_um`), and b the image distance of the main
     lens. A lenslet with the focal length f changes the slope by -e/f, where e is the distance from the lenslet's
     centre. On the sensor, at the distance B behind the array, the ray is ``p (a - B)/(b + a) - (B/f) e`` from the chief
-    ray. The half width is the bound of this expression over the pupil's corners and the lenslet's edge. Without a
-    lattice, the pattern consists of the spots behind all lenslets.
+    ray. The half width is an upper bound of this expression for the edges of the pupil and of a lenslet, plus three
+    Airy radii of a lenslet. Without a lattice, the pattern consists of the spots behind all lenslets, and the margin is
+    eight Airy radii.
     """
     if isinstance(camera.lattice, PupilLenslets):
         spots, blur = _elemental(camera, camera.lattice, z_um)
@@ -79,7 +80,7 @@ def rms_radius_px(camera: Camera, z_um: float) -> float:
 
     The calculation uses the rays of `half_extent_px` from a uniformly illuminated pupil (for a microscope, according to
     the sine condition). It includes deflection and diffraction by the lenslets. It is valid for patterns of several
-    lenslets.
+    lenslets. Without a lattice, it includes the spots behind all lenslets and their defocus, but no diffraction.
     """
     if isinstance(camera.lattice, PupilLenslets):
         spots, blur = _elemental(camera, camera.lattice, z_um)
@@ -106,7 +107,7 @@ def cutout_for(camera: Camera, depths_um: tuple[float, ...]) -> int:
     """Return the odd side (pixels) of the smallest square cutout that contains the pattern at every depth.
 
     Half a pixel is added, because the anchor may be between two pixels. Without a lattice, the pattern may be as large
-    as the sensor. The cutout is then at most the largest odd square about the optical axis.
+    as the sensor. The cutout is then limited to the largest odd square about the optical axis that is on the sensor.
     """
     half = max(half_extent_px(camera, z) for z in depths_um)
     side = 2 * math.ceil(half + 0.5) + 1

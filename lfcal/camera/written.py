@@ -20,10 +20,10 @@ NUMBER = re.compile(r"\s*([-+]?(?:inf|[0-9.]+(?:[eE][-+]?\d+)?))\s*([a-zµ°]*)\
 
 
 def read_camera_value(path: str, text: str) -> Any:
-    """Return the value at ``path`` that ``text`` states.
+    """Return the value of the camera entry ``path``, such as ``"sensor.pixel_um"``, that ``text`` states.
 
-    Lengths are in µm unless they have a unit (nm, mm, m), and angles in rad unless they end in deg. Several values are
-    separated by commas, and the centres of lenslets by semicolons.
+    Lengths are in µm unless they have a unit (nm, um, mm, m), and angles in rad unless they end in deg. Several values
+    are separated by commas, and the centres of lenslets by semicolons.
     """
     known = [quantity.path for quantity in QUANTITIES] + ["lattice.focus"]
     if path not in known:
@@ -87,7 +87,7 @@ def _number(text: str, what: str) -> tuple[float, str]:
 
 
 def read_length(text: str, usual: str, what: str) -> float:
-    """Return a length in µm from a text; a number without a unit is in the unit ``usual``."""
+    """Return a length in µm from a text; a number without a unit is in ``usual``. Messages name the value ``what``."""
     value, unit = _number(text, what)
     if (unit or usual) not in LENGTHS:
         raise InputError.expected(
@@ -98,7 +98,7 @@ def read_length(text: str, usual: str, what: str) -> float:
 
 
 def read_sensor(text: str) -> dict[str, Any]:
-    """Return the sensor values in a text ``ROWSxCOLUMNS,PIXEL`` by path; the pixel pitch may be omitted."""
+    """Return the shape and the pixel pitch (µm) in a text ``ROWSxCOLUMNS,PIXEL``, by path; the pitch may be omitted."""
     match = re.fullmatch(r"\s*(\d{1,6})\s*[x×*]\s*(\d{1,6})\s*(?:,(.+))?", text)
     if match is None:
         raise InputError.expected(
@@ -111,9 +111,10 @@ def read_sensor(text: str) -> dict[str, Any]:
 
 
 def read_values(text: str, paths: tuple[str, ...], units: tuple[str, ...], shape: str, example: str) -> dict[str, Any]:
-    """Return the values in a comma-separated list, by the path of each; the last values may be omitted.
+    """Return the values in a comma-separated list by ``paths``, in this order; the last values may be omitted.
 
-    ``units`` are the default units, empty for plain numbers. Error messages contain ``shape`` and ``example``.
+    ``units`` contains the default unit of each length, and an empty text for each plain number. Lengths are returned in
+    µm. Error messages state the expected form as ``shape`` and ``example``.
     """
     parts = text.split(",")
     if len(parts) > len(paths) or not all(part.strip() for part in parts):
