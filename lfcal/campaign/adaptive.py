@@ -49,7 +49,7 @@ __all__ = ["FEWEST", "Adapted", "AdaptiveStep", "Goal", "iter_adaptive", "iter_s
 
 
 def iter_session_patterns(folder: Path) -> Work[Measured]:
-    """Read the patterns of all positions of a session and return them; progress counts positions.
+    """Read and return the patterns of all recorded positions of a session; progress counts positions.
 
     Raises
     ------
@@ -164,13 +164,21 @@ class AdaptiveStep:
         return f"{said}, {self.held_out_error} at held-out positions" + ("" if self.complete else "; model incomplete")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all values as plain JSON types; unknown errors are None."""
+        """Return all values as plain JSON types.
+
+        The held-out error is returned as ``left_out_error`` (None: hidden by noise) and ``left_out_limit``, its upper
+        limit.
+        """
         error = self.held_out_error
         left = {"left_out_error": error.value if error.known else None, "left_out_limit": error.limit}
         return {key: value for key, value in asdict(self).items() if key != "held_out_error"} | left
 
     def reaches(self, error: float) -> bool:
-        """Return whether the expected error of H is at most ``error`` and held-out patterns do not contradict this."""
+        """Return whether the model is complete and the expected error of H is at most ``error``.
+
+        It returns False if the error of held-out patterns is known to exceed ``error`` by more than two standard
+        deviations.
+        """
         known = self.held_out_error.known and self.held_out_error.value - 2 * self.held_out_error.sigma > error
         return self.complete and self.expected_error <= error and not known
 
@@ -204,7 +212,7 @@ class Adapted:
         return ENDS.get(self.how, "")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the reason for the end and the results of each fit as plain JSON types, without recording and fit."""
+        """Return the reason for the end and the results of each fit as plain JSON types, without `outcome` or `fit`."""
         return {"ended": self.how, "steps": [step.to_dict() for step in self.steps]}
 
 
@@ -229,7 +237,9 @@ def iter_adaptive(
     workers: int | None = None,
     task: Mapping[str, Any] | None = None,
 ) -> Work[Adapted]:
-    """Record positions of ``plan`` until the error of H is at most ``goal.error``; yields progress.
+    """Record positions of ``plan`` until the error of H is at most ``goal.error``; yield progress.
+
+    The session also ends for the other reasons listed in `Adapted`.
 
     Parameters
     ----------

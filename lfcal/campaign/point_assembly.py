@@ -28,7 +28,8 @@ def shown_positions(
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
     """Return the plan position (z, y, x) that each point shows, ``(n, 3)`` (-1: none), and its deviation.
 
-    The deviation (row, column) has the shape ``(n, 2)`` (px).
+    The deviation (row, column) has the shape ``(n, 2)`` (px). Along each axis, it is that of the phase or that of the
+    chief ray, whichever is larger.
 
     A point shows a position if its phase in the array's period matches. Its chief ray must also have the same offset
     from the nearest pixel centre as that of the position. Both conditions are needed because the period is not a whole
@@ -40,7 +41,8 @@ def shown_positions(
     points
         Points found in the frames.
     tolerance_px
-        Largest deviation of phase and chief ray along rows and along columns (px). None: that of the plan.
+        Largest deviation of phase and chief ray along rows and along columns (px). None: `TargetPlan.tolerance_px` of
+        the plan.
     resampled
         Whether patterns are shifted by the fraction of a pixel between chief ray and pixel centre. In this case, only
         the phase must match, and the deviation is that fraction. The pixels must be fine enough to sample all details
@@ -66,7 +68,8 @@ class PointFrames(SourceView):
     """A source of frames with one point each, extracted from full frames with many points.
 
     The frame of a point is the full frame, shifted by whole pixels to where the scan expects the point's image. It is
-    scaled to the brightness of the median hole, and pixels that receive light from neighbours are marked as invalid.
+    scaled to the brightness of the median hole. In `samples`, pixels outside the cutout, and those in it that receive
+    light from neighbours, are marked as invalid.
 
     Parameters
     ----------
@@ -117,7 +120,7 @@ class PointFrames(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return ``known``, adapted to the frames of points: each point has a separate mask of saturated samples."""
+        """Return ``known`` without saturation, bit depth and target, but with the number of unused points."""
         known = replace(known, saturation=None, bit_depth=None, points_left_out=self.unused)
         return replace(known, target=None, target_frames=None)
 
@@ -126,7 +129,7 @@ class PointFrames(SourceView):
         return len(self.points)
 
     def info(self, index: int) -> FrameInfo:
-        """Return the position that the point of frame ``index`` shows, and its deviation from it."""
+        """Return origin, exposure and label of frame ``index``, the position of its point, and the deviation."""
         points = self.points
         info = self.source.info(int(points.frame[index]))
         row, column = points.holes[index].tolist()
@@ -139,13 +142,17 @@ class PointFrames(SourceView):
         )
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return the frame of a point, scaled to the brightness of the median hole."""
+        """Return the frame of a point, or a ``region`` of it, scaled to the brightness of the median hole."""
         values = self.source.read(int(self.points.frame[index]), region)
         scaled: NDArray[Any] = np.asarray(values, np.float32) / np.float32(self.points.brightness[index])
         return scaled
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the frame of a point with its noise; saturated samples and those that neighbours reach are invalid."""
+        """Return the frame of a point, or a ``region`` of it, with its noise and its mask of valid samples.
+
+        Samples are valid if they are in the cutout of the point, valid in the full frame, and beyond the reach of the
+        patterns of neighbours.
+        """
         share = float(self.points.brightness[index])
         found = self.source.samples(int(self.points.frame[index]), region)
         values = np.asarray(found.values, np.float32) / np.float32(share)
@@ -178,11 +185,12 @@ def target_facts(points: Points) -> dict[str, Any]:
 
     ``crosstalk`` is the largest fraction of light from neighbours in a cutout. It is the plan's value for equally
     bright holes, multiplied by the largest ratio of a neighbour's brightness to that of the point. ``stage_px`` is the
-    rms deviation of frames from the planned positions, and ``pose_rms_px`` that of the holes' images from the lattice
-    (pixels). ``doubtful`` is the fraction of uncertain labels, and ``missing`` the largest number of missing holes in a
-    frame. ``brightness_spread`` is the robust relative standard deviation of the holes' brightness. ``pose``,
-    ``pose_sigma``, ``scale`` and ``distortion`` are results of the first frame, and ``mistakes`` lists deviations from
-    the target's description.
+    rms deviation of frames from their planned positions, without the mean of each plane. ``pose_rms_px`` is the median
+    of all frames of the rms deviation of the holes' images from the lattice (both in px). ``doubtful`` is the fraction
+    of holes with an uncertain label or at a wrong position, and ``missing`` the largest number of missing holes in a
+    frame. ``points`` and ``frames`` are counts. ``brightness_spread`` is the robust relative standard deviation of the
+    holes' brightness. ``pose``, ``pose_sigma``, ``scale`` and ``distortion`` are results of the first frame, and
+    ``mistakes`` lists deviations from the target's description.
     """
     found = list(points.found.values())
     confidence = np.concatenate([one.confidence for one in found])
@@ -231,7 +239,7 @@ def _stage_error_px(points: Points) -> float:
 
 
 class AssembledPoints(NamedTuple):
-    """H from a target's frames, the points found, the number of points without a position, and further results."""
+    """Result of assembling H, points found, number of points that show no position, and results for the target."""
 
     report: AssemblyReport
     points: Points
@@ -242,7 +250,7 @@ class AssembledPoints(NamedTuple):
 def iter_assemble_points(
     view: FrameSource, plan: TargetPlan, out: str | os.PathLike[str], settings: AssemblySettings | None = None
 ) -> Work[AssembledPoints]:
-    """Find the points of all frames and assemble H from those that show positions; yields progress.
+    """Find the points of all frames and assemble H from those that show positions; yield progress.
 
     Parameters
     ----------
@@ -259,7 +267,7 @@ def iter_assemble_points(
     Raises
     ------
     InputError
-        If the frames do not belong to the plan, or no point shows a position.
+        If the frames do not belong to the plan, the points of a frame cannot be labelled, or no point shows a position.
     """
     points = yield from iter_points_of(view, plan)
     single = PointFrames(view, points)

@@ -89,11 +89,11 @@ class PointOptics:
     middles
         Sensor pixel (row, column) at the middle of each cutout, ``(n, 2)``.
     farther_um
-        Distance of each hole beyond its depth plane, ``(n,)`` (µm).
+        Distance of each hole beyond its depth plane, away from the camera, ``(n,)`` (µm).
     hole_um
-        Diameter of the holes if it is not an unknown (µm).
+        Diameter of the holes (µm) according to the target's description; used unless it is an unknown.
     parts_um
-        Distance of the centre of each part of the field beyond the depth plane (µm).
+        Distance of the target beyond the depth plane at the centre of each part of the field, ``(parts,)`` (µm).
     """
 
     middles: NDArray[np.intp]
@@ -103,7 +103,7 @@ class PointOptics:
 
     @classmethod
     def of(cls, points: Points, measured: Regional) -> PointOptics:
-        """Return the optics of the points in ``measured``, which contains those of ``points`` in any order."""
+        """Return the optics of the points in ``measured``, in its order; all of them must be in ``points``."""
         scan, middles = points.plan.scan, np.zeros((len(measured), 2), np.intp)
         for plan, part, _ in measured.parts():
             middles[part] = np.floor(np.array(plan.anchor) + 0.5).astype(np.intp) + measured.index[part, 1:]
@@ -117,16 +117,17 @@ class PointOptics:
         return cls(middles, found, points.plan.target.hole_um, _plane(points.pixels, farther, _middles(measured)))
 
     def beyond(self, measured: Regional, setup: Setup) -> F8:
-        """Return the distances ``(n,)`` of points beyond the plane for a setup that may tilt the target (µm).
+        """Return the additional distances ``(n,)`` (µm) of the points from the camera, in excess of `farther_um`.
 
-        The tilt is relative to the pose of the target.
+        They are those of a plane fitted to the differences between the distances of the parts of the field in ``setup``
+        and `parts_um`: ``setup`` may tilt the target relative to its pose.
         """
         parts = np.array([place.farther_um for place in setup.regions]) - self.parts_um
         return _plane(_middles(measured), parts, self.middles.astype(np.float64))
 
     @property
     def regions(self) -> tuple[RegionPlace, ...]:
-        """The parts of the field, in the form that a setup requires."""
+        """The distances `parts_um` as the regions of a `Setup`."""
         return tuple(RegionPlace(farther_um=float(farther)) for farther in self.parts_um)
 
 
@@ -242,7 +243,8 @@ SHOWN = 3.0
 def iter_hole_is_needed(finished: Finished) -> Work[bool]:
     """Return whether the size of the holes must be an unknown of the fit; progress counts derivatives.
 
-    It must be one if chi² shows that the model is incomplete and another size lowers the residual of held-out patterns.
+    It must be one if chi² shows that the model is incomplete and another size lowers the residual of held-out patterns
+    by more than a threshold.
     """
     problem, point, groups, columns, _ = finished
     hole = problem.vector.of_groups([HOLE]).tolist()
@@ -275,7 +277,7 @@ def hole_is_determined(finished: Finished) -> bool:
 
 
 def moved_far(finished: Finished) -> bool:
-    """Return whether the fitted hole size differs significantly from the size for which the light was computed."""
+    """Return whether the fitted hole area differs by over 2 % from the area for which the light was computed."""
     problem, point, groups, _, _ = finished
     if HOLE not in groups:
         return False
@@ -284,7 +286,7 @@ def moved_far(finished: Finished) -> bool:
 
 
 def without_hole(finished: Finished) -> Finished:
-    """Return the fit with the size of the holes from the target's description, and all other unknowns unchanged."""
+    """Return the fit with the size of the holes fixed at the described one, and all other unknowns unchanged."""
     problem, point, groups, columns, outliers = finished
     u = point.u.copy()
     u[problem.vector.of_groups([HOLE])] = 0.0
@@ -295,14 +297,15 @@ def without_hole(finished: Finished) -> Finished:
 def hole_words(fit: Fit, *, asked: bool = True) -> str:
     """Return one line on the size of the holes found by a fit of points.
 
-    The text is empty if the size was not fitted, or if its change is not significant.
+    The text is empty if the size was not fitted, or differs from the described size by at most one standard deviation.
+    If the size was requested but is undetermined, the text states this.
 
     Parameters
     ----------
     fit
         Fit of points.
     asked
-        Whether the size was requested by name; otherwise, an undetermined size is not mentioned.
+        Whether the size was requested by name. If not, an undetermined size is not mentioned.
     """
     if asked and HOLE in fit.unhelpful:
         stays = _described(fit.setup.hole_um or 0.0)
@@ -356,7 +359,7 @@ def iter_fit_points(
     stage: str | float = "auto",
     workers: int | None = None,
 ) -> Work[FieldFit]:
-    """Fit one camera to the points of a target's frames, each at its actual sensor position.
+    """Fit one camera to the points in the frames of a target, each point at its actual sensor position.
 
     Positions are not reduced modulo the array's period: each pattern is computed at its actual subpixel position under
     the actual array. The field is divided into parts, each with the optics of its middle.
@@ -510,9 +513,9 @@ def iter_write_points(
     with_h: bool = True,
     workers: int | None = None,
 ) -> Work[list[Path]]:
-    """Write a fit of points to ``folder``, ``fit.json`` last.
+    """Write a fit of points to ``folder``, ``fit.json`` last, and return the paths.
 
-    H is that of the fitted model, with the light of the points.
+    H is computed from the fitted model.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ MOST_DEVIATION_PX = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Usable points of a target's frames, with certain labels and cutouts that are completely on the sensor.
+    """Usable points of a target's frames: their labels are reliable, and their cutouts are completely on the sensor.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Points:
         return replace(self, **{name: getattr(self, name)[which] for name in names})
 
     def region(self, k: int) -> tuple[slice, slice]:
-        """Return the region of the sensor covered by the cutout of point ``k``."""
+        """Return the slices (rows, columns) of the sensor that the cutout of point ``k`` covers."""
         (row, column), (nt, ns) = self.middles[k].tolist(), self.plan.scan.cutout
         top, left = row - (nt - 1) // 2, column - (ns - 1) // 2
         return slice(top, top + nt), slice(left, left + ns)
@@ -107,7 +107,7 @@ class Points:
 
     @property
     def known(self) -> str:
-        """Sentence that states the number of points and their deviation from the target's lattice."""
+        """Text with the numbers of points and frames, and the median of the frames' rms deviations from the lattice."""
         rms = float(np.median([one.fit.rms_px for one in self.found.values()]))
         seen = f"{format_count(len(self), 'point', 'points')} in {format_count(len(self.found), 'frame', 'frames')}"
         return f"found: {seen}; their images are {rms:.2f} px (rms) from the lattice"
@@ -124,7 +124,7 @@ class Points:
 
 
 def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] | None = None) -> Work[Points]:
-    """Find the points of all frames and return them.
+    """Find the points of all frames, or of those chosen by ``frames``, and return the usable ones.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def iter_points_of(source: FrameSource, plan: TargetPlan, frames: Sequence[int] 
     Raises
     ------
     InputError
-        If the frames do not belong to the plan, or the points of a frame cannot be labelled.
+        If the frames do not belong to the plan, the points of a frame cannot be labelled, or no point is usable.
     """
     order = frames_of(source, plan)
     chosen = list(range(len(source))) if frames is None else list(frames)
@@ -213,9 +213,10 @@ def tile_plan(scan: ScanPlan, corner: tuple[float, float], shape: tuple[int, int
 
 
 def tiles_of(sensor: tuple[int, int], cutout: tuple[int, int], parts: tuple[int, int]) -> tuple[Tile, ...]:
-    """Return the parts of the sensor, row by row, each of which is computed with the optics of its middle.
+    """Return the parts of the sensor, row by row, each as slices of rows and columns.
 
-    Together they contain every pixel whose cutout is completely on the sensor.
+    Together they contain every pixel whose cutout is completely on the sensor. ``sensor`` and ``cutout`` are sizes
+    (rows, columns) in px, and ``parts`` is the number of parts (rows, columns), 1 to 16 each.
     """
     parts = check_tuple("parts of the field (rows, columns)", parts, 2, integer=True, at_least=1, at_most=16)
     edges = []
@@ -230,6 +231,8 @@ def measured_points(
     source: FrameSource, points: Points, parts: tuple[int, int] = (3, 3), *, most: int | None = None
 ) -> Regional:
     """Return the patterns of points, each with its position in a part of the field.
+
+    A pattern is the mean over all frames that show the same hole at the same position. Every fifth one is held out.
 
     Parameters
     ----------
@@ -275,7 +278,7 @@ def measured_modulo(source: FrameSource, points: Points, *, most: int | None = N
     """Return points as patterns of a scan of one period, as if the period were a whole number of pixels.
 
     Positions are rounded and reduced modulo the period. This is an approximation; chi² of a fit shows its error.
-    ``most`` is the largest number of points. None: all.
+    ``source`` and ``points`` are as in `measured_points`. ``most`` is the largest number of points. None: all.
     """
     scan = points.plan.scan
     firsts = _firsts(points)

@@ -74,14 +74,18 @@ def read_regions(folder: Path) -> RegionPlan:
 
 
 def first_begun(folder: Path) -> Path | None:
-    """Return the folder of the first region with a recording, with the session's options; None if there is none."""
+    """Return the folder of the first region of the session in ``folder`` that has a recording; None if none has."""
     return next((folder / n for n in read_regions(folder).names if (folder / n / NAME).exists()), None)
 
 
 def forecast_regions(
     plan: RegionPlan, rig: Rig, options: Options, folder: Path, *, frames_per_s: float | None = None
 ) -> SessionForecast:
-    """Return the forecast for all regions together, after checking each as in `lfcal.acquire.forecast`."""
+    """Return the forecast for all regions together, after checking each as in `lfcal.acquire.forecast`.
+
+    Positions, frames, times and bytes are summed; other values are those of the first region. The arguments are as in
+    `lfcal.acquire.forecast`.
+    """
     names = enumerate(plan.names)
     found = [forecast(plan.plan(k), rig, options, folder / name, frames_per_s=frames_per_s) for k, name in names]
     summed = ["positions", "other_frames", "seconds", "recording_bytes"]
@@ -102,6 +106,8 @@ def iter_record_regions(
     task: Mapping[str, Any] | None = None,
 ) -> Work[Outcome]:
     """Record every region of ``plan`` as a separate session in ``folder``, and return the combined outcome.
+
+    If a region remains incomplete, the regions after it are not recorded.
 
     Parameters
     ----------
@@ -203,9 +209,9 @@ def region_sessions(folder: Path) -> Iterator[tuple[str, Path]]:
 
 @contextmanager
 def temporary_parts(out: Path, names: Sequence[str]) -> Iterator[dict[str, Path]]:
-    """Provide, as a context manager, a temporary path for the H of each region.
+    """Provide, as a context manager, a temporary path for the H of each region, by its name.
 
-    The paths are in a folder next to ``out`` that is removed at the end.
+    The paths are in a folder next to ``out`` that is removed when the context ends.
     """
     with storage_errors(out), TemporaryDirectory(prefix=f".{out.name}.regions-", dir=out.parent) as place:
         yield {name: Path(place) / f"{name}.h5" for name in names}

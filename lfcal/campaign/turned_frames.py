@@ -33,7 +33,7 @@ EQUALLY_GOOD = 1.25
 
 @dataclass(frozen=True, eq=False)
 class SeenPattern:
-    """A frame without its background, the index of its plane, and the centre of its light (row, column) (px)."""
+    """A frame minus its median, the index of its plane, and the centre of its light (row, column) (px)."""
 
     frame: NDArray[np.float32]
     z: int
@@ -47,7 +47,7 @@ class TurnedFrames:
     Attributes
     ----------
     turns
-        Orientations of the frames; several if they explain the patterns equally well.
+        Orientations of the frames, the best one first; several if they explain the patterns about equally well.
     residual, as_is
         Fraction of the squared light that remains unexplained in the best orientation, and in the orientation as
         delivered.
@@ -73,7 +73,9 @@ class TurnedFrames:
 def seen_patterns(
     read: Callable[[int], NDArray[Any]], positions: NDArray[np.intp], plan: ScanPlan
 ) -> list[SeenPattern]:
-    """Return the patterns of four frames: two in the first and two in the last plane, far apart in the period.
+    """Return the patterns of up to four frames: two of the first and two of the last plane, far apart in the period.
+
+    Planes without frames, and frames without light, are omitted.
 
     Parameters
     ----------
@@ -103,8 +105,10 @@ def seen_patterns(
 def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFrames | None:
     """Return the orientations in which patterns match the camera.
 
-    The result is None if they match as delivered or in no orientation, or if the position of the lattice is only
-    assumed.
+    The result is None if they match as delivered or in no orientation. It is also None if no conclusion is possible:
+    without patterns, if the frames do not have the shape of the sensor, if the position of the lattice is only assumed,
+    or if the camera cannot be simulated. Orientations that exchange rows and columns are compared only on a square
+    sensor.
 
     Parameters
     ----------
