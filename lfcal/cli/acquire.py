@@ -19,7 +19,7 @@ SHOWN = 10
 
 
 def show(made: tuple[RecordedSession | PlannedSession]) -> None:
-    """Print how a session ended and what to do next, or its forecast cost."""
+    """Print how a recorded session ended and what to do next, or the forecast of a planned one."""
     (one,) = made
     if isinstance(one, PlannedSession):
         _show_forecast(one)
@@ -51,7 +51,7 @@ def show(made: tuple[RecordedSession | PlannedSession]) -> None:
 
 
 def show_coverage(facts: Mapping[str, Any]) -> None:
-    """Print which positions the frames of a target's session show; ``facts`` is from `CoverageState.to_dict`."""
+    """Print the fraction of phases shown in each plane of a target; ``facts`` is from `CoverageState.to_dict`."""
     shown = ", ".join(format_share(share) for share in facts["coverage_of_planes"])
     typer.echo(
         f"  phases shown if the target is placed as planned: {shown}; {facts['mean_repeats']:.2f} times on average"

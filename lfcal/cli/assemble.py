@@ -16,7 +16,7 @@ LISTED = 20
 
 
 def show(made: tuple[Assembled, ...]) -> None:
-    """Print what was assembled."""
+    """Print a summary of each assembled H, and the number of regions of each file with several."""
     for out, found in groupby(made, key=lambda one: one.out):
         ones = tuple(found)
         for one in ones:

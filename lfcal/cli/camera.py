@@ -51,7 +51,7 @@ def print_camera(camera: Camera) -> None:
 
 
 def as_json(camera: Camera) -> dict[str, Any]:
-    """Return ``camera``, its derived quantities, assumed values and doubts as plain values for JSON."""
+    """Return ``camera``, the paths of its assumed values, doubts and derived quantities as plain values for JSON."""
     return {
         "camera": camera.to_dict(),
         "assumed": camera.marks.paths("assumed"),

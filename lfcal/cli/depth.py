@@ -8,7 +8,7 @@ from lfcal.tasks import MeasuredDepth
 
 
 def show(made: tuple[MeasuredDepth, ...]) -> None:
-    """Print the range of the depths and the files."""
+    """Print lattice, method, size, range of depths and scale of each depth map, and the files."""
     for one in made:
         assert one.out is not None
         facts = one.to_dict()

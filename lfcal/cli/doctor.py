@@ -105,7 +105,7 @@ def examine() -> dict[str, Any]:
 
 
 def broken_plugins() -> list[dict[str, str]]:
-    """Return the plug-ins that could not be loaded: ``kind`` of part, ``name`` of the entry point, ``reason``."""
+    """Return ``kind``, ``name`` (of the entry point) and ``reason`` of each plug-in that could not be loaded."""
     from lfcal.devices import BACKENDS
     from lfcal.frames import SOURCES
     from lfcal.frames.formats import FORMATS

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def show(made: tuple[FitOutcome, ...]) -> None:
-    """Print the results of the fit."""
+    """Print parameters, verdict, notes and files of each fit."""
     from lfcal.judge import judgement_of
 
     for one in made:

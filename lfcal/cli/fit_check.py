@@ -7,7 +7,7 @@ from lfcal.tasks import CheckedMatrix
 
 
 def show(made: tuple[CheckedMatrix, ...]) -> None:
-    """Print the result of the check."""
+    """Print, for each checked H, the results of each frame, the verdict and notes."""
     from lfcal.judge import judgement_of
 
     for found in (one.check for one in made):

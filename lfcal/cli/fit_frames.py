@@ -9,7 +9,7 @@ from lfcal.tasks import Recalibrated
 
 
 def show(made: tuple[Recalibrated, ...]) -> None:
-    """Print the unknowns, the goodness of fit of each frame, and the decision."""
+    """Print the fitted parameters, the goodness of fit of each frame, the decision and the files."""
     for one in made:
         found = one.found
         rows = [

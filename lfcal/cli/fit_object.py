@@ -8,6 +8,6 @@ from lfcal.tasks import PredictedObject
 
 
 def show(made: tuple[PredictedObject, ...]) -> None:
-    """Print the error of the prediction."""
+    """Print the error and chi² of each prediction."""
     for found in (one.compared for one in made):
         typer.echo(f"{found.label}: predicted with an error {found.error}, chi² {found.chi_square.lit:.3f}")

@@ -76,14 +76,14 @@ def command(
 
 
 def data_home(environment: Mapping[str, str] = os.environ) -> Path:
-    """Return the folder of this user's menu entries and icons, by the XDG base directory specification."""
+    """Return the folder of this user's menu entries and icons: ``XDG_DATA_HOME`` if absolute, else ~/.local/share."""
     stated = environment.get("XDG_DATA_HOME", "")
     # the specification says that a relative path must be ignored
     return Path(stated) if os.path.isabs(stated) else Path.home() / ".local" / "share"
 
 
 def window_program() -> str:
-    """Return the path of ``lfcal-gui``, which is next to this program or in PATH."""
+    """Return the path of ``lfcal-gui``, next to this Python or else in PATH; raise `InputError` if there is none."""
     beside = Path(sys.executable).with_name("lfcal-gui")
     found = str(beside) if os.access(beside, os.X_OK) and beside.is_file() else shutil.which("lfcal-gui")
     if found is None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def show(made: tuple[Planned]) -> None:
-    """Print the plan with its cost."""
+    """Print the plan of a scan or of regions with its cost, and the file."""
     (one,) = made
     if "regions" in one.facts:
         _show_regions(one)

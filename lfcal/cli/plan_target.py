@@ -12,7 +12,7 @@ from lfcal.tasks import TargetPlanned
 
 
 def show(made: tuple[TargetPlanned]) -> None:
-    """Print the number of frames with the target and with a single point, and the expected error."""
+    """Print the numbers of frames and the times with the target and with a single point, and the expected error."""
     from lfcal.targets import display_words
 
     (one,) = made

@@ -24,7 +24,7 @@ UNTESTED = (
 
 
 def show(made: tuple[Reconstructed | ReconstructedBars | ReconstructionForecast, ...]) -> None:
-    """Print the reconstructed volumes, or the forecast cost."""
+    """Print the results of reconstructions, or the forecast cost."""
     from lfcal.tasks import Reconstructed, ReconstructedBars
 
     for one in made:
@@ -51,7 +51,7 @@ def _show_volume(result: Any, made: Reconstructed) -> None:
 
 
 def amount(value: float) -> str:
-    """Return a sum of voxels for display, such as ``107,779`` or ``0.0123``."""
+    """Return a sum of voxel values as text, such as ``107,779`` or ``0.0123``."""
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 

@@ -9,7 +9,7 @@ from lfcal.tasks import ReducedFile
 
 
 def show(made: tuple[ReducedFile, ...]) -> None:
-    """Print the file that was written."""
+    """Print the path, the sizes before and after, the largest loss and the time of each reduced H."""
     for one in made:
         before, after = format_bytes(one.source_bytes), format_bytes(one.bytes)
         entries = 8 * one.bytes / one.matrix.size

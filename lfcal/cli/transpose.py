@@ -9,7 +9,7 @@ from lfcal.tasks import TransposedFile
 
 
 def show(made: tuple[TransposedFile, ...]) -> None:
-    """Print the file that was written."""
+    """Print the path, shape, size, method and time of each transposed file."""
     for one in made:
         done = f"{format_bytes(one.bytes)} transposed ({one.method}) in {format_seconds(one.seconds)}"
         typer.echo(f"{one.out}: {one.made} {one.shape}, {done}")

@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GivenLattice:
-    """Options for the lattice: a white image, with kind and nominal pitch (px) for the fit, or a lattice file."""
+    """Options for the lattice: a white image, with kind and nominal pitch (px) for the fit, or a lattice file.
+
+    An empty kind and a pitch of 0 are to be detected.
+    """
 
     white: Path | None
     file: Path | None
@@ -37,9 +40,10 @@ class GivenLattice:
 class ViewedFrame:
     """A frame by colour, with all that is needed to extract views from it.
 
-    ``source`` describes the origin of ``lattice``. ``type_of`` returns the lens types (None: a single type), and
-    ``missing`` contains the indices (q, r) of dark lenslets. ``white`` is the white image by colour. If it is None, all
-    pixels within ``radius_px`` (px) of a micro-image centre have equal weight.
+    ``planes`` contains the samples of each colour. ``source`` describes the origin of ``lattice``. ``type_of`` returns
+    the types of the lenslets (q, r) (None: a single type), and ``missing`` contains the indices (q, r) of dark
+    lenslets. ``white`` is the white image by colour. If it is None, all pixels within ``radius_px`` (px) of a
+    micro-image centre have equal weight.
     """
 
     planes: Planes
@@ -51,7 +55,7 @@ class ViewedFrame:
     radius_px: float | None = None
 
     def rows(self, found: dict[str, list[Views]]) -> list[list[str]]:
-        """Return the rows of the table of views; ``found`` contains the views of each colour, by lens type."""
+        """Return the rows of the table of views; ``found`` lists the views of each colour, by lens type."""
         views, lattice = next(iter(found.values()))[0], self.lattice
         count, masked = len(views.offsets), int((~views.mask).sum())
         turned = f"turned by {math.degrees(lattice.rotation_rad):+.3f}°"
@@ -67,12 +71,12 @@ class ViewedFrame:
         return table if "" in self.planes else [*table, ["colours", ", ".join(self.planes)]]
 
     def read(self) -> Iterator[tuple[Any, dict[str, Any]]]:
-        """Yield the samples of each colour, with the weights of its micro-images."""
+        """Yield the samples of each colour, with the white image and the radius (px) that determine the weights."""
         for name, plane in self.planes.items():
             yield plane, {"white": None if self.white is None else self.white[name], "radius_px": self.radius_px}
 
     def to_dict(self, found: dict[str, list[Views]]) -> dict[str, Any]:
-        """Return the table of views and the lattice as plain values for JSON."""
+        """Return the table of views and the lattice as plain values for JSON; ``found`` is as in `rows`."""
         views = next(iter(found.values()))[0]
         names = ("kind", "pitch_px", "row_pitch_px", "rotation_rad")
         return {
@@ -92,10 +96,11 @@ def _field(views: Views) -> dict[str, Any]:
 
 
 def viewed_frame(path: Path, given: GivenLattice, camera: Camera | None, reading: ColourReading) -> ViewedFrame:
-    """Return a frame with the lattice for its views: from a white image, from a file, or from the camera.
+    """Return the frame in ``path`` with the lattice for its views: from a white image, a file, or the camera.
 
     Without a white image, all pixels within a radius of each micro-image centre have equal weight. The radius is half
-    the lenslets' clear diameter or half the pitch, whichever is smaller.
+    of the pitch, of the row pitch, or (given ``camera``) of the lenslets' clear diameter, whichever is smallest.
+    Without a white image, a file and a camera, `InputError` is raised.
     """
     from lfcal.lattice import cropped, lattice_of, load_lattice
 

@@ -11,7 +11,7 @@ COLOURS = {True: typer.colors.GREEN, False: typer.colors.RED, None: typer.colors
 
 
 def show(made: tuple[Watched, ...]) -> None:
-    """Print the drift in each frame and its test, the trends, and the decision."""
+    """Print the drift of each frame or group of frames with its test, the trends, and the decision."""
     from lfcal.recalibrate import DRIFT_NAMES
 
     for one in made:
