@@ -24,7 +24,7 @@ CANCELLED = object()
 
 
 def never() -> bool:
-    """Return False; the default of ``cancelled`` in `Caller.call`."""
+    """Return False: the default for ``cancelled`` in `Caller.call`, which never cancels the call."""
     return False
 
 
@@ -37,10 +37,10 @@ class _Call(NamedTuple):
 
 
 class Caller:
-    """Caller of one device's driver; all calls are made in the same thread.
+    """Caller of one device's driver; all calls are made in the same separate thread.
 
-    A driver may hang in any call. The call is then abandoned: its later result is discarded, and no other call begins
-    before it returns. The thread does not keep the program from ending.
+    A driver may hang in any call. A call that exceeds its time limit, or is cancelled, is abandoned: its later result
+    is discarded, and no other call begins before it returns. The thread does not keep the program from ending.
 
     Parameters
     ----------
@@ -84,14 +84,15 @@ class Caller:
         seconds
             Time that the call may take (s); the wait ends `ANSWER_S` later.
         cancelled
-            Function that is called repeatedly while waiting.
+            Function that is called repeatedly while waiting; not called for a device that never waits.
 
         Raises
         ------
         DeviceLost
             If the driver does not return in time, or still hangs in an earlier call.
         DeviceError
-            If the driver raises an error; errors of lfcal are passed on unchanged, others with the device's name.
+            If the driver raises an error of another library, or a `StorageError` (see `driver_errors`). Other errors of
+            lfcal are passed on unchanged.
         """
         if self._direct:
             try:  # about ten calls per frame: a context manager for each would take longer than the checks

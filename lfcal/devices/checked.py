@@ -110,7 +110,7 @@ class CheckedCamera(_Checked[CameraDevice]):
 
     @cached_property
     def sensor_shape(self) -> tuple[int, int]:
-        """Rows and columns of the whole sensor."""
+        """Shape ``(rows, columns)`` of the whole sensor (px)."""
         shape = self._ask("sensor_shape")
         if not (isinstance(shape, tuple | list) and len(shape) == 2 and all(_whole(n, 1) for n in shape)):
             raise self._wrong("sensor_shape", "rows and columns", shape)
@@ -165,7 +165,10 @@ class CheckedCamera(_Checked[CameraDevice]):
         return self.device.optics if isinstance(self.device, Rendered) else ""
 
     def grab(self, timeout_s: float, cancelled: Callable[[], bool] = never) -> Frame | None:
-        """Return a frame whose exposure started after this call; None as soon as ``cancelled`` returns True."""
+        """Return a frame whose exposure started after this call; None as soon as ``cancelled`` returns True.
+
+        The camera raises `FrameTimeout` if no frame arrives within ``timeout_s`` (s).
+        """
         frame = self._caller.call("grab", self.device.grab, timeout_s, seconds=timeout_s, cancelled=cancelled)
         if frame is CANCELLED:
             return None
@@ -253,7 +256,10 @@ class CheckedStage(_Checked[StageDevice]):
         return isinstance(self.device, MovedElsewhere) and self.device.moved_elsewhere
 
     def move(self, target: Point, *, seconds: float = MOVE_S, cancelled: Callable[[], bool] = never) -> None:
-        """Begin to move to ``target`` (x, y, z) (µm); a driver that waits for arrival may take ``seconds``."""
+        """Begin to move to ``target`` (x, y, z) (µm); a driver that waits for arrival may take ``seconds``.
+
+        The call ends early, without stopping the stage, if ``cancelled`` returns True.
+        """
         self._caller.call("move", self.device.move, target, seconds=seconds, cancelled=cancelled)
 
     def moving(self, cancelled: Callable[[], bool] = never) -> bool:

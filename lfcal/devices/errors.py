@@ -61,15 +61,15 @@ class NotInPosition(StageError):
 
 
 class LimitError(StageError, InputError):
-    """A target position is outside the stage's limits; nothing was moved."""
+    """A target position, or the approach to it, is outside the stage's limits; nothing was moved."""
 
 
 class driver_errors:
-    """Context manager that converts errors of a driver to a `DeviceError` with the name of ``device``.
+    """Context manager that converts errors of a driver to a `DeviceError` whose message names the device.
 
-    Drivers raise errors of their libraries, such as RuntimeError, or an OSError of the USB bus. An OSError, or a
-    StorageError of a device that works with files, would otherwise be mistaken for an error of the recording's disk.
-    Other errors of lfcal are not converted.
+    ``device`` is the name. Drivers raise errors of their libraries, such as RuntimeError, or an OSError of the USB bus.
+    An OSError, or a StorageError of a device that works with files, would otherwise be mistaken for an error of the
+    recording's disk. Other errors of lfcal, and Ctrl-C, are not converted.
     """
 
     # a class: entered about ten times per frame, where a generator would take as long as the frame's checks

@@ -62,7 +62,7 @@ class Roi:
         return self.rows, self.columns
 
     def within(self, other: Roi) -> tuple[slice, slice]:
-        """Return the slices (rows, columns) that select this rectangle in a frame of the rectangle ``other``."""
+        """Return the slices (rows, columns) that select this rectangle in a frame of ``other``, which contains it."""
         top, left = self.row - other.row, self.column - other.column
         return slice(top, top + self.rows), slice(left, left + self.columns)
 

@@ -55,7 +55,7 @@ class AravisBackend:
         return f"libaravis {library().version}"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return a rig with the camera, but without a stage."""
+        """Return a rig with the camera that ``options`` select, but without a stage."""
         lib = library()
         if options.get("fake") == "1":
             lib.enable_interface(b"Fake")

@@ -59,7 +59,7 @@ class GenTLBackend:
         return f"harvesters {harvesters.__version__}"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return a rig with the camera, but without a stage."""
+        """Return a rig with the camera that ``options`` select, but without a stage."""
         import genicam
         from harvesters.core import Harvester
 

@@ -65,7 +65,7 @@ class MicroManagerBackend:
         return f"pymmcore {pymmcore.__version__}"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Load the configuration file, and return a rig with its camera and stages."""
+        """Load the configuration file, and return a rig with the camera and stages that ``options`` select."""
         import pymmcore
 
         limits = _limits(options)
@@ -79,7 +79,7 @@ class MicroManagerBackend:
 
 
 class SharedCoreBackend:
-    """Backend for the core that pymmcore-plus has open in this process, whose devices stay open."""
+    """Backend for the running core of pymmcore-plus in this process; its devices stay loaded after a session."""
 
     name = "pymmcore-plus"
     title = "running core of pymmcore-plus"
@@ -100,7 +100,7 @@ class SharedCoreBackend:
         return f"pymmcore-plus {found.__version__}"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return a rig with the camera and the stages of the running core."""
+        """Return a rig with camera and stages of the running core; a configuration is loaded if it has no devices."""
         limits = _limits(options)
         core = importlib.import_module("pymmcore_plus").CMMCorePlus.instance()
         loaded, config = [label for label in core.getLoadedDevices() if label != "Core"], options.get("config", "")
