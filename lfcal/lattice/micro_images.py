@@ -272,7 +272,9 @@ def lattice_of(
 
 
 def cropped(lattice: FrameLattice, shape: Sequence[int], origin: tuple[int, int] | None = None) -> FrameLattice:
-    """Return ``lattice`` for frames of ``shape`` whose first pixel is pixel ``origin`` (row, column) of its frames.
+    """Return ``lattice`` for the part of its frames that has this ``shape`` and begins at ``origin`` (row, column).
+
+    If ``origin`` is None, ``shape`` must be that of the lattice, and ``lattice`` is returned.
 
     Raises
     ------
@@ -337,7 +339,7 @@ def type_lattice(lattice: FrameLattice, type_of: TypeOf, lens_type: int) -> Type
     Raises
     ------
     InputError
-        If the lattice does not have three lens types.
+        If the lattice is not hexagonal, or not exactly one of the lenslets (0, 0), (1, 0) and (2, 0) is of this type.
 
     Examples
     --------

@@ -94,10 +94,10 @@ def render(
     samples: int = 4,
     workers: int | None = None,
 ) -> RenderedPlanes:
-    """Render the scene on planes at ``slopes``; each image sample is the mean over all lenslets that see it.
+    """Render the scene on planes at ``slopes``; each image sample is the weighted mean over the lenslets that see it.
 
     Consider a point on the plane with the slope w, whose chief ray meets the sensor at S. The lenslet whose micro-image
-    is centred at c images it at c + (S - c)/w.
+    is centred at c images this point at c + (S - c)/w.
 
     Parameters
     ----------
@@ -106,8 +106,8 @@ def render(
     slopes
         Slope of each plane (see `sensor_slope`), whose absolute value must be at least 1.5 (`MIN_SLOPE`).
     type_of, shares
-        Function that returns the lens types of lenslets (q, r), and the weights of the lens types for each plane, such
-        as `sharpness_shares`. None: all weights are equal.
+        Function that returns the lens types of lenslets (q, r), and for each plane the weights of the lens types, such
+        as those of `sharpness_shares`. If either is None, all types have equal weights.
     samples
         Number of image samples along each side of a view sample.
     workers
@@ -154,7 +154,7 @@ def render(
 
 
 def check_slopes(slopes: Sequence[float]) -> None:
-    """Raise `InputError` unless `render` supports the slope of every plane."""
+    """Raise `InputError` unless the absolute value of every slope is from `MIN_SLOPE` to 1000, as `render` requires."""
     for slope in slopes:
         check_number("slope", slope, at_least=-1e3, at_most=1e3)
         if abs(slope) < MIN_SLOPE:
@@ -202,7 +202,12 @@ def total_focus(planes: RenderedPlanes) -> tuple[Image, Image]:
     """Return the all-in-focus image and the slope of the plane selected at each sample, both ``(rows, columns)``.
 
     The selected plane has the smallest disagreement between lenslets in a small window. Where the scene has no texture,
-    the selected slope is meaningless, but the image is the same on all planes.
+    the selected slope is meaningless, but the image is nearly the same on all planes.
+
+    Raises
+    ------
+    InputError
+        If ``planes`` contains no plane.
 
     Examples
     --------

@@ -36,9 +36,9 @@ def stack_names(label: str, slopes: tuple[float, ...]) -> list[str]:
 def save_views(out: Path, label: str, colours: list[Views], times: int) -> None:
     """Write a stack of all views ``(v, u, y, x)``, a mosaic of every second view, and the central view.
 
-    In ImageJ, the axes of the stack are (t, z, y, x). ``label`` is part of the names of the files in the folder
-    ``out``. ``colours`` contains the views of each colour channel, and ``times`` is the factor by which the central
-    view is enlarged.
+    In ImageJ, the axes of the stack are (t, z, y, x), or (t, z, c, y, x) for several colours. Samples that no lenslet
+    sees are NaN. ``label`` is part of the names of the files in the folder ``out``. ``colours`` contains the views of
+    each colour channel, and ``times`` is the integer factor by which the central view is enlarged.
     """
     stack, mosaic, central = (out / name for name in view_names(label))
     images = _joined([np.where(one.mask, one.images, np.float32(np.nan)) for one in colours], 2)
@@ -51,10 +51,10 @@ def save_views(out: Path, label: str, colours: list[Views], times: int) -> None:
 
 
 def save_focal_stack(out: Path, label: str, colours: list[Array], slopes: tuple[float, ...]) -> None:
-    """Write the planes ``(n, rows, columns)`` of a focal stack to one file, and each plane as an image for display.
+    """Write all planes of a focal stack to one TIFF file, and each plane to a PNG file for display.
 
-    ``label`` is part of the names of the files in the folder ``out``. ``colours`` contains the stack of each colour
-    channel, and ``slopes`` the slope of each plane.
+    ``label`` is part of the names of the files in the folder ``out``. ``colours`` contains the stack ``(n, rows,
+    columns)`` of each colour channel, and ``slopes`` the slope of each of the n planes.
     """
     stack, names = _joined(colours, 1), stack_names(label, slopes)
     _save_stack(out / names[0], stack, "ZCYX" if stack.ndim == 4 else "ZYX", [f"slope {w:+.3f}" for w in slopes])
@@ -63,9 +63,10 @@ def save_focal_stack(out: Path, label: str, colours: list[Array], slopes: tuple[
 
 
 def save_total_focus(out: Path, colours: list[tuple[Array, Array]]) -> None:
-    """Write the all-in-focus image, a copy of it for display, and the slopes at which it is in focus.
+    """Write the all-in-focus image, a copy of it for display, and its slope map to the folder ``out``.
 
-    ``colours`` contains the image and the slopes of each colour channel, both ``(rows, columns)``.
+    ``colours`` contains for each colour channel the image and the slope at which each sample is in focus, both ``(rows,
+    columns)``.
     """
     image, slopes = (_joined(list(of), 0) for of in zip(*colours, strict=True))
     for name, one in ((TOTAL[0], image), (TOTAL[2], slopes)):

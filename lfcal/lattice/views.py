@@ -33,8 +33,8 @@ class Views:
         Views from the pixels that are displaced by `offsets` in v (down) and u (right) from the centre of each
         micro-image, ``(nv, nu, rows, columns)`` float32; 0 where no lenslet sees a sample.
     weights
-        Weight of each sample, ``(nv, nu, rows, columns)``: the same views of a white frame, or of a mask of the
-        aperture.
+        Weight of each sample, ``(nv, nu, rows, columns)``: the same views of a white frame, scaled to a maximum of 1,
+        or a mask of the aperture.
     offsets
         Offsets of the views from the centres of the micro-images (px), the same in v and u.
     radius_px
@@ -72,7 +72,10 @@ class Views:
 
     @property
     def rotation_rad(self) -> float:
-        """Angle (rad) from the +x axis of the frame, along which `offsets` in u are measured, to the rows of a view."""
+        """Angle (rad) from the +x axis of the frame to the rows of a view, positive towards +y (down).
+
+        The `offsets` in u are along the +x axis of the frame.
+        """
         return self.grid.rotation_rad
 
     @property
@@ -88,7 +91,7 @@ class Views:
         return result
 
     def mosaic(self, every: int = 1) -> Image:
-        """Return a mosaic image of every ``every``-th view along each axis, counted from the middle one."""
+        """Return a mosaic image of every ``every``-th view along v and u, including the middle one."""
         middle = len(self.offsets) // 2
         pick = np.arange(middle % every, len(self.offsets), every)
         chosen = self.images[np.ix_(pick, pick)]
@@ -129,7 +132,8 @@ def extract_views(
     dark
         Dark frame, or dark level (counts), to subtract from both frames.
     radius_px
-        Radius of the micro-images (px). None: 0.45 times the smaller of pitch and row pitch.
+        Radius of the micro-images (px). None: 0.45 times the smaller of pitch and row pitch (those of ``raster``, if
+        given).
     axes, full, missing, raster
         As in `view_grid`: direction of the rows of a view, whether to return the complete field with a mask, lenslets
         without light, and the lattice that defines the positions of the samples. Without ``full``, the largest box is
@@ -140,7 +144,8 @@ def extract_views(
     Raises
     ------
     InputError
-        If the shape of a frame differs from that of the lattice, or the frame contains no complete micro-image.
+        If the shape of a frame differs from that of the lattice, the frame contains no complete micro-image, or
+        ``radius_px`` is less than 1 or more than the pitch.
 
     Examples
     --------
@@ -183,7 +188,7 @@ def extract_views(
 
 
 def subtract_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLattice, what: str) -> Image:
-    """Return a frame minus its dark frame or level as float32, after checking that the shapes match the lattice.
+    """Return a frame minus its dark frame or level (counts) as float32, if the shapes match that of the lattice.
 
     Raises
     ------

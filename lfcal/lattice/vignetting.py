@@ -26,7 +26,7 @@ class Vignetting:
     scatter
         Relative rms deviation of the lenslets, except dead ones, from the surface.
     falloff
-        Minimum of the surface within the lit part of the frame.
+        Minimum of the surface within the lit part of the frame, at least half of its minimum over the lenslets.
     """
 
     lenslets: NDArray[np.float64] = field(repr=False)

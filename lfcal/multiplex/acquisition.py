@@ -26,8 +26,7 @@ class Acquisition:
     modulator
         Modulator used for the recording.
     frame
-        Recorded frame ``(rows, columns)`` with noise, in units of the light that a pixel without a modulator would
-        record.
+        Recorded frame ``(rows, columns)`` with noise; 1 is unmodulated light at full scale.
     views
         Plenoptic samples ``(N, rows, columns)`` reconstructed from the noisy frame, on the output grid of
         `demultiplex`.
@@ -61,7 +60,7 @@ class Acquisition:
 
     @property
     def snr_db(self) -> float:
-        """Signal-to-noise ratio (dB): 10 log10 of the mean of `truth` divided by `noise` (Ihrke et al., eq. 13)."""
+        """Signal-to-noise ratio (dB): 10 log10(mean of `truth` / `noise`) (Ihrke et al., eq. 13); inf without noise."""
         return 10 * math.log10(float(self.truth.mean()) / self.noise) if self.noise > 0 else math.inf
 
 
@@ -96,12 +95,12 @@ def iter_acquire_light_field(
     Yields
     ------
     Progress
-        Counted in modulators.
+        One step for each modulator.
 
     Raises
     ------
     InputError
-        If ``chi2`` is not above 0, or a modulator does not have as many samples as the scene.
+        If ``chi2`` or ``signal_e`` is not above 0, or a modulator does not have as many samples as the scene.
     """
     scene = np.asarray(light, float)
     check_number("electrons of unmodulated light", signal_e, above=0)

@@ -44,7 +44,7 @@ class DisplayFit:
     image_px
         Width of the image of a display pixel (sensor pixels).
     placing_px
-        Largest error of a source position that is rounded to whole display pixels, in its image (sensor pixels).
+        Largest error, in the image, of a source position that is rounded to whole display pixels (sensor pixels).
     fits
         Whether every source position has a separate display pixel and is reached within 0.1 sensor pixels
         (`PLACING_PX`).
@@ -139,14 +139,15 @@ def display_frames(
     shape
         Number of rows and columns of the display.
     repeat
-        Distance (down, across) at which the block of points is repeated, in the units of ``places``. It must be so
-        large that the patterns of different blocks do not overlap. The display shows as many blocks as fit, all with
-        the same code. None: a single block.
+        Distance (down, across) at which the block of points is repeated, in the units of ``places``. Choose it so large
+        that the patterns of different blocks do not overlap on the sensor, which is not checked. The display shows as
+        many blocks as fit, all with the same code. None: a single block.
 
     Raises
     ------
     InputError
-        If the block is larger than the display, or two points share a display pixel.
+        If the shapes of ``code`` and ``places`` do not match, the block is larger than the display or than ``repeat``,
+        or two points share a display pixel.
 
     Examples
     --------

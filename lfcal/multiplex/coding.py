@@ -43,17 +43,17 @@ MOST_POINTS = 1023
 
 
 def s_matrix_orders(most: int = MOST_POINTS) -> list[int]:
-    """Return the orders up to ``most`` for which `s_matrix` is defined: primes of the form 4k - 1, and 2^n - 1."""
+    """Return the orders of S-matrices from 3 to ``most``: primes of the form 4k - 1, and the numbers 2^m - 1."""
     return [n for n in range(3, most + 1) if _is_paley(n) or (n & (n + 1)) == 0]
 
 
 def s_matrix(order: int) -> Array:
     """Return an S-matrix ``(order, order)`` of 0 and 1, the best code for additive noise (Harwit and Sloane 1979).
 
-    For the order n, every row and column has (n + 1)/2 ones. With the identity I and the matrix J of ones, S S^T = (n +
-    1)/4 (I + J), and the inverse is 2/(n + 1) (2 S^T - J). For primes n = 4k - 1, the rows are shifts of the indicator
-    of the quadratic residues and 0. For n = 2^k - 1, S is derived from Sylvester's Hadamard matrix without its first
-    row and column.
+    For the order n, every row and column has (n + 1)/2 ones. With the identity I and the matrix J of ones, the product
+    S S^T is (n + 1)/4 (I + J), and the inverse of S is 2/(n + 1) (2 S^T - J). For primes n = 4k - 1, each row is a
+    cyclic shift of a sequence that is 1 at 0 and at the quadratic residues modulo n. For other n = 2^m - 1, S is
+    derived from Sylvester's Hadamard matrix without its first row and column.
 
     Raises
     ------
@@ -135,8 +135,14 @@ def code_matrix(
     points
         Number of points whose patterns overlap.
     frames, density, rng
-        Options of random codes: number of frames (default: number of points), fraction of points that are lit in a
-        frame (0 to 1), and random number generator (None: one with a fixed seed).
+        Options of random codes: number of frames (None: number of points), expected fraction of points that are lit in
+        a frame (0 to 1), and random number generator (None: one with a fixed seed).
+
+    Raises
+    ------
+    InputError
+        If ``kind`` is unknown, ``points`` is not from 1 to 1023, ``frames`` is given for a code that is not random, or
+        as in `random_code`.
 
     Examples
     --------
@@ -181,8 +187,8 @@ class CodingNumbers:
     rms_db
         Gain in the rms error over all entries of the patterns (dB).
     core_db, dark_db
-        Gain of bright entries, at least half of the peak of their pattern, and of dark entries, at most a hundredth of
-        it (dB).
+        Gain in the rms error over the bright entries, with at least half of the peak of their pattern, and over the
+        dark ones, with at most a hundredth of it (dB); NaN if there are none.
     better
         Fraction of the entries whose error is smaller with the code, 0 to 1.
     exposure
@@ -279,7 +285,10 @@ class CodingVerdict:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the main values as plain JSON types; an infinite `break_even_e` becomes None."""
+        """Return the main values, with gains at equal exposure time, as plain JSON types.
+
+        An infinite `break_even_e` becomes None.
+        """
         return {
             "pays": self.pays,
             "together": self.gain.points,
@@ -316,7 +325,7 @@ def overlapping_patterns(
     Raises
     ------
     InputError
-        If ``plane`` does not have four axes, or contains no light.
+        If ``plane`` is not an array of real numbers with four axes, or the patterns contain no light.
 
     Examples
     --------
@@ -366,7 +375,8 @@ def coding_gain(patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, *, sig
     Raises
     ------
     InputError
-        If the code does not separate the points, or the signal exceeds the full well.
+        If the shapes do not match, the patterns contain no light, the code does not separate the points, or the signal
+        exceeds the full well.
 
     Examples
     --------
@@ -416,6 +426,11 @@ def coding_pays(
     limit
         ``"time"``: equal exposure times; those of coded frames are shortened only if the frames would saturate. ``"full
         well"``: in both cases, the brightest pixel reaches the full well.
+
+    Raises
+    ------
+    InputError
+        As in `coding_gain`.
 
     Examples
     --------
@@ -475,6 +490,11 @@ def measured_coding_gain(
         Number of simulated series of frames, each of which is simulated with and without the code.
     rng
         Random number generator for photon noise, read noise and photo-response non-uniformity.
+
+    Raises
+    ------
+    InputError
+        As in `coding_gain`, or if the number of frames is not a multiple of the number of points.
 
     Examples
     --------

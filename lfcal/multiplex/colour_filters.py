@@ -47,11 +47,13 @@ def parse_pattern(pattern: str, filters: Mapping[str, Sequence[float]] = FILTERS
     """Return the letters of the filters in each row of a pattern.
 
     The pattern is a name in `CFA_PATTERNS`, rows separated by slashes, or the letters of a square in row-major order.
+    The keys of ``filters`` are the letters allowed.
 
     Raises
     ------
     InputError
-        If a letter is not a filter, the rows have different lengths, or the pattern is too large.
+        If a letter is not a key of ``filters``, the rows have different lengths, a row without slashes is not a square,
+        or a side of the pattern exceeds 16 filters.
     """
     if not isinstance(pattern, str):
         raise InputError.expected(

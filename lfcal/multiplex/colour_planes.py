@@ -38,9 +38,8 @@ class ColourReading:
 
     ``channel`` is one of `CHANNELS`, and ``cfa`` is the pattern of colour filters (empty: that of the file). ``dark``
     is a dark frame, or a folder of them; None: no dark frame. ``origin`` is the sensor position (row, column) of the
-    first pixel. None: the frames show the whole sensor.
-
-    With ``repair``, pixels that are not finite, and those that the file ``mask`` marks, are interpolated.
+    first pixel; None: the frames show the whole sensor. With ``repair``, pixels that are not finite or that the file
+    ``mask`` marks are interpolated; otherwise, ``mask`` is not used.
     """
 
     channel: str
@@ -52,10 +51,10 @@ class ColourReading:
 
 
 def read_planes(path: Path, reading: ColourReading) -> Planes:
-    """Return each colour of a frame, ``(rows, columns)``, minus its dark frame; a grey frame has the colour "".
+    """Return a mapping from each colour of a frame to its image ``(rows, columns)`` minus the dark frame.
 
-    Frame and dark frame are files, or folders whose frames are averaged. Without a dark frame, only the black level
-    stated in the file of a mosaic is subtracted.
+    A grey frame has the colour "". Frame and dark frame are files, or folders whose frames are averaged. A mosaic is
+    demosaiced. Without a dark frame, only the black level stated in the file of a mosaic is subtracted.
 
     Raises
     ------
@@ -106,14 +105,14 @@ def _repaired(image: NDArray[np.float32], path: Path, reading: ColourReading, cf
 def lost_pixels(
     image: NDArray[Any], path: Path, mask: Path | None, origin: tuple[int, int] = (0, 0)
 ) -> NDArray[np.bool_]:
-    """Return the pixels ``(rows, columns)`` of the frame in ``path`` that are not finite, or marked in ``mask``.
+    """Return a mask ``(rows, columns)`` of the pixels of ``image`` that are not finite, or marked in the file ``mask``.
 
-    ``origin`` is the sensor position (row, column) of the first pixel.
+    ``path`` is the file of the image, for messages. ``origin`` is the sensor position (row, column) of the first pixel.
 
     Raises
     ------
     InputError
-        If no other pixels remain, or the mask has another shape.
+        If no other pixels remain, or the shape of the mask does not match.
     """
     import numpy as np
 
@@ -130,9 +129,11 @@ def lost_pixels(
 def interpolated(
     image: NDArray[np.float32], path: Path, mask: Path | None, origin: tuple[int, int] = (0, 0), cfa: str = ""
 ) -> NDArray[np.float32]:
-    """Return an image whose `lost_pixels` are interpolated, in a mosaic ``cfa`` from pixels behind the same filter.
+    """Return ``image`` with the pixels that `lost_pixels` finds interpolated from their neighbours.
 
-    ``path``, ``mask`` and ``origin`` are as in `lost_pixels`.
+    In a mosaic with the pattern ``cfa`` (empty: no mosaic), the neighbours behind the same filter are used. Pixels
+    without a good neighbour are set to the median of the other pixels. ``path``, ``mask`` and ``origin`` are as in
+    `lost_pixels`.
     """
     import numpy as np
 
