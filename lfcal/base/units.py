@@ -112,7 +112,7 @@ def format_number(value: float, digits: int = 3) -> str:
 
 
 def format_pixels(shape: Sequence[int]) -> str:
-    """Return a number of rows and columns as text, such as ``'480 x 640 px'``."""
+    """Return the shape ``(rows, columns)`` of an image as text, such as ``'480 x 640 px'``."""
     return f"{' x '.join(map(str, shape))} px"
 
 
@@ -122,9 +122,10 @@ def format_count(many: int, one: str, several: str) -> str:
 
 
 def format_share(share: float, among: Iterable[float] = ()) -> str:
-    """Return a fraction in per cent as text with two digits, such as ``'0.35 %'`` or ``'140 %'``.
+    """Return a fraction in per cent as text, with two significant digits or, from 100 % on, as a whole number.
 
-    The text has up to six digits where they distinguish it from the other fractions ``among``.
+    Examples are ``'0.35 %'`` and ``'140 %'``. The text has up to six digits if they are needed to distinguish it from
+    the fractions ``among``.
 
     Examples
     --------

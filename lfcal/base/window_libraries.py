@@ -36,7 +36,10 @@ ON_X11 = {
 def missing_libraries(
     names: Mapping[str, str], load: Callable[[str], Any] = ctypes.CDLL, platform: str = sys.platform
 ) -> dict[str, str]:
-    """Return the entries of ``names`` (library: package) that cannot be loaded; empty except on Linux."""
+    """Return the entries of ``names`` (library: package) whose library cannot be loaded; empty except on Linux.
+
+    ``load`` loads a library by name and raises OSError if it fails. ``platform`` is as in `sys.platform`.
+    """
     if not platform.startswith("linux"):
         return {}
     missing = {}
@@ -49,7 +52,7 @@ def missing_libraries(
 
 
 def without(missing: Mapping[str, str]) -> str:
-    """Return a one-line message that names the missing libraries and the command that installs them."""
+    """Return a one-line message with the libraries in ``missing`` (library: package) and how to install them."""
     return (
         f"the window needs system libraries that are missing: {', '.join(missing)}; "
         f"run: sudo apt install {' '.join(missing.values())} (Debian, Ubuntu)"
@@ -57,7 +60,11 @@ def without(missing: Mapping[str, str]) -> str:
 
 
 def shows_on_x11(environment: Mapping[str, str] = os.environ) -> bool:
-    """Return whether Qt will show windows on X11: an X11 display exists, and no other platform is chosen."""
+    """Return whether Qt will show windows on X11, from the variables in ``environment``.
+
+    It does if ``QT_QPA_PLATFORM`` is xcb. It also does if there is an X11 display but no Wayland display, and
+    ``QT_QPA_PLATFORM`` is not set.
+    """
     chosen = environment.get("QT_QPA_PLATFORM", "")
     return chosen.startswith("xcb") or (
         not chosen and bool(environment.get("DISPLAY")) and not environment.get("WAYLAND_DISPLAY")

@@ -50,8 +50,8 @@ class Derived:
     label, text
         Name of the quantity, and its value and unit as text.
     value
-        Value in ``unit``. A tuple contains (y, x), except (x, y) for the type-0 micro-image, or the depths at the near
-        limit, in focus and at the far limit.
+        Value in ``unit``. A tuple is (y, x), or (x, y) for the type-0 micro-image. For depths, it is (near limit, in
+        focus, far limit).
     unit
         Unit of ``value``, as in the camera description; it may differ from that in ``text``.
     assumed
@@ -73,7 +73,10 @@ class Derived:
 
 
 def assumed_of(camera: Camera, paths: tuple[str, ...]) -> tuple[str, ...]:
-    """Return those of ``paths`` (such as `STEP` or `DEPTH`) whose values are assumed and matter for ``camera``."""
+    """Return those of ``paths`` (such as `STEP` or `DEPTH`) at which the value of ``camera`` is assumed.
+
+    The gap is left out if the magnification does not depend on it.
+    """
     return _assumed(camera, _that_matter(camera, paths))
 
 

@@ -93,7 +93,7 @@ class Marks:
         return dict(self.entries).get(path, "stated")
 
     def paths(self, mark: str) -> tuple[str, ...]:
-        """Return the paths of the values that have the given mark."""
+        """Return the paths in `entries` with the given mark; values without an entry are not included."""
         return tuple(path for path, own in self.entries if own == mark)
 
     def marked(self, paths: Iterable[str], mark: str) -> Marks:
@@ -187,7 +187,10 @@ class Camera:
 
     @property
     def lattice_scale(self) -> float:
-        """Ratio of micro-image pitch to lenslet pitch: 1 + gap/image distance for a main lens, 1 for a microscope."""
+        """Ratio of micro-image pitch to lenslet pitch: 1 + gap/image distance for a main lens, 1 for a microscope.
+
+        It raises `NoLatticeError` for lenslets in a pupil plane.
+        """
         # the chief ray leaves the exit pupil's centre and passes the lenslet at distance b, the sensor at b + B
         return 1.0 + self.periodic.gap_um / self.optics.image_distance_um
 
@@ -199,7 +202,11 @@ class Camera:
         return self.optics.magnification * self.lattice_scale
 
     def pixels(self, xy_um: ArrayLike) -> NDArray[np.float64]:
-        """Return the pixels (row, column), ``(..., 2)``, at points (x, y) relative to the sensor's centre (µm)."""
+        """Return the pixel coordinates (row, column), ``(..., 2)``, of points ``xy_um`` on the sensor.
+
+        The points (x, y), ``(..., 2)``, are relative to the sensor's centre (µm). Integer coordinates are pixel
+        centres.
+        """
         # Camera.pixels counts (row, column), points count (x, y): the order is swapped, without mirroring
         flipped = np.asarray(xy_um, float)[..., ::-1]
         pixels: NDArray[np.float64] = flipped / self.sensor.pixel_um + np.array(self.sensor.centre_px)
@@ -223,9 +230,14 @@ class Camera:
     def step_um(self, z_um: float = 0.0) -> float:
         """Return the lateral step in object space (µm) that moves the image by one pixel, at the depth ``z_um`` (µm).
 
-        For a main lens, the chief ray is traced from the object through the centre of the lens to the sensor. The
-        period of the pattern is then exactly that of the micro-images at every depth. `InputError` is raised if the
-        depth is not beyond the front focal plane of the main lens.
+        The depth is relative to the working plane and positive away from the camera; for a microscope, the step does
+        not depend on it. For a main lens, the chief ray is traced from the object through the centre of the lens to the
+        sensor. At every depth, the pattern then repeats after a move by exactly the micro-image period.
+
+        Raises
+        ------
+        InputError
+            If the depth is not beyond the front focal plane of the main lens.
         """
         if isinstance(self.optics, Microscope):
             return self.sensor.pixel_um / self.magnification
@@ -238,8 +250,8 @@ class Camera:
 
         The distance is positive behind the array. The depth z is relative to the working plane and positive away from
         the camera; a is then negative. For a microscope with the magnification M and the medium index n,
-        ``a = -M² z / n`` (paraxial). For a main lens, a follows from the thin-lens equation. For lenslets in a pupil
-        plane, it is not defined, and `NoLatticeError` is raised.
+        ``a = -M² z / n`` (paraxial). For a main lens, a follows from the thin-lens equation, and `InputError` is raised
+        as in `step_um`. For lenslets in a pupil plane, it is not defined, and `NoLatticeError` is raised.
         """
         self._check_lattice("virtual depth")
         if isinstance(self.optics, Microscope):
@@ -247,13 +259,17 @@ class Camera:
         return self.optics.image_of(self._object_distance(z_um)) - self.optics.image_distance_um
 
     def virtual_depth(self, z_um: float) -> float:
-        """Return the virtual depth of the object depth ``z_um`` (µm): `image_shift_um` divided by the gap."""
+        """Return the virtual depth of the object depth ``z_um`` (µm): `image_shift_um` divided by the gap.
+
+        The errors are those of `image_shift_um`.
+        """
         return self.image_shift_um(z_um) / self.lattice.gap_um
 
     def depth_of(self, virtual_depth: float) -> float:
         """Return the object depth z (µm) of a virtual depth; the inverse of `virtual_depth`.
 
-        Raises `InputError` if no object is imaged to that virtual depth.
+        Raises `InputError` if no object in front of a main lens is imaged to that virtual depth, and `NoLatticeError`
+        for lenslets in a pupil plane.
         """
         self._check_lattice("virtual depth")
         a = virtual_depth * self.lattice.gap_um
@@ -297,7 +313,15 @@ class Camera:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Camera:
-        """Return the camera described by the result of `to_dict`; unknown or missing entries raise `InputError`."""
+        """Return the camera described by the result of `to_dict`, of this or an earlier version of the format.
+
+        Raises
+        ------
+        FileFormatError
+            If the format or version is another, or entries are unknown, missing, or of another type.
+        InputError
+            If a value is invalid.
+        """
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise FileFormatError.expected(
                 "camera description",
@@ -324,7 +348,7 @@ class Camera:
 
     @classmethod
     def from_json(cls, text: str) -> Camera:
-        """Return the camera described by ``text``, as returned by `to_json`."""
+        """Return the camera described by ``text``, as returned by `to_json`; the errors are those of `from_dict`."""
         return cls.from_dict(parse_json(text, "camera description"))
 
 

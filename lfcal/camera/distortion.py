@@ -67,7 +67,10 @@ def polynomial_powers(degree: int) -> list[tuple[int, int]]:
 
 
 def monomials(u: Array, degree: int) -> Array:
-    """Return u_x^i u_y^j at points ``(..., 2)``, as ``(..., terms)`` in the order of `polynomial_powers`."""
+    """Return u_x^i u_y^j at the points ``u``, ``(..., 2)``, as an array ``(..., terms)``.
+
+    The powers (i, j) are those of ``polynomial_powers(degree)``, in this order.
+    """
     powers = polynomial_powers(degree)
     x, y = _powers(u, degree)
     found = np.empty((len(powers), *u.shape[:-1]))
@@ -302,7 +305,10 @@ class LatticeDistortion:
 
     @property
     def largest(self) -> float:
-        """Largest displacement within the distance `scale` from the centre, in the unit of the lattice."""
+        """Largest length of the displacement within the distance `scale` from the centre, in the unit of the lattice.
+
+        It is the maximum over 720 points on ten circles.
+        """
         angle = np.linspace(0, 2 * np.pi, 73)[:-1]
         ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
         points = (np.linspace(0, 1, 11)[:, None, None] * ring * self.scale).reshape(-1, 2) + np.array(self.centre)

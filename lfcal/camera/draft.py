@@ -78,7 +78,7 @@ class Draft:
 
     @classmethod
     def of(cls, camera: Camera, given: Mapping[str, Any]) -> Draft:
-        """Return a draft with the values of an existing camera, of which those in ``given`` (by path) are replaced.
+        """Return a draft with the values of ``camera``, except those that ``given`` replaces (by path).
 
         Lattices are measured in pixels. Their derived or measured lengths are therefore scaled if ``given`` changes the
         pixel pitch. Gaps and focal lengths that were assumed are assumed again.
@@ -140,7 +140,10 @@ class Draft:
         return part != "optics" or name in {f.name for f in fields(self._kind)}
 
     def state(self, path: str, value: Any) -> None:
-        """Set the value at ``path`` with the mark ``"stated"``, replacing the current value."""
+        """Set the value at ``path`` with the mark ``"stated"``, replacing the current value.
+
+        A value at ``lattice.focus`` also removes that at ``lattice.types``.
+        """
         self.withdraw(path)
         self.put(path, value)
         if path == FOCUS:
@@ -151,7 +154,10 @@ class Draft:
         self._values.pop(path, None)
 
     def get(self, path: str) -> Any:
-        """Return the value that is set at ``path``, or the assumed value."""
+        """Return the value that is set at ``path``; if there is none, the default of the optics, lattice or sensor.
+
+        For a Fourier light-field microscope, it is the value that `camera` would assume.
+        """
         if path in self._values:
             return self._values[path][0]
         part, _, name = path.rpartition(".")
@@ -166,9 +172,9 @@ class Draft:
     def camera(self, name: str) -> Camera:
         """Return the completed camera with the display name ``name`` and a mark for every value.
 
-        If the gap is unknown, it is assumed to be the pitch times the working f-number, at which adjacent micro-images
-        just touch. If its focus is unknown, a lens type is assumed to be in focus at the virtual depth that follows
-        from its depth range. Without a depth range, it is focused at infinity.
+        If the gap of a periodic array is unknown, it is assumed to be the pitch times the working f-number, at which
+        adjacent micro-images just touch. If the focus is unknown, each lens type is in focus at the virtual depth with
+        equal blur at both ends of its depth range. Without depth ranges, there is one lens type, focused at infinity.
 
         Raises
         ------

@@ -21,8 +21,9 @@ MIN_RATE = 1e-6
 def readout_hours(frames: int, frames_per_s: float | None) -> float | None:
     """Return the time to read out and transfer ``frames`` frames (h); None if the camera's rate is unknown.
 
-    The stage moves, and the next exposure begins, only after a frame has arrived. The readout time is therefore added
-    to the exposure time, even for cameras that can expose and read out simultaneously.
+    ``frames_per_s`` is the camera's largest frame rate. The stage moves, and the next exposure begins, only after a
+    frame has arrived. The readout time is therefore added to the exposure time, even for cameras that can expose and
+    read out simultaneously.
     """
     if frames_per_s is None:
         return None
@@ -78,7 +79,10 @@ class Forecast:
 
     @property
     def bytes_per_s(self) -> float:
-        """Average data rate of the camera (bytes/s): size of all complete frames divided by the total time."""
+        """Average data rate of the camera (bytes/s): size of all complete frames divided by the total time.
+
+        It is infinite if the total time is 0.
+        """
         return self.frame_bytes / (3600 * self.hours) if self.hours else math.inf
 
     @property
@@ -103,8 +107,8 @@ class Forecast:
         """Return the forecast of ``plan`` for a stage that moves all axes simultaneously at ``stage_um_per_s`` (µm/s).
 
         ``frames_per_s`` is the largest frame rate of the camera for the region that it reads out. None: unknown.
-        ``positions`` contains the positions (z, y, x) to record in this order, ``(n, 3)``. None: all positions of the
-        plan. The size of H does not depend on ``positions``.
+        ``positions`` contains the indices (z, y, x) of the positions to record, ``(n, 3)``, in the order of recording.
+        None: all positions of the plan. The size of H does not depend on ``positions``.
         """
         check_number("stage speed (µm/s)", stage_um_per_s, at_least=MIN_RATE)
         _, ny, nx, nt, ns = plan.shape

@@ -183,14 +183,14 @@ class LensletLattice:
 
     @property
     def clear_diameter_um(self) -> float:
-        """Clear diameter of a lenslet (µm), at most that of its cell; for squares without gaps, their side."""
+        """Clear diameter of a lenslet (µm), at most that of the circle around its cell; the side of gapless squares."""
         if self.clear_um is None or self.edge_to_edge:
             return self.pitch_um
         return min(self.clear_um, self.cell_um[1])
 
     @property
     def cell_um(self) -> tuple[float, float]:
-        """Diameters (µm) of the inscribed and of the circumscribed circle of a lenslet's cell.
+        """Diameters (µm) of the largest circle in a lenslet's cell and of the circle around the cell.
 
         The cell consists of the points that are closer to this lenslet than to any other.
         """
@@ -204,7 +204,10 @@ class LensletLattice:
 
     @property
     def gapless(self) -> bool:
-        """Whether the lenslets fill their cells: squares without gaps, or discs at least as large as the cells."""
+        """Whether the lenslets fill their cells: squares without gaps, or discs that reach the corners of the cells.
+
+        Discs that are smaller by at most 0.5 % count as reaching the corners.
+        """
         if self.clear_um is None and self.kind == "square":
             return True
         return (self.pitch_um if self.clear_um is None else self.clear_um) >= GAPLESS_SHARE * self.cell_um[1]
@@ -224,8 +227,8 @@ class LensletLattice:
     def period_um(self) -> tuple[float, float]:
         """Rectangular period ``(y, x)`` of the array (µm), after which the lens types also repeat.
 
-        If the direction of the lenslet rows is closer to the columns of the sensor than to its rows, y and x are
-        exchanged.
+        The periods are measured across and along the lenslet rows: x is along the rows if their direction is closer to
+        the rows of the sensor than to its columns; otherwise, y is. Shear and distortion are neglected.
         """
         across, along = self.row_step_um, self.pitch_um
         # odd rows are shifted by half a pitch, so a rectangular cell takes two rows; three types repeat every third

@@ -96,7 +96,7 @@ class CameraFormat:
 
 
 def required(entries: Mapping[str, Any], name: str, what: str) -> Any:
-    """Return the entry called ``name``; raise `FileFormatError`, which names ``what``, if it is missing."""
+    """Return the entry ``name`` of ``entries``; raise `FileFormatError`, which names ``what``, if it is missing."""
     if name not in entries:
         raise FileFormatError.expected(what, f"the entry {name!r}", "none", "add this entry")
     return entries[name]
@@ -105,7 +105,8 @@ def required(entries: Mapping[str, Any], name: str, what: str) -> Any:
 def number(entries: Mapping[str, Any], name: str, what: str, scale: float = 1.0) -> float | None:
     """Return the number in the entry ``name`` times ``scale``; None if the entry is missing or null.
 
-    Raises `FileFormatError`, which names ``what``, if the entry is not a finite number.
+    The result is rounded to 15 significant digits. Raise `FileFormatError`, which names ``what``, if the entry is not a
+    finite number.
     """
     value = entries.get(name)
     if value is None:
@@ -116,7 +117,17 @@ def number(entries: Mapping[str, Any], name: str, what: str, scale: float = 1.0)
 
 
 def file_text(source: Path) -> str:
-    """Return the text of a camera description in UTF-8 or UTF-16 with at most 16 MB."""
+    """Return the text of the file ``source``: UTF-8, or UTF-16 with a byte-order mark, of at most `MAX_BYTES`.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is not such text.
+    UnsafeFileError
+        If the file is larger.
+    StorageError
+        If the file cannot be read.
+    """
     check_regular(source)
     with storage_errors(source), source.open("rb") as file:
         # one byte more than allowed shows that the file is too large, without reading all of it
@@ -176,7 +187,7 @@ def import_camera(path: str | os.PathLike[str], options: ImportOptions | None = 
     FileFormatError
         If the format is unknown, or an entry is missing or invalid.
     InputError
-        If a value in ``options`` is invalid.
+        If a value of the file or in ``options`` is invalid for a camera.
     StorageError
         If the file cannot be read.
 

@@ -73,7 +73,7 @@ def read_raytrix_xml(
     FileFormatError
         If the file is not such a calibration file, or an entry is missing or is not a number.
     InputError
-        If the number of ``focus_depths`` is not that of the lens types.
+        If the number of ``focus_depths`` is not that of the lens types, or a value is invalid for a camera.
     UnsafeFileError
         If the file declares entities or a document type, or is too large.
     StorageError
@@ -216,7 +216,10 @@ FLIP_Y = np.array([1.0, -1.0])
 
 
 def entry_of(parent: ElementTree.Element, tag: str, source: Path) -> ElementTree.Element:
-    """Return the child element ``tag`` of ``parent``, which must occur exactly once."""
+    """Return the child element ``tag`` of ``parent``; raise `FileFormatError` unless there is exactly one.
+
+    ``source`` is the file, for the message.
+    """
     found = parent.findall(tag)
     if len(found) != 1:
         raise FileFormatError.expected(
@@ -226,7 +229,11 @@ def entry_of(parent: ElementTree.Element, tag: str, source: Path) -> ElementTree
 
 
 def number_of(parent: ElementTree.Element, tag: str, units: str | None, source: Path) -> float:
-    """Return the number in the element ``tag``; if the element states units, they must be ``units`` (None: any)."""
+    """Return the number in the child element ``tag`` of ``parent``, in the file ``source``.
+
+    Raise `FileFormatError` unless there is exactly one such element, with a finite number. If it states units, they
+    must be ``units`` (None: any).
+    """
     entry = entry_of(parent, tag, source)
     if units is not None:
         _check_units(entry, units, source)
@@ -253,7 +260,11 @@ def _check_units(entry: ElementTree.Element, units: str, source: Path) -> None:
 
 
 def pair_of(parent: ElementTree.Element, tag: str, units: str, source: Path) -> NDArray[np.float64]:
-    """Return the vector (x, y) in the element ``tag``; if the element states units, they must be ``units``."""
+    """Return the vector (x, y) in the child element ``tag`` of ``parent``, in the file ``source``.
+
+    Raise `FileFormatError` unless there is exactly one such element, with a finite number for each axis. If it states
+    units, they must be ``units``.
+    """
     entry = entry_of(parent, tag, source)
     _check_units(entry, units, source)
     return np.array([number_of(entry, axis, None, source) for axis in ("x", "y")])
@@ -262,7 +273,8 @@ def pair_of(parent: ElementTree.Element, tag: str, units: str, source: Path) -> 
 def lens_types(root: ElementTree.Element, source: Path) -> tuple[NDArray[np.float64], tuple[tuple[float, float], ...]]:
     """Return the offsets (x, y) of the lens types, ``(n, 2)``, and their depth ranges (near, far), in the order of ids.
 
-    Offsets are in lens diameters with y up, and depth ranges are virtual depths.
+    Offsets are in lens diameters with y up, and depth ranges are virtual depths. Raise `FileFormatError` unless there
+    are one or three types with ids from 0.
     """
     found = {entry.get("id", ""): entry for entry in root.findall("lens_type")}
     names = [str(k) for k in range(len(found))]
@@ -281,9 +293,12 @@ def lens_types(root: ElementTree.Element, source: Path) -> tuple[NDArray[np.floa
 def placement(
     root: ElementTree.Element, diameter: float, offsets: NDArray[np.float64], source: Path
 ) -> tuple[float, tuple[float, float], int]:
-    """Return the rotation (rad), the offset (x, y) of a type-0 lens (px, y down), and the step of types along a row.
+    """Return the rotation, the offset and the step of types of the lattice that the XML element ``root`` describes.
 
-    ``diameter`` is the distance between micro-images (px), and ``offsets`` are those of `lens_types`.
+    These are `LensletLattice.rotation_rad`, the offset (x, y) of a type-0 micro-image from the image centre (px, y
+    down), and `LensletLattice.type_step`. ``diameter`` is the distance between micro-images (px), and ``offsets`` are
+    those of `lens_types`. Raise `FileFormatError` unless the lattice is hexagonal with one lens of each type among
+    three neighbours.
     """
     # unit vectors at 60 or 120 degrees
     base = np.array([pair_of(root, f"lens_base_{axis}", "lens", source) for axis in "xy"])
