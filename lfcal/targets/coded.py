@@ -78,7 +78,7 @@ class DecodedFrames(SourceView):
         return np.dtype(np.float32)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata ``known`` without saturation and bit depth, which do not apply to decoded frames."""
+        """Return the metadata ``known``, marked as decoded, without saturation and bit depth, which no longer apply."""
         return replace(known, saturation=None, bit_depth=None, decoded=True)
 
     def info(self, index: int) -> FrameInfo:
@@ -94,7 +94,7 @@ class DecodedFrames(SourceView):
         return FrameInfo((), own.origin, own.exposure_s, None, saturated, label, mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return the decoded frame ``index``, or its ``region`` (row and column slices); it shows a single offset."""
+        """Return the decoded frame ``index``, which shows a single offset, or its ``region`` (row and column slices)."""
         parts = self._parts(index)
         return sum(np.float32(w) * np.asarray(self.source.read(k, region), np.float32) for k, w, _ in parts)  # type: ignore[return-value]
 

@@ -92,16 +92,16 @@ def parse_display(text: str) -> Display | None:
 
 
 def iter_plan_display(scan: ScanPlan, display: Display, wishes: Wishes | None = None) -> Work[TargetPlan]:
-    """Return a plan of the display pixels to light in each frame, so that few frames show all phases of a scan.
+    """Return a plan of the display pixels to light in each frame, so that few frames show most phases of a scan.
 
-    Points and offsets are whole pixels of the display. If the image of a pixel is large compared with the tolerance,
-    some phases cannot be shown; `TargetPlan.coverage` returns the fraction shown. ``wishes`` are the limits for the
-    plan (None: the defaults).
+    Points and offsets are whole pixels of the display. If the image of a pixel is large compared with the tolerance, or
+    ``wishes.most_frames`` is small, some phases are not shown; `TargetPlan.coverage` returns the fraction shown.
+    ``wishes`` are the limits for the plan (None: the defaults).
 
     Raises
     ------
     InputError
-        If the display or the sensor is too small for two points.
+        If the display or the sensor is too small for two points, or the crosstalk exceeds its limit.
 
     Examples
     --------
@@ -154,8 +154,8 @@ def coded_plan(plan: TargetPlan, code: NDArray[np.float64], pixel_um: float) -> 
         Square matrix ``(n, n)`` of 0 and 1, such as an S-matrix. Offsets are divided into groups of n, and row k
         selects those that frame k of a group shows. Repeated offsets complete the last group.
     pixel_um
-        Pixel pitch of the display in object space (µm). Repeated offsets are displaced by a period of the lenslet
-        array, rounded to whole pixels of the display.
+        Pixel pitch of the display in object space (µm). Repeated offsets are displaced vertically by a period of the
+        lenslet array, rounded to whole pixels of the display.
 
     Raises
     ------

@@ -34,8 +34,8 @@ class ErrorForecast:
     shown
         Fraction of the positions of the plane that have been shown after each frame, ``(frames,)``.
     error
-        RMS of the expected errors of the positions shown after each frame, ``(frames,)``; repeats of a position are
-        averaged.
+        RMS, after each frame, of the expected errors of the positions shown until then, ``(frames,)``. Repeats of a
+        position are averaged. NaN while no position has been shown.
 
     Examples
     --------
@@ -54,11 +54,11 @@ class ErrorForecast:
 
 
 def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
-    """Return the expected ``sum |noise| / sum light`` of one recorded pattern of plane ``z``.
+    """Return the expected ``sum |noise| / sum light`` of a pattern of plane ``z``, averaged over a few positions.
 
-    Photon noise and read noise of the pixels of a cutout are included as Gaussian noise, for which the mean of ``|x|``
-    is ``sqrt(2 / pi)`` times the standard deviation. Exposures are those of a simulated session, whose brightest pixel
-    reaches 0.8 of the range. ``level`` is as in `simulate_psf`.
+    The pattern is the mean of ``scan.frames_averaged`` frames. Photon noise and read noise of the pixels of a cutout
+    are included as Gaussian noise, for which the mean of ``|x|`` is ``sqrt(2 / pi)`` times the standard deviation. The
+    brightest pixel of the session reaches 0.8 of the full well. ``level`` is as in `simulate_psf`.
     """
     effects = plan_effects(scan, TOLERANCE).effects
     camera = SimulatedCamera(scan, effects, level=level, tolerance=TOLERANCE)
@@ -81,8 +81,8 @@ def noise_share(scan: ScanPlan, z: int, *, level: str = "auto") -> float:
 def error_forecast(plan: TargetPlan, z: int, single: float | None = None) -> ErrorForecast:
     """Return the expected error for plane ``z`` after each frame.
 
-    ``single`` is the relative error (L1) of one pattern in the scan of a single point. None: it is computed from the
-    plan.
+    ``single`` is the relative error (L1) of one pattern in the scan of a single point. None: the result of
+    `noise_share`.
 
     Examples
     --------

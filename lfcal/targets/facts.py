@@ -20,8 +20,8 @@ def facts_of_plan(
     """Return a summary of a plan, with its coverage, crosstalk, cost and expected errors, as plain JSON types.
 
     ``cost`` is the forecast for the plan, and ``single`` that for a scan with a single point. ``verdict`` states
-    whether showing several offsets together reduces noise. ``field`` contains the regions of the field. None: one
-    region.
+    whether showing several offsets together reduces noise (None: no statement). ``field`` contains the regions of the
+    field (None: one region).
     """
     planes, errors = [], []
     for z, depth in enumerate(plan.scan.depths_um):

@@ -35,14 +35,15 @@ NEAR = 0.3
 
 
 def refined_basis(pixels: Array, basis: Array) -> Array:
-    """Return the two lattice vectors ``(2, 2)`` of the spots that are closest to the expected vectors ``basis``.
+    """Return the two lattice vectors ``(2, 2)`` of the spots: medians of the differences near those in ``basis``.
 
-    Vectors and the positions ``pixels`` ``(n, 2)`` of the spots are (row, column) in px.
+    ``basis`` contains the expected vectors, and ``pixels`` ``(n, 2)`` the positions of the spots. All are (row, column)
+    in px.
 
     Raises
     ------
     InputError
-        If no two spots have the expected distance.
+        If there are several spots, but no difference between two of them is close to one of the vectors.
     """
     tree = cKDTree(pixels)
     longest = float(np.linalg.norm(basis, axis=1).max())
@@ -73,7 +74,8 @@ def lattice_labels(pixels: Array, basis: Array) -> tuple[Index, NDArray[np.bool_
 
     The positions ``pixels`` ``(n, 2)`` of the spots and the lattice vectors ``basis`` are (row, column) in px. Each
     spot is labelled relative to a labelled neighbour, the most certain step first, so that labels follow tilt and
-    distortion. Spots between lattice positions, or at an occupied one, have no label.
+    distortion. Only the largest connected group of spots is labelled. Spots between lattice positions, or at an
+    occupied one, have no position.
     """
     n = len(pixels)
     label, has = np.zeros((n, 2), np.intp), np.zeros(n, np.bool_)
@@ -176,9 +178,10 @@ def holes_of(places: Index, target: Target) -> Index:
 
 
 def turned_absent(target: Target, turn: str) -> Target | None:
-    """Return the target with its absent holes as seen in another orientation; None if that is impossible.
+    """Return the target with its absent holes as seen in the orientation ``turn``; None if that is impossible.
 
-    It is impossible if the turned array has holes at other positions, as after a quarter turn of a rectangular array.
+    ``turn`` is one of `TURNS`. It is impossible if the turned array has holes at other positions, as after a quarter
+    turn of a rectangular array.
     """
     mirror, quarters = TURNS[turn]
     if quarters % 2 and (target.shape[0] != target.shape[1] or target.pitch_um[0] != target.pitch_um[1]):
@@ -199,7 +202,9 @@ def matches(
     around: tuple[int, int],
     reach: int,
 ) -> Iterator[Match]:
-    """Yield possible assignments of lattice positions to the holes of a target, as described and in other orientations.
+    """Yield possible assignments of lattice positions to the holes of a target.
+
+    If the target has absent holes, assignments in the other orientations of `TURNS` are included.
 
     Parameters
     ----------
@@ -213,7 +218,7 @@ def matches(
     around
         Row and column of lattice position (0, 0) in ``on_frame``.
     reach
-        Smallest number of spots that must be on holes.
+        Smallest number of spots on holes in an assignment.
     """
     seen = np.zeros(on_frame.shape, np.bool_)
     inside = places + np.array(around)
@@ -354,8 +359,8 @@ def find_points(
     Raises
     ------
     InputError
-        If there are no points, the points do not form a lattice like that of the target, the target is mirrored or
-        rotated, or the labelling is ambiguous. The message states which.
+        If the frame does not have the shape of the sensor, there are no points, the points do not form a lattice like
+        that of the target, the target is mirrored or rotated, or the labelling is ambiguous. The message states which.
 
     Examples
     --------

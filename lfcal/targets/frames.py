@@ -26,6 +26,11 @@ class TargetFrames(SourceView):
         Plan of the frames.
     order
         Index in ``source`` of each frame of the plan. None: the source is in the plan's order.
+
+    Raises
+    ------
+    InputError
+        If the number of frames differs from the plan, or their shape from the sensor's.
     """
 
     def __init__(self, source: FrameSource, plan: TargetPlan, order: list[int] | None = None) -> None:
@@ -44,7 +49,7 @@ class TargetFrames(SourceView):
             )
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata common to all frames, with the plan of the target."""
+        """Return ``known``, the metadata of the source, with the plan of the target."""
         return replace(known, plan_shape=None, target=self.plan, target_frames=self.plan.frames, plan=self.plan.scan)
 
     def __len__(self) -> int:
@@ -68,9 +73,10 @@ class TargetFrames(SourceView):
 
 
 def read_target_plan(frames: Path, plan: Path | None) -> TargetPlan | None:
-    """Return the target plan in the file ``plan``, or in ``plan.json`` in or above the folder of the frames.
+    """Return the target plan in the file ``plan``; if this is None, that in ``plan.json``.
 
-    The result is None if there is no file, or if the file contains the plan of a single point.
+    ``plan.json`` is in the folder of ``frames``, or in the folder above it. The result is None if neither exists, or if
+    the file contains the plan of a single point.
     """
     from lfcal.base import read_text
 
@@ -86,11 +92,12 @@ def open_target_frames(frames: Path, plan: TargetPlan, *, skip_damaged: bool = F
     """Open the complete frames in a folder, or in a file of several pages, in the order of the plan.
 
     Images in a folder are sorted by their names in natural order, or by a manifest with the frame numbers as x.
+    ``skip_damaged`` is as in `open_frames`.
 
     Raises
     ------
     InputError
-        If the number or the shape of the frames differs from the plan.
+        If there is not exactly one frame for each frame of the plan, or the shape of the frames is not the sensor's.
     """
     count = len(plan.frames)
     listed = frames.is_dir() and any((frames / name).is_file() for name in ("manifest.json", "manifest.csv"))

@@ -26,7 +26,7 @@ class HoleImages:
     away_um
         Depth of each hole ``(n,)`` (µm); the depths differ if the target is tilted.
     shift
-        Motion of each image ``(n,)`` (pixels) for a motion of one pixel in the depth plane.
+        Motion of each image ``(n,)`` (pixels) if images of points in the depth plane move by one pixel.
     """
 
     holes: NDArray[np.intp]
@@ -46,7 +46,10 @@ class HoleImages:
     def whole(
         self, sensor: tuple[int, int], cutout: tuple[int, int], offset_px: tuple[float, float] = (0.0, 0.0)
     ) -> NDArray[np.bool_]:
-        """Return a mask ``(n,)`` of the holes whose cutouts around the nearest pixel are completely on the sensor."""
+        """Return a mask ``(n,)`` of the holes whose cutouts around the nearest pixel are completely on the sensor.
+
+        ``sensor`` and ``cutout`` are (rows, columns). The images have moved by ``offset_px``, as in `moved`.
+        """
         return whole_at(self.moved(np.array(offset_px)), sensor, cutout)
 
     def only(self, which: NDArray[np.bool_]) -> HoleImages:
@@ -55,7 +58,7 @@ class HoleImages:
 
 
 def hole_images(target: Target, camera: Camera, z_um: float) -> HoleImages:
-    """Return the images of all holes of ``target`` in the depth plane ``z_um``, on the sensor or outside it.
+    """Return the images of all holes of ``target`` at the depth plane ``z_um`` (µm), on the sensor or outside it.
 
     The chief ray is computed as for a scan (`lfcal.camera.ScanPlan.object_um`), at each hole's own depth.
 

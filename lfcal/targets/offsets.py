@@ -17,7 +17,10 @@ __all__ = ["Covering", "covered_by", "iter_cover", "iter_whole_offsets", "line_o
 
 @njit()
 def add_squares(counts: NDArray[np.int32], corners: NDArray[np.int32], side: int, weight: int) -> None:
-    """Add ``weight`` to squares of ``side`` cells in ``counts``, whose first cells are ``corners`` (n, 2); -1: none."""
+    """Add ``weight`` to squares in ``counts``, ``side`` cells wide, whose first cells (row, column) are ``corners``.
+
+    Corners ``(n, 2)`` with a negative row are skipped.
+    """
     for k in range(corners.shape[0]):
         row, column = corners[k, 0], corners[k, 1]
         if row < 0:
@@ -62,7 +65,8 @@ class OffsetSearch:
     step, first
         Step of the grid, and its first offset (rows, columns) (pixels).
     corner
-        First cell of the grid ``(phases, holes, 2)`` in which a hole shows a phase; -1 if no cell does.
+        First cell of the grid ``(phases, holes, 2)`` in which a hole shows a phase; -1 if its cutout would not be
+        completely on the sensor.
     counts
         Number of pairs that each offset of the grid shows, ``(rows, columns)``.
     """
@@ -100,7 +104,11 @@ class OffsetSearch:
         self._add(positions, -1)
 
     def best(self, missing: NDArray[np.bool_]) -> tuple[Array, Index]:
-        """Return the offset (rows, columns; pixels) that shows the most missing positions, and the indices of these."""
+        """Return the offset (rows, columns; pixels) that shows the most missing positions, and the indices of these.
+
+        ``missing`` is a mask of the positions ``(phases,)``. Only the offsets with the highest counts, at most `TRIED`,
+        are compared.
+        """
         flat = self.counts.reshape(-1)
         best, shown, left = np.zeros(2), np.zeros(0, np.intp), TRIED
         level = int(flat.max())
@@ -122,7 +130,7 @@ class OffsetSearch:
 
 
 def asked_offsets(phases: Phases, images: HoleImages) -> Array:
-    """Return the offsets ``(phases, holes, 2)`` (pixels) by which each hole must move to show each phase.
+    """Return the offsets ``(phases, holes, 2)`` (pixels) with which each hole shows each phase, to first order.
 
     Each offset changes the phase by at most half a period.
     """
@@ -206,12 +214,13 @@ class Covering:
 
 
 def iter_cover(phases: Phases, images: HoleImages, tolerance_px: float, *, most: int | None = None) -> Work[Covering]:
-    """Return a `Covering` of few offsets, within one period, with which a target shows every phase that it can show.
+    """Return a `Covering` of few offsets, within one period, with which a target shows as many phases as possible.
 
     If all columns have the same row phases, and all rows the same column phases, the axes are separable: all
-    combinations of a few row offsets and column offsets show all phases. Otherwise, or if this requires many frames,
-    both axes are searched together: each new frame is the one that shows most of the missing phases. Greedy covering
-    takes at most 1 + ln(n) times the fewest sets (V. Chvatal, "A greedy heuristic for the set-covering problem", 1979).
+    combinations of a few row offsets and column offsets show all phases. Otherwise, or if this requires many frames or
+    leaves phases missing, both axes are searched together: each new frame is the one that shows most of the missing
+    phases among those tried. Exact greedy covering takes at most 1 + ln(n) times the fewest sets (V. Chvatal, "A greedy
+    heuristic for the set-covering problem", 1979).
 
     Parameters
     ----------
@@ -294,7 +303,9 @@ LOOKED_AT = 8
 def iter_whole_offsets(
     phases: Phases, images: HoleImages, tolerance_px: float, unit_px: float, most: int | None = None
 ) -> Work[NDArray[np.intp]]:
-    """Return offsets ``(frames, 2)`` in display pixels, each of which shows the most missing phases; yields progress.
+    """Return offsets ``(frames, 2)`` in display pixels that together show as many phases as possible.
+
+    Each is chosen to show as many missing phases as possible. The search ends when no further phase can be shown.
 
     Parameters
     ----------

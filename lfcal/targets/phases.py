@@ -23,7 +23,7 @@ class Phases:
 
     The array's period is not a whole number of pixels, and the array may be rotated and distorted. Patterns of distant
     cells therefore differ, although their positions are equal modulo the plan's period, which is rounded to whole
-    pixels. A phase is measured in lenslets, from the lenslet nearest to the image, and then converted to pixels.
+    pixels. A phase is computed in cells of the actual array, and then converted to pixels.
 
     Attributes
     ----------
@@ -66,7 +66,10 @@ class Phases:
         return self.plan.period[0] * self.plan.period[1]
 
     def cells(self, pixels: ArrayLike) -> Array:
-        """Return the positions of sensor pixels ``(..., 2)`` relative to the anchor, (y, x) in cells."""
+        """Return sensor positions relative to the anchor, as (y, x) in cells of the array.
+
+        ``pixels`` ``(..., 2)`` contains the positions (row, column).
+        """
         camera = self.plan.camera
         index = self.lattice.lenslet_at(camera.sensor_um(pixels))
         start = self.lattice.lenslet_at(camera.sensor_um(self.plan.anchor))
@@ -74,7 +77,10 @@ class Phases:
         return cells
 
     def at(self, pixels: ArrayLike) -> Array:
-        """Return the phases ``(..., 2)`` (y, x) of sensor pixels, from 0 to the period (pixels)."""
+        """Return the phases (y, x) of sensor positions: at least 0 and below the period (pixels).
+
+        ``pixels`` ``(..., 2)`` contains the positions (row, column).
+        """
         cells = self.cells(pixels)
         phases: Array = (cells - np.floor(cells)) * self.period
         # just below a whole cell, the fraction rounds to 1
@@ -112,14 +118,20 @@ class Phases:
 
 
 class Nearest(NamedTuple):
-    """Nearest ``positions`` ``(n, 2)`` as (y, x), and ``residual_px``, image phases minus those of the positions."""
+    """Positions ``(n, 2)`` as (y, x) with the phases nearest to those of n images.
+
+    ``residual_px`` ``(n, 2)`` contains the phases of the images minus those of the positions.
+    """
 
     positions: NDArray[np.intp]
     residual_px: NDArray[np.float64]
 
 
 def nearest_positions(phases: Phases, pixels: ArrayLike) -> Nearest:
-    """Return the position whose phase in the array is nearest to that of each image ``(n, 2)`` (sensor row, column)."""
+    """Return the position whose phase is nearest to that of each image.
+
+    ``pixels`` ``(n, 2)`` contains the images (row, column) on the sensor.
+    """
     wanted, found = phases.wanted(), phases.at(np.asarray(pixels, float).reshape(-1, 2))
     if not len(found):
         return Nearest(np.zeros((0, 2), np.intp), np.zeros((0, 2)))

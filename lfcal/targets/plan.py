@@ -30,7 +30,7 @@ MOST = 4096
 
 
 def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
-    """Return the numbers of the offsets that each frame shows, out of ``count``; each group of offsets uses ``code``.
+    """Return the numbers of the offsets that each frame shows, if ``code`` is applied to each group of offsets.
 
     Parameters
     ----------
@@ -38,6 +38,11 @@ def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
         Square matrix of 0 and 1 ``(frames, offsets)``: the offsets of a group that each of its frames shows.
     count
         Number of offsets, a multiple of the group's size.
+
+    Raises
+    ------
+    InputError
+        If ``code`` is not square, or ``count`` is not such a multiple.
     """
     order = len(code)
     if code.shape != (order, order) or count % order:
@@ -50,7 +55,8 @@ def lit_by(code: NDArray[Any], count: int) -> tuple[tuple[int, ...], ...]:
 def checked_lit(lit: Any, counts: Sequence[int]) -> Lit:
     """Return the offsets shown by the frames of each plane; raise `InputError` unless each offset can be decoded.
 
-    ``lit`` has the form of `TargetPlan.lit`, and ``counts`` is the number of offsets of each plane.
+    ``lit`` has the form of `TargetPlan.lit`, and ``counts`` contains the number of offsets of each plane. Each plane
+    must have as many frames as offsets, at most `MOST`.
     """
     what = "offsets lit in each frame"
     check_type(what, lit, (tuple, list))
@@ -240,7 +246,7 @@ class TargetPlan:
         return hole_images(self.target, self.scan.camera, self.scan.depths_um[z])
 
     def points(self, z: int, k: int) -> HoleImages:
-        """Return the positions of images in frame ``k`` of plane ``z`` whose cutouts are completely on the sensor."""
+        """Return the images at offset ``k`` of plane ``z`` whose cutouts are completely on the sensor."""
         images, offset = self.images(z), self.offsets_px[z][k]
         moved = HoleImages(images.holes, images.moved(np.array(offset)), images.away_um, images.shift)
         return moved.only(moved.whole(self.scan.camera.sensor.shape, self.scan.cutout))
@@ -318,7 +324,7 @@ class TargetPlan:
         return counts.reshape(self.scan.period)
 
     def coverage(self, z: int, *, target: Target | None = None, tolerance_px: float | None = None) -> float:
-        """Return the fraction (0 to 1) of positions of plane ``z`` that any frame shows; parameters as in `shown`."""
+        """Return the fraction of positions of plane ``z`` that at least one frame shows; parameters as in `shown`."""
         return float((self.shown(z, target=target, tolerance_px=tolerance_px) > 0).mean())
 
     # -- JSON ------------------------------------------------------------------------------------------
@@ -340,7 +346,7 @@ class TargetPlan:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TargetPlan:
-        """Return the plan described by ``data``; raises `InputError` if entries are unknown or missing."""
+        """Return the plan described by ``data``; raise `InputError` if its format, version or entries are invalid."""
         what = "plan of a target"
         if not isinstance(data, Mapping) or data.get("format") != FORMAT:
             raise FileFormatError.expected(
@@ -364,7 +370,7 @@ class TargetPlan:
 
 
 def region_points(plan: TargetPlan, regions: RegionPlan, z: int) -> NDArray[np.intp]:
-    """Return the number of points of each frame of plane ``z`` in each region, ``(frames, regions)``.
+    """Return the number of points with complete cutouts in each frame of plane ``z`` and region, ``(frames, regions)``.
 
     A point belongs to the region whose middle is nearest.
     """

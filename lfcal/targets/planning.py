@@ -51,7 +51,7 @@ class Proposal:
     step
         Difference between the phases of neighbouring holes (pixels).
     holes
-        Number of holes that fit on the sensor with complete cutouts at every offset within a period.
+        Number of holes along the axis that fit on the sensor with complete cutouts at every offset within a period.
     frames
         Number of offsets along this axis with which the holes show all its phases.
     """
@@ -63,7 +63,7 @@ class Proposal:
 
 
 def proposed_axis(phases: Phases, axis: int, least_px: float, tolerance_px: float) -> Proposal:
-    """Return the pitch of images along ``axis`` that needs the fewest frames; of equals, the one with the most holes.
+    """Return the pitch along ``axis`` with which a target needs the fewest frames; of equals, that with the most holes.
 
     Holes that are p pixels apart, p an integer, show the phases 0, p, 2p … modulo the period, and all phases if p and
     the period have no common divisor. The array's period is not an integer, so each cycle leaves a residual. The pitch
@@ -211,7 +211,7 @@ class Tails:
         Raises
         ------
         InputError
-            If there is no such pitch below two cutouts.
+            If there is no such pitch below twice the longer side of the cutout.
         """
         first, last = (max(self.cutout) - 1) // 2, 2 * max(self.cutout)
         for pitch in range(first, last):
@@ -229,8 +229,8 @@ class Tails:
 def simulated_tails(plan: ScanPlan, z: int, *, level: str = "auto") -> Tails:
     """Return the tails of plane ``z``: the mean over phases of simulated patterns of the plan's camera.
 
-    Waves are computed on one grid for the whole array, because windows around single lenslets would cut the tails off.
-    An error tolerance would not reveal this: tails contain less than a percent of a pattern's light.
+    If possible, waves are computed on one grid for the whole array, because windows around single lenslets would cut
+    the tails off. An error tolerance would not reveal this: tails contain less than a percent of a pattern's light.
 
     Parameters
     ----------
@@ -239,6 +239,11 @@ def simulated_tails(plan: ScanPlan, z: int, *, level: str = "auto") -> Tails:
     level
         ``"geometric"``: rays, whose patterns have no tails; ``"auto"``: waves, with the diffraction of lenslets and
         iris.
+
+    Raises
+    ------
+    InputError
+        If there is no light in the cutout.
     """
     on = dict.fromkeys((LensletDiffraction.name, IrisDiffraction.name), "on")
     effects = plan_effects(plan, TOLERANCE, on).effects
@@ -353,15 +358,16 @@ def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: flo
 
 
 def iter_plan_target(scan: ScanPlan, target: Target, wishes: Wishes | None = None) -> Work[TargetPlan]:
-    """Return a plan of the positions of ``target`` at which its holes show all phases of ``scan`` in few frames.
+    """Return a plan of positions of ``target`` in which few frames show as many phases of ``scan`` as possible.
 
     Each plane is planned separately, because its magnification differs. The stated pose is assumed to be exact; for an
-    uncertain pose, see `shown_within`. ``wishes`` are the limits for the plan (None: the defaults).
+    uncertain pose, see `shown_within`. ``wishes`` are the limits for the plan (None: the defaults), among them the
+    number of frames. `TargetPlan.coverage` returns the fraction of positions shown.
 
     Raises
     ------
     InputError
-        If the cutout of no hole is completely on the sensor, or holes are too close together.
+        If the cutout of no hole is completely on the sensor, or the crosstalk between holes exceeds its limit.
 
     Examples
     --------

@@ -71,7 +71,7 @@ class Pose:
         Raises
         ------
         InputError
-            If a name or a number is invalid.
+            If a name or a number is invalid, or a name is repeated.
         """
         found: dict[str, float] = {}
         for part in filter(None, (piece.strip() for piece in text.split(","))):

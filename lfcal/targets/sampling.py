@@ -24,7 +24,7 @@ def may_resample(camera: Camera) -> bool:
 
 
 def resampling_words(scan: ScanPlan) -> str:
-    """Return a sentence on why points whose phase is not that of a position are not resampled."""
+    """Return a clause that states why patterns of points between the positions are not resampled to the positions."""
     camera = scan.camera
     if may_resample(camera):
         return "their phases differ, which resampling cannot correct"

@@ -26,9 +26,10 @@ TOLERANCE = 0.1
 
 
 def group_order(frames: int) -> int:
-    """Return the number of a plane's frames to show together for the lowest noise; 0 if there are too few frames.
+    """Return the order n of the S-matrix with which coded sums of a plane's frames have the lowest noise.
 
-    An S-matrix of order n reduces additive noise by the factor (n + 1) / (2 sqrt n). Repeats complete the last group.
+    It is one of `ORDERS`, or 0 if ``frames``, the plane's number of frames, is too small. An S-matrix reduces additive
+    noise by the factor (n + 1) / (2 sqrt n). Repeats that complete the last group of n frames are taken into account.
     """
     fitting = [n for n in ORDERS if n <= frames]
     return max(fitting, key=lambda n: (n + 1) / (2 * math.sqrt(n)) * math.sqrt(frames / _filled(frames, n)), default=0)
@@ -41,8 +42,8 @@ def _filled(frames: int, order: int) -> int:
 def subset_patterns(plan: TargetPlan, z: int, frames: int) -> NDArray[np.float64]:
     """Return the patterns of one hole in the first ``frames`` frames of a plane, ``(frames, rows, columns)``.
 
-    Neighbouring holes have the same pattern, so the window is as large as the distance of their images, and wraps
-    around. Values are NaN outside each pattern's cutout.
+    Neighbouring holes have the same pattern, so the window wraps around; its sides are the distances of their images,
+    or those of the cutout if these are larger. Values are NaN outside each pattern's cutout.
     """
     scan = plan.scan
     effects = plan_effects(scan, TOLERANCE).effects
@@ -70,7 +71,7 @@ def coding_verdict(plan: TargetPlan, z: int | None = None, signal_e: float | Non
     z
         Index of the plane. None: the middle one.
     signal_e
-        Electrons in a point's brightest pixel in a frame. None: `PEAK` of the full well.
+        Electrons in a point's brightest pixel in a frame. None: the fraction `PEAK` of the full well.
 
     Raises
     ------
