@@ -94,7 +94,7 @@ class DecodedFrames(SourceView):
         return FrameInfo((), own.origin, own.exposure_s, None, saturated, label, mask)
 
     def read(self, index: int, region: Region | None = None) -> NDArray[Any]:
-        """Return the decoded frame ``index``, which shows a single offset, or its ``region`` (row and column slices)."""
+        """Return frame ``index`` decoded to a single offset, or its ``region`` (row and column slices)."""
         parts = self._parts(index)
         return sum(np.float32(w) * np.asarray(self.source.read(k, region), np.float32) for k, w, _ in parts)  # type: ignore[return-value]
 
