@@ -186,7 +186,7 @@ def held_out_error(
 
     If none of these patterns was held out, the fitted ones are used. If the model is not ``complete``, all are used:
     the residuals of the fitted patterns then exceed the noise, are hardly smaller than those of held-out patterns, and
-    are four times as many. Squared residuals contain the variance of the noise in addition to the error:
+    are usually more numerous. Squared residuals contain the variance of the noise in addition to the error:
     E[(d - m)² - v] = error². Effects on single patterns, such as those of the lamp and of displaced sources, are not
     errors of the model. If they are less than half of the residual, however, they may be part of the error and are
     included.

@@ -52,7 +52,7 @@ class Local:
     lamp
         Relative rms fluctuation of the lamp; 0: it is stable.
     response
-        Rms variation of the pixel response relative to its mean; it acts as noise proportional to the light.
+        Variation of the response between pixels, which acts as noise proportional to the light.
     """
 
     offsets_px: F8
@@ -78,13 +78,14 @@ class Normal:
     Attributes
     ----------
     matrix, gradient
-        N ``(k, k)`` and g ``(k,)``, with the unknowns of single patterns eliminated.
+        N ``(k, k)`` and g ``(k,)`` for all k shared unknowns, gains and backgrounds, after elimination of the unknowns
+        of single patterns.
     chi2
         Sum of squares with unchanged shared unknowns, and with the unknowns of single patterns at their best values.
     solved
-        C^-1 B^T and C^-1 h of each pattern. C is the block of N for its own unknowns, B the block that couples them to
-        the shared unknowns, and h their part of the gradient. For a step d of the shared unknowns, its own step is
-        ``C^-1 h - C^-1 B^T d``.
+        C^-1 B^T and C^-1 h of each pattern. Before the elimination, C is the block for the unknowns of the pattern, B
+        the block that couples them to the k others, and h their part of the gradient. For a step d of the others, the
+        step of the unknowns of the pattern is ``C^-1 h - C^-1 B^T d``.
     """
 
     matrix: F8

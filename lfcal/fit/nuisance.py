@@ -31,7 +31,7 @@ SIGNIFICANCE = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Rms of the nuisance parameters of single patterns; 0 if they do not differ from noise.
+    """Rms of the nuisance parameters of single patterns; 0 for those that cannot be distinguished from noise.
 
     Attributes
     ----------
@@ -50,9 +50,9 @@ class Spread:
 
 
 def spread_of(problem: Problem, point: Point, columns: Columns) -> Spread:
-    """Return the rms displacement of the sources and the rms fluctuation of the lamp, without their fitting errors.
+    """Return the rms displacement of the sources and the rms fluctuation of the lamp, corrected for fitting errors.
 
-    Both follow from the best-fit values of the fitted patterns: values o with error variances v satisfy
+    Both follow from the best-fit values for the fitted patterns: values o with error variances v satisfy
     E[o² - v] = sigma². The response is left at 0.
     """
     free = replace(point, local=replace(point.local, stage_px=1e3, lamp=1e3))
@@ -135,13 +135,13 @@ def nuisance_steps(problem: Problem, point: Point, columns: Columns, keep: NDArr
 
 
 def response_of(problem: Problem, point: Point) -> Response:
-    """Return the relative rms variation of the pixel response, from products of residuals at the same pixel.
+    """Return the square of the relative rms variation of the pixel response, and its standard deviation.
 
-    The residuals are ``r = g m + noise``, where g is the relative deviation of the response of the pixel, and m the
-    predicted light. The product of two patterns ``i`` and ``j`` at a pixel has the mean ``g² m_i m_j``, because their
-    noise is independent. Errors of the model contribute if they agree between patterns, so the result and its standard
-    deviation are limited to the value in the description of the camera. A result that is not significant is set to 0;
-    its standard deviation is kept.
+    They are computed from products of residuals at the same pixel. The residuals are ``r = g m + noise``, where g is
+    the relative deviation of the response of the pixel, and m the predicted light. The product of the residuals of two
+    patterns ``i`` and ``j`` at a pixel has the mean ``g² m_i m_j``, because their noise is independent. Errors of the
+    model contribute if they agree between patterns, so the result and its standard deviation are limited to the value
+    in the description of the camera. A result that is not significant is set to 0; its standard deviation is kept.
     """
     measured = problem.measured
     described = measured.plan.camera.sensor.prnu**2

@@ -235,9 +235,9 @@ class Vector:
     Parameters
     ----------
     setup, frame
-        Setup and scan from which the fit starts.
+        Setup from which the fit starts, and the properties of the scan.
     groups
-        Names of the groups; groups without unknowns for the camera of the setup are left out.
+        Names of the groups; groups without unknowns for this setup and scan are left out.
 
     Raises
     ------
@@ -306,7 +306,8 @@ class Vector:
 def lacking(setup: Setup, plan: ScanPlan, frame: ScanScales | None = None) -> dict[str, str]:
     """Return, for each group without unknowns, what the camera or scan would need to have some, in words.
 
-    Keys are the names of the groups. ``frame`` describes the scan of several regions. None: that of ``plan``.
+    Keys are the names of the groups. ``frame`` contains the properties of the scan. None: those of ``plan``, which is
+    then a scan of a single region.
     """
     frame = frame or ScanScales.of(plan)
     return {group.name: group.needs for group in GROUPS if not group.unknowns(setup, frame)}

@@ -49,8 +49,8 @@ class Point:
     levels, seen
         Gains and backgrounds of the planes, with the lamp's changes, and the weighted residuals of the patterns.
     sampling, doubtful
-        Sampling of the computation, and whether the model is still doubtful, so that the larger of model and data
-        determines the variance.
+        Sampling of the computation, and whether the model is still doubtful. If so, the larger of model and data
+        determines the variance of a sample.
     """
 
     u: F8

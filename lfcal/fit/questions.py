@@ -64,7 +64,8 @@ class Answer:
     question, name
         Name of the question, and name of this answer to it.
     change
-        Function that returns the patterns and their plan according to this answer.
+        Function that takes the patterns with their plan, and returns them changed so as to be right if this answer is
+        correct.
     remedy
         What to do if this answer is correct.
     """

@@ -202,7 +202,7 @@ class Fit:
         return Header(plan.shape, plan.depths_um, self.camera, plan.anchor, self.provenance)
 
     def planes(self, header: Header | None = None) -> ModelPlanes:
-        """Return a source that computes the planes of H of the fitted camera; ``header`` replaces the default one."""
+        """Return an object that computes the planes of the H of the fitted camera. Without ``header``: `Fit.header`."""
         return ModelPlanes(header or self.header, self.ideal_places, self.planned, self.levels.gains.tolist())
 
     def iter_model(self, workers: int | None = None) -> Work[PSFMatrix]:
@@ -254,7 +254,7 @@ class Fit:
     def middle_um(self) -> tuple[float, float]:
         """Middle (x, y) of the scanned region, relative to the centre of the sensor (µm).
 
-        The rotation and pitch of the array are fitted about this point.
+        In a fit of a single region, the array is rotated and scaled about this point.
         """
         plan = self.planned
         middle = np.array(plan.anchor) + (np.array(plan.period) - 1) / 2

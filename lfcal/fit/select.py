@@ -62,7 +62,7 @@ class GroupSelection:
 def gain_of(selection: GroupSelection, chosen: Sequence[str], added: Sequence[str]) -> tuple[float, float]:
     """Return the decrease of the held-out sum of squares due to the groups ``added``, and the required decrease.
 
-    It is relative to the groups in ``chosen`` that are not in ``added``.
+    The decrease is relative to the sum with the groups of ``chosen`` that are not in ``added``.
     """
     others = [one for one in chosen if one not in added]
     without, with_it = selection.left(others), selection.left([*others, *added])

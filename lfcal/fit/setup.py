@@ -164,9 +164,10 @@ def starting_effects(plan: ScanPlan) -> tuple[Effect, ...]:
 
 
 def with_given(effects: Sequence[Effect], settings: Mapping[str, str], given: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return ``effects`` with the effects ``given``, which replace those of the same name, and after ``settings``.
+    """Return ``effects`` after adding those in ``given``, and then switching effects on or off as in ``settings``.
 
-    ``settings`` contains ``"on"`` or ``"off"`` by the name of an effect.
+    An effect in ``given`` replaces that of the same name. ``settings`` contains ``"on"`` or ``"off"`` by the name of an
+    effect; ``"on"`` adds an effect that is missing.
 
     Raises
     ------

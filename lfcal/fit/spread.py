@@ -36,10 +36,10 @@ def spread_out(
     """Return ``count`` positions (z, y, x) that are far apart, as row numbers in ``index`` ``(n, 3)``.
 
     The next plane is always that with the smallest fraction of chosen positions. Its next position is the one farthest
-    from those already chosen in the plane, with distances measured periodically. It is also far from the positions
-    ``earlier`` ``(m, 3)``, which are not returned. ``cell`` contains the vectors ``(2, 2)`` of the unit cell of the
-    array, as (rows, columns) in pixels. With it, positions are far apart both in the period and relative to their
-    lenslets.
+    from those already chosen in the plane, with distances measured across the edges of ``period`` (rows, columns). It
+    is also far from the positions ``earlier`` ``(m, 3)``, which are not returned. If ``index`` has fewer than ``count``
+    positions, all are returned. ``cell`` contains the vectors ``(2, 2)`` of the unit cell of the array, as (rows,
+    columns) in pixels. With it, positions are far apart both in the period and relative to their lenslets.
     """
     there = np.zeros((0, 3), np.intp) if earlier is None else earlier
     planes: dict[int, _Plane] = {}

@@ -129,7 +129,7 @@ class Validation:
 
     @property
     def wide(self) -> bool:
-        """Whether the points cover enough of the field to distinguish its edges from its middle."""
+        """Whether `PointError.field` spans more than 0.2, enough to distinguish the field's edges from its middle."""
         return self.points[-1].field - self.points[0].field > WIDE
 
     def worse(self, *, periodic: bool) -> bool:
@@ -207,7 +207,8 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     fit
         The fitted camera, or the contents of its folder (`lfcal.fit.stored.read_fit`).
     withheld
-        Patterns of the same scan that were not fitted, or of another scan elsewhere in the field.
+        Patterns of the same scan, of which only those that were not fitted are used, or of another scan elsewhere in
+        the field.
     another
         Whether the patterns come from another recording, so that even those at fitted positions were not fitted.
 
@@ -285,8 +286,8 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
     noise
         Constant and slope of the variance of a sample, as in `NewFrame`.
     cutout
-        Size ``(rows, columns)`` of the cutout of H (px). A border of half this size, but at most a third of the frame,
-        is not compared.
+        Size ``(rows, columns)`` of the cutout of H (px). On each side, a border of half this size, but at most a third
+        of the frame, is not compared.
 
     Raises
     ------
@@ -368,7 +369,7 @@ def iter_write_validation(
 
 
 def draw_validation(found: Validation, path: str | os.PathLike[str]) -> None:
-    """Draw the error of each point as a map of the sensor, and as a function of `PointError.field`."""
+    """Save a figure of the error of each point, as a map of the sensor and as a function of `PointError.field`."""
     errors = np.array([_shown(one.model.error) for one in found.points])
     with figure(9.6, 3.4) as fig:
         places, line = fig.subplots(1, 2)

@@ -97,7 +97,8 @@ class ChannelSource(SourceView):
         Raises
         ------
         InputError
-            If the frame starts at another pixel of the pattern than the first one.
+            If a cutout starts at another pixel of the pattern than the first cutout, or the frames show a part of the
+            sensor that does not start at the first pixel of the pattern.
         """
         info, (r0, c0), step = self.source.info(index), self._phase, self._step
         origin = info.origin if self._cut else self.known.origin or (0, 0)

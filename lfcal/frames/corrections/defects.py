@@ -48,7 +48,8 @@ class Defects:
     ------
     InputError
         If a pixel is outside the sensor, or has no good neighbour of its colour within two periods of the pattern. Also
-        if more than 5 % of the sensor is defective.
+        if more than 5 % of the sensor is defective (a single defect is always allowed), or the number of ``kinds`` is
+        neither 0 nor that of the pixels.
 
     Examples
     --------

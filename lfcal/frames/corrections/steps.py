@@ -153,7 +153,7 @@ class Dark:
     Raises
     ------
     InputError
-        If the frame is not a finite 2-D array.
+        If the frame is not a finite 2-D array, or the level is not finite.
 
     Examples
     --------
@@ -335,7 +335,8 @@ class White:
     Raises
     ------
     InputError
-        If the white image is not finite or shows no light, or more than 0.1 % of its pixels are saturated.
+        If the white image is not finite or shows no light, more than 0.1 % of its pixels are saturated, or ``dark`` has
+        another shape.
 
     Examples
     --------

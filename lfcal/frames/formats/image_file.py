@@ -245,12 +245,13 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
         ``"R"``, ``"G"`` or ``"B"``: component to use from a lossless colour image. If None, a colour image raises an
         error, because the camera has processed its samples.
     dataset
-        Path of the stack in an HDF5 file or of the image in an OME-Zarr, or channel of an NDTiff. None: the only one.
+        Path of the stack in an HDF5 file or of the image in an OME-Zarr, or channel of an NDTiff. None: the stack that
+        is identified as the frames, all images of an OME-Zarr, or the only channel.
 
     Raises
     ------
     InputError
-        If ``colour`` is none of these.
+        If ``colour`` is none of these, a channel must be stated or does not exist, or a decoder cannot be loaded.
     FileFormatError
         If the file is damaged, truncated, lossily compressed or not an image, or if it is a colour image and
         ``colour`` is not given.

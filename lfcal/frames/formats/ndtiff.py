@@ -60,8 +60,8 @@ class NDTiffImage(ImageFile):
     Raises
     ------
     FileFormatError, UnsafeFileError, InputError, StorageError
-        If the index or an image is damaged, images are compressed or differ in size or type, or ``channel`` is not the
-        name of a channel (None: if there are several).
+        If the index or an image is damaged, images are compressed or differ in size or type, or ``channel`` does not
+        exist or is required.
     """
 
     def __init__(self, path: Path, channel: str | None = None) -> None:
