@@ -89,12 +89,13 @@ class PlannedSession(TaskResult):
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedSession(TaskResult):
-    """A recorded session, complete or stopped by the signal ``ended_by``.
+    """A recorded session, which is complete or was stopped by a signal.
 
-    ``out`` is the folder, ``outcome`` states how the recording ended, and ``alarms`` are the alarms raised during it.
-    ``facts`` contains observations and output files by name. If the session records until H reaches a target error,
-    ``adapted`` states why it ended; otherwise it is None. ``error`` is an error in the assembly or compression of the
-    complete recording, None if there is none.
+    ``ended_by`` is the number of the signal; it has no meaning for a complete session. ``out`` is the folder,
+    ``outcome`` states how the recording ended, and ``alarms`` are the alarms raised during it. ``facts`` contains
+    observations and output files by name. If the session records until H reaches a target error, ``adapted`` states why
+    it ended; otherwise it is None. ``error`` is an error in the assembly or compression of the complete recording, None
+    if there is none.
     """
 
     out: Path
@@ -651,7 +652,10 @@ class AcquireUntil(_AcquireScan):
         return Goal(self.until_error, most=self.most or None, unknowns=groups)
 
     def iter_session(self, plan: Any, rig: Rig, options: Options, **how: Any) -> Any:
-        """Record until the goal is reached; ``how`` are keyword arguments of `lfcal.campaign.iter_adaptive`."""
+        """Record until `goal` is reached or the plan is complete.
+
+        ``how`` are keyword arguments of `lfcal.campaign.iter_adaptive`.
+        """
         from lfcal.campaign import iter_adaptive
 
         how = {"seen": lambda step: announce(str(step)), **how}

@@ -143,7 +143,7 @@ class _Assemble(Task):
 
 @record
 class AssembleTarget(_Assemble):
-    """Find the points in a target's frames, and assemble H from the points that show its positions."""
+    """Find the points in a target's frames, and assemble H from those at the positions of the scan."""
 
     input_words: ClassVar[str] = "frames of a target"
 
@@ -439,7 +439,7 @@ class Assemble(AssembleRegions):
     def iter_part(
         self, part: ChannelPart, scan: ScanPlan, recipe: CorrectionRecipe, view: CorrectedSource, how: AssemblyRun
     ) -> Work[Assembled]:
-        """Assemble one H from corrected frames that are already open, and return it.
+        """Assemble one H from corrected frames that are already open, and return the result.
 
         Parameters
         ----------
@@ -604,15 +604,15 @@ def assemble(
     Parameters
     ----------
     run
-        Number of threads or processes, and whether to continue an earlier run.
+        Number of threads or processes, and whether to continue an earlier run or to replace existing files.
     on_progress
         Function that is called with each `Progress` record.
 
     Returns
     -------
     tuple of Assembled
-        One result for each region, or for each colour of ``channel="each"``; otherwise a single one. ``report.matrix``
-        of each is its H.
+        One result for each region and, with ``channel="each"``, for each colour; otherwise a single one.
+        ``report.matrix`` of each is its H, which is already closed if the frames show several regions.
 
     Raises
     ------

@@ -45,7 +45,7 @@ def preset_names() -> tuple[str, ...]:
 
 
 def is_camera_file(name: str) -> bool:
-    """Return whether ``name`` refers to a camera file instead of a preset."""
+    """Return whether ``name`` is not the name of a preset, and therefore refers to a camera file."""
     from lfcal.camera import PRESETS
 
     return name not in PRESETS

@@ -139,7 +139,7 @@ class Inspect(MatrixTask):
     def files(self, way: str) -> tuple[Path, ...]:
         """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
 
-        A report consists of several files.
+        The files to write are those of the report, if it is requested.
         """
         if way != "out" or self.report is None:
             return super().files(way)

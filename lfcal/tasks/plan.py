@@ -278,7 +278,10 @@ class PlanRecorded(_Plan):
     )
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Planned, ...]]:
-        """Read the list, and plan the scan. If the frames exist, find from them how the image moves with the stage."""
+        """Read the list, plan the scan, and write the plan if requested.
+
+        If the frames exist, the directions in which the stage moves the image, and the anchor, are found from them.
+        """
         from lfcal.frames import named_orientation, parse_origin
         from lfcal.frames.lists import Part, any_listing, located, plan_of_list, reader, sample_of
 

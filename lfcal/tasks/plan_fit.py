@@ -43,7 +43,7 @@ class PositionsPlanned(Planned):
 
     @property
     def listed(self) -> RedoList:
-        """List of the positions, to be used with ``lfcal acquire``."""
+        """List of the positions for ``lfcal acquire``: those to fit, then those to hold out."""
         from lfcal.acquire import RedoList
 
         fitted, held_out = self.plan.fitted.tolist(), self.plan.held_out.tolist()

@@ -224,7 +224,7 @@ class PlanTarget(_PlanTarget):
 
 @record
 class PlanDisplay(_PlanTarget):
-    """Plan the images that a display shows to replace the positions of a scan."""
+    """Plan the images that a display shows instead of a point source that is moved to the positions of a scan."""
 
     input_words: ClassVar[str] = "a display"
 

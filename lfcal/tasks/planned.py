@@ -125,7 +125,8 @@ def planned_scan(
 ) -> ScanPlan:
     """Return the plan in a JSON file, or the plan of a scan with a camera (preset or file).
 
-    ``camera`` is the file of the plan, or the camera. Depths are in µm. For a plan of several regions, the plan that
+    ``camera`` is the file of the plan, or the camera. The planes ``depths`` (µm) or ``virtual_depths``, and ``cutout``
+    (rows, columns) in pixels are as in `lfcal.camera.ScanPlan.for_camera`. For a plan of several regions, the plan that
     they share is returned.
 
     Raises

@@ -305,7 +305,7 @@ class Reconstruct(_ReconstructTo):
     input_words: ClassVar[str] = "one frame"
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:
-        """Reconstruct frame by frame, with one volume in memory at a time."""
+        """Reconstruct the volume of the frame, and write it."""
         return self._iter_volumes(run or RunSettings(), "", warm=False)
 
     def _iter_volumes(self, run: RunSettings, suffix: str, *, warm: bool) -> Work[tuple[Reconstructed, ...]]:
@@ -352,7 +352,7 @@ class ReconstructSeries(Reconstruct):
         return () if way == "out" and not self._whole() else super().files(way)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[Reconstructed, ...]]:
-        """Reconstruct frame by frame, with one volume in memory at a time."""
+        """Reconstruct the frames and write their volumes; without units, process one frame after the other."""
         if self.format != ".tif" and self._whole():
             raise InputError.expected(
                 "output for separate volumes",

@@ -68,14 +68,14 @@ class SimulationForecast(TaskResult):
 
     @property
     def undescribed(self) -> UndescribedEffects:
-        """Effects that the camera does not describe, and the cheapest measurements that determine them."""
+        """Relevant effects that the camera does not describe, and the measurements that determine them."""
         from lfcal.simulate import undescribed_effects
 
         return undescribed_effects(self.effects, self.plan.camera)
 
     @property
     def undescribed_words(self) -> tuple[str, ...]:
-        """One sentence on the effects that the camera does not describe; an empty tuple if there are none."""
+        """One sentence on the effects in `undescribed`; an empty tuple if there are none."""
         return tuple(filter(None, (self.undescribed.sentence,)))
 
     @property
@@ -176,7 +176,7 @@ class SimulatedRegions(TaskResult):
 
     @property
     def undescribed_words(self) -> tuple[str, ...]:
-        """One sentence on the effects that the camera does not describe; an empty tuple if there are none.
+        """One sentence on relevant effects that the camera does not describe; an empty tuple if there are none.
 
         It is that of the first region with such effects.
         """

@@ -71,7 +71,7 @@ class RunSettings:
         Raises
         ------
         InputError
-            If the settings exclude each other, or an earlier run left finished units and neither ``resume`` nor
+            If the settings exclude each other, or an earlier run was not completed and neither ``resume`` nor
             ``force`` is set.
         """
         from lfcal.work import RunChoice, check_begun, parts_folder
@@ -230,7 +230,8 @@ class TaskSet:
         Raises
         ------
         InputError
-            If a value is given for a field that this task does not have, or a required field has no value.
+            If a value is given for a field that this task does not have, a required field has no value, or a value is
+            not allowed or would have no effect.
         """
         for row in rows(self.kinds[0]):
             # the choice of the kind may depend on these

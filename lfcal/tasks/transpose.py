@@ -70,7 +70,7 @@ class Transpose(CopyTask):
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
 
     def work(self, run: RunSettings | None = None) -> Work[tuple[TransposedFile, ...]]:
-        """Transpose H, and write it plane by plane, because it may not fit into memory."""
+        """Transpose H and write the result plane by plane, because both may be larger than memory."""
         from lfcal.psf import iter_transpose_file
 
         start, run = time.perf_counter(), run or RunSettings()

@@ -76,7 +76,7 @@ def iter_begun(
 ) -> Work[tuple[Path, ...]]:
     """Process the units of the file ``out``, and return the files of the units, in order; yields progress.
 
-    The files stay in the folder `parts_folder` of ``out`` until the caller discards it.
+    The files stay in the folder ``parts_folder(out)`` until the caller discards it.
 
     ``units``, ``out``, ``run`` and the errors are those of `iter_made`; ``title``, ``following`` and ``joined`` are
     those of `iter_run`.
@@ -115,8 +115,8 @@ def iter_made(
 ) -> Work[None]:
     """Process units, and join their files into the file ``out``; yields progress over both steps.
 
-    Until ``out`` is complete, the files of the units are in `parts_folder`. After a run is stopped or killed, another
-    run can continue from them.
+    Until ``out`` is complete, the files of the units are in the folder ``parts_folder(out)``. After a run is stopped or
+    killed, another run can continue from them.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def iter_made(
     Raises
     ------
     InputError
-        If an earlier run left units and ``run.begun`` is ``"refuse"``.
+        If an earlier run was not completed and ``run.begun`` is ``"refuse"``.
     LfcalError
         The errors of `iter_run` and of ``join``.
 

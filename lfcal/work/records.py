@@ -29,7 +29,9 @@ NUMPY = frozenset({"_reconstruct", "_frombuffer", "scalar", "ndarray", "dtype"})
 
 
 def save_record(path: Path, value: Any, shared: Mapping[str, object] | None = None) -> None:
-    """Write a record atomically; objects in ``shared``, which the reader must also have, are stored as their names.
+    """Write the record ``value`` atomically.
+
+    Objects in ``shared``, by name, are stored as their names; the reader must have them too.
 
     Raises
     ------

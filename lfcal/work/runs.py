@@ -140,7 +140,8 @@ def iter_run(
     title
         Description of the output, for display.
     attempts
-        Maximum number of times that a unit is started, if its worker process dies or a file cannot be read or written.
+        Maximum number of times that a unit is started, if its worker process dies, or reports that a file cannot be
+        read or written.
     following
         Object that joins the files of finished units while other units are being processed; the caller closes it. None:
         files are not joined.

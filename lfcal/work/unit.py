@@ -191,7 +191,7 @@ class ProcessCache(Generic[T]):
     Parameters
     ----------
     close
-        Function that releases the kept input before another one replaces it.
+        Function that releases an input made by `get` before another one replaces it.
     """
 
     def __init__(self, close: Callable[[T], None]) -> None:
@@ -209,7 +209,10 @@ class ProcessCache(Generic[T]):
 
     @contextmanager
     def using(self, key: object, value: T) -> Iterator[None]:
-        """Return a context in which units of this process use ``value``, opened by their run, as the input ``key``."""
+        """Return a context in which units of this process use ``value``, opened by their run, as the input ``key``.
+
+        The cache does not release ``value``.
+        """
         with self._lock:
             self._drop()
             self._kept = key, value, False

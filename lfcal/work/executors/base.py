@@ -32,7 +32,7 @@ class Event:
     Attributes
     ----------
     job
-        The unit.
+        The submitted unit.
     kind
         Kind of the event.
     worker
@@ -73,7 +73,7 @@ class Executor(Protocol):
     name
         As in `ExecutorKind`.
     workers
-        Number of units or threads that run at the same time.
+        Largest number of units or threads that run at the same time.
     place
         Address of a dashboard that shows the workers; empty if there is none.
     ahead
