@@ -154,7 +154,10 @@ class Inspection:
 
     @property
     def merit(self) -> Merit:
-        """Rating of H; "unknown" if its camera does not explain it, or if the comparison is unfinished."""
+        """Rating of H: "good", "fair", "unknown" or "bad".
+
+        It is "unknown" or "bad" if its camera does not explain H, or if the comparison is unfinished.
+        """
         return self.judgement.merit
 
     @property

@@ -60,7 +60,7 @@ class Pair:
         return found
 
     def place_in_b(self, y: int, x: int) -> tuple[int, int]:
-        """Return the position (y, x) of ``b`` that corresponds to position (y, x) of ``a``."""
+        """Return the position (y, x) of ``b``, within its period, that corresponds to position (y, x) of ``a``."""
         ny, nx = self.a.period
         return (y + self.moved[0]) % ny, (x + self.moved[1]) % nx
 

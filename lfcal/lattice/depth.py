@@ -105,7 +105,7 @@ def iter_depth_map(
     radius_px: float | None = None,
     workers: int | None = None,
 ) -> Work[DepthMap]:
-    """Compute the depth map of a light-field frame in the central view, and return it.
+    """Compute the depth map of the central view of a light-field frame, and return it.
 
     The depth can be determined only where the scene has texture. Elsewhere, it is NaN and is not interpolated.
 
@@ -145,8 +145,8 @@ def iter_depth_map(
     Raises
     ------
     InputError
-        If the shape of a frame differs from that of the lattice, no micro-image is complete, or ``slopes`` are outside
-        the limits of the method.
+        If the shape of a frame or of the mask differs from that of the lattice, no micro-image is complete,
+        ``radius_px`` is less than 2 or more than the pitch, or ``slopes`` are outside the limits of the method.
 
     Examples
     --------

@@ -57,6 +57,11 @@ def elemental_lenses(camera: Camera) -> ElementalLenses:
 
     Elemental images are blurred by defocus. Their positions are means over the part of each lenslet that is inside the
     pupil.
+
+    Raises
+    ------
+    InputError
+        If the camera is not a Fourier light-field microscope.
     """
     lattice, optics = _described(camera)
     centres = np.array(lattice.lens_centres_um)[:, ::-1]

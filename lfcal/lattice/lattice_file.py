@@ -50,6 +50,8 @@ def lattice_files(folder: str | os.PathLike[str]) -> list[Path]:
 def save_lattice(fit: LatticeFit, folder: str | os.PathLike[str]) -> list[Path]:
     """Write the lattice (JSON), the residual of every lenslet (CSV) and a residual map (PNG); return their paths.
 
+    The files are written to ``folder``. Residuals of dead lenslets are left empty.
+
     Examples
     --------
     >>> from lfcal.frames import read_image
@@ -68,7 +70,7 @@ def save_lattice(fit: LatticeFit, folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def lattice_dict(fit: LatticeFit) -> dict[str, Any]:
-    """Return the lattice's parameters, their errors and the distortion as plain JSON types."""
+    """Return the parameters of the lattice, their errors, the distortion and the dead lenslets as plain JSON types."""
     bend, errors = fit.distortion, {} if fit.errors is None else asdict(fit.errors)
     errors.pop("covariance", None)
     own = {name: getattr(fit, name) for name in NAMES}

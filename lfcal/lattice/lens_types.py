@@ -46,8 +46,9 @@ class LensTypes:
     phase
         Value of ``(q - r) mod 3`` for the lenslets of type 0, with the indices (q, r) of the lattice fit.
     sharpness
-        Logarithm of the mean sharpness of types 0, 1 and 2 relative to their neighbours. Sharpness is the light in the
-        inner part of the micro-image (white image), or the gradient energy divided by the squared light (spots).
+        Mean, for types 0, 1 and 2, of the logarithm of the sharpness minus its mean over the triangle. Sharpness is the
+        light in the inner part of the micro-image (white image), or the gradient energy divided by the squared light
+        (spots).
     agreement
         Fraction of the triangles of adjacent lenslets that individually favour this assignment; 1/6 by chance.
     sigmas

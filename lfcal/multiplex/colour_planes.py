@@ -163,7 +163,7 @@ def _square(cfa: str) -> str:
 def dark_level(dark: Path, shape: tuple[int, ...], colour: str | None = None) -> NDArray[Any]:
     """Return the dark frame in a file, or the mean of those in a folder, ``(rows, columns)``.
 
-    ``colour`` is the component to read from colour images.
+    ``colour`` is the component to read from colour images; None: the images are grey.
 
     Raises
     ------

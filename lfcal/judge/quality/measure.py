@@ -196,7 +196,7 @@ class PlaneMeasures:
 
     @property
     def background(self) -> float:
-        """Background of a pixel, in the unit of H, without the light in the tails of the patterns."""
+        """Background of a pixel, in the unit of H, minus the light expected from the tails of the patterns."""
         found = self.dark.background
         return found - min(max(0.0, found), self.energy * self.about.corner_tail)
 

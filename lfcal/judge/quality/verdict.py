@@ -61,7 +61,7 @@ def _finding(metric: Metric, frames: int) -> Finding:
 def where(positions: Sequence[Sequence[int]], frames: int) -> str:
     """Return the number of affected positions and the first of them (z, y, x) as text; empty if there are none.
 
-    ``frames`` is the number of all positions.
+    ``frames`` is the number of all positions; if all are affected, none is named.
     """
     if not positions:
         return ""
@@ -84,7 +84,7 @@ def counted(metrics: Iterable[Metric]) -> dict[str, int]:
 
 
 def counted_words(metrics: Iterable[Metric]) -> str:
-    """Return the numbers of `counted` as text: ``26 good, 12 not applicable``."""
+    """Return the numbers of `counted` as text, such as ``26 good, 12 not applicable``."""
     found = counted(metrics)
     shown = [f"{many} {key.replace('_', ' ')}" for key, many in found.items() if many or key == "good"]
     return ", ".join(shown)
