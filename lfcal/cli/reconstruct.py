@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import typer
 
 from lfcal.base import format_bytes, format_seconds
 from lfcal.cli._console import print_table, report
-from lfcal.tasks import Reconstructed, ReconstructedBars, ReconstructionForecast
+from lfcal.tasks import FittedFeatures, Reconstructed, ReconstructedBars, ReconstructionForecast
 
 TESTED = (
     "In tests, 95 % intervals contained the true value for 94 to 98 % of bright voxels and 91 to 98 % of sums over "
@@ -23,9 +24,9 @@ UNTESTED = (
 """The same for other settings."""
 
 
-def show(made: tuple[Reconstructed | ReconstructedBars | ReconstructionForecast, ...]) -> None:
+def show(made: tuple[Reconstructed | ReconstructedBars | FittedFeatures | ReconstructionForecast, ...]) -> None:
     """Print the results of reconstructions, or the forecast cost."""
-    from lfcal.tasks import Reconstructed, ReconstructedBars
+    from lfcal.tasks import FittedFeatures, Reconstructed, ReconstructedBars
 
     for one in made:
         if isinstance(one, Reconstructed):
@@ -33,6 +34,8 @@ def show(made: tuple[Reconstructed | ReconstructedBars | ReconstructionForecast,
                 _show_volume(result, one)
         elif isinstance(one, ReconstructedBars):
             _show_bars(one)
+        elif isinstance(one, FittedFeatures):
+            _show_features(one)
         else:
             _show_forecast(one)
 
@@ -72,6 +75,42 @@ def _show_bars(made: ReconstructedBars) -> None:
     unknown = bars.unknown.mean()
     typer.echo(f"{bars.replicates} replicates; nothing is known about details of {100 * unknown:.0f} % of the voxels")
     typer.echo(TESTED if made.tested else UNTESTED)
+
+
+def _show_features(made: FittedFeatures) -> None:
+    """Print the files, and a line for each feature."""
+    for note in made.fit.notes:
+        report(f"note: {note}")
+    for path in made.files:
+        typer.echo(path)
+    rows = []
+    for number, one in enumerate(made.fit.features, 1):
+        feature, sigmas = one.feature, one.sigmas
+        known = [
+            with_sigma(value, sigmas[name])
+            for name, value in (
+                ("row", feature.row),
+                ("column", feature.column),
+                ("depth_um", one.depth_um),
+                ("brightness", feature.brightness or 0.0),
+                ("width", feature.width or 0.0),
+            )
+        ]
+        rows.append([str(number), "bead" if feature.end is None else "line", *known, f"{one.chi2:.2f}"])
+    columns = ["number", "kind", "row", "column", "depth (µm)", "brightness", "width", "chi2"]
+    print_table(columns, rows, title="beads and lines, with standard uncertainties")
+    wrong = sum(not one.fits for one in made.fit.features)
+    if wrong:
+        limit = made.fit.features[0].limit
+        typer.echo(f"{wrong} without uncertainties: the frame contradicts their model (chi2 above {limit:.2f})")
+
+
+def with_sigma(value: float, sigma: float) -> str:
+    """Return a value with its standard uncertainty, such as ``19.73 ± 0.02``; without it if it is NaN."""
+    if not sigma > 0:
+        return f"{value:.4g}"
+    places = max(0, 1 - math.floor(math.log10(sigma)))
+    return f"{value:,.{places}f} ± {sigma:,.{places}f}"
 
 
 def _show_forecast(made: ReconstructionForecast) -> None:

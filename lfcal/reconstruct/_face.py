@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from lfcal.reconstruct.error_bars import ErrorBars, RegionSum, error_bars, iter_error_bars
+from lfcal.reconstruct.features import Feature, FeatureFit, FittedFeature, find_beads, fit_features, iter_fit_features
 from lfcal.reconstruct.metric_grid import MetricGrid
 from lfcal.reconstruct.projectors import METHODS, FieldProjector, ProjectionForecast, Projector
 from lfcal.reconstruct.resample import Resampling, resampling_for
@@ -51,7 +52,10 @@ __all__ = [
     "BootstrapSettings",
     "DepthSmoothing",
     "ErrorBars",
+    "Feature",
+    "FeatureFit",
     "FieldProjector",
+    "FittedFeature",
     "FrameResult",
     "IsraSolver",
     "LightFieldSettings",
@@ -81,9 +85,12 @@ __all__ = [
     "VoxelGrid",
     "conjugate_gradient",
     "error_bars",
+    "find_beads",
+    "fit_features",
     "isra",
     "iter_conjugate_gradient",
     "iter_error_bars",
+    "iter_fit_features",
     "iter_isra",
     "iter_reconstruct",
     "iter_richardson_lucy",

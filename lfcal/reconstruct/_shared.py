@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from lfcal.reconstruct.bar_run import bar_outputs, iter_bars
 from lfcal.reconstruct.error_bars import runs_of
+from lfcal.reconstruct.feature_run import feature_outputs, iter_features, read_features
 from lfcal.reconstruct.frame_files import cleaner, frames_of, is_series, targets_of
 from lfcal.reconstruct.frame_run import FrameRun
 from lfcal.reconstruct.margin import cropped, usual_margin
@@ -34,15 +35,18 @@ __all__ = [
     "cropped",
     "drift_note",
     "drift_words",
+    "feature_outputs",
     "files_of_regions",
     "frames_of",
     "is_series",
     "iter_bars",
+    "iter_features",
     "lattice_anchor_of",
     "nrmse",
     "open_ome_zarr",
     "phantom",
     "points",
+    "read_features",
     "room_for_projections",
     "run_memory",
     "runs_of",

@@ -21,7 +21,7 @@ from lfcal.psf import voxel_um
 from lfcal.reconstruct._frame_units import device_for, device_hints, tool_for
 from lfcal.reconstruct._replicates import ObjectModel, Replicates, SampleNoise
 from lfcal.reconstruct.error_bars import ErrorBars, ErrorSums, check_bars, check_labels, without_noise
-from lfcal.reconstruct.frame_files import read_frame, targets_of
+from lfcal.reconstruct.frame_files import read_frame, related, targets_of
 from lfcal.reconstruct.frame_run import FrameRun, memory_for
 from lfcal.reconstruct.margin import cropped
 from lfcal.reconstruct.optics import SharedOptics
@@ -38,12 +38,8 @@ MAPS = ("sigma", "kappa", "resolution")
 
 def bar_outputs(out: Path, *, regions: bool) -> tuple[Path, ...]:
     """Return the paths of the volume ``out``, of its `MAPS` and, with ``regions``, of the table of regions."""
-    suffix = (
-        "".join(out.suffixes[-2:]) if out.name.lower().endswith((".ome.tif", ".ome.tiff", ".ome.zarr")) else out.suffix
-    )
-    stem = out.name[: len(out.name) - len(suffix)]
-    maps = tuple(out.with_name(f"{stem}_{name}{suffix}") for name in MAPS)
-    return (out, *maps, *([out.with_name(f"{stem}_regions.csv")] if regions else []))
+    maps = tuple(related(out, f"_{name}") for name in MAPS)
+    return (out, *maps, *([related(out, "_regions", ".csv")] if regions else []))
 
 
 def iter_bars(

@@ -36,6 +36,7 @@ __all__ = [
     "is_series",
     "placed_anchor",
     "read_frame",
+    "related",
     "saving",
     "targets_of",
 ]
@@ -206,6 +207,9 @@ def cleaner(light_field: LightFieldSettings, view: Resampling | None) -> Cleaner
     return clean
 
 
+LONG = (".ome.tif", ".ome.tiff", ".ome.zarr")
+"""Suffixes of two parts."""
+
 Save = Callable[[str, "NDArray[Any] | None", Mapping[str, Any]], None]
 """Function of the name of a frame, its volume (None: there is none), and its details."""
 
@@ -229,6 +233,12 @@ def targets_of(frames: Sequence[FrameFile], out: Path, suffix: str | None) -> di
     if any(path.suffix.lower() == ".zarr" for path in found.values()):
         check_zarr()
     return found
+
+
+def related(out: Path, ending: str, suffix: str = "") -> Path:
+    """Return the path of a file next to the volume ``out``: its name with ``ending``, and its own or another suffix."""
+    own = "".join(out.suffixes[-2:]) if out.name.lower().endswith(LONG) else out.suffix
+    return out.with_name(out.name[: len(out.name) - len(own)] + ending + (suffix or own))
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from lfcal.tasks.plan_target import PlanDisplay, PlanTarget
 from lfcal.tasks.reconstruct import (
     Reconstruct,
     ReconstructBars,
+    ReconstructFeatures,
     ReconstructForecast,
     ReconstructSeries,
     solver_settings,
@@ -59,6 +60,7 @@ __all__ = [
     "Recalibrate",
     "Reconstruct",
     "ReconstructBars",
+    "ReconstructFeatures",
     "ReconstructForecast",
     "ReconstructSeries",
     "Reduce",

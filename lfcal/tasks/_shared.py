@@ -29,7 +29,7 @@ from lfcal.tasks.plan import PLAN_FORMATS, plan_text
 from lfcal.tasks.plan_fit import PositionsPlanned
 from lfcal.tasks.plan_target import TargetPlanned
 from lfcal.tasks.planned import WITHOUT_READOUT, Planned, planned_scan
-from lfcal.tasks.reconstruct import Reconstructed, ReconstructedBars, ReconstructionForecast
+from lfcal.tasks.reconstruct import FittedFeatures, Reconstructed, ReconstructedBars, ReconstructionForecast
 from lfcal.tasks.reduce import ReducedFile
 from lfcal.tasks.sets import task_set
 from lfcal.tasks.simulate import SimulatedH, SimulatedRegions, SimulationForecast
@@ -52,6 +52,7 @@ __all__ = [
     "DepthForecast",
     "ExportedFiles",
     "FitOutcome",
+    "FittedFeatures",
     "FittedPatterns",
     "InspectedMatrix",
     "MeasuredDepth",

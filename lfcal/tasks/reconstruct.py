@@ -31,12 +31,14 @@ from lfcal.tasks.outputs import check_outputs
 from lfcal.tasks.task import RunSettings, Task, TaskResult, TaskSet, may_replace
 
 if TYPE_CHECKING:
-    from lfcal.reconstruct import ErrorBars, FrameResult, FrameRun
+    from lfcal.reconstruct import ErrorBars, FeatureFit, FrameResult, FrameRun
 
 __all__ = [
     "RECONSTRUCT",
+    "FittedFeatures",
     "Reconstruct",
     "ReconstructBars",
+    "ReconstructFeatures",
     "ReconstructForecast",
     "ReconstructSeries",
     "Reconstructed",
@@ -44,6 +46,9 @@ __all__ = [
     "ReconstructionForecast",
     "solver_settings",
 ]
+
+AUTO = "auto"
+"""Value of a field for beads that are found in the volume."""
 
 FORMATS = (".tif", ".ome.tif", ".ome.zarr", ".h5", ".npy")
 
@@ -145,6 +150,18 @@ class ReconstructedBars(TaskResult):
         ]
         known = {"replicates": self.bars.replicates, "unknown": float(self.bars.unknown.mean()), "tested": self.tested}
         return {"files": self.files, **known, "notes": self.bars.notes, "regions": regions}
+
+
+@dataclass(frozen=True)
+class FittedFeatures(TaskResult):
+    """Beads and lines of a frame, and the files of the rest and of the table."""
+
+    fit: FeatureFit
+    files: tuple[Path, ...]
+
+    def _values(self) -> dict[str, Any]:
+        features = [{**asdict(one), "fits": one.fits} for one in self.fit.features]
+        return {"files": self.files, "notes": self.fit.notes, "features": features}
 
 
 @dataclass(frozen=True)
@@ -435,10 +452,68 @@ class ReconstructBars(_ReconstructTo):
         return (ReconstructedBars(made, self.files("out"), tested),)
 
 
+@record
+class ReconstructFeatures(_ReconstructTo):
+    r"""Fit beads and lines on a light-field frame with their uncertainties, and reconstruct the rest of the volume.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tifffile
+    >>> from pathlib import Path
+    >>> from lfcal.reconstruct import RlNesterovSolver
+    >>> from lfcal.tasks import ReconstructFeatures
+    >>> tifffile.imwrite("frame.tif", np.random.default_rng(0).poisson(50, (48, 48)).astype(np.uint16))
+    >>> _ = Path("beads.csv").write_text("row,column\n24,24\n")
+    >>> solver = RlNesterovSolver(iterations=5, gain=1.0)
+    >>> task = ReconstructFeatures(psf="H.h5", frames="frame.tif", out="rest.tif", features="beads.csv", solver=solver)
+    >>> (made,) = task.run()
+    >>> print([file.name for file in made.files], len(made.fit.features))
+    ['rest.tif', 'rest_features.csv'] 1
+    """
+
+    input_words: ClassVar[str] = "a frame with beads or lines"
+    in_units: ClassVar[bool] = False
+
+    features: str = opt(
+        AUTO,
+        "Beads and lines to fit: a table with the columns row, column, and optionally depth_um, brightness, width, "
+        "end_row and end_column (of lines); or auto, for the beads that are visible in the volume.",
+        label="Beads and lines",
+        file="in",
+        is_path=lambda text: text != AUTO,
+        examples=(AUTO,),
+    )
+    solver: SolverFields = one_of(RlNesterovSolver(iterations=60), "Solver", SOLVER_KINDS)
+    grid: VoxelGrid = panel(VoxelGrid(), "Voxels", without=("voxel",))
+    bootstrap: BootstrapSettings = panel(BootstrapSettings(), "Replicates", without=("replicates",))
+
+    def files(self, way: str) -> tuple[Path, ...]:
+        """Return the files that the task reads (``way="in"``) or writes (``way="out"``), including the table."""
+        from lfcal.reconstruct import feature_outputs
+
+        return feature_outputs(self.out) if way == "out" else super().files(way)
+
+    def work(self, run: RunSettings | None = None) -> Work[tuple[FittedFeatures, ...]]:
+        """Reconstruct the frame, fit the features, and reconstruct the rest."""
+        from lfcal.reconstruct import iter_features, read_features
+
+        how = run or RunSettings()
+        with ExitStack() as stack:
+            found = self._prepare(stack, how.workers)
+            depths = found.projector.depths
+            given = None if self.features == AUTO else read_features(Path(self.features), depths)
+            details = with_task(self, *found.matrices)
+            fit = yield from iter_features(found, self.out, given, self.bootstrap, details)
+        return (FittedFeatures(fit, self.files("out")),)
+
+
 def kind_of(given: Mapping[str, Any]) -> type[Task]:
     """Return the class of the task for the ``given`` values."""
     if given.get("forecast"):
         return ReconstructForecast
+    if given.get("features"):
+        return ReconstructFeatures
     if given.get("bars"):
         return ReconstructBars
     from lfcal.reconstruct import is_series
@@ -448,7 +523,7 @@ def kind_of(given: Mapping[str, Any]) -> type[Task]:
 
 RECONSTRUCT = TaskSet(
     "reconstruct",
-    (Reconstruct, ReconstructSeries, ReconstructBars, ReconstructForecast),
+    (Reconstruct, ReconstructSeries, ReconstructBars, ReconstructFeatures, ReconstructForecast),
     kind_of,
     "lfcal reconstruct H.h5 frame.tif -o volume.tif --solver rl-tv --iterations 30",
 )

@@ -30,6 +30,7 @@ from lfcal.records import OWN_SOLVERS, SOLVER_ENDS, rows
 from lfcal.tasks import (
     Reconstruct,
     ReconstructBars,
+    ReconstructFeatures,
     ReconstructForecast,
     ReconstructSeries,
     command_of,
@@ -125,7 +126,7 @@ def test_a_volume_says_of_which_task_it_is_and_is_made_again(lfcal: Lfcal, place
         (("--goal", "measure"), "--goal: expected --iterations auto, got 15"),
         (("--warm",), "--warm: expected a series of frames or a forecast, got one frame"),
         (("--format", ".h5"), "--format: expected a series of frames, got one frame"),
-        (("--forecast",), "--out: expected one frame, a series of frames or a frame with error bars, got a forecast"),
+        (("--forecast",), "a frame with error bars or a frame with beads or lines, got a forecast; leave --out out"),
     ],
 )
 def test_options_that_do_not_apply_are_refused(
@@ -195,13 +196,14 @@ def test_a_solver_of_another_distribution_has_the_fields_of_its_options(
 
 def test_kinds_are_told_apart_by_what_is_there(place: Path) -> None:
     tasks = task_set("reconstruct")
-    assert tasks.kinds == (Reconstruct, ReconstructSeries, ReconstructBars, ReconstructForecast)
+    assert tasks.kinds == (Reconstruct, ReconstructSeries, ReconstructBars, ReconstructFeatures, ReconstructForecast)
     (place / "folder").mkdir()
     known = {"frame.tif": Reconstruct, "stack.tif": ReconstructSeries, "folder": ReconstructSeries}
     for name, kind in known.items():
         assert tasks.choose({"frames": place / name}) is kind
     assert tasks.choose({"frames": place / "frame.tif", "forecast": True}) is ReconstructForecast
     assert tasks.choose({"frames": place / "frame.tif", "bars": True}) is ReconstructBars
+    assert tasks.choose({"frames": place / "frame.tif", "features": "auto"}) is ReconstructFeatures
     forecast = ReconstructForecast(psf=place / "H.h5", frames=place / "stack.tif")
     assert "--forecast" in command_of(forecast) and len(forecast.run()[0].run.frames) == 3
     with pytest.raises(InputError, match=r"grid.voxel: expected its default, got 'auto'"):

@@ -298,8 +298,12 @@ def iter_solve(
     weights: ArrayLike | None = None,
     initial: ArrayLike | None = None,
     resume: SolverState | None = None,
+    background: ArrayLike | None = None,
 ) -> SolverWork:
-    """Reconstruct ``image`` like `iter_reconstruct`, but without a note if it should be resampled to H's period."""
+    """Reconstruct ``image`` like `iter_reconstruct`, but without a note if it should be resampled to H's period.
+
+    ``background`` is the expected image ``(Y, X)`` without light of the volume (counts). None: that of ``choice``.
+    """
     c = SolverChoice() if choice is None else choice
     for option, given in (("weights", weights), ("initial", initial), ("resume", resume)):
         check_option(c.solver, option, given)
@@ -308,7 +312,7 @@ def iter_solve(
         weights=weights,
         initial=initial if initial is None or c.margin == 0 else widened_start(initial, c.margin, P.volume_shape),
         resume=resume,
-        background=c.background,
+        background=c.background if background is None else background,
         read_noise=c.read_noise,
         saturation=c.saturation,
         strength=c.strength,

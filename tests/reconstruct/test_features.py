@@ -1,0 +1,277 @@
+"""Beads and lines fitted on a frame have the uncertainties that they claim."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from lfcal.base.errors import InputError
+from lfcal.camera import Camera, ScanPlan, preset
+from lfcal.psf import Facts, PSFMatrix
+from lfcal.reconstruct import Feature, FeatureFit, Projector, SolverChoice, find_beads, fit_features, reconstruct
+from lfcal.simulate import simulate_psf
+
+SHAPE = (77, 77)
+EDGE = 14
+PLANES = (2.2, 2.5, 2.8, 3.1, 3.4)
+"""Virtual depths of H."""
+BETWEEN = (2.65, 2.95)
+"""Virtual depths of objects: between planes 1 and 2, and between 2 and 3."""
+CHOICE = SolverChoice("rl-nesterov", iterations=60, background=10, gain=1)
+
+
+def camera() -> Camera:
+    """Return the camera ``bench`` with square lenslets of one type."""
+    found = preset("bench")
+    return replace(found, lattice=replace(found.lattice, kind="square", types=found.lattice.types[1:2]))
+
+
+def projector(depths: tuple[float, ...]) -> Projector:
+    """Return the projector of H at virtual ``depths``, without entries below a thousandth."""
+    own = camera()
+    plan = ScanPlan(own, (11, 11), cutout=(45, 45), depths_um=tuple(map(own.depth_of, depths)), anchor=(137, 137))
+    values = np.asarray(simulate_psf(plan, tolerance=0.02)[:], np.float32)
+    values = np.where(values > 1e-3 * values.max(axis=(1, 2, 3, 4), keepdims=True), values, 0)
+    return Projector(values, SHAPE, anchor=(5, 5), workers=1)
+
+
+@pytest.fixture(scope="module")
+def P() -> Projector:
+    return projector(PLANES)
+
+
+@pytest.fixture(scope="module")
+def between() -> Projector:
+    """Return the projector at depths that H does not contain."""
+    return projector(BETWEEN)
+
+
+def spots(beads: np.ndarray, planes: int, width: float = 1.0) -> np.ndarray:
+    """Return beads ``(n, 4)`` (brightness, row, column, plane) as a volume ``(planes, Y, X)``."""
+    y, x = np.indices(SHAPE)
+    volume = np.zeros((planes, *SHAPE))
+    for light, row, column, plane in beads:
+        profile = np.exp(-((y - row) ** 2 + (x - column) ** 2) / (2 * width**2)) / (2 * np.pi * width**2)
+        volume[int(plane)] += light * profile
+    return volume
+
+
+def stroke(line: np.ndarray, planes: int) -> np.ndarray:
+    """Return a line (brightness, row, column, plane, width, end row, end column), summed from 400 spots."""
+    light, row, column, plane, width, end_row, end_column = line
+    points = [
+        (light / 400, row + t * (end_row - row), column + t * (end_column - column), plane)
+        for t in (np.arange(400) + 0.5) / 400
+    ]
+    return spots(np.array(points), planes, width)
+
+
+def places(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return positions ``(count, 2)`` that are more than 7 voxels apart."""
+    found: list[np.ndarray] = []
+    while len(found) < count:
+        one = rng.uniform(EDGE + 5, SHAPE[0] - EDGE - 5, 2)
+        if all(np.hypot(*(one - other)) > 7 for other in found):
+            found.append(one)
+    return np.array(found)
+
+
+def haze(rng: np.random.Generator, planes: int) -> np.ndarray:
+    """Return smooth light in all planes, in which a bead of brightness 1 is about as bright as its background."""
+    y, x = np.indices(SHAPE)
+    inner = (np.minimum(y, x) >= EDGE) & (np.maximum(y, x) < SHAPE[0] - EDGE)
+    fields = [np.clip(12 * gaussian_filter(rng.standard_normal(SHAPE), 4) + 0.5, 0, None) for _ in range(planes)]
+    return 0.0012 * np.array(fields) * inner
+
+
+def pulls(fit: FeatureFit, true: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    """Return the errors of the features in units of their uncertainties, ``(n, len(names))``."""
+    rows = []
+    for one, values in zip(fit.features, true, strict=True):
+        found = {name: getattr(one.feature, name, None) for name in names}
+        if one.feature.end is not None:
+            found |= {"end_row": one.feature.end[0], "end_column": one.feature.end[1]}
+        rows.append([(found[name] - value) / one.sigmas[name] for name, value in zip(names, values, strict=True)])
+    return np.array(rows)
+
+
+BEAD = ("brightness", "row", "column", "plane")
+LINE = ("brightness", "row", "column", "plane", "width", "end_row", "end_column")
+
+
+def beads_of(P: Projector, between: Projector, seed: int, peak: float, *, over: bool) -> np.ndarray:
+    """Return the pulls ``(6, 4)`` of beads between planes, over nothing or ``over`` haze, from inexact positions."""
+    rng = np.random.default_rng([seed, over])
+    plane = rng.integers(2, size=6)
+    beads = np.column_stack([rng.uniform(0.4, 1, 6), places(rng, 6), plane])
+    rest = over * haze(rng, 5)
+    light = between.forward(spots(beads, 2)) + P.forward(rest)
+    scale = peak / light.max()
+    frame = rng.poisson(np.maximum(scale * light, 0) + 10.0)
+    starts = [Feature(*(one[1:3] + rng.normal(0, 0.5, 2)), width=1.0) for one in beads]
+    fit = fit_features(P, frame, starts, CHOICE)
+    # planes 1.5 and 2.5
+    true = beads * [scale, 1, 1, 1] + [0, 0, 0, 1.5]
+    return pulls(fit, true, BEAD)
+
+
+def lines_of(P: Projector, seed: int, peak: float) -> np.ndarray:
+    """Return the pulls ``(3, 7)`` of lines in three planes."""
+    rng = np.random.default_rng([seed, 2])
+    lines = []
+    for plane in (1, 2, 3):
+        angle, half, middle = rng.uniform(0, np.pi), rng.uniform(8, 14), rng.uniform(30, 47, 2)
+        to = half * np.array([np.sin(angle), np.cos(angle)])
+        lines.append([rng.uniform(0.4, 1) * half, *(middle - to), plane, rng.uniform(0.8, 2), *(middle + to)])
+    true = np.array(lines)
+    light = P.forward(sum(stroke(one, 5) for one in true))
+    scale = peak / light.max()
+    frame = rng.poisson(scale * light + 10.0)
+    starts = [Feature(*(one[1:3] + rng.normal(0, 0.5, 2)), end=tuple(one[5:] + rng.normal(0, 0.5, 2))) for one in true]
+    return pulls(fit_features(P, frame, starts, CHOICE), true * [scale, 1, 1, 1, 1, 1, 1], LINE)
+
+
+def test_beads_between_planes(P: Projector, between: Projector) -> None:
+    found = beads_of(P, between, 1, 2000, over=False)
+    assert np.isfinite(found).all() and np.abs(found).max() < 4, found
+    assert 0.4 < np.sqrt(np.mean(found**2)) < 1.6, found
+
+
+def test_lines_with_their_widths_and_ends(P: Projector) -> None:
+    found = lines_of(P, 1, 2000)
+    assert np.isfinite(found).all() and np.abs(found).max() < 4, found
+    assert 0.4 < np.sqrt(np.mean(found**2)) < 1.6, found
+
+
+def one_bead(P: Projector, light: float, width: float = 1.0) -> np.ndarray:
+    """Return the expected frame of a bead in plane 2."""
+    return np.asarray(P.forward(spots(np.array([[light, 37.4, 39.8, 2]]), 5, width)) + 10.0, np.float64)
+
+
+def test_a_model_that_the_frame_contradicts_has_no_uncertainty(P: Projector) -> None:
+    """A bead of twice the stated width is found out, and fits if its width is fitted."""
+    rng = np.random.default_rng(1)
+    frame = rng.poisson(one_bead(P, 4e6, 2.0))
+    start = Feature(37, 40, 2)
+    (wrong,) = fit_features(P, frame, [replace(start, width=1.0)], CHOICE).features
+    assert not wrong.fits and np.isnan(wrong.sigmas["row"]) and np.isnan(wrong.sigmas["depth_um"])
+    (right,) = fit_features(P, frame, [start], CHOICE).features
+    assert right.fits and right.feature.width == pytest.approx(2, abs=5 * right.sigmas["width"])
+    assert 0 < right.sigmas["width"] < 0.05
+
+
+def test_uncertainties_fall_with_the_light(P: Projector) -> None:
+    """Without other light, positions are limited by photon noise: 100 times the light, a tenth of the sigma."""
+    rng = np.random.default_rng(1)
+    dim, bright = (
+        fit_features(P, rng.poisson(one_bead(P, light)), [Feature(37, 40, 2, width=1.0)], CHOICE).features[0]
+        for light in (3e4, 3e6)
+    )
+    assert dim.sigmas["row"] == pytest.approx(10 * bright.sigmas["row"], rel=0.35)
+    assert bright.sigmas["brightness"] / 3e6 < 0.2 * dim.sigmas["brightness"] / 3e4
+
+
+def test_beads_are_found(P: Projector) -> None:
+    """All bright beads are found once, and a smooth object has none."""
+    rng = np.random.default_rng(3)
+    beads = np.column_stack([rng.uniform(0.5, 1, 6), places(rng, 6), rng.integers(1, 4, 6)])
+    light = P.forward(spots(beads, 5))
+    frame = rng.poisson(2000 * light / light.max() + 10.0)
+    found = find_beads(reconstruct(P, frame, CHOICE).volume)
+    assert len(found) == 6
+    away = [min(np.hypot(one.row - row, one.column - column) for one in found) for _, row, column, _ in beads]
+    assert max(away) < 1.5
+    fit = fit_features(P, frame, None, CHOICE)
+    assert [one.fits for one in fit.features] == [True] * 6
+    y, x = np.indices(SHAPE)
+    smooth = np.exp(-((y - 38) ** 2 + (x - 38) ** 2) / 200) * np.ones((5, 1, 1))
+    assert find_beads(smooth) == ()
+    with pytest.raises(InputError, match=r"no bead"):
+        fit_features(P, 100 * P.forward(smooth / P.forward(smooth).max()) + 10, None, CHOICE)
+
+
+def test_errors_of_h_are_included(P: Projector) -> None:
+    """With an H whose scale is uncertain by 5 %, the brightness is uncertain by 5 %, and positions are not."""
+    frame = np.random.default_rng(1).poisson(one_bead(P, 4e6))
+    starts = [Feature(37, 40, 2, width=1.0)]
+    H = np.asarray(P._reader.H[:])
+
+    def imaging(rng: np.random.Generator) -> Projector:
+        return Projector(H * (1 + 0.05 * rng.standard_normal()), SHAPE, anchor=(5, 5), workers=1)
+
+    (exact,) = fit_features(P, frame, starts, CHOICE).features
+    (uncertain,) = fit_features(P, frame, starts, CHOICE, imaging=imaging).features
+    assert exact.sigmas["brightness"] < 0.01 * exact.feature.brightness
+    # eight random H
+    assert uncertain.sigmas["brightness"] == pytest.approx(0.05 * 4e6, rel=0.5)
+    assert uncertain.sigmas["row"] == pytest.approx(exact.sigmas["row"], rel=0.2)
+
+
+def test_noise_of_a_recorded_matrix_is_included(P: Projector) -> None:
+    """A bright bead is limited by the noise of H: its position is wrong by more than the noise of the frame."""
+    rng = np.random.default_rng(5)
+    values = np.asarray(P._reader.H[:], np.float64)
+    scale = 400 / values.max()
+    counts = rng.poisson(values * scale) + 2.0 * rng.standard_normal(values.shape)
+    where = values.shape[:3]
+    facts = Facts.of(where, values.shape[3:], noise=np.tile([4.0, 1.0], (*where, 1)))
+    recorded = Projector(PSFMatrix(counts.astype(np.float32), facts=facts, anchor=(5, 5)), SHAPE, workers=1)
+    frame = rng.poisson(one_bead(P, 1e6))
+    starts = [Feature(37, 40, 2, width=1.0)]
+    (noisy,) = fit_features(recorded, frame, starts, CHOICE).features
+    (exact,) = fit_features(P, frame, starts, CHOICE).features
+    assert noisy.fits and noisy.sigmas["row"] > 2 * exact.sigmas["row"]
+    for name, true in (("row", 37.4), ("column", 39.8), ("plane", 2.0)):
+        assert abs(getattr(noisy.feature, name) - true) < 4 * noisy.sigmas[name]
+
+
+def test_margin_and_missing_pixels(P: Projector) -> None:
+    """Positions are those in the frame with any margin, and pixels without a value are left out."""
+    frame = np.random.default_rng(1).poisson(one_bead(P, 1e6)).astype(float)
+    frame[36:38, 36:44] = np.nan
+    starts = [Feature(37, 40, 2, width=1.0)]
+    wide = Projector(P._reader.H, (SHAPE[0] + 22, SHAPE[1] + 22), anchor=(16, 16), workers=1)
+    fit = fit_features(wide, frame, starts, replace(CHOICE, margin=11))
+    (one,) = fit.features
+    assert fit.rest.shape == (5, *SHAPE) and one.fits
+    for name, true in (("row", 37.4), ("column", 39.8), ("plane", 2.0), ("brightness", 1e6)):
+        assert abs(getattr(one.feature, name) - true) < 4 * one.sigmas[name]
+
+
+@pytest.mark.parametrize(
+    ("features", "words"),
+    [
+        ([], "no bead"),
+        ([Feature(90, 40)], "inside of the frame"),
+        ([Feature(30, 40, 5.0)], "plane"),
+        ([Feature(30, 40), Feature(30.2, 40.1)], "apart"),
+        ([Feature(30, 40, width=0.1)], "width"),
+        ([Feature(30, 40, brightness=-3)], "brightness"),
+        ([Feature(30, float("nan"))], "inside of the frame"),
+        ([Feature(30, 40, end=(30.5, 40))], "length"),
+    ],
+)
+def test_features_that_cannot_be_fitted_are_refused(P: Projector, features: list[Feature], words: str) -> None:
+    frame = np.random.default_rng(1).poisson(one_bead(P, 1e5))
+    with pytest.raises(InputError, match=words):
+        fit_features(P, frame, features, CHOICE)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("peak", [200, 2000, 20000])
+def test_gate(P: Projector, between: Projector, peak: float) -> None:
+    """Intervals of 68 and 95 % contain the truth as often as they state, for H that is exact but for its planes."""
+    found = {
+        "beads": [beads_of(P, between, seed, peak, over=False) for seed in range(100, 112)],
+        "beads in haze": [beads_of(P, between, seed, peak, over=True) for seed in range(100, 112)],
+        "lines": [lines_of(P, seed, peak) for seed in range(100, 120)],
+    }
+    for kind, some in found.items():
+        all_pulls = np.abs(np.concatenate(some))
+        fitted = np.isfinite(all_pulls[:, 0])
+        inside = [100 * np.mean(all_pulls[fitted] < limit) for limit in (1.0, 1.96)]
+        print(f"{kind}, {peak:g} e-: {fitted.sum()} of {len(fitted)} fit, 68: {inside[0]:.0f}, 95: {inside[1]:.0f}")
+        assert fitted.mean() > 0.85 and abs(inside[0] - 68) < 12 and abs(inside[1] - 95) < 7
