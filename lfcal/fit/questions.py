@@ -64,8 +64,7 @@ class Answer:
     question, name
         Name of the question, and name of this answer to it.
     change
-        Function that takes the patterns with their plan, and returns them changed so as to be right if this answer is
-        correct.
+        Function that takes the patterns with their plan, and returns them changed according to this answer.
     remedy
         What to do if this answer is correct.
     """
@@ -167,9 +166,8 @@ def as_described(
     """Return the point after at most four rounds of fitting the unknowns of the groups ``core``.
 
     ``start`` is the vector of unknowns from which the fit starts (None: the description). ``local`` contains the
-    unknowns of single patterns (None: there are none).
-    ``record_round`` creates a progress record of each round (None: no records), and ``note`` names the stage in the
-    progress.
+    unknowns of single patterns (None: there are none). ``record_round`` creates a progress record of each round (None:
+    no records), and ``note`` names the stage in the progress.
     """
     return (yield from _tried(problem, core, note, most=4, record_round=record_round, start=start, local=local))
 

@@ -34,8 +34,8 @@ class Parameter:
     name, group, unit
         As in `lfcal.fit.parameters.Unknown`.
     value, sigma
-        Fitted value and its standard deviation, in ``unit``. The latter includes the uncertainty of degenerate
-        parameters that were tried but are fixed at the values in the description.
+        Fitted value and its standard deviation, in ``unit``. The standard deviation includes the uncertainty of
+        degenerate parameters that were tried but are fixed at the values in the description.
     start
         Start value, from the description of the camera.
     sigma_held
@@ -160,7 +160,7 @@ class Fit:
 
     @property
     def chi2(self) -> float:
-        """Mean of the squared residuals divided by their variances, weighted by the light; about 1 for a true model."""
+        """Mean of the squared residuals divided by their variance, weighted by light; about 1 for a correct model."""
         return self.chi_square.lit
 
     @property
@@ -183,12 +183,14 @@ class Fit:
         return f"model incomplete: {more}; {error}; more patterns do not help"
 
     def residual(self, z: int, y: int, x: int) -> NDArray[np.float32]:
-        """Return the measured minus the predicted pattern at position (z, y, x), ``(nt, ns)``, in standard deviations.
+        """Return the measured minus the predicted pattern ``(nt, ns)`` at position (z, y, x).
+
+        The unit is the standard deviation of the noise.
 
         Raises
         ------
         InputError
-            If the position was not measured.
+            If the position was not measured, or its pattern was excluded as an outlier.
         """
         if (z, y, x) not in self.residuals:
             where = Position(z, y, x)
@@ -221,7 +223,7 @@ class Fit:
 
     @property
     def unseen(self) -> tuple[int, ...]:
-        """Indices of the planes without a recorded pattern, whose gain was therefore not measured either."""
+        """Indices of the planes without a pattern, apart from outliers; their gain was not measured either."""
         return tuple(sorted(set(range(self.planned.shape[0])) - {z for z, _, _ in self.residuals}))
 
     @property

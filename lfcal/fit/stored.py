@@ -93,7 +93,10 @@ class StoredFit:
 
     @classmethod
     def of(cls, fit: Fit) -> StoredFit:
-        """Return the contents that the folder of ``fit`` would have, without writing it; `folder` is ``Path()``."""
+        """Return the contents that the folder of ``fit`` would have, without writing it.
+
+        `folder` is ``Path()``, and `positions` do not include outliers.
+        """
         plan = fit.planned
         return cls(
             folder=Path(),

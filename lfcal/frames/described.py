@@ -66,7 +66,10 @@ class DescribedSource(SourceView):
         return known if known.noise is not None else replace(known, noise=stated_noise(self.plan.camera))
 
     def info(self, index: int) -> FrameInfo:
-        """Return the metadata of frame ``index``; a frame of a single position without exposure time has the plan's."""
+        """Return the metadata of frame ``index``.
+
+        If the frame shows a single position and states no exposure time, that of the plan is added.
+        """
         info = self.source.info(index)
         if info.exposure_s is None and len(info.points) == 1 and info.points[0].z < len(self.plan.exposures):
             return replace(info, exposure_s=self.plan.exposures[info.points[0].z])

@@ -255,13 +255,13 @@ class CorrectionChain:
         Raises
         ------
         InputError
-            If there is no dark step for this exposure time, as in `DarkSet.at`.
+            If the chain has a `DarkSet` without a dark frame for this exposure time (see `DarkSet.at`).
         """
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         return None if found is None else found.at(exposure_s)
 
     def only_dark(self) -> Dark | None:
-        """Return the `Dark` step that applies to every frame; None if there is none, or one for each exposure time."""
+        """Return the `Dark` step that applies to every frame; None if there is none, or several by exposure time."""
         found: Dark | DarkSet | None = self._find(Dark) or self._find(DarkSet)
         if isinstance(found, DarkSet):
             return next(iter(found.darks.values())) if len(found.darks) == 1 else None

@@ -311,9 +311,10 @@ def white_gain(
 class White:
     """Correction that divides frames by the relative brightness of a white image, which removes vignetting.
 
-    The white image minus its dark frame is divided by its 99th percentile, separately for each colour of a mosaic. The
-    brightest part of the field then keeps its values, and colours keep their ratio. Where the relative brightness is
-    below ``floor``, as in the gaps between lenslet images, pixels are divided by ``floor`` and marked in ``dim``.
+    The white image minus its dark frame is divided by its 99th percentile, separately for each position of the colour
+    filter pattern. The brightest part of the field then keeps its values, and colours keep their ratio. Where the
+    relative brightness is below ``floor``, as in the gaps between lenslet images, pixels are divided by ``floor`` and
+    marked in ``dim``.
 
     Attributes
     ----------
