@@ -121,8 +121,8 @@ class Inspection:
     def withdrawn(self, metric: Metric) -> bool:
         """Return whether the comparison with the camera refutes ``metric``.
 
-        This needs a comparison without a fault that explains the metric. The comparison must also measure the effect
-        more reliably, or the measured cost of the metric must be negligible.
+        H must have been compared, and no fault may explain the metric. In addition, the comparison must measure the
+        same effect more reliably, or the metric must have a measured cost that is negligible.
         """
         harmless = metric.measured and metric.key not in FRAMES and metric.cost < FAIR
         return bool(self.compared) and (metric.key in MEASURED or harmless) and self.settled(metric) is None

@@ -241,7 +241,7 @@ class FrameShift(Fault):
     settles: ClassVar[tuple[str, ...]] = ("seam", "centring", "stage_gain", "pitch", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault for each direction (down, across the sensor) in which the cutouts are displaced.
+        """Yield a fault for each direction, down or across the sensor, in which the cutouts are displaced.
 
         It describes the sharpest jump of the displacement in scan order or, if no jump is significant, the median.
         """
@@ -303,7 +303,8 @@ class Strangers(Fault):
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield a fault with the patterns that are far from their positions, or unlike those of the camera.
 
-        The distance of the source and that of the cutout count. Nothing is yielded if there are too many such patterns.
+        A pattern is far from its position if its source or its cutout is. Nothing is yielded if there are too many such
+        patterns.
         """
         alike, gains = evidence.alike, evidence.values[:, 0]
         lit = gains > DARK * float(np.median(gains[np.isfinite(evidence.sigmas[:, 0])]))

@@ -153,7 +153,7 @@ class DeadLine(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield one fault for the rows with much less light than their neighbours, and one for such columns.
+        """Yield one fault for the rows with significantly less light than their neighbours, and one for such columns.
 
         Nothing is yielded for a computed H.
         """
@@ -209,7 +209,7 @@ class HotLine(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield one fault for the rows with many more counts than their neighbours, and one for such columns.
+        """Yield one fault for the rows with significantly more counts than their neighbours, and one for such columns.
 
         Nothing is yielded for a direction with too many such lines.
         """
