@@ -123,7 +123,8 @@ def _cut_off(
 def iter_expected_light(plan: ScanPlan, workers: int | None = None) -> Work[ExpectedLight]:
     """Simulate some patterns of every plane, with lens types, iris and diffraction, and return their brightness levels.
 
-    At most 5 x 5 patterns of each plane are simulated, or 3 x 3 or 2 x 2 if more would take too long.
+    At most 5 x 5 patterns of each plane are simulated, or 3 x 3 or 2 x 2 if more would take too long. ``workers`` is as
+    in `simulate_psf`.
 
     Examples
     --------
@@ -199,8 +200,8 @@ def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Fo
 
     The brightness of the source is the same for all. Shorter exposures are faster, but the brightest pixel then reaches
     a smaller fraction of the full well. The longest exposure is that at which the brightest pixel reaches 0.8 of the
-    full well (`PLANNED_PEAK`), or ``peak`` if this is higher. Only at the longest exposure are frames averaged, up to
-    64. A combination with the same time and noise as the plan's is omitted.
+    full well (`PLANNED_PEAK`), or ``peak`` if this is higher. At the longest exposure, there are also combinations that
+    average up to 64 frames. Combinations with the same time and noise as the plan itself are omitted.
 
     Parameters
     ----------

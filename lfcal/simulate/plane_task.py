@@ -69,9 +69,10 @@ def tolerance_for(effects: object, tolerance: float | None) -> float:
 
 
 def budgeted(effects: EffectsLike, plan: ScanPlan, tolerance: float | None) -> Budget:
-    """Return the budget for the given effects, for those that a selection contains, or for those of ``"auto"``.
+    """Return the budget for ``effects``: given effects, an `EffectSelection`, or ``"auto"``, which selects them.
 
-    For given effects, the error of omitted effects is 0. ``tolerance`` is as in `tolerance_for`.
+    For given effects, the error of omitted effects is 0. ``tolerance`` is as in `tolerance_for`. Raise `InputError` if
+    ``effects`` is none of these.
     """
     tolerance = tolerance_for(effects, tolerance)
     if isinstance(effects, str):

@@ -24,7 +24,7 @@ __all__ = ["PlaneResponse"]
 
 
 class PlaneResponse:
-    """Responses of one depth plane of a plan with a tuple of effects.
+    """Responses of one depth plane of a plan, simulated with the given effects.
 
     Engines are created on demand: one for each wavelength and, for `rows`, one for each displaced source point, which
     is freed before the next one is created.
@@ -110,7 +110,7 @@ class PlaneResponse:
 
     @property
     def certificate(self) -> Certificate:
-        """Energy in and out of all responses so far, summed over all light samples."""
+        """Energy balance of all responses so far, over all light samples."""
         parts = [*self._freed, *(engine.certificate for engine in self._engines.values())]
         return Certificate(
             sum(p.responses for p in parts),
@@ -133,7 +133,10 @@ class PlaneResponse:
         self.level, self.settled, self.reached = other.level, other.settled, other.reached
 
     def rows(self, ys: ArrayLike, xs: ArrayLike, workers: int | None = None) -> NDArray[np.float32]:
-        """Return the responses ``(len(ys), len(xs), nt, ns)`` of the positions in ``ys`` and ``xs`` (any integers)."""
+        """Return the responses ``(len(ys), len(xs), nt, ns)`` of the positions in rows ``ys`` and columns ``xs``.
+
+        Positions are integers, which may be outside the period.
+        """
         y, x = np.asarray(ys, np.intp), np.asarray(xs, np.intp)
         out = np.zeros((len(y), len(x), *self.cutout), np.float32)
         for _ in self.accumulate(out, y, x, block=max(1, len(y)), workers=workers):
@@ -304,7 +307,7 @@ def at_wavelength(scene: AnyScene, wavelength_um: float) -> AnyScene:
 
 
 def merged(samples: Sequence[LightSample], wavelength_um: float) -> tuple[LightSample, ...]:
-    """Return one sample for each source point, with all its wavelengths merged into ``wavelength_um``."""
+    """Return one sample for each source point, at ``wavelength_um``, with the sum of the weights of its wavelengths."""
     weights: dict[tuple[float, float], float] = {}
     for s in samples:
         weights[s.rows, s.columns] = weights.get((s.rows, s.columns), 0.0) + s.weight

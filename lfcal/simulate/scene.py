@@ -211,11 +211,11 @@ class Specimen:
 
 
 def ray_heights(optics: Microscope, z_um: float, specimen: Specimen | None, theta: F8) -> F8:
-    """Return the heights at which rays of a source at ``z_um`` reach the array, for signed angles ``theta`` (rad).
+    """Return the signed distances from the axis (µm) at which rays of a source at ``z_um`` on the axis meet the array.
 
-    The heights (µm) are M z tan t, with the magnification M and the angle t in the medium. Behind an interface, they
-    are M (d tan t2 - D tan t), with the angle t2 in the specimen and the depths d of the source and D of the nominal
-    focal plane. They are NaN for rays with total reflection.
+    ``theta`` contains the signed angles t of the rays in the medium (rad). The distances are M z tan t, with the
+    magnification M. Behind an interface, they are M (d tan t2 - D tan t), with the angle t2 in the specimen and the
+    depths d of the source and D of the nominal focal plane. They are NaN for rays with total reflection.
     """
     if specimen is None or specimen.source_um(z_um) < 0:
         return optics.magnification * z_um * np.tan(theta)
@@ -276,7 +276,7 @@ class Scene:
         Aberration of the main lens as Zernike terms ``(n, m, waves)``: ``waves`` times R_n^|m|(rho) cos(m theta), or
         sin(|m| theta) for m < 0. R is 1 at the rim, rho = 1, of the disc f/(2N). Empty: none. See `seidel`.
     main_diffraction, lenslet_diffraction
-        Whether the fringes of the iris and the lenslets' diffraction are computed.
+        Whether the fringes of the iris are computed, and whether the diffraction of the lenslets is computed.
     exact_defocus
         Whether the main lens's defocus is a(1 - cos theta) instead of a theta^2 / 2.
     lens_law
@@ -306,7 +306,7 @@ class Scene:
         Displacement of every image from its paraxial position, as a linear function of that position on the sensor,
         after offsets: for dy and for dx, the constant (µm) and the factors of y and x. None: no displacement.
     tilt
-        Tilt (y, x) of the array: increase of the gap per µm from the middle of the period.
+        Tilt (y, x) of the array: increase of the gap per µm along y and x. In the middle of the period, the gap is B.
     defects
         Lenslets with lower transmission: tuples of the row r and the column q in ``lattice``, and the fraction of light
         transmitted.
@@ -414,7 +414,7 @@ class Scene:
     # -- derived lengths of the reduced, telecentric frame ------------------------------------------------
     @property
     def scale(self) -> float:
-        """Ratio of the micro-image lattice to the lenslet lattice, s = 1 + B/b."""
+        """Ratio s = 1 + B/b of the pitch of the micro-images to that of the lenslets, with B and b as in `Scene`."""
         return 1.0 + self.gap_um / self.pupil_um
 
     @property
@@ -516,9 +516,9 @@ class Scene:
         return math.inf if near == 0 else 1.0 - self.reduced_gap_um / near - self.lens_curvature(kind)
 
     def nearest_pixel(self, y_um: float, x_um: float) -> tuple[int, int]:
-        """Return the pixel (row, column) that contains the sensor point (``y_um``, ``x_um``).
+        """Return the pixel (row, column) that contains the sensor point (``y_um``, ``x_um``), in µm.
 
-        Both are relative to source position (0, 0).
+        The pixel and the point are relative to source position (0, 0).
         """
         # floor(v + 0.5) instead of round(), so that halves are always rounded up
         return math.floor(y_um / self.row_um + 0.5), math.floor(x_um / self.pixel_um + 0.5)
@@ -596,7 +596,10 @@ class Scene:
         return moved, -moved - self.farther_um(centres_um) / focal
 
     def refocused(self, by_um: float) -> Scene:
-        """Return the scene with the source's image ``by_um`` farther behind the array, and ``z_um`` of a microscope."""
+        """Return the scene with the source's image ``by_um`` farther behind the array.
+
+        For a microscope, ``z_um`` changes accordingly.
+        """
         optics = self.objective
         # a = -M² z / n
         deeper = 0.0 if optics is None else -by_um * optics.medium_index / optics.magnification**2

@@ -63,8 +63,8 @@ def scene_of(
     z_um, virtual_depth
         Object depth of the plane (µm), or its virtual depth; without either, the native plane.
     cutout, period
-        Pixels ``(nt, ns)`` of a response, and number of source positions ``(ny, nx)``; as the period, None means that
-        of the camera, rounded.
+        Pixels ``(nt, ns)`` of a response, and number of source positions ``(ny, nx)``. If ``period`` is None, it is
+        that of the camera, rounded.
     anchor_px
         Source position (0, 0), (y, x) in pixels relative to the centre of a type-0 micro-image.
     gap_um
@@ -310,7 +310,7 @@ def resolve_level(scene: AnyScene, level: str = "auto") -> tuple[AnyScene, str]:
 
 
 def light_samples(effects: Iterable[Effect], outlook: Outlook) -> tuple[LightSample, ...]:
-    """Return the source points and wavelengths over which ``effects`` spread the light.
+    """Return the source points and wavelengths, with weights, over which ``effects`` spread the light.
 
     If an effect depends on the wavelength, the number of wavelengths is sufficient for it, even without `Bandwidth`.
     """

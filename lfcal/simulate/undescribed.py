@@ -65,9 +65,9 @@ class EffectMeasurement:
     commands: tuple[str, ...]
 
     def to_dict(self, camera: str) -> dict[str, Any]:
-        """Return title, frames, depths, names of effects, largest error, and commands for ``camera``, for JSON.
+        """Return title, frames, depths, names and largest error of the effects, and commands, as plain JSON types.
 
-        ``camera`` is a file or preset. The groups of unknowns are not included.
+        ``camera`` is the file or preset in the commands. The groups of unknowns are not included.
         """
         return {
             "measurement": self.title,
@@ -120,7 +120,10 @@ class UndescribedEffects:
         return f"not described: {'; '.join([f'{first} of the image', *others, *smaller])}"
 
     def lines(self, camera: str) -> tuple[str, ...]:
-        """Return the measurements as lines of text: what to record, the effects determined by it, and the commands."""
+        """Return the measurements as lines of text: what to record, the effects determined by it, and the commands.
+
+        ``camera`` is the file or preset in the commands.
+        """
         found = []
         for one in self.measurements:
             effects = "; ".join(f"{row.effect.title}, {format_share(row.estimate.error)}" for row in one.rows)
@@ -128,7 +131,10 @@ class UndescribedEffects:
         return tuple(found)
 
     def to_dict(self, camera: str) -> dict[str, Any]:
-        """Return the values as plain JSON types, with the commands for ``camera``, a file or preset."""
+        """Return the sentence, the names of the effects, and the measurements as plain JSON types.
+
+        ``camera`` is the file or preset in the commands.
+        """
         return {
             "sentence": self.sentence,
             "effects": [row.name for row in self.rows],

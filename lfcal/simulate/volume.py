@@ -81,13 +81,13 @@ def iter_light_field(
     ----------
     volume
         Luminous volume g, shape ``(nz, rows, columns)``: one plane for each depth, and one voxel for each sensor pixel.
-        Voxel (0, 0) of a plane is at source position (0, 0), n is the period of H, and c is the middle pixel of its
-        cutout. Voxels outside the volume are dark.
+        Voxel (0, 0) of a plane is at source position (0, 0). In the formula, v is a voxel, p a pixel of the image, n
+        the period of H, and c the middle pixel of its cutout. Voxels outside the volume are dark.
     through
         A PSF matrix H, or a scan plan whose camera is simulated; in the latter case, only the responses of luminous
         voxels are computed.
     effects, level, tolerance, sampling, workers
-        As in `simulate_psf`; used only with a scan plan.
+        As in `simulate_psf`; all but ``workers`` are used only with a scan plan.
 
     Returns
     -------

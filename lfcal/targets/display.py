@@ -229,7 +229,7 @@ def display_image(plan: TargetPlan, display: Display, z: int, k: int) -> NDArray
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """Return the paths of the images for a display in ``folder``, in the order of their numbers."""
+    """Return the paths of the images that `write_pictures` wrote to ``folder``, in the order of their numbers."""
     return sorted(folder.glob("frame_[0-9][0-9][0-9][0-9].png"))
 
 

@@ -127,7 +127,7 @@ class TargetForecast:
     Attributes
     ----------
     frames
-        Total number of frames, including repetitions.
+        Total number of frames, including those that are averaged.
     exposure_hours, settle_hours, move_hours
         Time for exposures, for settling, and for moves (h).
     readout_hours

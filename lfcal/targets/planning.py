@@ -63,7 +63,7 @@ class Proposal:
 
 
 def proposed_axis(phases: Phases, axis: int, least_px: float, tolerance_px: float) -> Proposal:
-    """Return the pitch along ``axis`` with which a target needs the fewest frames; of equals, that with the most holes.
+    """Propose the pitch along ``axis`` that needs the fewest frames; among equals, the one with the most holes.
 
     Holes that are p pixels apart, p an integer, show the phases 0, p, 2p … modulo the period, and all phases if p and
     the period have no common divisor. The array's period is not an integer, so each cycle leaves a residual. The pitch
@@ -101,9 +101,9 @@ def proposed_target(
 ) -> tuple[Target, tuple[Proposal, Proposal]]:
     """Return the array of holes, parallel to the sensor, that shows all phases of plane ``z`` with the fewest frames.
 
-    The pitches of its rows and columns differ: the period of a hexagonal array is wider than high by an irrational
-    factor, and no single pitch suits both. The second result contains the `Proposal` for the rows and that for the
-    columns.
+    The pitches of its rows and columns may differ: the period of a hexagonal lenslet array is wider than high by an
+    irrational factor, and no single pitch suits both. The second result contains the `Proposal` for the rows and that
+    for the columns.
 
     Parameters
     ----------
@@ -333,8 +333,8 @@ class Wishes:
 def propose_target(scan: ScanPlan, wishes: Wishes | None = None, *, hole_um: float = 0.0) -> Target:
     """Return the array of holes, of diameter ``hole_um`` (µm), that shows all phases of ``scan`` in the fewest frames.
 
-    The number of frames is that of the middle plane. The holes are as close together as the limit of the crosstalk in
-    ``wishes`` (None: the defaults) allows in all planes.
+    The number of frames is that of the middle plane. The holes are so far apart that the crosstalk is within the limit
+    in ``wishes`` (None: the defaults) in all planes.
 
     Examples
     --------
@@ -457,8 +457,8 @@ def poses_within(target: Target, count: int, seed: int = 0) -> Iterator[Pose]:
 def shown_within(plan: TargetPlan, z: int, *, count: int = 8, seed: int = 0) -> NDArray[np.float64]:
     """Return the fractions ``(count,)`` of positions of plane ``z`` shown for random poses within the target's bounds.
 
-    If an error of the pose displaces holes by more than the tolerance, they show other phases than planned. Determine
-    the pose from a first recorded frame, and make a plan for that pose, to cover all phases.
+    If an error of the pose displaces holes by more than the tolerance, they show other phases than planned. To show all
+    phases, determine the pose from a first recorded frame, and make a plan for that pose.
     """
     poses = poses_within(plan.target, count, seed)
     return np.array([plan.coverage(z, target=replace(plan.target, pose=pose)) for pose in poses])

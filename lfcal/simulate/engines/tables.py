@@ -300,7 +300,7 @@ def aperture_tables(
 
 
 def bent(aperture: LensAperture, by: float, gain: float = 1.0) -> LensAperture:
-    """Return the aperture with its quadratic phase increased by ``by`` (rad/µm^2) and its amplitude times ``gain``."""
+    """Return the aperture with ``by`` (rad/µm^2) added to its quadratic phase, and its amplitude times ``gain``."""
     dtype = aperture.disc_re.dtype
     if aperture.cell.size:
         return aperture._replace(bend=aperture.bend + by, cell=(gain * aperture.cell).astype(dtype))
@@ -346,9 +346,9 @@ def table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px:
     """Return the largest distance from the source's image at which lenslets contribute (µm).
 
     The fraction of light that is diffracted farther than r beyond the edge of the iris's shadow is 2 lambda Nw / (pi^2
-    r), with the wavelength lambda and the working f-number Nw. The range ends where lenslets receive less than
-    ``sampling.energy_floor`` allows, where the sampled spectrum ends, or where spots miss the cutout. ``mode`` is as in
-    `build_tables`, ``dx`` is the sample spacing of the field (µm), and ``half_px`` half the window on the sensor
+    r), with the wavelength lambda and the working f-number Nw. Lenslets contribute no longer if they are darker than
+    ``sampling.energy_floor``, beyond the reach of the sampled spectrum, or if their spots miss the cutout. ``mode`` is
+    as in `build_tables`, ``dx`` is the sample spacing of the field (µm), and ``half_px`` half the window on the sensor
     (pixels).
     """
     lam, nw, radius = scene.wavelength_um, scene.f_number, aperture_radius(scene)

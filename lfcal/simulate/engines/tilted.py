@@ -108,7 +108,7 @@ class TiltedArray:
     def parts(self, field: Complex) -> Complex:
         """Return the parts ``(orders, n, n)`` from which `met` computes the field on the array.
 
-        ``field`` is the field on the plane, ``(n, n)``. The parts do not depend on the position of the array.
+        ``field`` is the field on the plane, ``(n, n)``. The same parts serve for all `heights`.
         """
         spectrum = sf.fft2(field, workers=1)
         # towards the image: an array that is farther from the sensor is reached earlier
@@ -122,7 +122,10 @@ class TiltedArray:
 
     @staticmethod
     def met(parts: Complex, heights: Complex) -> Complex:
-        """Return the field on the array, ``(n, n)``, from the `parts` of a field on the plane and from `heights`."""
+        """Return the field on the array, ``(n, n)``, from the `parts` of a field on the plane.
+
+        ``heights`` are as returned by `heights`.
+        """
         found: Complex = parts[-1].copy()
         for part in parts[-2::-1]:
             found *= heights

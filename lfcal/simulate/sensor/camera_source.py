@@ -121,7 +121,7 @@ class SimulatedCamera(Frames):
 
     @cached_property
     def metadata(self) -> FrameMetadata:
-        """Metadata of the source: properties of the sensor, temporal noise, plan, and effects, level and seed."""
+        """Metadata of the frames: sensor, temporal noise, plan, and the effects, level and seed of the simulation."""
         sensor = self.camera.sensor
         return FrameMetadata(
             cfa=sensor.cfa,

@@ -51,7 +51,7 @@ def stream_of(effect: FrameEffect) -> int:
 
 
 def sample_type(effects: Sequence[Effect]) -> np.dtype[np.uint16] | np.dtype[np.float32]:
-    """Return uint16 if ``effects`` round sample values, else float32."""
+    """Return the type of sample values: uint16 if one of the ``effects`` rounds them, else float32."""
     rounded = any(isinstance(effect, FrameEffect) and effect.whole_numbers for effect in effects)
     return np.dtype(np.uint16) if rounded else np.dtype(np.float32)
 

@@ -39,7 +39,7 @@ class Responses:
     plan
         The scan plan.
     budget
-        Effects, and the remaining tolerance.
+        Effects and tolerance.
     level, sampling
         As in `simulate_psf`.
     like
@@ -63,9 +63,9 @@ class Responses:
         self._lock = threading.RLock()
 
     def at(self, z: int, depth_error_um: float = 0.0) -> PlaneResponse:
-        """Return the response at ``depth_error_um`` (µm) from plane ``z``, positive away from the camera.
+        """Return the response for the depth that is ``depth_error_um`` (µm) farther from the camera than plane ``z``.
 
-        The window contains the geometric pattern and is at least as large as the plan's cutout.
+        Its cutout contains the geometric pattern and is at least as large as that of the plan.
         """
         with self._lock:
             key = (z, depth_error_um)

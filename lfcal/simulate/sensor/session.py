@@ -184,9 +184,9 @@ def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> Non
 
 
 def unfinished(folder: str | os.PathLike[str]) -> tuple[int, int] | None:
-    """Return the number of scan frames written and their total number for a stopped session; None without one.
+    """Return how many scan frames of a stopped session have been written, and how many it has in total.
 
-    Dark and white frames are not counted.
+    The result is None if the folder contains no stopped session. Dark and white frames are not counted.
     """
     out = Path(folder)
     if not (out / UNFINISHED).is_file():

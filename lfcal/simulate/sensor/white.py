@@ -21,7 +21,10 @@ few lenslets; at 1, its images would be a whole pixel apart."""
 
 
 def fold(pattern: NDArray[np.float32], period: tuple[int, int], shift: tuple[int, int]) -> NDArray[np.float64]:
-    """Return ``pattern`` summed modulo ``period``; its pixel (0, 0) is added at ``shift`` modulo the period."""
+    """Return one ``period`` (rows, columns) in which pixels of ``pattern`` that are whole periods apart are added.
+
+    Pixel (0, 0) of ``pattern`` is added at ``shift`` (row, column), modulo the period.
+    """
     ny, nx = period
     rows, columns = -(-pattern.shape[0] // ny), -(-pattern.shape[1] // nx)
     padded = np.zeros((rows * ny, columns * nx))
@@ -35,9 +38,9 @@ def white_tile(plan: ScanPlan, effects: Sequence[Effect]) -> NDArray[np.float64]
 
     Pixel (0, 0) belongs to source position (0, 0). The radiance of a uniform scene is the same in every plane. The
     scene is represented by sources one pixel apart in a plane where no lens type is in focus (`_blurred`). Rays are
-    sufficient, because diffraction hardly changes a smooth image. Distortion does not change a uniform scene. Effects
-    that depend on the wavelength, the bandwidth and the size of the source are ignored; `white_light` applies missing
-    lenslets.
+    sufficient, because diffraction hardly changes a smooth image. Distortion does not change a uniform scene. The
+    bandwidth, the size of the source, and effects that depend on the wavelength are ignored. `white_light` applies
+    missing lenslets.
     """
     ny, nx = plan.period  # in resampled pixels if the plan resamples: then it is the array's period, a whole number
     neglected = Bandwidth | Distortion | FiniteSource | MissingLenslets
@@ -82,10 +85,10 @@ def elemental_white(camera: Camera) -> NDArray[np.float32]:
 
 
 def white_light(plan: ScanPlan, tile: NDArray[np.float64], effects: Sequence[Effect] = ()) -> NDArray[np.float32]:
-    """Return the pattern over the whole sensor ``(rows, columns)``: the tile, repeated with the exact lattice period.
+    """Return the light on the whole sensor ``(rows, columns)``: ``tile``, repeated with the exact lattice period.
 
-    The pattern is interpolated linearly between the tile's pixels and follows the rotation of the array. Defective
-    lenslets among the ``effects`` are darker.
+    ``tile`` is as returned by `white_tile`. The light is interpolated linearly between the tile's pixels and follows
+    the rotation of the array. Defective lenslets among the ``effects`` are darker.
     """
     camera = plan.camera
     period = np.array(camera.period_px) * np.array(plan.cells)
