@@ -285,7 +285,7 @@ class ScanPlan:
 
     @property
     def scan(self) -> ScanPlan:
-        """The plan itself; the plan of a target or of regions returns the scan plan on which it is based."""
+        """The plan itself; for the plan of a target or of regions, the scan plan on which it is based."""
         return self
 
     @property
@@ -494,10 +494,11 @@ def _check_on_sensor(plan: ScanPlan) -> None:
 def moved_onto_sensor(
     plan: ScanPlan, *, cutout: tuple[int, int] | None = None, anchor: tuple[float, float] | None = None
 ) -> ScanPlan:
-    """Return a plan with another cutout or anchor, moved as little as possible so that all cutouts are on the sensor.
+    """Return a plan with another cutout or anchor, moved if necessary so that all cutouts are on the sensor.
 
-    Along each axis, the scan is moved by a multiple of the array's period if possible, so that the pattern of every
-    position does not change. Otherwise, it is moved by a whole number of pixels.
+    Along each axis, the scan is moved by the smallest sufficient multiple of the array's period, so that the patterns
+    remain the same. Unless frames are resampled, this distance is rounded to whole pixels. If no such multiple is
+    possible, the scan is moved by the smallest sufficient number of pixels.
 
     Parameters
     ----------
@@ -572,8 +573,8 @@ class HalfCell:
     shift
         Half the period.
     residual_px
-        Offset ``(y, x)`` (px) of the lenslet half a period away from the point half a plan period away. Along each
-        axis, this is the larger offset of the two diagonals.
+        Distance ``(y, x)`` (px) to the lenslet half an array period away, minus half the plan's period. Along each
+        axis, it is the value of the two diagonals with the larger magnitude.
     """
 
     period: tuple[int, int]
@@ -600,8 +601,9 @@ def half_cell(plan: ScanPlan) -> HalfCell:
     ------
     InputError
         If frames are resampled, or patterns half a period apart differ. They differ if the plan's period is odd along
-        an axis, if there is no lenslet of the same type half a period away, or if this lenslet is displaced from half
-        the plan's period by more than 0.05 px along an axis. The message states the reason.
+        an axis, if there is no lenslet of the same type half a period away, or if the distance to
+        this lenslet differs from half the plan's period by more than 0.05 px along an axis. The message states the
+        reason.
     """
     ny, nx = plan.period
     what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan fit)"

@@ -108,7 +108,7 @@ class RegionPlan:
 
     @classmethod
     def spread(cls, scan: ScanPlan, shape: tuple[int, int]) -> RegionPlan:
-        """Return a plan with ``shape`` (rows, columns) regions spread over the field; the most central one is first.
+        """Return a plan with regions in ``shape`` (rows, columns) over the field; the most central region is first.
 
         Ideally, the regions are equally spaced, and the outermost ones are as far from the centre as their cutouts
         allow. Anchors are integer pixels within a few periods of these ideal positions. They are chosen such that a
@@ -118,7 +118,7 @@ class RegionPlan:
         Raises
         ------
         InputError
-            If the sensor is too small for this number of regions.
+            If the sensor is too small for this number of regions, or the number is one or too large.
         """
         rows, columns = _checked(*check_tuple("regions (rows, columns)", shape, 2, integer=True, at_least=1))
         low, high = _room(scan)

@@ -87,7 +87,7 @@ def _number(text: str, what: str) -> tuple[float, str]:
 
 
 def read_length(text: str, usual: str, what: str) -> float:
-    """Return a length in µm from a text; a number without a unit is in ``usual``. Messages name the value ``what``."""
+    """Return a length in µm from a text; ``usual`` is the default unit, ``what`` the name of the value in messages."""
     value, unit = _number(text, what)
     if (unit or usual) not in LENGTHS:
         raise InputError.expected(

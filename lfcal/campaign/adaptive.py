@@ -142,7 +142,7 @@ class AdaptiveStep:
     held_out_error
         Relative error (L2) of H, estimated from held-out patterns; if noise hides it, an upper limit.
     chi2, complete
-        Chi-square of the fit (1 for a correct model), and whether the model explains the patterns to within their
+        `ChiSquare.lit` of the fit (1 for a correct model), and whether the model explains the patterns to within their
         noise.
     groups
         Names of the groups of unknowns that were fitted.
@@ -190,9 +190,9 @@ class Adapted:
     Attributes
     ----------
     how
-        How the session ended. ``"reached"``: the target error is reached. ``"used up"``: no positions are left.
-        ``"incomplete"``: the model is incomplete, and more patterns do not help. ``"stopped"`` or ``"aborted"``: the
-        user ended the session.
+        How the session ended. ``"reached"``: the target error is reached. ``"used up"``: no further positions may be
+        recorded. ``"incomplete"``: the model is incomplete, and more patterns do not help. ``"stopped"`` or
+        ``"aborted"``: the user ended the session.
     outcome
         Outcome of the recording.
     steps

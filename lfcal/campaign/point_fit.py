@@ -119,8 +119,8 @@ class PointOptics:
     def beyond(self, measured: Regional, setup: Setup) -> F8:
         """Return the additional distances ``(n,)`` (µm) of the points from the camera, in excess of `farther_um`.
 
-        They are those of a plane fitted to the differences between the distances of the parts of the field in ``setup``
-        and `parts_um`: ``setup`` may tilt the target relative to its pose.
+        They are values of a plane. It is fitted to the distances of the parts of the field in ``setup``, which may tilt
+        the target relative to its pose, minus `parts_um`. ``measured`` defines the parts.
         """
         parts = np.array([place.farther_um for place in setup.regions]) - self.parts_um
         return _plane(_middles(measured), parts, self.middles.astype(np.float64))
@@ -151,7 +151,7 @@ def iter_with_point_light(
     Parameters
     ----------
     problem
-        Problem with points.
+        Fit problem whose patterns are those of points in parts of the field.
     optics
         Optics of the individual points.
     u, offsets_px

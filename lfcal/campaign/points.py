@@ -207,7 +207,8 @@ Tile = tuple[slice, slice]
 def tile_plan(scan: ScanPlan, corner: tuple[float, float], shape: tuple[int, int]) -> ScanPlan:
     """Return a scan plan whose positions are the pixels of a part of the sensor.
 
-    ``corner`` is the first pixel (row, column) of the part and ``shape`` its size.
+    ``corner`` is the first pixel (row, column) of the part, and ``shape`` its number of rows and columns. All other
+    values are those of ``scan``.
     """
     return replace(scan, period=shape, anchor=(float(corner[0]), float(corner[1])))
 

@@ -10,7 +10,7 @@ from lfcal.tasks import ExportedFiles
 
 
 def show(made: tuple[ExportedFiles, ...]) -> None:
-    """Print the files that were written, and notes for their users."""
+    """Print path, shape, size and time of the written files, and notes on their use."""
     for one in made:
         files = one.files
         names = f"{files[0]}" if len(files) == 1 else f"{files[0]} … {files[-1].name} ({len(files)} files)"

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def show(made: tuple[InspectedMatrix, ...]) -> None:
-    """Print the verdict, checks, comparisons and the path of the report; with ``--all``, also the apertures."""
+    """Print verdict, checks that are not good, comparisons and path of the report; all checks with ``--all``."""
     for one in made:
         _show(one)
         if one.loss is not None:

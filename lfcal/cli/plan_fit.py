@@ -10,7 +10,7 @@ from lfcal.tasks import PositionsPlanned
 
 
 def show(made: tuple[PositionsPlanned]) -> None:
-    """Print time and expected error of H for each number of positions, and those of the complete scan."""
+    """Print time and expected error of H for each number of positions, and the time of the complete scan."""
     from lfcal.fit import ERRORS, Fineness
 
     (one,) = made

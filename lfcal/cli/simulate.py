@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def show(made: tuple[SimulationForecast | SimulatedRegions, ...]) -> None:
-    """Print the path and contents of each simulated file, with notes on its description, or the forecast."""
+    """Print the path and contents of each simulated file, with notes, or print the forecast."""
     from lfcal.tasks import SimulationForecast
 
     for one in made:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 class GivenLattice:
     """Options for the lattice: a white image, with kind and nominal pitch (px) for the fit, or a lattice file.
 
-    An empty kind and a pitch of 0 are to be detected.
+    If the kind is empty, it is that of the camera or is detected. If the pitch is 0, it is detected.
     """
 
     white: Path | None

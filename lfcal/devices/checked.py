@@ -103,7 +103,7 @@ class CheckedCamera(_Checked[CameraDevice]):
     CameraError
         In any call, if the answer is not allowed by the protocol.
     DeviceLost
-        In any call, if the driver does not return.
+        In any call, if the driver does not return in time.
     """
 
     usual = "camera"
@@ -233,7 +233,7 @@ class CheckedStage(_Checked[StageDevice]):
     StageError
         In any call, if the answer is not allowed by the protocol.
     DeviceLost
-        In any call, if the driver does not return.
+        In any call, if the driver does not return in time.
     """
 
     usual = "stage"

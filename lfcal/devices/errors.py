@@ -45,7 +45,7 @@ class IncompleteFrame(CameraError):
 
 
 class StaleFrame(CameraError):
-    """A frame was exposed before the source had arrived at its position."""
+    """A frame is old: its exposure started before the source had arrived, or its number did not increase."""
 
 
 class WrongFrame(CameraError):
@@ -57,7 +57,7 @@ class StageError(DeviceError):
 
 
 class NotInPosition(StageError):
-    """The read-back position differs from the target: the stage stopped early, or drifted during the exposure."""
+    """The read-back position deviates from the target by more than the tolerance."""
 
 
 class LimitError(StageError, InputError):

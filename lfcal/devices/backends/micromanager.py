@@ -100,7 +100,7 @@ class SharedCoreBackend:
         return f"pymmcore-plus {found.__version__}"
 
     def open(self, plan: ScanPlan, options: Mapping[str, str]) -> Rig:
-        """Return a rig with camera and stages of the running core; a configuration is loaded if it has no devices."""
+        """Return a rig with camera and stages of the running core, which loads ``config`` if it has no devices."""
         limits = _limits(options)
         core = importlib.import_module("pymmcore_plus").CMMCorePlus.instance()
         loaded, config = [label for label in core.getLoadedDevices() if label != "Core"], options.get("config", "")
