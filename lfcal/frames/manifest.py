@@ -244,11 +244,9 @@ class Manifest:
 
 
 def resolve_inside(root: str | os.PathLike[str], names: Iterable[str]) -> dict[str, Path]:
-    """Return the path, by name, of each of ``names`` below ``root``, with links resolved.
+    """Return the paths, by name, of the files ``names`` below ``root``, with links resolved.
 
-    All must be files inside ``root``.
-
-    Content that git-annex stores in the repository that contains ``root`` also counts as inside.
+    All files must be inside ``root``, or be content that git-annex stores in the repository that contains ``root``.
 
     Raises
     ------
@@ -370,7 +368,7 @@ def read_manifest(path: str | os.PathLike[str]) -> Manifest:
     Raises
     ------
     FileFormatError, InputError
-        If the manifest is invalid; the message states file, line and column.
+        If the manifest is invalid; the message states the file, and the line or frame with the problem.
     UnsafeFileError
         If the path of a frame leads out of the session folder.
     StorageError

@@ -86,7 +86,8 @@ def open_frames(
     first
         Number of the first position along each axis in names or lists, 0 or 1. None: detected.
     plan
-        Scan plan with which the stage coordinates of a list are compared; it also defines ``plan_shape``.
+        Scan plan with which the stage coordinates of a list are compared; it also defines ``plan_shape`` if that is
+        None.
     orientation
         Orientation of the frames (`lfcal.frames.orientation.ORIENTATIONS`), used where the light in the frames
         determines the axes of stage coordinates. ``"check"`` or ``"auto"``: unknown, see `lfcal.frames.lists.motion`.

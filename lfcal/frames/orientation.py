@@ -199,9 +199,10 @@ class OrientedSource(SourceView):
         return self.turn.shape(self.source.shape)
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:
-        """Return the metadata ``known`` for the turned frames: with the turned origin, and without cfa and darks.
+        """Return the metadata ``known`` of the source, changed for the turned frames.
 
-        Colour filter pattern, channel phase and dark frames are omitted, because they refer to pixels as delivered.
+        The origin is turned. Colour filter pattern, channel phase and dark frames are omitted, because they refer to
+        pixels as delivered.
         """
         origin = self.info(0).origin if known.origin is not None and len(self.source) else known.origin
         return replace(known, cfa="", channel_phase=None, darks={}, origin=origin, orientation=self.turn.name)
@@ -248,7 +249,7 @@ class OrientedSource(SourceView):
         )
 
     def repeats(self) -> FrameSource | None:
-        """Return the repeated frames of the source, turned upright; None if it has none."""
+        """Return the source's repeated frames of one position, turned upright; None if there are none."""
         found = self.source.repeats() if isinstance(self.source, Frames) else None
         return None if found is None else OrientedSource(found, self.turn, self.sensor)
 

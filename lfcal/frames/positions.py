@@ -40,7 +40,7 @@ def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list
     Raises
     ------
     InputError
-        If the shape is not three positive whole numbers or the order is unknown.
+        If the shape is refused by `check_plan_shape`, or the order is unknown.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def scan_positions(plan_shape: Sequence[int], order: str = "serpentine") -> list
 
 
 def check_plan_shape(plan_shape: Sequence[int]) -> tuple[int, int, int]:
-    """Return ``(nz, ny, nx)`` after checking it.
+    """Return ``plan_shape`` as a tuple ``(nz, ny, nx)``, after checking it.
 
     Raises
     ------
@@ -261,9 +261,9 @@ class NameGuess:
     Attributes
     ----------
     templates
-        Matching patterns in the form of `lfcal.frames.NamePattern`. There is one if it is unambiguous, and none if
-        names contain no position. There are several if no words precede the numbers and their counts do not distinguish
-        the axes.
+        Matching patterns in the form of `lfcal.frames.NamePattern`. There is one if the names are unambiguous, and none
+        if they contain no position. There are several if no words precede the numbers, and the scan shape does not
+        determine which number belongs to which axis.
     numbered
         Number of names that differ in only one number, so that files may be numbered in scan order; else 0.
     fitting, names

@@ -75,7 +75,7 @@ class FrameInfo:
 
     @property
     def position(self) -> Position:
-        """Scan position (z, y, x) of a frame of a single point; raise `InputError` for other frames."""
+        """Scan position (z, y, x) of a frame of a single point. For other frames, `InputError` is raised."""
         if len(self.points) != 1:
             raise InputError.expected(
                 self.label or "frame",
@@ -142,7 +142,7 @@ class Noise(NamedTuple):
         return found
 
     def typical(self, values: NDArray[Any]) -> Noise:
-        """Return the noise with a single constant and slope, and a black level of 0, that best describes ``values``.
+        """Return the noise with a scalar constant and slope, and a black level of 0, that best fits that of ``values``.
 
         If constant or slope differs between samples, as after division by a white image, both are fitted by least
         squares. The fit preserves the mean variance, and approximates its growth with the signal.
@@ -165,7 +165,7 @@ class Noise(NamedTuple):
 class DarkNoise:
     """Noise of a subtracted dark frame that is the mean of ``count`` frames, each with ``variance`` per sample.
 
-    The variance is in squared values of corrected samples; None if it is unknown.
+    ``variance`` is in squared sample values after all corrections; None: unknown.
     """
 
     count: int
@@ -492,8 +492,8 @@ def observed(values: NDArray[Any], saturation: float | None, noise: Noise | None
     """Return raw ``values`` as samples with ``noise``; those at or above the value ``saturation`` are invalid.
 
     Without ``saturation``, only integer samples with the highest value of their type are invalid. If there are none,
-    the number of saturated samples is 0 for 8-bit samples. For other samples, also of floating point, it is then
-    unknown, because the sensor may saturate at a lower value.
+    the number of saturated samples is 0 for 8-bit samples. For all others, including floating-point samples, it is
+    then unknown, because the sensor may saturate at a lower value.
     """
     # floats have no natural upper end: without a level none can be called saturated
     if saturation is None and values.dtype.kind == "f":
@@ -536,7 +536,7 @@ def check_mask(mask: ArrayLike, shape: tuple[int, int], what: str) -> NDArray[np
     Raises
     ------
     InputError
-        Unless it has ``shape`` and a valid pixel; ``what`` names the frames in the message.
+        If ``mask`` has no valid pixel, or another shape than ``shape``; ``what`` names the frames in the message.
     """
     checked = np.array(mask, np.bool_)
     if checked.shape != shape:

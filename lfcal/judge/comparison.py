@@ -111,8 +111,8 @@ class Comparison:
     planes
         Differences in each compared plane.
     error
-        ``|a / s - b| / |b|`` of each pattern, ``(planes, ny, nx)``, where s makes the energies equal; NaN where nothing
-        was compared.
+        ``|a / s - b| / |b|`` of each pattern, ``(planes, ny, nx)``, where s makes the sums of both patterns equal; NaN
+        where nothing was compared.
     shift_px
         Centroid (row, column) of each pattern of the first H minus that of the second (px), ``(planes, ny, nx, 2)``.
 

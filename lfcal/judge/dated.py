@@ -39,7 +39,7 @@ class DatedFit:
     Attributes
     ----------
     label
-        Folder of the fit.
+        Name of the fit in the series, such as that of its folder.
     when, recorded
         Time of the recording, or else of the fit (UTC), and whether ``when`` is the time of the recording. If neither
         is known, ``recorded`` is None and ``when`` is the time of the file.
@@ -51,7 +51,7 @@ class DatedFit:
     units, groups_of
         Unit and group of each parameter.
     groups
-        Groups of fitted unknowns.
+        Names of the groups of unknowns that were fitted.
     complete
         Whether the model was complete.
     middle_um
@@ -226,7 +226,7 @@ def read_inspection(path: str | os.PathLike[str], label: str) -> DatedInspection
     FileFormatError
         If the file is not such a result, or is damaged.
     StorageError
-        If it cannot be read.
+        If the file cannot be read.
     """
     place = Path(path) / QUALITY if Path(path).is_dir() else Path(path)
     data = parse_json(read_text(place), str(place), remedy="run lfcal inspect again")

@@ -112,7 +112,7 @@ def manifest_of(
 def _counted(
     listing: Listing, shape: Sequence[int] | None, first: int | None
 ) -> tuple[NDArray[np.intp], tuple[str, ...]]:
-    """Return positions (z, y, x) counted from 0, and the number of the first one in the list."""
+    """Return position numbers (z, y, x) from 0, ``(N, 3)``, and a note if they were found to start at 1 in the list."""
     places = listing.places[:, ::-1]
     absent = ~np.isfinite(places).all(axis=0)
     if (places[:, ~absent] != np.round(places[:, ~absent])).any():

@@ -51,8 +51,8 @@ SAMPLE = 50
 def is_plain(path: Path) -> bool:
     """Return whether a file is a manifest in lfcal's own form.
 
-    This is a CSV file in which all column names are lfcal's and most positions are whole numbers, an empty CSV file, or
-    any file without the suffix of a table, such as JSON.
+    This is a CSV file with lfcal's column names only and whole numbers as at least half of its positions, an empty CSV
+    file, or any file without the suffix of a table, such as JSON.
     """
     if path.suffix.lower() not in TABLE_SUFFIXES:
         return True
@@ -117,7 +117,13 @@ def _darks(listing: Listing, root: Path) -> dict[str, Any]:
 def any_listing(path: Path, columns: str = "") -> Listing:
     """Return the frames listed in a table, in Micro-Manager's metadata, or in an image file with stage coordinates.
 
-    ``columns`` assigns the columns of a table, as in `read_listing`.
+    ``path`` may also be a folder that contains one file with the description of all frames. ``columns`` assigns the
+    columns of a table, as in `read_listing`.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is damaged, or is an image file without stage coordinates.
     """
     if path.name.endswith("metadata.txt"):
         return read_micromanager(path)[0]
@@ -273,9 +279,9 @@ def read_micromanager(path: Path, channel: str = "") -> tuple[Listing, dict[str,
     The file is ``metadata.txt`` or ``…_metadata.txt``. Versions 1.4 (``FrameKey-…``) and 2.0 (``Metadata-…``) are
     supported, with the entries ``XPositionUm``, ``YPositionUm``, ``ZPositionUm``, ``Exposure-ms`` and ``FileName``. The
     facts, if known, are ``pixel_um`` (``PixelSizeUm``, in object space), ``bit_depth``, ``saturation`` (the largest
-    value of so many bits), ``roi`` (``ROI``, the region of the camera as column, row, width and height), and ``dark``,
-    the `Listing` of the only channel whose name indicates dark frames. Of the other channels, only ``channel`` is read;
-    it may be empty if there is only one.
+    value with this number of bits), ``roi`` (``ROI``, the region of the camera as column, row, width and height), and
+    ``dark``, the `Listing` of the only channel whose name indicates dark frames. Of the other channels, only
+    ``channel`` is read; it may be empty if there is only one.
 
     Raises
     ------

@@ -56,9 +56,10 @@ class CentroidMotion:
     shape: tuple[int, int]
 
     def axes(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
-        """Return (axis, sign) of the scan for the motion down and for that to the right; None if they are unclear.
+        """Return which lateral axis moves the light down, and which to the right; None if the motion is unclear.
 
-        The axis is 0 or 1, the column of ``matrix``. The sign is that of the motion per step.
+        Each is (axis, sign). The axis is a column of ``matrix``, 0 or 1. The sign is -1 if steps along the axis move
+        the light up or to the left, else 1.
         """
         down, right = np.abs(self.matrix)
         order = (int(down.argmax()), int(right.argmax()))
@@ -95,7 +96,7 @@ class Part(NamedTuple):
 
 
 def spread_out(index: NDArray[np.intp], count: int = MAX_FRAMES) -> NDArray[np.intp]:
-    """Return which rows of ``index`` ``(N, 2)`` are up to ``count`` positions that are far apart.
+    """Return the numbers of up to ``count`` rows of ``index`` ``(N, 2)`` whose positions are far apart.
 
     The first one has the smallest sum of indices. Each next one is the farthest from those already chosen.
     """
@@ -155,7 +156,8 @@ def image_motion(read: Callable[[int], NDArray[Any]], index: NDArray[np.intp]) -
 def centre_of_light(light: NDArray[np.float32]) -> tuple[float, float]:
     """Return row and column (px) of the centroid of the light above the noise; both are NaN if there is no such light.
 
-    The threshold is above the median by 5 standard deviations of the noise, but at least 2 % of the maximum.
+    The threshold is the median plus 5 standard deviations of the noise, or plus 2 % of the difference between maximum
+    and median, whichever is higher.
     """
     level = float(np.median(light))
     noise = 1.4826 * float(np.median(np.abs(light - level)))

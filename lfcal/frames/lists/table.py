@@ -155,7 +155,7 @@ def _check_columns(path: Path, columns: tuple[str, ...]) -> None:
 
 
 def _decimal(path: Path, rows: Iterable[list[str]]) -> str:
-    """Return the decimal sign of the numbers; raises if both are used."""
+    """Return the decimal sign of the numbers; raise `FileFormatError` if both are used."""
     comma = point = ""
     for row in rows:
         for cell in row:
@@ -258,7 +258,9 @@ def parse_columns(text: str) -> dict[str, tuple[str, str]]:
 
 
 def find_columns(table: Table, stated: Mapping[str, tuple[str, str]] | None = None) -> tuple[Column, ...]:
-    """Return the columns in the order of `ROLES`; the assignments in ``stated`` have priority over guesses.
+    """Return the columns that have a role, in the order of `ROLES`.
+
+    Roles are guessed from the names of columns, unless they are assigned in ``stated``, from `parse_columns`.
 
     Raises
     ------

@@ -317,7 +317,10 @@ class FolderSource(Frames):
         return self._values(index, region)[0]
 
     def samples(self, index: int, region: Region | None = None) -> Samples:
-        """Return the result of `read` with its validity: saturated, masked and non-finite samples are invalid."""
+        """Return the result of `read` with validity, noise and the number of saturated pixels.
+
+        Saturated, masked and non-finite samples are invalid.
+        """
         values, lost = self._values(index, region)
         found = observed(values, self._metadata.saturation, self._metadata.noise)
         for mask in (self._mask if self._mask is None or region is None else self._mask[region], lost):

@@ -35,7 +35,7 @@ class AutoExposure(Fault):
     settles: ClassVar[tuple[str, ...]] = ("flicker", "lamp", "plane_energy")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if the light depends on the peak of the pattern, with the exponent of this dependence."""
+        """Yield a fault if the light of patterns depends on their peak; it states the exponent of a power law."""
         values, sigmas = evidence.column("gain")
         tops = evidence.model.max((1, 2)).astype(np.float64)
         seen = np.isfinite(sigmas) & (values > 0) & (tops > 0)

@@ -130,7 +130,10 @@ class CutOff(Fault):
     settles: ClassVar[tuple[str, ...]] = ("clipped", "background", "leak", "snr")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if dark noise was cut off; noise and level are estimated from the zeros and the mean."""
+        """Yield a fault if dark noise was cut off.
+
+        The noise and its mean before the cut are estimated from the fraction of zeros and the mean of dark samples.
+        """
         peak = float(evidence.light.max())
         dark = evidence.data[evidence.valid & (evidence.light < DARK * peak)].astype(np.float64)
         if dark.size < MANY or float(evidence.data[evidence.valid].min()) < 0:

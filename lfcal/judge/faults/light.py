@@ -77,7 +77,7 @@ class ExposureFault(Fault):
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
         """Yield a fault with the frames whose light differs strongly from the median of their plane.
 
-        Nothing is yielded if more than 20 % of the frames differ.
+        Nothing is yielded if more than 20 % of all frames are estimated to differ.
         """
         gains, sigmas = _gains(evidence)
         most = usual(gains, sigmas)

@@ -130,7 +130,7 @@ class NotLinear(Fault):
     settles: ClassVar[tuple[str, ...]] = ("background", "leak")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if the values depend nonlinearly on the light, with the law that fits better."""
+        """Yield a fault, with the nonlinear law that fits best, if the values are not proportional to the light."""
         peak = float(np.abs(evidence.data).max()) or 1.0
         bend, sigma = _reported(evidence, _Power(peak))
         likely = _likeliest(evidence, peak)

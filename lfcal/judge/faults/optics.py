@@ -118,7 +118,7 @@ class GhostFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("leak", "background", "truncation")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if the residual contains a copy of the pattern, with the displacement that matches best."""
+        """Yield a fault, with the displacement that matches best, if the residual contains a copy of the pattern."""
         left, light = evidence.left, evidence.light
         best: tuple[float, float, str, tuple[int, int], F8] | None = None
         for name, view in VIEWS.items():
@@ -207,7 +207,7 @@ class TypeLight(Fault):
     )
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if the light differs between lens types, with the light of each type."""
+        """Yield a fault for the lens type whose light differs most from that of the others, if this is significant."""
         types = len(evidence.plan.camera.lattice.types)
         if types < 2:
             return

@@ -19,7 +19,8 @@ F8 = NDArray[np.float64]
 def share_of(evidence: Evidence, amount: float, names: tuple[str, ...]) -> float:
     """Return the fraction of the light (relative L1) that changes if a parameter in ``names`` changes by ``amount``.
 
-    The names are in `COLUMNS`; the result is the mean over them.
+    The names are those of `COLUMNS` after the first two, and ``amount`` is in their unit. The result is the mean over
+    the names.
     """
     light = max(float(np.abs(evidence.model).sum(dtype=np.float64)), 1e-300)
     change = [float(np.abs(evidence.columns[:, COLUMNS.index(n) - 2]).sum(dtype=np.float64)) for n in names]

@@ -75,7 +75,7 @@ class Pupil(Fault):
     explains: ClassVar[tuple[str, ...]] = ("ghost",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if the light is uneven over the cutouts, with the direction of the missing light."""
+        """Yield a fault, with the direction of the missing light, if the light is uneven over the cutouts."""
         here = now = evidence
         lit = np.ones((evidence.plan.shape[0], *evidence.plan.cutout))
         reported, before = 0.0, _excess(evidence)
