@@ -51,8 +51,8 @@ class Target:
     hole_um
         Diameter of a hole (µm); 0: a point.
     absent
-        Labels (row, column) of holes that are intentionally absent. A complete array equals its mirror image; absent
-        holes in an asymmetric arrangement show whether it is reversed.
+        Labels (row, column), from 0, of holes that are intentionally absent. A complete grid looks like its mirror
+        image; absent holes in an asymmetric arrangement show whether the target is reversed.
     pose
         Approximate pose of the target.
     within
@@ -117,7 +117,7 @@ class Target:
 
     @property
     def holes(self) -> NDArray[np.intp]:
-        """Labels (row, column) of the holes that are present, row by row, ``(n, 2)``."""
+        """Labels (row, column), from 0, of the holes that are present, row by row, ``(n, 2)``."""
         there = np.ones(self.shape, np.bool_)
         for hole in self.absent:
             there[hole] = False
@@ -126,7 +126,7 @@ class Target:
     def flat_um(self, holes: NDArray[np.intp]) -> NDArray[np.float64]:
         """Return the positions (right, down) of holes relative to the middle of the target (µm), ``(n, 2)``.
 
-        ``holes`` contains their labels (row, column), ``(n, 2)``.
+        They are in the plane of the target, without its pose. ``holes`` contains the labels (row, column), ``(n, 2)``.
         """
         index = np.asarray(holes, float)
         down, right = np.moveaxis(index - (np.array(self.shape) - 1) / 2, -1, 0)
@@ -175,7 +175,7 @@ class Target:
 
     @classmethod
     def from_json(cls, text: str) -> Target:
-        """Return the target described by JSON ``text``."""
+        """Return the target described by JSON ``text``; errors are those of `from_dict`."""
         return cls.from_dict(parse_json(text, "target"))
 
 

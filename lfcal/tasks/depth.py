@@ -281,7 +281,7 @@ class Depth(Task):
 
 @dataclass(frozen=True)
 class DepthForecast:
-    """Predicted CPU time (s) and memory (bytes) of computing a depth map."""
+    """Predicted CPU time (s) and memory (bytes) for computing a depth map."""
 
     seconds: float
     memory: int

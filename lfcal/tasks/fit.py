@@ -316,7 +316,13 @@ class FitMatrix(_Fit):
         return ((yield from self.iter_write(found, run.workers, choice)),)
 
     def iter_fit(self, workers: int | None = None) -> Work[FittedPatterns]:
-        """Fit the camera to the patterns of a single source, and return the fit without writing anything."""
+        """Fit the camera to the patterns of a single source, and return the fit without writing anything.
+
+        Raises
+        ------
+        NoLatticeError
+            If a hybrid H is requested for a camera without a lattice.
+        """
         from lfcal.camera import NoLatticeError
         from lfcal.fit import iter_fit_camera
 

@@ -69,7 +69,7 @@ class ValidateFit(Task):
     def files(self, way: str) -> tuple[Path, ...]:
         """Return the files that the task reads (``way="in"``) or writes (``way="out"``).
 
-        Files in the folder of the fit are among both.
+        Both include files in the folder of the fit.
         """
         from lfcal.fit import numbers_file, validation_outputs
 

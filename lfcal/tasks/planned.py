@@ -85,7 +85,7 @@ class PlanTask(Task):
 
     @property
     def rates(self) -> dict[str, Any]:
-        """Speed of the stage and frame rate of the camera, as keyword arguments of forecasts."""
+        """Speed of the stage (µm/s) and frame rate of the camera (frames/s), as keyword arguments of forecasts."""
         return {"stage_um_per_s": self.speed, "frames_per_s": self.frame_rate}
 
     @property

@@ -65,7 +65,7 @@ class Journal:
     @classmethod
     @contextmanager
     def open(cls, folder: Path) -> Iterator[Journal]:
-        """Open the journal file in ``folder``; the file is created if it does not exist."""
+        """Return a context with the journal in ``folder``; its file is created if it does not exist."""
         path = folder / JOURNAL
         with storage_errors(path), path.open("a", encoding="utf-8") as file:
             if file.tell() and not path.read_bytes().endswith(b"\n"):
@@ -182,7 +182,7 @@ class RunState:
 
     @property
     def per_hour(self) -> float | None:
-        """Number of units finished per hour, from the durations of finished units; None if no duration is known."""
+        """Estimated number of units per hour, from the durations of finished units; None if no duration is known."""
         took = [u.seconds for u in self.units if u.state == "done" and u.seconds == u.seconds]
         if not took:
             return None
