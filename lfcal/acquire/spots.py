@@ -58,7 +58,7 @@ def find_spot(frame: NDArray[Any]) -> Spot:
     Raises
     ------
     InputError
-        If fewer than four pixels exceed the noise.
+        If there are fewer than four bright pixels with a bright neighbour.
 
     Examples
     --------

@@ -55,7 +55,7 @@ def still_files(folder: Path, kind: str) -> tuple[Path, ...]:
 def recipe_of(folder: Path) -> CorrectionRecipe:
     """Return the corrections with the white frames and, if they exist, the dark frames in a session's ``folder``.
 
-    Without white frames, no corrections are returned, even if there are dark frames.
+    Without white frames, the recipe is empty, even if there are dark frames.
     """
     white, dark = (folder / kind if still_files(folder, kind)[0].is_file() else "" for kind in ("white", "dark"))
     # a recording has separate darks; those of the whole sensor are for the white image

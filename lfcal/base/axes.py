@@ -99,7 +99,10 @@ def check_cutout(nt: int, ns: int) -> None:
 
 
 def check_psf_shape(shape: tuple[int, ...]) -> tuple[int, int, int, int, int]:
-    """Return ``shape`` as ``(nz, ny, nx, nt, ns)``; raise `InputError` if it cannot be that of a PSF matrix."""
+    """Return ``shape`` as ``(nz, ny, nx, nt, ns)``; raise `InputError` if it cannot be that of a PSF matrix.
+
+    There must be five axes, none of them empty, and nt and ns must be odd.
+    """
     if len(shape) != 5:
         raise InputError.expected(
             "PSF matrix",
@@ -115,12 +118,12 @@ def check_psf_shape(shape: tuple[int, ...]) -> tuple[int, int, int, int, int]:
 
 
 def whole(shape: tuple[int, int]) -> Region:
-    """Return the region that covers a frame of ``shape``."""
+    """Return the region that covers a frame of ``shape`` ``(rows, columns)``."""
     return slice(0, shape[0]), slice(0, shape[1])
 
 
 def region_shape(region: Region) -> tuple[int, int]:
-    """Return the numbers of rows and columns of a checked ``region``."""
+    """Return the numbers of rows and columns of a ``region`` with explicit start and stop, as from `check_region`."""
     return region[0].stop - region[0].start, region[1].stop - region[1].start
 
 

@@ -49,8 +49,8 @@ def check_number(
     """Raise `InputError` unless ``value`` is a finite number within the bounds.
 
     The bounds ``above`` and ``below`` themselves are not allowed, ``at_least`` and ``at_most`` are. If a side has no
-    bound, the limit is `MAX_NUMBER` or its negative. With ``integer``, the value must have an integer type: 2.0 is
-    refused. So is a bool. ``what`` names the value in the message, which ends with ``remedy``.
+    bound, the limit is `MAX_NUMBER` or its negative. A bool is refused. With ``integer``, so is a value without an
+    integer type, such as 2.0. ``what`` names the value in the message, which ends with ``remedy``.
     """
     # plain types first: checking abstract ones takes as long as everything else. A bool is an Integral in Python.
     plain = isinstance(value, int if integer else (float, int))
@@ -80,8 +80,8 @@ def check_commas(what: str, text: str, *, whole: bool = False, several: bool = F
     """Raise `InputError` if a comma is directly between digits of ``text``.
 
     "2,5" may mean 2.5 or two numbers, and "1,000" may mean one or a thousand, depending on the user's conventions. The
-    message, in which ``what`` names the value, states the possible meanings. With ``whole``, decimals are not among
-    them; a list is one only with ``several``.
+    message, in which ``what`` names the value, states the possible meanings. Set ``whole`` if a number with decimals is
+    not possible, and ``several`` if a list is possible.
     """
     found = re.search(r"\d+(?:,\d+)+", text)
     if found is None:

@@ -182,7 +182,7 @@ def sparing_kernels() -> Iterator[None]:
 
 
 def kernel_spared(module: str, name: str, seconds: float, *, slow: float = 1.0) -> bool:
-    """Return whether to do work without a kernel, because there is too little work to compile it.
+    """Return whether to do work without a kernel, because there is too little work to justify compiling it.
 
     The answer is always False outside `sparing_kernels`, and for a kernel that has been compiled before. It becomes
     False when the ``seconds`` of a kernel, summed over the calls, amount to more than the limit. It does not depend on
@@ -356,7 +356,7 @@ def _count_compiling(seconds: float) -> None:
 
 
 def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:
-    """Return a decorator that makes a `Kernel` of a function: compiled at its first call, and cached on disk.
+    """Return a decorator that makes a function a `Kernel`, which is compiled at its first call and cached on disk.
 
     The ``options`` are those of `numba.njit`. By default, the kernel runs without the GIL. Two options make large
     kernels compile faster. ``inline="always"`` is for a function that kernels call in one place: otherwise it is also

@@ -64,7 +64,7 @@ _REMEDIES = {
 
 @contextmanager
 def storage_errors(path: Path) -> Iterator[None]:
-    """Return a context manager that converts operating-system errors about ``path`` to a one-line `StorageError`.
+    """Return a context manager that converts operating-system errors to a one-line `StorageError` about ``path``.
 
     HDF5 reports a failing disk as an OSError or RuntimeError with the system's error number in its message.
     """
@@ -252,7 +252,7 @@ def _remove(path: Path) -> bool:
 def only_writer(target: Path) -> Iterator[bool]:
     """Context in which a lock file excludes other writers of ``target``; yields whether the lock could be taken.
 
-    It cannot if the file system does not support locks, or if the lock file belongs to another user.
+    It cannot be taken if the file system does not support locks, or if the lock file belongs to another user.
 
     Raises
     ------
@@ -311,7 +311,7 @@ def _unlink(path: Path) -> bool:
 
 
 def sweep_scratch(folder: Path) -> None:
-    """Remove what killed programs left of `replace_whole` and `replace_store` in ``folder``."""
+    """Remove the scratch files, scratch folders and lock files in ``folder`` that killed programs left behind."""
     left = {path.name[1:].rsplit(".", 2)[0] for path in folder.glob(".*.*.part")}
     left |= {path.name[1:].removesuffix(".lock") for path in folder.glob(".*.lock")}
     for name in left:

@@ -53,7 +53,7 @@ def check_zarr() -> ModuleType:
 def understood(source: Path, wanted: str, remedy: str) -> Iterator[None]:
     """Context in which errors of the disk are converted to `StorageError`, and others to `FileFormatError`.
 
-    A `LfcalError` is not converted. ``source`` is the folder that is read. ``wanted`` and ``remedy`` state in the
+    `LfcalError` is not converted. ``source`` is the folder that is read. ``wanted`` and ``remedy`` state in the
     message what was expected and what to do.
     """
     try:

@@ -86,7 +86,7 @@ Work = Generator[Progress, None, R]
 
 
 class Clock:
-    """Clock that creates the `Progress` records of a stage with ``total`` units, all with the same start time."""
+    """Clock that creates the `Progress` records of a ``stage`` with ``total`` units; it starts when it is created."""
 
     def __init__(self, stage: str, total: int) -> None:
         self.stage = stage

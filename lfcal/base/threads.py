@@ -209,7 +209,7 @@ class Meter:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Context in which the time of this thread and its helpers is counted; no generator may yield inside it."""
+        """Context in which the time of this thread and its helpers is counted; a generator must not yield inside it."""
         token = _METER.set(self)
         try:
             with self.timed():
@@ -253,7 +253,7 @@ def for_each_chunk(
     n
         Number of independent items.
     workers
-        Number of threads. None: all available processors.
+        Number of threads, as in `worker_count`.
     parts_per_worker
         Average number of chunks per worker; more chunks balance better but need more calls.
     """
@@ -323,8 +323,8 @@ def for_each_block(function: Callable[[int, int], object], n: int, step: int, wo
 def in_order(function: Callable[[T], R], items: Iterable[T], workers: int | None = None) -> Iterator[R]:
     """Yield ``function(item)`` for each item, computed in threads; the order is that of ``items``.
 
-    Sums of the results therefore do not depend on timing. At most one result more than the number of workers is in
-    memory.
+    Sums of the results therefore do not depend on timing. With n = ``worker_count(workers)`` threads, at most n + 1
+    results are in memory.
     """
     count = worker_count(workers)
     waiting = iter(items)

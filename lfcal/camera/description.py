@@ -179,7 +179,7 @@ class Camera:
 
     @property
     def period_px(self) -> tuple[float, float]:
-        """Period ``(y, x)`` of the patterns on the sensor (px), not rounded to integers; (1, 1) without a lattice."""
+        """Period ``(y, x)`` of micro-images and lens types (px), not rounded to integers; (1, 1) without a lattice."""
         if not self.has_lattice:
             return 1.0, 1.0
         y, x = self.lattice.period_um
@@ -232,7 +232,7 @@ class Camera:
 
         The depth is relative to the working plane and positive away from the camera; for a microscope, the step does
         not depend on it. For a main lens, the chief ray is traced from the object through the centre of the lens to the
-        sensor. At every depth, the pattern then repeats after a move by exactly the micro-image period.
+        sensor. At every depth, the pattern then repeats exactly when the image has moved by one micro-image period.
 
         Raises
         ------
@@ -318,7 +318,7 @@ class Camera:
         Raises
         ------
         FileFormatError
-            If the format or version is another, or entries are unknown, missing, or of another type.
+            If the format or version is not supported, or entries are unknown, missing, or of another type.
         InputError
             If a value is invalid.
         """

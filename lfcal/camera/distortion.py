@@ -317,7 +317,7 @@ class LatticeDistortion:
     def scaled(self, factor: float, shift: tuple[float, float] = (0.0, 0.0)) -> LatticeDistortion:
         """Return the distortion in transformed coordinates ``factor * (x, y) + shift``, for another unit or origin.
 
-        The displacements are scaled by ``factor``, too; ``shift`` is in the new unit.
+        The displacements are scaled by ``factor``, too, which must be positive; ``shift`` is in the new unit.
         """
         check_number("factor of the distortion", factor, above=0)
         x, y = (factor * c + s for c, s in zip(self.centre, shift, strict=True))

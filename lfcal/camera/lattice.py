@@ -112,8 +112,8 @@ class LensletLattice:
         Distance between adjacent rows (µm), for example as measured in a white image. None: the ideal distance (square:
         pitch; hexagonal: sqrt(3)/2 pitch).
     type_step
-        Type of the lenslet that follows a type-0 lenslet in its row (+q): 1, or 2 if the types are numbered in the
-        other direction.
+        Type of the lenslet that follows a type-0 lenslet in its row, in the direction of ``rotation_rad``: 1, or 2 if
+        the types are numbered in the other direction.
     shear_rad
         Shear of the lattice (rad): relative to the previous row, each row is shifted along its direction by an
         additional ``tan(shear)`` times the row distance.

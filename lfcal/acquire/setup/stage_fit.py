@@ -348,7 +348,7 @@ ALIKE, APART_PX = 0.98, 2.0
 
 
 class DepthLook(NamedTuple):
-    """Measurements in one plane: the fit, the rms spread of the light at each position (px), and the middle cutout."""
+    """Measurements in one plane: the fit, the RMS radius of the light at each position (px), and the middle cutout."""
 
     fit: StageFit
     spread: NDArray[np.float64]
@@ -364,8 +364,8 @@ class DepthFit:
     scale, error
         Ratio of measured to planned movement (ideally 1), and its standard deviation; NaN if it cannot be measured.
     by
-        Quantity that was measured: ``"growth"`` of the image's movement with depth, ``"spread"`` of the pattern (for a
-        telecentric camera), or the reason why neither is measurable.
+        Quantity that was measured: ``"growth"`` of the image's movement with depth, or ``"spread"`` of the pattern if
+        that growth is too small to be measured. Otherwise, the reason why neither is measurable.
     """
 
     scale: float
@@ -434,8 +434,8 @@ def _correlation(a: NDArray[Any], b: NDArray[Any]) -> float:
 def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
     """Return remarks on the movement in depth; raise `InputError` if it differs too much from the plan.
 
-    The tolerance is `GROWTH_OFF` or `SPREAD_OFF`, by the quantity that was measured, plus three standard deviations. A
-    movement that could not be measured is only remarked.
+    The tolerance is `GROWTH_OFF` or `SPREAD_OFF`, depending on the quantity that was measured, plus three standard
+    deviations. If the movement could not be measured, a remark says so.
     """
     if math.isnan(fit.scale):
         return (f"depth axis not checked: {fit.by}",)

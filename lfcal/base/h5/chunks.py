@@ -50,7 +50,8 @@ def encode_chunk(array: NDArray[Any], level: int = 1, filters: Sequence[str] = P
     level
         Compression level of deflate, 0 to 9.
     filters
-        Filters of the dataset in order, from ``shuffle``, ``deflate`` and ``fletcher32``.
+        Filters of the dataset in the order in which they are applied, each of them ``"shuffle"``, ``"deflate"`` or
+        ``"fletcher32"``.
     """
     contiguous = np.ascontiguousarray(array)
     data: Any = contiguous.reshape(-1).view(np.uint8)
@@ -89,7 +90,7 @@ def decode_chunk(
     filter_mask
         Bit k is set if filter k was not applied to this chunk.
     filters
-        The dataset's filters in order.
+        The dataset's filters, as in `encode_chunk`.
     where
         Name of the chunk in errors.
 

@@ -66,7 +66,7 @@ def probe(path: Path, only: tuple[str, ...] | None = None) -> None:
 
 
 def trust(path: Path) -> None:
-    """Mark a file as checked, because this process has just written it."""
+    """Mark a file that this process has just written as checked, so that `probe` accepts it."""
     with _CHILD.lock:
         _CHILD.known.add((_mark(path), None))
 

@@ -638,8 +638,8 @@ class damage:
     """Context manager that converts errors of h5py to a `FileFormatError`, or a `StorageError` if the disk fails.
 
     On damaged data, h5py raises KeyError, RuntimeError, OSError, TypeError, ValueError, OverflowError and UnicodeError.
-    Every exception but a `LfcalError` is therefore converted. The message names the file ``path`` and, unless it is
-    empty, the entry ``where``.
+    Every exception other than `LfcalError` is therefore converted. The message names the file ``path`` and the entry
+    ``where``, unless this is empty.
     """
 
     # a class: it is entered for every pattern, and a generator would cost as much as the read

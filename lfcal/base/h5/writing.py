@@ -38,7 +38,7 @@ def new_h5(
     Raises
     ------
     StorageError
-        If the disk fails; an existing file of that name is kept.
+        If the file cannot be written; an existing file of that name is kept.
     """
     import h5py
 
