@@ -96,8 +96,8 @@ class Course:
     jumps
         Changes of a parameter between consecutive compared sessions that are significant (`Trend.limit`).
     worse, better
-        Whether a parameter has changed or the newest rating is worse than the previous known rating, and whether the
-        newest rating is better.
+        Whether the newest rating is worse, or better, than the previous known rating. For a parameter, ``worse`` states
+        whether it has changed significantly.
     """
 
     name: str

@@ -173,7 +173,7 @@ def elemental_seconds(
 ) -> float:
     """Predict the CPU time (s) of `elemental_depth`, extrapolated from the measured time of a few planes.
 
-    The parameters are those of `elemental_depth`.
+    The parameters are as in `elemental_depth`.
     """
     _, _, shift = _views(frame, camera, origin, None, None)
     low, high = _slopes(camera, slopes)

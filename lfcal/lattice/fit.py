@@ -251,7 +251,7 @@ TRACKING_DEGREE = 3
 def start_reach(model: LatticeModel, frame: DistortionFrame) -> float:
     """Return the radius (px) of the region of ``frame`` that is fitted first.
 
-    A region with too few lenslets of ``model`` is replaced by the scale of the frame.
+    If this region would contain too few lenslets of ``model``, the radius is half the diagonal of the frame.
     """
     wanted = max(START_PITCHES * model.pitch, min(START_SHARE * frame.scale, START_PX))
     return wanted if 3 * (wanted / model.pitch) ** 2 >= MIN_REGION else frame.scale

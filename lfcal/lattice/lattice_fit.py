@@ -166,7 +166,10 @@ class LatticeFit:
         return self.model.places(index)[..., ::-1]
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return the fractional lattice indices (q, r), ``(..., 2)``, of points in px; the inverse of `centres_px`."""
+        """Return the fractional lattice indices (q, r), ``(..., 2)``, of the points (``row``, ``column``) in px.
+
+        This is the inverse of `centres_px`.
+        """
         points = np.stack(np.broadcast_arrays(np.asarray(column, float), np.asarray(row, float)), axis=-1)
         return self.model.indices(points)
 

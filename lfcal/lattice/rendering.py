@@ -104,7 +104,7 @@ def render(
     frame, lattice, white, dark, radius_px
         As in `extract_views`.
     slopes
-        Slope of each plane (see `sensor_slope`), whose absolute value must be at least 1.5 (`MIN_SLOPE`).
+        Slope of each plane (see `sensor_slope`), whose absolute value must be from 1.5 (`MIN_SLOPE`) to 1000.
     type_of, shares
         Function that returns the lens types of lenslets (q, r), and for each plane the weights of the lens types, such
         as those of `sharpness_shares`. If either is None, all types have equal weights.

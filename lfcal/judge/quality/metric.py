@@ -102,7 +102,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class CostModel:
-    """Model of the cost of a metric: the error of a reconstruction (NRMSE relative to that with an ideal H).
+    """Model of the cost of a metric: the error (NRMSE) of a reconstruction, relative to that with an ideal H.
 
     Attributes
     ----------
