@@ -35,7 +35,7 @@ class NoLatticeError(InputError, AttributeError):
 
 @dataclass(frozen=True, slots=True)
 class PupilLenslets:
-    """Individual lenslets in a pupil plane, as in a Fourier light-field microscope (FLFM, XLFM, FiMic).
+    """Individual lenslets in a pupil plane, as in a Fourier light-field microscope (FLFM, XLFM, FIMic).
 
     A Fourier lens behind the native image plane images the pupil of the objective onto the lenslets. Each lenslet
     images the entire field through its part of the pupil and forms an elemental image. All points of a depth plane have

@@ -83,8 +83,8 @@ def forecast_regions(
 ) -> SessionForecast:
     """Return the forecast for all regions together, after checking each as in `lfcal.acquire.forecast`.
 
-    Positions, frames, times and bytes are summed; other values are those of the first region. The arguments are as in
-    `lfcal.acquire.forecast`.
+    Positions, frames, times and bytes are summed; other values are those of the first region. ``folder`` is the folder
+    for all regions, and ``rig``, ``options`` and ``frames_per_s`` are as in `lfcal.acquire.forecast`.
     """
     names = enumerate(plan.names)
     found = [forecast(plan.plan(k), rig, options, folder / name, frames_per_s=frames_per_s) for k, name in names]
@@ -113,7 +113,9 @@ def iter_record_regions(
     ----------
     folder
         A new or empty folder; with ``resume``, the folder of an earlier session.
-    plan, rig, options, control, preview, task
+    plan
+        Regions to record.
+    rig, options, control, preview, task
         As in `lfcal.acquire.iter_record`, which raises the same errors.
     resume
         Whether to continue with the first incomplete region, after a check of all regions.
