@@ -53,7 +53,7 @@ class Behind:
 
 
 def plan_of(matrix: PSFMatrix) -> ScanPlan | None:
-    """Return the plan of the scan of an H; None without a camera."""
+    """Return the plan of the scan of an H; None if H states no camera."""
     if matrix.camera is None:
         return None
     depths = tuple(float(z) for z in matrix.depths)

@@ -177,7 +177,7 @@ class TypeFocus(Fault):
     settles: ClassVar[tuple[str, ...]] = ("depth",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if a different focal length of one lens type reduces the residual by at least `EXPLAINS`."""
+        """Yield a fault if another focal length of one lens type reduces the residual by the fraction `EXPLAINS`."""
         types = len(evidence.plan.camera.lattice.types)
         if evidence.misfit < LEFT or types < 2:
             return

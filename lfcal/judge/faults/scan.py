@@ -84,7 +84,7 @@ class StageAxesFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("stage_gain", "drift")
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault if the displacements of the sources change over the period."""
+        """Yield a fault if the displacements of the sources change linearly along the rows or columns of the scan."""
         down, across = (_fitted(evidence, name) for name in ("source_y", "source_x"))
         ny, nx = evidence.plan.period
         size = {"by_row": ny / 2, "by_column": nx / 2}
@@ -158,7 +158,7 @@ class BacklashFault(Fault):
     settles: ClassVar[tuple[str, ...]] = ("backlash",)
 
     def found(self, evidence: Evidence) -> Iterable[FoundFault]:
-        """Yield a fault for each direction, along rows or columns, in which every other row is displaced."""
+        """Yield a fault for each direction, along or across the rows, in which every other row is displaced."""
         for name, along in (("source_x", "the rows"), ("source_y", "the columns")):
             value, sigma = _fitted(evidence, name).terms["by_direction"]
             if abs(value) > SURE * sigma and abs(value) > WORTH_PX:
