@@ -286,7 +286,7 @@ class Fit:
             Recorded patterns of the same scan, all or only the fitted ones.
         noise
             ``(constant, slope)``: the variance of a sample of value v is ``constant + slope * max(v, 0)`` (counts²).
-            None: as stated by the source.
+            None, and for `Measured`: as stated by the source.
         workers
             Number of threads. None: all processors.
 
@@ -298,7 +298,7 @@ class Fit:
         Raises
         ------
         InputError
-            If the patterns belong to another scan, or their noise is unknown.
+            If the patterns belong to another scan, their noise is unknown, or the source is a transposed H.
         """
         return (yield from iter_make(HybridPlanes(self.header, self, source, noise), workers=workers))
 

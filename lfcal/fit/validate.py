@@ -220,7 +220,8 @@ def iter_validate(fit: Fit | StoredFit, withheld: Measured, *, another: bool = F
     Raises
     ------
     InputError
-        If all patterns are at positions used by the fit, or they come from a sensor with another number of pixels.
+        If all patterns are at positions used by the fit, or they come from a sensor with another number of pixels. Also
+        if a pattern has fewer than nine usable samples, or no light above its noise.
     """
     known_of = fit if isinstance(fit, StoredFit) else StoredFit.of(fit)
     same = known_of.is_of(withheld.plan)
@@ -292,7 +293,7 @@ def predicted_frame(light: F8, frame: NewFrame, noise: tuple[float, float], cuto
     Raises
     ------
     InputError
-        If the frame has another size, or no light.
+        If the frame has another size, fewer than nine usable samples, or no light above its noise.
     """
     if frame.values.shape != light.shape:
         raise InputError.expected(

@@ -30,7 +30,8 @@ class RawImage(ImageFile):
 
     Nothing is interpolated, scaled or clipped. ``metadata`` contains ``cfa`` (the pattern of the visible area, in
     row-major order) and, if the file states a white level, ``saturation``. For each pattern position it contains
-    ``black_level`` (sample value) and ``gains``, the camera's white balance (1 for the first green).
+    ``black_level`` (sample value) and, if the file states it, the camera's white balance ``gains`` (1 for the first
+    green).
     """
 
     def __init__(self, path: Path) -> None:
