@@ -106,8 +106,8 @@ class Computed(NamedTuple):
     Attributes
     ----------
     error
-        Relative L1 error: the estimate for effects that are omitted, or that the rays ignore, plus
-        `PlaneResponse.reached`; NaN if the sampling was given.
+        Relative L1 error: the estimate for effects that are omitted, or that a computation with rays ignores, plus
+        `PlaneResponse.reached`. NaN if the sampling was given.
     record
         For provenance: `PlaneResponse.record`, with ``seconds`` (elapsed), ``processor_seconds`` and, if it is known,
         ``error``.

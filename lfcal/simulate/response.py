@@ -38,8 +38,8 @@ class PlaneResponse:
     level, tolerance, sampling
         Level and sampling as in `simulate_psf`; ``tolerance`` is the error allowed for the computation. A given
         sampling is used unchanged. Otherwise, a probe (`lfcal.simulate.accuracy.probe`) determines the sampling of the
-        first engine. Wherever more light arrives than was transmitted, the sampling is refined, at most ``RETRIES``
-        times, and that response is computed again; earlier results are kept.
+        first engine. If more light arrives at a position than was transmitted, the sampling is refined, at most
+        ``RETRIES`` times, and this response is computed again; earlier results are kept.
     cutout
         Pixels ``(nt, ns)`` of the cutout. None: those of the plan.
     depth_error_um

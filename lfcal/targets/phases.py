@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """The phases of a scan: its positions relative to the nearest cells of the lenslet array.
+    """The phases of a scan: its positions within the cells of the lenslet array.
 
     The array's period is not a whole number of pixels, and the array may be rotated and distorted. Patterns of distant
     cells therefore differ, although their positions are equal modulo the plan's period, which is rounded to whole

@@ -346,10 +346,10 @@ def table_reach(scene: Scene, sampling: Sampling, mode: str, dx: float, half_px:
     """Return the largest distance from the source's image at which lenslets contribute (µm).
 
     The fraction of light that is diffracted farther than r beyond the edge of the iris's shadow is 2 lambda Nw / (pi^2
-    r), with the wavelength lambda and the working f-number Nw. Lenslets contribute no longer if they are darker than
-    ``sampling.energy_floor``, beyond the reach of the sampled spectrum, or if their spots miss the cutout. ``mode`` is
-    as in `build_tables`, ``dx`` is the sample spacing of the field (µm), and ``half_px`` half the window on the sensor
-    (pixels).
+    r), with the wavelength lambda and the working f-number Nw. A lenslet does not contribute if it is darker than
+    `Sampling.energy_floor`, if it is beyond the reach of the sampled spectrum, or if its spot misses the cutout.
+    ``mode`` is as in `build_tables`, ``dx`` is the sample spacing of the field (µm), and ``half_px`` half the window on
+    the sensor (pixels).
     """
     lam, nw, radius = scene.wavelength_um, scene.f_number, aperture_radius(scene)
     shadow = scene.shadow_radius_um

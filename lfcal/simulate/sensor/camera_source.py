@@ -58,8 +58,8 @@ class SimulatedCamera(Frames):
     Raises
     ------
     InputError
-        If ``effects``, ``peak`` or ``seed`` is not valid. Effects that are incompatible with the plan may raise it only
-        when the light of a frame is computed.
+        If ``effects``, ``peak`` or ``seed`` is not valid. For effects that are incompatible with the plan, the error
+        may not be raised until the light of a frame is computed.
 
     Examples
     --------

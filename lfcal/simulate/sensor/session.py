@@ -210,7 +210,7 @@ def check_session_folder(folder: str | os.PathLike[str], *, resume: bool = False
 
 
 def discard_unfinished(folder: str | os.PathLike[str]) -> None:
-    """Remove the frames of a stopped session, if the folder contains one, and the marker that it was stopped."""
+    """Remove all frames of a stopped session, and the file that marks it as unfinished, if the folder contains one."""
     out = Path(folder)
     if unfinished(out) is None:
         return
