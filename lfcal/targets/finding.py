@@ -304,7 +304,7 @@ class FoundPoints:
     >>> dim = TargetCamera(plan, effects=(), brightness=[1, 1, 1, 1, 0.3, 1, 1, 1, 1], level="geometric")
     >>> points: FoundPoints = find_points(dim.read(0), target, scan.camera, scan.depths_um[0])
     >>> print(points.pixels[4].round(1).tolist(), *points.mistakes)
-    [159.5, 159.5] hole (row, column) (1, 1) with only 31% of the light of others: dirty or partly closed
+    [159.5, 159.5] hole (row, column) (1, 1) with only 31 % of the light of others: dirty or partly closed
     """
 
     holes: Index
