@@ -99,7 +99,8 @@ class Assembly:
     Raises
     ------
     InputError
-        If a frame is outside the plan, or its cutout extends beyond the sensor; the message states the position.
+        If no frame is in the plan or a frame is outside it, if a cutout extends beyond the sensor and is not padded,
+        or with ``strict``, if a position is missing or repeated. The message states the position.
     """
 
     def __init__(
@@ -145,7 +146,7 @@ class Assembly:
         return len(self.source) - (0 if copied is None else copied["frames"])
 
     def history(self, provenance: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """Return the provenance of H, a record of how it was assembled, with the entries of ``provenance``."""
+        """Return the provenance of H, a record of how it was assembled; the entries of ``provenance`` are included."""
         known, cutout = self.source.metadata, self.cutout
         found = {
             "frames": {"count": self.recorded, **known.stated(FRAME_FACTS)},
@@ -167,14 +168,17 @@ class Assembly:
         camera: Camera | None = None,
         provenance: Mapping[str, Any] | None = None,
     ) -> Header:
-        """Return the header of H, with ``depths`` (µm) and ``camera`` (None: unknown) and the provenance `history`."""
+        """Return the header of H, with the `history` for ``provenance``; ``depths`` are in µm, ``(nz,)``.
+
+        ``depths`` and ``camera`` are None if they are unknown.
+        """
         shape = (*self.shape, *self.cutout.shape)
         return Header(shape, depths, camera, self.cutout.anchor, self.history(provenance))
 
     def iter_plane(
         self, z: int, clock: Clock, *, values: NDArray[np.float32], before: int = 0, workers: int | None = None
     ) -> Work[Facts]:
-        """Assemble plane ``z`` row by row in several threads; yields progress in frames and returns facts on positions.
+        """Assemble plane ``z`` row by row in several threads; yield progress in frames, return facts about positions.
 
         Parameters
         ----------
@@ -190,7 +194,7 @@ class Assembly:
         Raises
         ------
         InputError
-            If a frame is not finite, or the plane has no light.
+            If a frame is not finite, or all values of a plane with frames are 0.
         """
         recorded = self._counts[z]
         plane = _Gathered(recorded, values, self._energy[z])
@@ -257,7 +261,10 @@ class AssembledPlanes(PlaneSource):
         self._clock = Clock("assemble frames", assembly.frames)
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Assemble plane ``z``; progress counts its frames if ``alone``, otherwise those of all planes."""
+        """Assemble and return plane ``z``; progress counts its frames if ``alone``, otherwise those of all planes.
+
+        ``zeros`` returns the array that is filled.
+        """
         assembly = self.assembly
         clock = Clock(f"assemble plane {z}", assembly.frames_of(z)) if alone else self._clock
         if alone or z == 0:
@@ -271,14 +278,20 @@ class AssembledPlanes(PlaneSource):
         return Plane(values, filled.facts, filled.uncertainty)
 
     def reopening(self, z: int, stored: Stored) -> Reopening:
-        """Return how other processes open the frames; each process opens them once for all planes."""
+        """Return how other processes open the frames; each process opens them once for all planes.
+
+        Raises
+        ------
+        InputError
+            If the frames can only be read by this process.
+        """
         if self._reopening is None:
             remedy = "state what distinguishes these frames from any others (reopening=)"
             raise InputError.expected("H in units", "a way to open its frames again", "none", remedy)
         return replace(self._reopening, held=True)
 
     def shown(self, record: Progress) -> Progress:
-        """Return ``record`` with the light of all patterns that this process has assembled so far."""
+        """Return ``record`` with the light of all patterns that this process has assembled; unchanged before that."""
         if (at := self.assembly.filled) is None:
             return record
         known = (record.done, record.total, record.stage, record.seconds, record.note, record.per)
@@ -457,8 +470,8 @@ def iter_assemble(
     Raises
     ------
     InputError
-        If a frame is outside the plan or not finite, or its cutout extends beyond the sensor and is not padded; the
-        message states the position.
+        If a frame is outside the plan or not finite, if its cutout extends beyond the sensor and is not padded, or with
+        ``strict``, if a position is missing or repeated. The message states the position.
 
     Examples
     --------
@@ -579,7 +592,7 @@ assemble_plan = drained(
 
 
 def forecast_assembly(source: FrameSource, plan: ScanPlan, *, count: int = 12, workers: int | None = None) -> float:
-    """Return the expected elapsed time for assembling H (s), measured by reading and cropping a few frames.
+    """Return the expected elapsed time for assembling H (s), extrapolated from reading and cropping a few frames.
 
     Parameters
     ----------
@@ -623,7 +636,13 @@ def forecast_assembly(source: FrameSource, plan: ScanPlan, *, count: int = 12, w
 
 
 def find_plan_cutout(source: FrameSource, plan: ScanPlan, settings: AssemblySettings) -> Cutout:
-    """Return the cutout that ``settings`` request; raises `InputError` if H would contain a pedestal."""
+    """Return the cutout that ``settings`` request for ``plan``.
+
+    Raises
+    ------
+    InputError
+        If the frames do not match the plan, or H would contain a pedestal, unless ``settings.keep_pedestal`` is true.
+    """
     check_stated(source, plan.camera)
     outside = "zero" if settings.pad else "error"
     cutout = Cutout.for_plan(plan, interpolation=settings.interpolation, outside=outside)
@@ -655,7 +674,7 @@ def _check_filter(source: FrameSource, plan: ScanPlan) -> None:
 
 
 def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return the facts about the scan that are stored with H, and the entries of ``provenance``."""
+    """Return the facts about the scan that are stored with H, the plan, and the entries of ``provenance``."""
     reported = ("session", "devices", "simulated", "optics", "suspect", "half_cell", "kept_aside", "earlier_tasks")
     return {**source.metadata.stated(reported), "plan": plan.to_dict(), **(provenance or {})}
 
@@ -663,9 +682,10 @@ def known_of(source: FrameSource, plan: ScanPlan, provenance: Mapping[str, Any] 
 def planes_of_frames(
     source: FrameSource, plan: ScanPlan, values: Mapping[str, Any], fill: Fill | None, close: Callable[[], None]
 ) -> AssembledPlanes:
-    """Return the planes for a process that assembles units of a run, from the ``values`` of a `Reopening`.
+    """Return the planes of ``plan`` for a process that assembles units of a run.
 
-    ``close`` is called to close the frames when the planes are finished.
+    ``values`` is an attribute of `Reopening`; its entries ``settings`` and ``noise`` are used. ``fill`` is as in
+    `AssembledPlanes`. ``close`` is called to close the frames when the planes are finished.
     """
     given = values["settings"]
     settings = AssemblySettings(**{**given, "cutout": tuple(given["cutout"])})

@@ -104,7 +104,7 @@ CODES = {
 
 
 def code_of(name: str) -> Code:
-    """Return the code called ``name``; raises `InputError` for an unknown name."""
+    """Return the code called ``name``; raise `InputError` for an unknown name."""
     if name not in CODES:
         raise InputError.expected("code", any_of(CODES), repr(name), "choose one of these")
     return CODES[name]
@@ -143,7 +143,7 @@ def refused_by(code: Code, matrix: PSFMatrix, position: tuple[int, int] | None =
 
 
 def codes_for(matrix: PSFMatrix) -> tuple[Code, ...]:
-    """Return the codes that can use ``matrix``."""
+    """Return the codes that can use ``matrix`` unless a position has to be chosen (see `refused_by`)."""
     return tuple(code for code in CODES.values() if refused_by(code, matrix) is None)
 
 
@@ -157,9 +157,10 @@ def _written(matrix: PSFMatrix) -> PSFMatrix:
 def write_cells(
     file: Any, name: str, matrix: PSFMatrix, *, compress: bool = True, sparse: bool = False
 ) -> Iterator[int]:
-    """Write ``matrix`` into an open MATLAB file as the cell array ``name{y,x,z}`` of patterns ``(t, s)``.
+    """Write ``matrix`` to an open MATLAB 7.3 file as the cell array ``name{y,x,z}`` of patterns ``(t, s)``.
 
-    With ``sparse``, each pattern is a sparse matrix. Yields the number of planes written so far.
+    With ``sparse``, each pattern is a sparse matrix; otherwise, ``compress`` selects gzip compression. Yield the number
+    of planes written so far.
     """
     import h5py
 
@@ -203,9 +204,11 @@ def _write_sparse(group: Any, pattern: NDArray[Any]) -> Any:
 def iter_write_npz(
     matrix: PSFMatrix, path: Path, *, include_transpose: bool, compress: bool, quality: str
 ) -> Work[Path]:
-    """Write the lens-centred ``H``, and optionally its transpose ``Ht``, as (z, y, x, t, s) to an ``.npz`` file.
+    """Write ``H``, and optionally its transpose ``Ht``, as (z, y, x, t, s) to an ``.npz`` file; return its path.
 
-    The file also contains the depths of the planes (µm), if known, and ``quality``, a text about the quality of H.
+    H is rolled such that a lens is where other software expects it (`lens_centred`), if the centre of a lens is known.
+    The file also contains the depths of the planes (µm), if known, the order of the axes, and ``quality``, a text about
+    the quality of H.
     """
     written = _written(matrix)
     views = {"H": written, **({"Ht": written.T} if include_transpose else {})}

@@ -43,7 +43,10 @@ PROBE, WIDE_PROBE = (21, 21), (201, 201)
 
 
 class Window(NamedTuple):
-    """Position of a cutout on the sensor: its first row and column, and the residuals in (-0.5, 0.5] (px)."""
+    """Position of a cutout on the sensor: its first row and column, and the offset of the image from its middle pixel.
+
+    The offset has a row and a column component in (-0.5, 0.5] px.
+    """
 
     row: int
     column: int
@@ -273,7 +276,7 @@ def _half_width(profile: NDArray[np.float64], middle: float, lost: float) -> int
 
 # -- frames to patterns ------------------------------------------------------------------------------------------------
 class Pattern(NamedTuple):
-    """The pattern of one position, with facts as in `lfcal.psf.facts.Facts`; its mask is not packed."""
+    """The pattern of one position, with facts as in `lfcal.psf.facts.Facts`; the mask ``valid`` is not packed."""
 
     values: NDArray[np.float32]
     valid: NDArray[np.bool_] | None
@@ -308,7 +311,10 @@ class Gatherer:
     noise: Noise | None = None
 
     def place(self, index: int) -> tuple[Window, Region]:
-        """Return the window of the cutout of frame ``index`` on the sensor, and the region to read from the frame."""
+        """Return the window of the cutout of frame ``index`` on the sensor, and the region to read from the frame.
+
+        The region includes the margin for interpolation and may extend beyond the frame.
+        """
         info = self.infos[index]
         shift = info.drift or (0.0, 0.0)
         if self.drift is not None:
@@ -329,7 +335,13 @@ class Gatherer:
         return f"{info.label}, (z, y, x) = {tuple(info.position)}"
 
     def cut(self, index: int) -> Samples:
-        """Return the cutout ``(nt, ns)`` of frame ``index``; pixels beyond the frame are zero and marked as invalid."""
+        """Return the cutout ``(nt, ns)`` of frame ``index``; pixels beyond the frame are zero and marked as invalid.
+
+        Raises
+        ------
+        InputError
+            If the cutout is completely outside the frame or all its pixels are invalid, or a value is not finite.
+        """
         window, region = self.place(index)
         inside = clipped(region, self.source.shape)
         if min(region_shape(inside)) < 1:
@@ -377,7 +389,7 @@ class Gatherer:
         return clean
 
     def pattern(self, indices: NDArray[np.int64]) -> Pattern:
-        """Return the pattern of one position from its frames: their weighted mean and the facts derived from them."""
+        """Return the pattern of one position from the frames ``indices``: their weighted mean, and facts about them."""
         if len(indices) == 1:
             one = self.cut(int(indices[0]))
             known = (np.nan, np.nan) if one.noise is None else (float(one.noise.constant), float(one.noise.slope))
@@ -477,7 +489,9 @@ def _noise_of_mean(
 def by_position(
     infos: tuple[FrameInfo, ...], shape: tuple[int, int, int]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return frame numbers ``(n,)`` sorted by position, and where each position starts, ``(positions + 1,)``.
+    """Return frame indices ``(n,)`` sorted by position, and where each position starts in them, ``(positions + 1,)``.
+
+    Positions are in row-major order for ``shape`` ``(nz, ny, nx)``; the last entry of the second array is n.
 
     Raises
     ------

@@ -29,7 +29,7 @@ def noise_of_positions(H: Any, z: int) -> NDArray[np.float64] | None:
     """Return the variance without light and the variance per unit of signal of each position in plane ``z``.
 
     The shape is ``(ny, nx, 2)``, with NaN where the noise is unknown or the pattern is not measured. The result is None
-    if this is so for all positions, as for arrays and HT.
+    for arrays and HT, and if no position has a noise above 0.
     """
     if not isinstance(H, PSFMatrix) or H.is_transposed or (stored := H.facts.noise) is None:
         return None
@@ -46,7 +46,10 @@ def noise_of_positions(H: Any, z: int) -> NDArray[np.float64] | None:
 
 
 def mean_noise(H: Any) -> NDArray[np.float64] | None:
-    """Return the mean of `noise_of_positions` in each plane, ``(nz, 2)``; 0 if unknown, None if unknown for all."""
+    """Return the mean of `noise_of_positions` in each plane, ``(nz, 2)``.
+
+    It is 0 for planes of unknown noise. The result is None if the noise of all planes is unknown.
+    """
     planes = [noise_of_positions(H, z) for z in range(H.shape[0])]
     if all(noise is None for noise in planes):
         return None
@@ -57,7 +60,7 @@ def denoised(H: Any, z: int, plane: NDArray[Any]) -> NDArray[Any]:
     """Return a copy of ``plane``, plane ``z`` of ``H`` with the shape ``(ny, nx, nt, ns)``, with reduced noise.
 
     Each entry is moved towards the mean of the entries of nearby source positions at the same sensor pixel, as far as
-    the known noise explains their scatter. If the noise is unknown, ``plane`` itself is returned.
+    the known noise explains their scatter. If `noise_of_positions` returns None, ``plane`` itself is returned.
 
     Examples
     --------
@@ -85,10 +88,10 @@ def denoised(H: Any, z: int, plane: NDArray[Any]) -> NDArray[Any]:
 
 
 def with_new_noise(H: Any, z: int, plane: NDArray[Any], seed: int) -> NDArray[Any]:
-    """Return a copy of ``plane``, plane ``z`` of ``H`` ``(ny, nx, nt, ns)``, with more noise of the same variance.
+    """Return a copy of ``plane``, plane ``z`` of ``H`` ``(ny, nx, nt, ns)``, with additional Gaussian noise.
 
-    The variance of an entry follows from its position and its value. ``seed`` selects the random numbers. If the noise
-    is unknown, ``plane`` itself is returned.
+    The added noise of an entry has the known variance of its position for its value; positions of unknown noise are
+    unchanged. ``seed`` selects the random numbers. If `noise_of_positions` returns None, ``plane`` itself is returned.
 
     Examples
     --------

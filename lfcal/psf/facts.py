@@ -35,8 +35,8 @@ class Facts:
     Attributes
     ----------
     recorded
-        Number of frames averaged for each position; 0: the position is missing. As for all attributes, None means
-        unknown.
+        Number of frames averaged for each position; 0: the position is missing. As for all attributes except
+        ``origin``, None means unknown.
     saturated
         Number of saturated pixels in the pattern of each position; -1: unknown.
     noise
@@ -75,7 +75,9 @@ class Facts:
 
     @classmethod
     def of(cls, positions: tuple[int, ...], cutout: tuple[int, int], **values: ArrayLike | None) -> Facts:
-        """Return facts about positions of the shape ``(nz, ny, nx)`` or ``(ny, nx)``, as checked, read-only copies.
+        """Return facts with read-only copies of ``values``, which are attributes of `Facts`, after checking them.
+
+        ``positions`` is the shape ``(nz, ny, nx)`` or ``(ny, nx)``, and ``cutout`` is ``(nt, ns)``.
 
         Raises
         ------
@@ -143,7 +145,10 @@ _UNKNOWN: dict[str, float] = {
 
 
 def stacked(planes: Sequence[Facts]) -> Facts:
-    """Return the facts of a matrix, combined from those of its planes in order."""
+    """Return the facts of a matrix, combined from those of its planes in order.
+
+    A fact that is known for some planes is marked as unknown in the others.
+    """
     names = {name for plane in planes for name in plane.known()}
     found: dict[str, NDArray[Any]] = {}
     for name in names:

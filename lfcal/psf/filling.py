@@ -23,7 +23,7 @@ class Filled:
     facts
         Facts about the positions, including their origin.
     uncertainty
-        Standard deviation of every entry ``(ny, nx, nt, ns)``, 0 where only the noise is stated. None: none is stated.
+        Standard deviation of every entry ``(ny, nx, nt, ns)``, 0 where only `Facts.noise` is known. None: not stated.
     """
 
     facts: Facts

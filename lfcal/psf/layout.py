@@ -64,7 +64,7 @@ class Header:
 
     @property
     def plane_depths(self) -> NDArray[np.float64]:
-        """Object-space depth of each plane (µm); NaN if unknown."""
+        """Object-space depth of each plane (µm), ``(nz,)``; NaN if unknown."""
         return np.asarray(np.full(self.shape[0], np.nan) if self.depths is None else self.depths, np.float64)
 
 
@@ -119,7 +119,7 @@ class Plane:
     facts
         Facts about the positions.
     uncertainty
-        Standard deviation of every entry ``(ny, nx, nt, ns)``, 0 where only the noise is stated. None: none is stated.
+        Standard deviation of every entry ``(ny, nx, nt, ns)``, 0 where only `Facts.noise` is known. None: not stated.
     simulated
         Description of the simulation, as plain JSON types; None if the plane was not simulated.
     """

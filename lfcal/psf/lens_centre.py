@@ -36,8 +36,8 @@ class LensCentre:
     Attributes
     ----------
     position
-        Position ``(row, column)`` of the centre, from 0 and usually fractional. A point whose image is at the centre
-        has the pattern of this position.
+        Position ``(row, column)`` of the centre in the period, usually fractional; the first position is 0. A point
+        whose image is at the centre has the pattern of this position.
     period
         Number of positions ``(ny, nx)`` in a period.
     """
@@ -58,7 +58,10 @@ class LensCentre:
 
     @property
     def rest(self) -> Pair:
-        """Offset (rows, columns) from `expected` after `shift`, in (-0.5, 0.5] pixels; positive: down or right."""
+        """Offset (rows, columns) of the centre from `expected` after `shift`, in (-0.5, 0.5]; positive: down or right.
+
+        Its unit is a position, that is, a pixel of H.
+        """
         rows, columns = (off - math.ceil(off - 0.5) for off in self._off())
         return rows, columns
 
@@ -100,7 +103,11 @@ def lens_centre_of(matrix: PSFMatrix) -> LensCentre | None:
 
 
 def first_pixel(matrix: PSFMatrix) -> Pair:
-    """Return the sensor position (row, column) of pixel (0, 0) of H's images, the image of source position (0, 0)."""
+    """Return the sensor position (row, column) of pixel (0, 0) of the images that H describes.
+
+    This pixel shows the source position (0, 0). Its position is the anchor, rounded to a whole pixel unless the frames
+    were interpolated.
+    """
     if sampling(matrix)[0]:
         return matrix.anchor
     row, column = matrix.anchor
@@ -108,7 +115,10 @@ def first_pixel(matrix: PSFMatrix) -> Pair:
 
 
 def sampling(matrix: PSFMatrix) -> tuple[bool, Pair]:
-    """Return whether the frames of H were interpolated, and H's pixels per sensor pixel (rows, columns)."""
+    """Return whether the frames of H were interpolated, and the number of pixels of H per sensor pixel (rows, columns).
+
+    Without an entry in the provenance, these are False and 1.
+    """
     cutout = matrix.provenance.get("cutout")
     if not isinstance(cutout, dict):
         return False, (1.0, 1.0)

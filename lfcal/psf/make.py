@@ -83,7 +83,7 @@ class PlaneSource:
     """Whether finished planes of a run of units are joined while others are being made."""
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Compute or read plane ``z``; yields progress, and returns the plane.
+        """Compute or read plane ``z``; yield progress and return the plane.
 
         Parameters
         ----------
@@ -110,7 +110,7 @@ class PlaneSource:
         return f"{self.title} {out.name}"
 
     def shown(self, record: Progress) -> Progress:
-        """Return the progress ``record`` of a run of units, extended by what this process knows about its planes."""
+        """Return the progress ``record`` of a run of units; subclasses may add what this process knows about planes."""
         return record
 
     def late_provenance(self) -> Mapping[str, Any]:
@@ -154,7 +154,9 @@ def iter_write(
     keep: bool = False,
     workers: int | None = None,
 ) -> Work[Path]:
-    """Write a matrix to an H file with one plane in memory at a time; an incomplete file is never left at ``out``.
+    """Write a matrix to an H file with one plane in memory at a time, and return its path.
+
+    An incomplete file is never left at ``out``.
 
     Parameters
     ----------
@@ -170,7 +172,7 @@ def iter_write(
     keep
         Whether to keep the files of the units of a ``run``, as in `lfcal.work.iter_made`.
     workers
-        Number of threads if there is no ``run``. None: all processors.
+        Number of threads if there is no ``run``. None: one for each available CPU core.
 
     Raises
     ------
@@ -192,9 +194,10 @@ def iter_write(
 def iter_write_regions(
     sources: Mapping[str, tuple[PlaneSource, Stored]], out: str | os.PathLike[str], *, workers: int | None = None
 ) -> Work[Path]:
-    """Write the matrices of several regions of the field, by name, to one H file; see `iter_write` for one matrix.
+    """Write the matrices of several regions of the field to one H file, and return its path (`iter_write`: one matrix).
 
-    The first region is the default when the file is opened.
+    ``sources`` maps the name of each region to the source of its planes and the way in which its values are stored. The
+    first region is the default when the file is opened.
     """
     target = Path(out)
     need = sum(stored_bytes(source.header.shape, stored) for source, stored in sources.values())
@@ -287,6 +290,8 @@ def _lent(source: PlaneSource, units: tuple[Unit, ...]) -> AbstractContextManage
 def units_of(source: PlaneSource, stored: Stored) -> dict[int, Unit]:
     """Return a mapping from plane indices to units of a run that compute these planes in any process.
 
+    Planes that only this process can compute are omitted (`PlaneSource.reopening`).
+
     Examples
     --------
     >>> from lfcal.psf import MatrixPlanes, Stored, open_psf, units_of
@@ -328,7 +333,10 @@ def _iter_joined(
 
 
 def do_plane(arguments: Mapping[str, Any], out: Path, workers: int) -> Work[None]:
-    """Make one plane and write it to a separate H file; this is the task of each unit."""
+    """Make one plane and write it to the separate H file ``out``; this is the task of each unit.
+
+    ``arguments`` are those of a unit of `units_of`.
+    """
     z, stored = int(arguments["z"]), Stored(**arguments["stored"])
     with _opened(arguments, workers) as source:
         of = source.header

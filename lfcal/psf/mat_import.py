@@ -43,7 +43,7 @@ _WORDS = {
 
 
 def check_mat_order(mat_order: str) -> str:
-    """Return ``mat_order`` unchanged; raises `InputError` unless it is empty or one of `MAT_ORDERS`."""
+    """Return ``mat_order`` unchanged; raise `InputError` unless it is empty or one of `MAT_ORDERS`."""
     if mat_order and mat_order not in MAT_ORDERS:
         raise InputError.expected(
             "order of the axes in a .mat file", any_of(MAT_ORDERS), mat_order, "choose one of these"

@@ -52,7 +52,8 @@ class PSFMatrix:
     facts
         All facts about the positions, in place of ``recorded`` and ``saturated``.
     uncertainty
-        Standard deviation of every entry, in the shape of ``data``, 0 where only the noise is known. None: not stated.
+        Standard deviation of every entry, in the shape of ``data``, 0 where only `Facts.noise` is known. None: not
+        stated.
     depth_sums
         Sums of each plane over all source positions, ``(nz, nt, ns)``, if they are already known.
     region

@@ -225,7 +225,7 @@ class Aperture:
         Displaced blade; None if there is none.
     rim
         Second rim that clips the aperture: direction of its nearest point from the centre (rad), distance of this point
-        from the centre divided by the apothem, and curvature of the rim times the apothem.
+        from the centre divided by the apothem, and curvature of the rim times the apothem. None if there is none.
     obstruction
         Dark object inside the aperture; None if there is none.
     ripple, ripple_pitch_px
@@ -341,11 +341,17 @@ class Aperture:
         )
 
     def outline(self, n: int = 360) -> NDArray[np.float64]:
-        """Return ``n`` points (row, column) along the outline, ``(n, 2)`` (px); the first point is not repeated."""
+        """Return ``n`` points (row, column) along the outline, ``(n, 2)`` (px); the first point is not repeated.
+
+        They start at the first vertex and are at equal angles, apart from the elongation of the outline.
+        """
         return self._place(self.rotation_rad + 2 * math.pi * np.arange(n) / n)
 
     def vertices(self) -> NDArray[np.float64]:
-        """Return the corners (row, column) of the regular iris, ``(blades, 2)`` (px); empty for a circle."""
+        """Return the points (row, column) of the outline in the directions of a regular iris's corners (px).
+
+        Their shape is ``(blades, 2)``; empty for a circle.
+        """
         theta = self.rotation_rad + 2 * math.pi * np.arange(self.blades) / max(1, self.blades)
         return self._place(theta)
 
