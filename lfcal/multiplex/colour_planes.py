@@ -216,8 +216,9 @@ def read_white(
     mask: Path | None = None,
     origin: tuple[int, int] | None = None,
 ) -> NDArray[np.float32]:
-    """Return a white image minus its dark frame: a grey frame, the colour ``channel``, or the mean colour of a mosaic.
+    """Return a white image ``(rows, columns)`` minus its dark frame.
 
+    It is a grey frame, the colour ``channel`` or, if ``channel`` is empty, the mean of the colours of a mosaic.
     ``path`` and ``dark`` are files, or folders whose frames are averaged. Without ``dark``, only the black level stated
     in the file of a mosaic is subtracted. ``cfa`` is the pattern of the colour filters (empty: that of the file).
     Pixels that are not finite, and those that the file ``mask`` marks, are interpolated. ``origin`` is the sensor

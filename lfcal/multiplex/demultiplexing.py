@@ -201,9 +201,9 @@ def default_filter(modulator: Modulator, samples: tuple[int, int]) -> str:
 
 
 def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
-    """Return ``frame`` as a C-contiguous array that represents its values exactly: uint16, float32 or float64.
+    """Return ``frame`` as a C-contiguous array of uint16, float32 or float64.
 
-    Floats of other sizes become float32.
+    The types uint16 and float64 are kept. Integers of 32 bits or more become float64, all other types float32.
 
     Raises
     ------

@@ -29,7 +29,7 @@ BATCH = 4096
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Best modulator found by a search, and an upper bound on the gain of all candidates.
+    """Best modulator found by a search, and an upper bound on the gain of any candidate.
 
     Attributes
     ----------
@@ -238,12 +238,12 @@ def best_printed_mask(
     starts: int = 12,
     rng: np.random.Generator | None = None,
 ) -> Design:
-    """Search for the printable mask with the largest SNR gain over a pinhole with the same crosstalk (a `Design`).
+    """Search for the printable mask with the largest SNR gain over a pinhole with equal crosstalk; return a `Design`.
 
     If there are at most 20 000 candidates, all of them are tried. Otherwise, the best grey mask (`best_mask`), known
     masks and random masks are rounded to the printable levels, and then changed pixel by pixel as long as this
-    increases the gain. The bound is then that for arbitrary masks (`mask_gain_bound`) plus the loss of the pinhole by
-    crosstalk.
+    increases the gain. The bound is then that for arbitrary masks (`mask_gain_bound`) plus the loss of the pinhole due
+    to crosstalk.
 
     Parameters
     ----------

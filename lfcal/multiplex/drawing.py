@@ -250,7 +250,7 @@ def colour_picture(samples: ArrayLike, *, top: float | None = None, gains: Seque
 def mosaic_picture(frame: ArrayLike, modulator: Modulator) -> Image:
     """Return a raw frame as an image ``(rows, columns, 3)`` in 0 … 1, with each pixel in its filter's colour.
 
-    The colour is scaled by the pixel's value, with a gamma of 1/2.2; values from the 99.8th percentile have full
+    The colour is scaled by the pixel's value, with a gamma of 1/2.2; values at or above the 99.8th percentile have full
     brightness. Modulators without three colours are shown in grey.
     """
     image = np.asarray(frame, float)
@@ -286,7 +286,10 @@ def save_colour_routes(
     ways: Sequence[tuple[str, str]] = (("spatial", "cubic"), ("fourier", "sinc")),
     gains: Sequence[float] = (1, 1, 1),
 ) -> None:
-    """Write figure 3 of Ihrke et al.: magnified raw frame, its spectrum, each reconstruction complete and magnified.
+    """Write figure 3 of Ihrke et al., which compares reconstructions of a raw frame.
+
+    It shows a magnified part of the raw frame, the spectrum of the frame, and each reconstruction, both complete and
+    magnified.
 
     Parameters
     ----------
@@ -368,7 +371,7 @@ SIGNALS = 25
 def save_coding(
     gain: CodingGain, patterns: ArrayLike, code: ArrayLike, noise: SensorNoise, path: str | os.PathLike[str]
 ) -> None:
-    """Write plots of the pattern of the middle point, its gain by a code at each pixel, and gains against the signal.
+    """Write plots of the middle point's pattern, a code's gain at each of its pixels, and gains as functions of signal.
 
     ``patterns``, ``code`` and ``noise`` are the arguments of `coding_gain` that returned ``gain``.
     """

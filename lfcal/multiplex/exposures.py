@@ -85,7 +85,7 @@ def camera_array(rows: int, columns: int) -> Modulator:
     If the cameras have different filters, shutters or polarisers, multiply the result by a modulator with the same
     super-pixel, such as ``camera_array(2, 2) * cfa("Bayer")``. Its samples are all views in all colours, of which each
     camera measures only one. If all cameras see the same view, as for a distant scene, use only the modulator of the
-    colours, which recovers all of them.
+    colours.
 
     Examples
     --------

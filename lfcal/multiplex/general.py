@@ -80,7 +80,7 @@ class GeneralModel:
 
 @dataclass(frozen=True, eq=False)
 class GeneralSamples:
-    """Result of the general route, and its cost.
+    """Result of `demultiplex_generally`, and its cost.
 
     Attributes
     ----------

@@ -210,7 +210,7 @@ def lattice_channels(
     out: NDArray[Any] | None = None,
     workers: int | None = None,
 ) -> NDArray[Any]:
-    """Sample each super-pixel at ``size`` points; return these measurement channels ``(down, across, rows, columns)``.
+    """Sample each super-pixel on a grid of ``size`` points; return the channels ``(down, across, rows, columns)``.
 
     Parameters
     ----------
@@ -294,7 +294,8 @@ def lattice_channels_weighted(
     """Return measurement channels, as in `lattice_channels`, from weighted pixels, and their standard deviations.
 
     Interpolation is linear between pixels and super-pixels, with the weight of each pixel. If all pixels of a channel
-    have the weight 0, pixels of the same channel in super-pixels up to two rows and columns away are used.
+    at an output position have the weight 0, pixels of the same channel in super-pixels up to two rows and columns away
+    are used.
 
     Parameters
     ----------

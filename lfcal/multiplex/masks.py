@@ -38,11 +38,11 @@ MAX_SHIFT_PX = 1e4
 def mask(kind: str, size: int) -> Modulator:
     """Return a light-field modulator with ``size`` x ``size`` pixels and as many views (Ihrke et al., section 4.2).
 
-    Attenuation masks are assumed at the distance from the sensor at which their shadow moves by one pixel per view. The
-    matrix A (`Modulator.matrix`) is then the circulant matrix of the mask pattern, with Sigma = F^-1 M-hat and Pi^T =
-    F. Here F is the discrete Fourier transform, and M-hat that of the pattern (eq. 9). For the pinhole, A is the
-    identity. For the lenslet, A is N times the identity for N views, because a lenslet collects the light of the entire
-    super-pixel for each view.
+    Attenuation masks are assumed to be at the distance from the sensor at which their shadow moves by one pixel per
+    view. The matrix A (`Modulator.matrix`) is then the circulant matrix of the mask pattern, with Sigma = F^-1 M-hat
+    and Pi^T = F. Here F is the discrete Fourier transform, and M-hat that of the pattern (eq. 9). For the pinhole, A is
+    the identity. For the lenslet, A is N times the identity for N views, because a lenslet collects the light of the
+    entire super-pixel for each view.
 
     Parameters
     ----------
@@ -271,9 +271,9 @@ MAX_EXHAUSTIVE = 4
 
 
 def noise_shares(chi2: float) -> tuple[float, float]:
-    """Return the additive and the photon fraction of the noise variance for their ratio ``chi2`` (0 to inf).
+    """Return the fraction of the noise variance that is due to additive noise, and that due to photon noise.
 
-    ``chi2`` is the variance of photon noise divided by that of additive noise.
+    ``chi2``, 0 to inf, is the variance of photon noise divided by that of additive noise.
     """
     if not chi2 >= 0:
         raise InputError.expected("chi^2", "a number from 0 to inf", chi2, "give a number in this range")

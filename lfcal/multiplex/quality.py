@@ -132,7 +132,7 @@ class FilterTrial:
     ringing
         Oscillations and overshoot at edges; None if the scene has no uniform parts.
     efficient
-        Whether no other combination of route and filter is both faster and more accurate.
+        Whether no other combination of route and filter is more accurate and at least as fast.
 
     Examples
     --------
@@ -166,7 +166,7 @@ def iter_measure_filters(
     rounds: int = 3,
     workers: int | None = None,
 ) -> Work[list[FilterTrial]]:
-    """Return the error and the time of reconstructing a scene at every pixel, for several routes and filters.
+    """Return the error and the time of reconstructing a scene at every pixel by several methods (`FilterTrial`).
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ class Frontier:
     efficient
         Whether no other candidate is as good in both limits and better in one (Pareto-efficient), ``(n,)``.
     bound
-        Upper bound on the gain at `chi2` of all modulators of this kind (dB); None if unknown.
+        Upper bound on the gain at `chi2` of any modulator of this kind (dB); None if unknown.
 
     Examples
     --------

@@ -222,7 +222,10 @@ POINTS = 16
 
 
 def band_edges(bands: int | Sequence[float]) -> Array:
-    """Return the edges (nm) of equal bands between 400 and 700 nm, or the given edges after checking them."""
+    """Return the edges of spectral bands in increasing order (nm).
+
+    ``bands`` is the number of equally wide bands between 400 and 700 nm, or the edges themselves, which are checked.
+    """
     if isinstance(bands, int | np.integer) and not isinstance(bands, bool):
         check_number("number of spectral bands", int(bands), at_least=1, at_most=MAX_SAMPLES, integer=True)
         return np.linspace(*VISIBLE_NM, int(bands) + 1)

@@ -168,9 +168,9 @@ class Assembly:
         camera: Camera | None = None,
         provenance: Mapping[str, Any] | None = None,
     ) -> Header:
-        """Return the header of H, with the `history` for ``provenance``; ``depths`` are in µm, ``(nz,)``.
+        """Return the header of H, with ``depths`` ``(nz,)`` (µm), ``camera``, and the provenance from `history`.
 
-        ``depths`` and ``camera`` are None if they are unknown.
+        ``depths`` and ``camera`` are None if unknown. ``provenance`` contains further entries for `history`.
         """
         shape = (*self.shape, *self.cutout.shape)
         return Header(shape, depths, camera, self.cutout.anchor, self.history(provenance))
@@ -540,8 +540,8 @@ def iter_assemble_plan(
     Raises
     ------
     InputError
-        As in `iter_assemble`; also if the black level was not subtracted from the frames and a pedestal would remain in
-        H.
+        As in `iter_assemble`; also if a pedestal would remain in H because the black level was not subtracted
+        correctly, unless ``settings.keep_pedestal`` is true.
 
     Examples
     --------

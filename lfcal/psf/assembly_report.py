@@ -27,7 +27,7 @@ class AssemblyReport:
     frames
         Number of frames read.
     missing, repeated
-        Positions without a frame, and positions with several frames, whose patterns were averaged.
+        Positions without a frame, and positions with several frames, which were averaged.
     saturated
         Number of positions whose pattern contains saturated pixels. None: unknown for every position.
     unknown_saturation

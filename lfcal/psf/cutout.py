@@ -43,9 +43,9 @@ PROBE, WIDE_PROBE = (21, 21), (201, 201)
 
 
 class Window(NamedTuple):
-    """Position of a cutout on the sensor: its first row and column, and the offset of the image from its middle pixel.
+    """Position of a cutout on the sensor: its first row and column, and the residuals of its position.
 
-    The offset has a row and a column component in (-0.5, 0.5] px.
+    The residuals are the offset of the image from the middle pixel of the cutout, in (-0.5, 0.5] px.
     """
 
     row: int
@@ -159,7 +159,7 @@ class Cutout:
         )
 
     def resample(self, values: NDArray[Any], window: Window) -> NDArray[np.float32]:
-        """Return the cutout ``(nt, ns)`` at ``window``, interpolated from ``values``, the frame in `region`."""
+        """Return the cutout ``(nt, ns)`` at ``window``, interpolated from ``values``, the pixels in `region`."""
         shift = (window.row_residual, window.column_residual)
         data = np.asarray(values, np.float32)
         if self.resamples:
@@ -220,7 +220,7 @@ def find_cutout(
         Position (row, column) of the point's paraxial image in each of ``images`` (px).
     lost
         Largest fraction of the energy that may be outside the cutout, between 0 and 1; half of it is allowed along each
-        axis.
+        axis. Pixels below three standard deviations of the noise at the border do not count.
     background
         Background that is first subtracted from every pixel, in the unit of the image. None: the median of the border
         of each image. The energy is a sum over many pixels and is therefore sensitive to this value.

@@ -74,7 +74,10 @@ class Reopening:
 
 
 class PlaneSource:
-    """Base class of sources of the planes of a matrix; subclasses set the header and implement `iter_plane`."""
+    """Base class of sources of the planes of a matrix.
+
+    Subclasses set the header and implement `iter_plane` and, for runs of units, `reopening`.
+    """
 
     header: Header
     title: str = "make"
@@ -194,10 +197,10 @@ def iter_write(
 def iter_write_regions(
     sources: Mapping[str, tuple[PlaneSource, Stored]], out: str | os.PathLike[str], *, workers: int | None = None
 ) -> Work[Path]:
-    """Write the matrices of several regions of the field to one H file, and return its path (`iter_write`: one matrix).
+    """Write the matrices of several regions of the field to one H file, and return its path.
 
     ``sources`` maps the name of each region to the source of its planes and the way in which its values are stored. The
-    first region is the default when the file is opened.
+    first region is the default when the file is opened. `iter_write` writes a single matrix.
     """
     target = Path(out)
     need = sum(stored_bytes(source.header.shape, stored) for source, stored in sources.values())

@@ -57,7 +57,7 @@ def working_f_number(
     Parameters
     ----------
     diameters_px
-        Diameter D of the circle with the same area as the shadow (px), one for each plane.
+        Diameter of the circle with the same area as the shadow (px), one for each plane; D is this diameter in µm.
     image_shifts_um
         Distance a of the image of each plane behind the lenslets (µm), as returned by
         `lfcal.camera.Camera.image_shift_um`.
@@ -69,8 +69,8 @@ def working_f_number(
     Raises
     ------
     InputError
-        If there are fewer than two different depths, the lengths of the arrays differ, a value is not finite, or the
-        diameter does not change with depth.
+        If there are fewer than two different depths, ``diameters_px`` and ``image_shifts_um`` differ in length or are
+        not finite, or the diameter does not change with depth.
 
     Examples
     --------

@@ -72,7 +72,10 @@ def fit_aperture(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> Aperture
 
 
 def plane_verdict(depth_sum: ArrayLike, *, footprint_px: float = 0.0) -> tuple[Aperture, EdgeVerdict | None]:
-    """Return the aperture and the comparison of its fits (None if no shape is accepted); see `fit_aperture`."""
+    """Return the aperture and the comparison of its fits; the parameters are those of `fit_aperture`.
+
+    The comparison is None if no outline could be fitted, or if the outline is cut off or in focus.
+    """
     image = _clean(depth_sum)
     if min(image.shape) < SMALLEST:
         return _none("too small"), None

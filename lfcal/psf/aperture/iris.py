@@ -45,7 +45,7 @@ class Iris:
     planes
         Number of planes used.
     margin
-        Chi-square of the second-best number of blades, or of a circle, minus that of the result.
+        Chi-square of the second-best number of blades, or of a circle if that is smaller, minus that of the result.
     worst
         Largest deviation of the curvature of a plane from the mean, in standard errors.
 
@@ -69,7 +69,7 @@ class Iris:
 
     @property
     def confident(self) -> bool:
-        """Whether the number of blades and the curvature are reliable."""
+        """Whether the number of blades and the curvature are reliable, according to `margin` and `worst`."""
         return self.margin >= CERTAIN and self.worst <= AGREE
 
     def describe(self) -> str:

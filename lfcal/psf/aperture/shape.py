@@ -119,7 +119,7 @@ class StuckBlade:
     blade
         Number of the blade, counted from 0 at the first vertex.
     direction_rad
-        Direction of the blade's middle from the centre (rad).
+        Direction of the blade's middle from the centre (rad), as in `Aperture`.
     out_px, sigma_px
         Outward displacement (negative if inward) and its standard error (pixels). The error is infinite if neighbouring
         blades cover the blade, which may then be anywhere further out.
@@ -343,7 +343,7 @@ class Aperture:
     def outline(self, n: int = 360) -> NDArray[np.float64]:
         """Return ``n`` points (row, column) along the outline, ``(n, 2)`` (px); the first point is not repeated.
 
-        They start at the first vertex and are at equal angles, apart from the elongation of the outline.
+        They start at the first vertex, with equal angles between them before the elongation is applied.
         """
         return self._place(self.rotation_rad + 2 * math.pi * np.arange(n) / n)
 
@@ -366,7 +366,7 @@ class Aperture:
         return np.stack([self.centre[0] + radius * v, self.centre[1] + radius * u], axis=-1)
 
     def describe(self) -> str:
-        """Return a one-line description of the aperture: kind, blades, centre, size and orientation."""
+        """Return a one-line description of what is known of the aperture: kind, centre, size, orientation, fault."""
         if not self.seen:
             return f"no aperture: {self.reason}"
         size = with_error(self.diameter_px, self.diameter_sigma_px, 1)
