@@ -225,7 +225,7 @@ def iter_compare(
     by_index: bool = False,
     workers: int | None = None,
 ) -> Work[Comparison]:
-    """Compare two H, with only a few rows of positions in memory at once, and return the `Comparison`.
+    """Compare two H, with only a few rows of positions in memory at a time, and return the `Comparison`.
 
     The shift of a plane is estimated from the cross-spectrum of some of its patterns, and refined with all of them. For
     the refinement, ``b`` is shifted with its Fourier series. The residual is then fitted by least squares with the
