@@ -29,7 +29,8 @@ class Bound:
     Attributes
     ----------
     gauge
-        Name of a gauge of the rig, or path of a text file whose last entry is the newest reading.
+        Name of a gauge of the rig, or path of a text file. The reading is then the last number in the last complete
+        line of the file.
     low, high
         Smallest and largest allowed reading, in the gauge's unit; an infinite value means no bound.
 
@@ -76,7 +77,7 @@ class Bound:
 
 
 def gauge_of(rig: Rig, name: str) -> Gauge:
-    """Return the gauge of ``rig`` named ``name``, else one that reads the file of this name.
+    """Return the gauge of ``rig`` named ``name``; if there is none, a gauge that reads the file at this path.
 
     Raises
     ------
@@ -100,7 +101,7 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
 class Suspender:
     r"""Callable that returns the reason to suspend a session; empty if there is none.
 
-    It reads the gauges at most once a second.
+    It reads the gauges at most once a second. A gauge that cannot be read is also a reason.
 
     Parameters
     ----------

@@ -47,7 +47,10 @@ class _Lines(logging.Handler):
 
 @contextmanager
 def notes_to(sink: Callable[[str], None]) -> Iterator[None]:
-    """Context manager that passes the notes, warnings and events of long work to ``sink``, one line each."""
+    """Context manager that passes the notes, warnings and events of long work to ``sink``, one line each.
+
+    A note or warning that is repeated is passed only once.
+    """
     handler, level = _Lines(sink), LOG.level
     LOG.addHandler(handler)
     LOG.setLevel(logging.INFO)

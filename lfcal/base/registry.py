@@ -32,6 +32,8 @@ T = TypeVar("T", bound=Named)
 class Registry(Generic[T]):
     """Registry of the parts of one kind by name, discovered on first use.
 
+    A part of another distribution is ignored if a part of lfcal has the same name.
+
     Parameters
     ----------
     what
@@ -114,7 +116,7 @@ class Registry(Generic[T]):
         return found[name]
 
     def failures(self) -> dict[str, str]:
-        """Return the reasons why parts of other distributions could not be loaded, by entry point."""
+        """Return the reasons why parts of other distributions could not be loaded or used, by name of entry point."""
         self._found()
         return dict(self._failures)
 

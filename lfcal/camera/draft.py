@@ -81,7 +81,8 @@ class Draft:
         """Return a draft with the values of ``camera``, except those that ``given`` replaces (by path).
 
         Lattices are measured in pixels. Their derived or measured lengths are therefore scaled if ``given`` changes the
-        pixel pitch. Gaps and focal lengths that were assumed are assumed again.
+        pixel pitch. A gap that was assumed is assumed again. Lens types whose focal lengths were assumed, or whose gap
+        is in ``given``, remain in focus at the same virtual depths.
         """
         draft = cls(type(camera.optics).__name__ if camera.has_lattice else "FourierMicroscope", given)
         draft.distortion = camera.distortion

@@ -122,6 +122,12 @@ class LensletLattice:
         `centres_um`, `lenslet_at` and `lenslets_within` include it; pitch, period and `basis_um` are those of the
         undistorted lattice. `local` returns the lattice at a point.
 
+    Raises
+    ------
+    InputError
+        If a value is invalid: for example, three types in a square array, a clear diameter above 1.5 pitches, or a
+        shear of 0.2 or more.
+
     Examples
     --------
     >>> from lfcal.camera import LensletLattice, LensType

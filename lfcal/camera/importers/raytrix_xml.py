@@ -58,9 +58,9 @@ def read_raytrix_xml(
     sensor
         Image sensor. None: that of the R29, with 4384 x 6576 pixels of 5.5 µm.
     optics
-        Main lens. None: a 200 mm f/4 lens focused at 1 m.
+        Main lens or microscope. None: a 200 mm f/4 lens focused at 1 m.
     gap_um
-        Distance from the lenslets to the sensor (µm). None: the pitch times the working f-number of the main lens, at
+        Distance from the lenslets to the sensor (µm). None: the pitch times the working f-number of the optics, at
         which adjacent micro-images just touch.
     focus_depths
         Virtual depth v at which each lens type is in focus. None: the one with equal blur at both ends of the depth
@@ -71,9 +71,10 @@ def read_raytrix_xml(
     Raises
     ------
     FileFormatError
-        If the file is not such a calibration file, or an entry is missing or is not a number.
+        If the file is not such a calibration file, an entry is missing or is not a number, or a camera cannot have
+        these values.
     InputError
-        If the number of ``focus_depths`` is not that of the lens types, or a value is invalid for a camera.
+        If the number of ``focus_depths`` is not that of the lens types.
     UnsafeFileError
         If the file declares entities or a document type, or is too large.
     StorageError
