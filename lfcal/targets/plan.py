@@ -300,7 +300,7 @@ class TargetPlan:
     def least_frames(self, z: int) -> int:
         """Return a lower limit for the number of frames of plane ``z``.
 
-        The limit is the number of positions divided by the largest number of holes in a frame.
+        The limit is the number of positions divided by the largest number of complete cutouts in a frame, rounded up.
         """
         return math.ceil(math.prod(self.scan.period) / max(1, self.points_a_frame(z)[1]))
 

@@ -91,7 +91,7 @@ class Pose:
 
     @property
     def words(self) -> str:
-        """Text from which `parse` creates the same pose; values of 0 are omitted."""
+        """Text from which `parse` creates the same pose to 10 digits; values of 0 are omitted."""
         turns = [f"{name}={math.degrees(getattr(self, key)):.10g}" for name, key in DEGREES.items()]
         places = [f"{name}={getattr(self, key):.10g}" for name, key in LENGTHS.items()]
         return ",".join(one for one in (*turns, *places) if not one.endswith("=0"))
