@@ -311,7 +311,7 @@ export = drained(
 
 
 def check_export(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> str:
-    """Return the suffix of the format; raises the same `InputError` as `iter_export`."""
+    """Return the suffix of the format; raise the same `InputError` as `iter_export`."""
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
         raise InputError.expected(

@@ -12,7 +12,7 @@ __all__ = ["in_range", "resolved"]
 
 
 def in_range(value: int, axis: int, n: int) -> int:
-    """Return an index counted from the start of an axis; raises `IndexError` if it is out of range."""
+    """Return an index counted from the start of an axis; raise `IndexError` if it is out of range."""
     index = operator.index(value)
     if not -n <= index < n:
         raise IndexError(f"index {index} is out of range for axis {axis} ({'zyxts'[axis]}) with {n} entries")

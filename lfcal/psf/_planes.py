@@ -85,13 +85,13 @@ class FilePlanes(ArrayPlanes):
         self.path = path
 
     def plane(self, z: int) -> NDArray[Any]:
-        """Return plane ``z`` as a view; raises `FileFormatError` if it contains NaN or infinity."""
+        """Return plane ``z`` as a view; raise `FileFormatError` if it contains NaN or infinity."""
         plane = super().plane(z)
         _check_finite(plane, f"{self.path}, plane {z}")
         return plane
 
     def cutout(self, z: int, y: int, x: int) -> NDArray[Any]:
-        """Return one pattern as a view; raises `FileFormatError` if it contains NaN or infinity."""
+        """Return one pattern as a view; raise `FileFormatError` if it contains NaN or infinity."""
         pattern = super().cutout(z, y, x)
         _check_finite(pattern, f"{self.path}, position ({z}, {y}, {x})")
         return pattern

@@ -78,7 +78,7 @@ class SteppedPlane:
 
 
 def check_store_tolerance(tolerance: float) -> float:
-    """Return a storage tolerance; raises `InputError` unless it is between 0 and 1."""
+    """Return a storage tolerance; raise `InputError` unless it is between 0 and 1."""
     if not 0 < tolerance < 1:
         raise InputError.expected(
             "storage tolerance",

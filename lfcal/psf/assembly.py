@@ -394,7 +394,7 @@ def _check_complete(
 
 
 def _check_windows(gatherer: Gatherer, order: NDArray[np.int64]) -> tuple[tuple[Position, ...], tuple[float, float]]:
-    """Return padded positions and the largest residual; raises an error if a cutout extends beyond its frame."""
+    """Return padded positions and the largest residual; raise an error if a cutout extends beyond its frame."""
     padded: dict[Position, None] = {}
     largest = [0.0, 0.0]
     height, width = gatherer.source.shape

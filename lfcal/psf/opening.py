@@ -227,7 +227,7 @@ def regions_of(path: str | os.PathLike[str]) -> tuple[str, ...]:
 
 
 def _check_format(file: H5File) -> int:
-    """Return the version of the format; raises `FileFormatError` unless it is one that can be read."""
+    """Return the version of the format; raise `FileFormatError` unless it is one that can be read."""
     attributes = file.attributes()
     found = attributes.text("format")
     if found != FORMAT:
