@@ -50,7 +50,10 @@ _STYLE: dict[str, Any] = {
 
 @contextmanager
 def figure(width: float = 6.4, height: float = 4.0, dpi: int = 130) -> Iterator[Figure]:
-    """Yield an empty figure of ``width`` x ``height`` inches in the common style, without changing global state."""
+    """Yield an empty figure of ``width`` x ``height`` inches in the common style, without pyplot.
+
+    Matplotlib's settings are those of the style only within the block. At its end, the figure is cleared.
+    """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -89,7 +89,7 @@ def _preallocate(descriptor: int, size: int) -> bool:
 
 
 def write_at(descriptor: int, data: bytes | memoryview, offset: int) -> int:
-    """Write all of ``data`` at ``offset``, in several calls if needed; return the number of bytes."""
+    """Write all of ``data`` at ``offset`` (bytes) of an open file; return the number of bytes written."""
     view = memoryview(data).cast("B")
     done = 0
     while done < len(view):
@@ -106,7 +106,7 @@ def _write_some(descriptor: int, view: memoryview, offset: int) -> int:
 
 
 def read_at(descriptor: int, size: int, offset: int) -> bytes:
-    """Return ``size`` bytes at ``offset``; fewer only at the end of the file."""
+    """Return ``size`` bytes at ``offset`` (bytes) of an open file; fewer only at the end of the file."""
     parts = []
     while size > 0:
         part = _read_some(descriptor, size, offset)
@@ -268,7 +268,7 @@ def _is_alive_on_windows(process: int) -> bool:
 def processors(root: Path = Path("/")) -> int:
     """Return the number of processors that this process may use, given its affinity and the limit of a container.
 
-    ``root`` contains ``proc`` and ``sys``, from which the limit is read.
+    ``root`` contains ``proc`` and ``sys``, from which the limit is read. A fractional limit is rounded up.
     """
     # with taskset and in some containers, a process may use fewer processors than the machine has
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -339,7 +339,7 @@ def free_memory(root: Path = Path("/")) -> int:
 
 
 def total_memory() -> int:
-    """Return the memory of this machine (bytes)."""
+    """Return the memory of this machine (bytes), regardless of the limit of a container."""
     if not sys.platform.startswith("linux"):
         return int(_psutil().virtual_memory().total)
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
