@@ -131,7 +131,7 @@ ALL_LEVELS = ("auto", "microscope", *LEVELS)
 
 
 def outlook_of(plan: ScanPlan, z: int, *, peak: float = 0.8) -> Outlook:
-    """Return the input for the estimates of effects in plane ``z``.
+    """Return the input for the estimates of effects in plane ``z``, at the middle of the plan's period.
 
     ``peak`` is the fraction of the full well that the brightest pixel reaches.
     """
@@ -245,7 +245,12 @@ def scene_for(
     """Return the scene of plane ``z`` with all scene effects among ``effects``.
 
     ``depth_error_um`` is the displacement of the plane away from the camera, relative to the plan (µm). ``halo`` and
-    ``on_sensor`` are as in `ideal_scene`.
+    ``on_sensor`` are as in `ideal_scene`; without a lenslet lattice, ``on_sensor`` is ignored.
+
+    Raises
+    ------
+    NoLatticeError
+        If an effect needs a lenslet lattice and the camera has none.
     """
     outlook = outlook_of(plan, z)
     if depth_error_um:

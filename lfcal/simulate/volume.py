@@ -198,8 +198,8 @@ def vesicle(
     radius, wall
         Radius of the sphere, and rms width of its wall, in units of the lateral voxel pitch.
     plane_step
-        Distance between adjacent planes, in units of the lateral voxel pitch. None: chosen so that the sphere just fits
-        the planes.
+        Distance between adjacent planes, in units of the lateral voxel pitch. None: chosen so that the sphere with its
+        wall just fits between the first and the last plane.
 
     Examples
     --------

@@ -448,14 +448,14 @@ def _nearest_px(images: HoleImages) -> float:
 
 
 def poses_within(target: Target, count: int, seed: int = 0) -> Iterator[Pose]:
-    """Iterate over ``count`` random poses, uniformly distributed within the bounds of the target's pose."""
+    """Iterate over ``count`` random poses, uniformly distributed around `Target.pose` within `Target.within`."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
         yield target.pose.off_by(target.within, rng.uniform(-1.0, 1.0, 6))
 
 
 def shown_within(plan: TargetPlan, z: int, *, count: int = 8, seed: int = 0) -> NDArray[np.float64]:
-    """Return the fractions ``(count,)`` of positions of plane ``z`` shown for random poses within the target's bounds.
+    """Return the fraction of positions of plane ``z`` shown for each of ``count`` random poses, as in `poses_within`.
 
     If an error of the pose displaces holes by more than the tolerance, they show other phases than planned. To show all
     phases, determine the pose from a first recorded frame, and make a plan for that pose.
