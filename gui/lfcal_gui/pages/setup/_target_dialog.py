@@ -17,7 +17,7 @@ from lfcal.camera import ScanPlan
 from lfcal.tasks import PlanTarget
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import ProjectState, fields_of, rounded
+from lfcal_gui.models import ProjectState, fields_of, minus, rounded
 from lfcal_gui.pages.setup import model_target
 from lfcal_gui.pages.setup.model_target import PlaneDrawing, PlannedTarget, PlanSettings
 from lfcal_gui.pages.setup.step import target_step
@@ -233,7 +233,7 @@ class TargetDialog(QDialog):
         self.table.show_rows(*model_target.table_rows(found))
         with QSignalBlocker(self.plane):
             self.plane.clear()
-            self.plane.addItems([format_length(depth) for depth in found.plan.scan.depths_um])
+            self.plane.addItems([minus(format_length(depth)) for depth in found.plan.scan.depths_um])
             self.plane.setCurrentIndex(len(found.planes) // 2)
         self._draw()
 

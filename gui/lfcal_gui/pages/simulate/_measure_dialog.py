@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QDialog, QVBoxLayout, QWidget
 
 from lfcal.simulate import EffectMeasurement, UndescribedEffects
-from lfcal_gui.models import typeset
+from lfcal_gui.models import capital, minus, typeset
 from lfcal_gui.pages.simulate.model_effects import determined_words
 from lfcal_gui.pages.simulate.model_measure import BeadPlan
 from lfcal_gui.widgets import button, column_of, heading, line, name_controls, scrolling, wrapped
@@ -52,7 +52,7 @@ class MeasureDialog(QDialog):
         name_controls(self)
 
     def _part(self, one: EffectMeasurement) -> QVBoxLayout:
-        title = heading(typeset(one.title[:1].upper() + one.title[1:]))
+        title = heading(minus(typeset(capital(one.title))))
         effects = wrapped("hint", determined_words(one))
         if one.depths_um:
             return column_of(title, effects, self.planned, line(self.use_button, self.save_button))
