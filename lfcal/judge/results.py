@@ -268,6 +268,11 @@ def _candidates(place: Path, entries: Iterable[os.DirEntry[str]]) -> Iterator[Pa
             yield Path(one.path)
 
 
+def folder_bytes(folder: Path) -> int:
+    """Return the size of all files in a folder and its subfolders (bytes)."""
+    return sum(one.stat().st_size for one in folder.rglob("*") if one.is_file())
+
+
 # -- one result --------------------------------------------------------------------------------------------
 def read_result(path: str | os.PathLike[str]) -> StoredResult | None:
     """Read the facts about the result in a file or folder; return None if lfcal did not write it.
@@ -286,12 +291,14 @@ def read_result(path: str | os.PathLike[str]) -> StoredResult | None:
     """
     place = Path(path)
     own = place.stat()
-    if place.is_dir() and place.suffix.lower() != ".zarr":
+    if place.is_dir() and place.suffix.lower() == ".zarr":
+        size, changed = folder_bytes(place), own.st_mtime
+        read = _OF_FILES[".zarr"]
+    elif place.is_dir():
         marker = next((name for name in _OF_FOLDERS if (place / name).is_file()), "")
         if not marker:
             return None
-        files = [one.stat() for one in os.scandir(place) if one.is_file()]
-        size, changed = sum(one.st_size for one in files), (place / marker).stat().st_mtime
+        size, changed = folder_bytes(place), (place / marker).stat().st_mtime
         read = _OF_FOLDERS[marker]
     else:
         size, changed = own.st_size, own.st_mtime

@@ -93,6 +93,10 @@ def iter_pick(
     yield clock.at(0)
     for done, at in enumerate(map(tuple, np.asarray(positions, np.intp).tolist()), 1):
         place: Place = (at[0], at[1], at[2])
+        if not all(0 <= k < n for k, n in zip(place, shape, strict=True)):
+            raise InputError.expected(
+                "position (z, y, x)", f"three numbers from 0, below {shape}", place, "choose a position of the plan"
+            )
         flat = int(np.ravel_multi_index(place, shape))
         own = order[starts[flat] : starts[flat + 1]]
         if not len(own):

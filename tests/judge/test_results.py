@@ -215,3 +215,10 @@ def test_deep_folders_are_noted_and_loops_end(tmp_path: Path) -> None:
     assert kinds(find_results(tmp_path)) == {"H.h5": "H"}
     shallow = find_results(tmp_path, depth=1)
     assert not shallow.results and "nested too deeply" in shallow.notes[0]
+
+
+def test_the_size_of_a_zarr_volume_is_that_of_its_chunks(tmp_path: Path) -> None:
+    pytest.importorskip("zarr")
+    save_volume(tmp_path / "v.ome.zarr", np.random.default_rng(1).random((2, 64, 64)).astype(np.float32))
+    found = read_result(tmp_path / "v.ome.zarr")
+    assert found is not None and found.bytes > 16000, "the entry of the folder itself was counted"

@@ -62,3 +62,9 @@ def test_repeats_are_averaged_and_pixels_beyond_the_frame_are_marked() -> None:
 def test_a_position_without_a_frame_is_refused() -> None:
     with pytest.raises(InputError, match=r"expected a position that has a frame, got \(1, 1, 2\)"):
         drain(iter_pick(ArraySource(frames(11), PLACES[:11]), PLAN, np.array([(1, 1, 2)])))
+
+
+@pytest.mark.parametrize("place", [(2, 0, 0), (0, -1, 0)])
+def test_a_position_outside_the_plan_is_refused(place: tuple[int, int, int]) -> None:
+    with pytest.raises(InputError, match=r"expected three numbers from 0, below \(2, 2, 3\)"):
+        drain(iter_pick(ArraySource(frames(11), PLACES[:11]), PLAN, np.array([place])))
