@@ -31,7 +31,12 @@ def ask_target(
     if not typed:
         return ""
     path = Path(with_suffix(typed, kind or kinds))
-    files = [path] if outputs is None else list(outputs(path))
+    try:
+        files = [path] if outputs is None else list(outputs(path))
+    except LfcalError as error:
+        # the suffix of the name, or the settings for it, are not possible
+        QMessageBox.warning(parent, "Cannot write", words_of(error))
+        return ""
     return str(path) if may_replace(parent, [file for file in files if file != Path(typed)]) else ""
 
 

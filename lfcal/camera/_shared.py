@@ -8,7 +8,7 @@ from lfcal.camera.description import build, nearest_lens
 from lfcal.camera.distortion import monomials, polynomial_powers
 from lfcal.camera.forecast import readout_hours
 from lfcal.camera.lattice import cell_corners
-from lfcal.camera.plan import FORMAT, HalfCell, half_cell
+from lfcal.camera.plan import FORMAT, MAX_WAIT_S, HalfCell, half_cell
 from lfcal.camera.regions import parse_regions
 from lfcal.camera.shadow import cutout_for, half_extent_px, rms_radius_px
 from lfcal.camera.written import read_camera_value, read_length, read_pitch, read_sensor, read_values
@@ -16,6 +16,7 @@ from lfcal.camera.written import read_camera_value, read_length, read_pitch, rea
 __all__ = [
     "DEPTH",
     "FORMAT",
+    "MAX_WAIT_S",
     "NOISE",
     "STEP",
     "WHOLE_FRAMES",

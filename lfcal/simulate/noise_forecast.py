@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from lfcal.base import Clock, Work, check_number
-from lfcal.camera import Forecast, ScanPlan, Sensor
+from lfcal.camera import MAX_WAIT_S, Forecast, ScanPlan, Sensor
 from lfcal.simulate.accuracy import few_seconds
 from lfcal.simulate.effects import IrisShape, LensletDiffraction, LensTypeDefocus
 from lfcal.simulate.response import PlaneResponse
@@ -200,8 +200,9 @@ def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Fo
 
     The brightness of the source is the same for all. Shorter exposures are faster, but the brightest pixel then reaches
     a smaller fraction of the full well. The longest exposure is that at which the brightest pixel reaches 0.8 of the
-    full well (`PLANNED_PEAK`), or ``peak`` if this is higher. At the longest exposure, there are also combinations that
-    average up to 64 frames. Combinations with the same time and noise as the plan itself are omitted.
+    full well (`PLANNED_PEAK`), or ``peak`` if this is higher; it is at most a day. At the longest exposure, there are
+    also combinations that average up to 64 frames. Combinations with the same time and noise as the plan itself are
+    omitted.
 
     Parameters
     ----------
@@ -226,7 +227,9 @@ def scan_choices(plan: ScanPlan, light: ExpectedLight, peak: float, forecast: Fo
     highest = max(peak, PLANNED_PEAK)
     ways = [(one, 1) for one in PEAKS if one < highest] + [(highest, count) for count in AVERAGES]
     own = _choice(plan, light, peak, forecast, (peak, plan.frames_averaged))
-    found = [_choice(plan, light, peak, forecast, way) for way in ways]
+    # from a peak that is almost dark, the longest exposures would not be possible
+    longest = MAX_WAIT_S / max(plan.exposures)
+    found = [_choice(plan, light, peak, forecast, way) for way in ways if way[0] / peak <= longest]
     others = [one for one in found if not (_same(one.seconds, own.seconds) and _same(one.noise, own.noise))]
     return tuple(sorted((*others, own), key=lambda one: (one.seconds, -one.noise)))
 

@@ -323,7 +323,7 @@ def kind_of(given: Mapping[str, Any]) -> type[Task]:
             return kind
     known = " ".join(suffix for kind in KINDS[:-1] for suffix in kind.suffixes)
     raise InputError.expected(
-        "--out", known, suffix or "no suffix", "end the name of the file with one of these suffixes"
+        "suffix of the output file", known, suffix or "no suffix", "end the name with one of these suffixes"
     )
 
 

@@ -116,3 +116,13 @@ def test_what_is_not_stated_of_the_sensor_is_named() -> None:
     assert not_stated_for_noise(camera) == ()
     assumed = replace(camera, marks=Marks.of({"sensor.full_well_e": "assumed", "sensor.prnu": "assumed"}))
     assert not_stated_for_noise(assumed) == ("full well",)
+
+
+def test_exposures_of_more_than_a_day_are_no_choice() -> None:
+    """A plan that is nearly dark has brighter choices only as long as a frame takes less than a day."""
+    plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,), cutout=55), exposure_s=50000.0)
+    light = drain(iter_expected_light(plan))
+    choices = scan_choices(plan, light, 0.2, Forecast.of(plan))
+    assert plan in [one.plan for one in choices]
+    assert 50000 < max(max(one.plan.exposures) for one in scan_choices(plan, light, 0.5, Forecast.of(plan))) <= 86400
+    assert max(max(one.plan.exposures) for one in choices) == 50000

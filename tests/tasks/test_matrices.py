@@ -122,7 +122,7 @@ def test_a_format_is_that_of_the_name(tmp_path: Path) -> None:
         ExportMat(source="H.h5", out="x.npy")
     with pytest.raises(InputError, match="--out: expected a value, got none"):
         task_set("export").make({"source": Path("H.h5")}, str)
-    with pytest.raises(InputError, match=r"--out: expected .mat .h5 .npy .tif .tiff, got .xyz"):
+    with pytest.raises(InputError, match=r"suffix of the output file: expected .mat .h5 .npy .tif .tiff, got .xyz"):
         task_set("export").make({"source": Path("H.h5"), "out": Path("a.xyz")}, str)
 
 

@@ -148,7 +148,9 @@ class ExportSettings(PageSettings):
         if code:
             given = {"code": code, "quality": quality, "allow_missing": self.allow_missing}
         where = {"source": psf or "H.h5", "out": out, "region": shown if others else "", "mat_order": mat_order}
-        return task_set("export").make({name: value for name, value in {**where, **given}.items() if value}, str)
+        known, tasks = {name: value for name, value in {**where, **given}.items() if value}, task_set("export")
+        labels = {row.name: row.label for kind in tasks.kinds for row in rows(kind)}
+        return tasks.make(known, labels.__getitem__)
 
     def suffix_for(self, code: str) -> str:
         """Return the file suffix for a code; without a code, that of the chosen format."""

@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from PySide6.QtWidgets import QApplication, QLineEdit
+from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QMessageBox
 from pytestqt.qtbot import QtBot
 
 from lfcal.base import Judgement
@@ -157,6 +157,37 @@ def test_other_formats_write_what_the_project_says(
     with h5py.File(out) as file:
         assert file["step"][...].all() and file["H"].compression is None
     idle(window.jobs, qtbot)
+
+
+@pytest.mark.parametrize(
+    ("settings", "name", "words"),
+    [
+        (ExportSettings("", ".mat"), "H.png", "suffix of the output file: expected .mat .h5 .npy .tif .tiff, got .png"),
+        (
+            ExportSettings("", ".mat", lens_centred=True),
+            "other.h5",
+            "Centre a lens: expected a .mat file, got a .h5 file",
+        ),
+    ],
+)
+def test_a_name_that_the_settings_do_not_allow_is_refused(
+    window: MainWindow,
+    qtbot: QtBot,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    settings: ExportSettings,
+    name: str,
+    words: str,
+) -> None:
+    """Both names ended in a traceback."""
+    page = opened(window, qtbot, tmp_path / "H.h5")
+    window.project.update("export", settings=settings.into(window.project.state))
+    told: list[str] = []
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(tmp_path / name), ""))
+    monkeypatch.setattr(QMessageBox, "warning", lambda *args: told.append(args[2]))
+    page.exporting.ask()
+    assert len(told) == 1 and words in told[0], told
+    assert not (tmp_path / name).exists()
 
 
 def test_a_name_asks_for_its_kind_of_file(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
