@@ -23,8 +23,13 @@ CLOUD = np.dtype(
 def save_depth(path: Path, found: DepthMap) -> None:
     """Write the depth, its standard error, confidence, light and disparity to a TIFF file of float32 images.
 
-    If ``found`` contains no depths in µm, slopes are written instead. Unknown values are NaN; their confidence is 0.
-    The file is an ImageJ hyperstack, whose labels state the quantities and units; its ``Info`` contains them as JSON.
+    If ``found`` contains no depths in µm, slopes and their standard errors are written instead. Where the depth is
+    unknown, the depth, its standard error and the disparity are NaN, and the confidence is 0. A slope beyond that of an
+    object at infinity also gives a depth (µm) and a standard error of NaN, but keeps its confidence and disparity.
+
+    The file is an ImageJ hyperstack, whose labels state the quantities and units of the pages. Its ``Info`` is a JSON
+    object with the entries ``method``, ``pages`` (the labels), ``corner_px``, ``step_px`` and ``unknown`` (``"NaN"``,
+    the value of unknown depths).
 
     Examples
     --------

@@ -437,7 +437,8 @@ def demultiplex_lattice(
         channel at its actual position.
     rcond
         Singular values of `Modulator.matrix` up to this fraction of the largest one count as zero. None:
-        `default_rcond`.
+        `default_rcond`. With ``weights``, the singular values are those of the weighted matrix W^(1/2) A at each
+        output position, and the default is 1e-5.
     weights
         As in `lattice_channels`; only for the spatial route with the linear filter. `demultiplex_lattice_weighted` also
         returns the noise.

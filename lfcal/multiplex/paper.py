@@ -1,4 +1,4 @@
-"""Figures 3, 5, 6 and 7 of the paper as data and as PNG files, with common scales and numbers for each image."""
+"""Figures 3, 5, 6 and 7 of Ihrke et al. 2010 as data and PNG files, with common scales and numbers for each image."""
 
 from __future__ import annotations
 
@@ -64,20 +64,20 @@ class PaperPanel:
 
 @dataclass(frozen=True, eq=False)
 class PaperFigure:
-    """A figure that consists of images or of curves.
+    """A reproduced figure of Ihrke et al. 2010, which consists of images or of curves.
 
     Attributes
     ----------
     number
-        Number of the figure in Ihrke et al.
+        Number of the figure in Ihrke et al. 2010: 3, 5, 6 or 7.
     title
         Title of the figure.
     panels
-        Images in row-major order, with `columns` in each row.
+        Images in row-major order, with ``columns`` images in each row; empty in figure 6.
     columns
-        Number of images side by side.
+        Number of images in a row.
     curves
-        Pairs of title and gains; only in figure 6.
+        Pairs of a title and `GainCurves`, one for each plot; only in figure 6.
     """
 
     number: int
@@ -88,7 +88,7 @@ class PaperFigure:
 
 
 def paper_figure(number: int, *, camera: str = "", chi2: float | None = None, seed: int = 1) -> PaperFigure:
-    """Return a figure of Ihrke et al., reproduced with synthetic scenes instead of the paper's own images.
+    """Return a figure of Ihrke et al. 2010, reproduced with synthetic scenes instead of the paper's own images.
 
     Parameters
     ----------

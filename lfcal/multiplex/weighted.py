@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 VALUES_AT_ONCE = 4_000_000
 SINGULAR = 1e-10
-"""Ratio of the smallest to the largest eigenvalue below which the pseudo-inverse solves a place's equations."""
+"""Ratio to the largest eigenvalue up to which eigenvalues are treated as zero by default."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class WeightedSamples:
         across, rows, columns)``.
     deviation
         Standard deviation of each sample, in the same shape and unit, if the weights are inverse variances. It is
-        infinite for samples that are not measured.
+        infinite for samples that the pixels do not determine.
 
     Examples
     --------
@@ -84,22 +84,26 @@ def reconstruct_weighted(
     """Return the samples of a frame of complete super-pixels, by weighted least squares at every output position.
 
     Each measurement channel c is interpolated linearly from its pixels with the values f, the interpolation weights h
-    and the pixel weights w, ``c = sum h w f / sum h w``. Its variance is ``sum h^2 w / (sum h w)^2`` if w are inverse
-    variances; W contains the inverses of these. Then ``(A^T W A) x = A^T W c`` is solved for the samples x, with the
-    matrix A of the modulator (theorem 1 with the weights of Gauss and Markov). If the pixels of a channel around an
-    output position all have weight 0, those within two super-pixels are used. If these also have weight 0, the channel
-    is omitted. The least-norm solution is returned for parts that the other channels do not determine.
+    and the pixel weights w, ``c = sum h w f / sum h w``. If w are inverse variances, the variance of c is ``sum h^2 w /
+    (sum h w)^2``. Then ``(A^T W A) x = A^T W c`` is solved for the samples x. A is the matrix of the modulator (Ihrke
+    et al. 2010, theorem 1), and W is the diagonal matrix of the inverse variances of the channels.
+
+    If all pixels from which a channel is interpolated have weight 0, h is a linear kernel with a reach of 2.5
+    super-pixels instead. If all pixels within this reach also have weight 0, the channel is omitted. If the remaining
+    channels do not determine all samples, the result is the solution of least norm. Samples that are not determined
+    have an infinite ``deviation``.
 
     Parameters
     ----------
     frame, weights
-        Frame and weights of its pixels, ``(rows, columns)``, a whole number of super-pixels.
+        Frame and weights of its pixels, ``(rows, columns)``; both sides are a whole number of super-pixels.
     modulator
         Modulator of the frame.
     samples
-        Output samples per super-pixel.
+        Number of output samples in a super-pixel along (rows, columns).
     rcond
-        Eigenvalues up to the square of this fraction of the largest count as zero. None: rounding error.
+        Eigenvalues of A^T W A that are at most ``rcond**2`` times the largest one are treated as zero; factors below
+        1e-15 are replaced by 1e-15. None: a factor of 1e-10.
     """
     axes = [_axis(*args) for args in zip(frame.shape, modulator.side, modulator.positions, samples, strict=True)]
     light, scale = np.where(weights > 0, frame, 0.0), float(weights.max())
@@ -119,7 +123,7 @@ def reconstruct_weighted(
 def _axis(length: int, side: int, positions: Array, samples: int) -> list[tuple[Any, Any]]:
     """Return two interpolations for each pixel along the super-pixel as sparse matrices ``(output, super-pixels)``.
 
-    The first is linear. The second has three times its reach and is used where samples are missing.
+    The first is linear. The second is a linear kernel with 2.5 times its reach, used where pixels are missing.
     """
     first, weight = tap_table("linear", side, positions, samples)
     wanted = (np.arange(samples) + 0.5) * side / samples - 0.5
@@ -171,8 +175,8 @@ def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | N
     """Return the weighted least-squares samples ``(N, n)`` at n positions and their variances, of the same shape.
 
     ``matrix`` ``(K, N)`` maps samples to channels, whose ``values`` and ``weights`` have the shape ``(K, n)``. If the
-    weighted equations do not have full rank, the result has the least norm; every sample that depends on unmeasured
-    parts then has infinite variance. ``rcond`` is as in `reconstruct_weighted`.
+    weighted equations do not have full rank, the result is the solution of least norm, and samples that are not
+    determined have infinite variance. ``rcond`` is as in `reconstruct_weighted`.
     """
     inverse, lost = weighted_inverse(matrix, weights, rcond)
     found = np.einsum("pij,pj->ip", inverse, (weights * values).T @ matrix)
@@ -182,10 +186,10 @@ def least_squares(matrix: Array, values: Array, weights: Array, rcond: float | N
 
 
 def weighted_inverse(matrix: Array, weights: Array, rcond: float | None = None) -> tuple[Array, NDArray[np.bool_]]:
-    """Return ``(A^T W A)^+`` ``(n, N, N)`` for the weights ``(K, n)`` at n positions, and a mask of lost samples.
+    """Return ``(A^T W A)^+`` ``(n, N, N)`` for the weights ``(K, n)`` at n positions, and a mask ``(n, N)``.
 
-    A is ``matrix`` ``(K, N)``, and W is the diagonal matrix of the weights at a position. The mask ``(n, N)`` marks
-    samples that depend on unmeasured parts. ``rcond`` is as in `reconstruct_weighted`.
+    A is ``matrix`` ``(K, N)``, and W is the diagonal matrix of the weights at a position. The mask marks samples
+    that are not determined. ``rcond`` is as in `reconstruct_weighted`.
     """
     count = matrix.shape[1]
     pairs = (matrix[:, :, None] * matrix[:, None, :]).reshape(len(matrix), -1)

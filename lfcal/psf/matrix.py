@@ -260,14 +260,20 @@ class PSFMatrix:
         return np.argwhere(self.recorded == 0)
 
     def valid(self, z: int, y: int, x: int) -> NDArray[np.bool_]:
-        """Return a mask ``(nt, ns)`` of the pattern at (z, y, x): False for pixels known to have no measurement."""
+        """Return a mask ``(nt, ns)`` of the pattern at (z, y, x): False for pixels known to have no measurement.
+
+        Only for H, not HT.
+        """
         packed = self.facts.valid
         if packed is None:
             return np.ones(self.cutout, np.bool_)
         return unpack_valid(packed[z, y, x], self.cutout)
 
     def variance(self, z: int, y: int, x: int) -> NDArray[np.float64] | None:
-        """Return the noise variance ``(nt, ns)`` of the pattern at (z, y, x) in squared units of H; None if unknown."""
+        """Return the noise variance ``(nt, ns)`` of the pattern at (z, y, x) in squared units of H; None if unknown.
+
+        Only for H, not HT.
+        """
         noise = self.facts.noise
         if noise is None or not np.isfinite(noise[z, y, x]).all():
             return None
@@ -279,8 +285,9 @@ class PSFMatrix:
     def uncertainty(self, z: int, y: int, x: int) -> NDArray[np.float32] | None:
         """Return the standard deviation ``(nt, ns)`` of the pattern at (z, y, x), in the unit of H; None if unknown.
 
-        If H states uncertainties, the result is the stated one, except for a pattern marked as measured. In all other
-        cases, it is the square root of `variance`.
+        Where `Facts.origin` is `Origin.MEASURED`, and if H states no uncertainty, it is the square root of `variance`.
+        Elsewhere, it is the stated uncertainty of H (`stated_uncertainty`). If `Facts.origin` is None, the stated
+        uncertainty is used everywhere. Only for H, not HT.
         """
         stated = self._uncertainty
         if stated is not None:
@@ -292,7 +299,10 @@ class PSFMatrix:
 
     @property
     def stated_uncertainty(self) -> Planes | None:
-        """Source of the stated standard deviations of all entries of H, 0 where only the noise is known. None: none."""
+        """Source of the stated standard deviations of all entries of H; None if H states none.
+
+        The values are 0 where only `Facts.noise` is known. For HT, they are those of H.
+        """
         return self._uncertainty
 
     @property

@@ -85,7 +85,8 @@ class MeasuredDepth(TaskResult):
 class Depth(Task):
     """Measure a depth and confidence map from one light-field frame of any plenoptic camera.
 
-    Only places with texture get a depth; all others are NaN. Depths are in µm with a camera or H, else slopes.
+    The depth is known only where the image has texture; elsewhere, it is NaN. With a camera or H, depths are in µm;
+    otherwise, the map contains dimensionless slopes.
 
     Examples
     --------

@@ -44,7 +44,9 @@ class FolderLock:
         self.note("")
 
     def note(self, held: str) -> None:
-        """Write the number of this process and the reason ``held`` for a pause (empty: not paused) into the lock file.
+        """Write the process ID of this program and the reason for a pause into the lock file.
+
+        ``held`` is the reason; empty: not paused. Only its first `LONGEST` characters are written.
 
         Disk errors are ignored, because the note is only for display, and a full disk is the most frequent reason for a
         pause.
@@ -67,7 +69,15 @@ class FolderLock:
 
 
 class Holder(NamedTuple):
-    """The program that records into a session folder: its process number (0: unknown), and the reason for a pause."""
+    """The program that records into a session folder.
+
+    Attributes
+    ----------
+    process
+        Process ID of the program; 0 if unknown.
+    held
+        Reason why the recording is paused; empty if it is not paused or the reason is unknown.
+    """
 
     process: int
     held: str

@@ -73,7 +73,7 @@ class Edge:
     smooth, half
         The smoothed edge over `ANGLES`, and the half width of the window about it (pixels).
     vignetting
-        Relative decrease of light from the centre to the mean radius.
+        Relative decrease of the light from the centre to the mean radius; negative if the light increases outwards.
     obstruction
         A dark object inside, which was filled.
     """

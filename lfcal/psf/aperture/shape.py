@@ -119,7 +119,7 @@ class StuckBlade:
     blade
         Number of the blade, counted from 0 at the first vertex.
     direction_rad
-        Direction of the blade's middle from the centre (rad), as in `Aperture`.
+        Direction of the blade's middle from the centre (rad), before the elongation is applied, as in `Aperture`.
     out_px, sigma_px
         Outward displacement (negative if inward) and its standard error (pixels). The error is infinite if neighbouring
         blades cover the blade, which may then be anywhere further out.
@@ -167,7 +167,7 @@ class CountFit:
         Chi-square minus that of a circle, in units of the best shape's chi-square per degree of freedom; negative if
         the polygon fits better.
     rotation_rad, rotation_sigma
-        Direction of the first vertex and its standard error (rad).
+        Direction of the first vertex (rad), before the elongation is applied, and its standard error (rad).
     curvature, curvature_sigma
         Curvature of the blades and its standard error.
     """
@@ -185,20 +185,21 @@ class Aperture:
     """Shape of the iris, as fitted to a depth-plane sum.
 
     Angles are measured from the +column axis towards the +row axis (clockwise as displayed), as in
-    `lfcal.camera.MainLens`.
+    `lfcal.camera.MainLens`. ``rotation_rad``, ``apothem_px``, ``curvature``, ``stuck`` and ``rim`` describe the outline
+    before the elongation is applied.
 
     Attributes
     ----------
     blades
         Number of blades; 0 for a circle, or if the blades cannot be resolved.
     centre
-        Centre (row, column) in the cutout (px).
+        Centre (row, column) in the cutout (px); NaN if no outline was found (`seen` is False).
     rotation_rad
         Direction of the first vertex from the centre (rad), in [0, 2 pi / blades).
     apothem_px
-        Distance from the centre to the middle of a blade (px); for a circle, its radius.
+        Distance from the centre to the middle of a blade (px); for a circle, its radius. NaN if no outline was found.
     area_px2
-        Area inside the outline (px²).
+        Area inside the outline (px²); NaN if no outline was found.
     curvature
         Ratio of the apothem to the radius of curvature of a blade: 0 for straight blades, 1 for a circle.
     blur_px
@@ -207,7 +208,8 @@ class Aperture:
         Elongation of the outline as 1 minus the ratio of the minor to the major axis, and direction of the major axis
         (rad).
     vignetting
-        Relative decrease of the light from the centre to the middle of a blade, 0 to 1.
+        Relative decrease of the light from the centre to the mean radius of the edge; negative if the light increases
+        towards the edge, 0 if it was not measured.
     snr
         Signal-to-noise ratio: level of the lit area divided by the rms noise of a pixel.
     confidence
@@ -229,13 +231,13 @@ class Aperture:
     obstruction
         Dark object inside the aperture; None if there is none.
     ripple, ripple_pitch_px
-        Amplitude of the strongest periodic ripple of the lenslet lattice that was removed, relative to the light, and
-        its period (px).
+        Amplitude, relative to the light, and period (px) of the strongest ripple of the lenslet lattice that was
+        removed. Without ripple, the amplitude is 0 and the period is NaN.
     counts
         Fits of regular irises, one for each number of blades, best first; empty if none was tried.
     area_sigma_px2
-        Standard error of ``area_px2`` (px²) due to noise, shading, and light diffracted beyond the cutout; NaN if the
-        lit area has no uniform level.
+        Standard error of ``area_px2`` (px²) due to noise, shading, and light diffracted beyond the cutout; NaN if no
+        outline was fitted or the lit area has no uniform level.
 
     Examples
     --------
@@ -301,7 +303,7 @@ class Aperture:
 
     @property
     def diameter_px(self) -> float:
-        """Diameter of the circle with the same area (px)."""
+        """Diameter of the circle with the same area (px); 0 if no outline was found."""
         return 2.0 * math.sqrt(max(0.0, self.area_px2) / math.pi)
 
     @property
@@ -348,9 +350,11 @@ class Aperture:
         return self._place(self.rotation_rad + 2 * math.pi * np.arange(n) / n)
 
     def vertices(self) -> NDArray[np.float64]:
-        """Return the points (row, column) of the outline in the directions of a regular iris's corners (px).
+        """Return the vertices (row, column) of the outline, ``(blades, 2)`` (px); empty for a circle.
 
-        Their shape is ``(blades, 2)``; empty for a circle.
+        They are the points of the outline in the directions of the vertices of a regular iris. These directions hold
+        before the elongation is applied. If a blade is displaced or a second rim clips the aperture, the outline may
+        have its corners elsewhere.
         """
         theta = self.rotation_rad + 2 * math.pi * np.arange(self.blades) / max(1, self.blades)
         return self._place(theta)
