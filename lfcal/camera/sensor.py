@@ -95,7 +95,7 @@ class Sensor:
         if side is None or any(letter not in CFA_LETTERS for letter in self.cfa):
             raise InputError.expected(
                 "colour filter pattern",
-                f"1, 4, 16 or 36 of the letters {CFA_LETTERS}",
+                f"1, 4, 16 or 36 letters from {CFA_LETTERS}",
                 repr(self.cfa),
                 'list the letters of one period row by row ("GRBG"), or give "" for a monochrome sensor',
             )

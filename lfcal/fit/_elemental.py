@@ -60,9 +60,9 @@ CLIPPED = 0.9
 """Fraction of the brightest valid value of a pattern above which an invalid pixel counts as saturated."""
 
 INVALID = (
-    "shorten the exposure, because its pixels are saturated",
-    "record these planes again, because its pixels are NaN or infinite",
-    "correct the mask of defective pixels, or use a cutout inside the frame, because its pixels are masked",
+    "shorten the exposure, because pixels of these images are saturated",
+    "record these planes again, because pixels of these images are NaN or infinite",
+    "correct the mask of defective pixels, or use a cutout inside the frame, because pixels of these images are masked",
 )
 """Remedy if too many pixels of an elemental image are invalid, by reason."""
 
@@ -331,8 +331,8 @@ def _check_seen(measured: Measured, found: F8, seen: NDArray[np.bool_]) -> None:
             x, y = _lenslets(measured.plan.camera)[0].lens_centres_um[j]
             raise InputError.expected(
                 f"elemental images of the lenslet at ({x:g}, {y:g}) µm",
-                "light at the described position in at least two planes",
-                f"light in {often} of {len(seen)} planes",
+                "a usable image at the described position in at least two planes",
+                f"one in {often} of {len(seen)} planes",
                 _remedy(measured, found[:, j], ~seen[:, j]),
             )
 

@@ -32,7 +32,7 @@ def check_cfa(cfa: str) -> str:
     if not isinstance(cfa, str) or len(cfa) not in _SIDES or any(letter not in _LETTERS for letter in cfa):
         raise InputError.expected(
             "colour filter pattern",
-            f"1, 4, 16 or 36 of the letters {_LETTERS}",
+            f"1, 4, 16 or 36 letters from {_LETTERS}",
             repr(cfa),
             'list the letters of one period row by row ("GRBG"), or give "" for a monochrome sensor',
         )

@@ -105,7 +105,7 @@ def check_inside(origin: Place, shape: Place, sensor: Place) -> None:
         return
     raise InputError.expected(
         "origin of the frames (row, column)",
-        f"a position on the sensor of {sensor[0]} x {sensor[1]} px",
+        f"a position at which all of the frame is on the sensor of {sensor[0]} x {sensor[1]} px",
         f"{origin[0]},{origin[1]} for frames of {shape[0]} x {shape[1]} px",
         "correct the origin (the row comes first), or the camera's sensor",
     )

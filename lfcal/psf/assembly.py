@@ -369,7 +369,7 @@ def _check_complete(
     if not counts.any():
         raise InputError.expected(
             "frames of the scan",
-            f"frames at some of the {int(np.prod(shape))} positions",
+            f"frames of at least one of the {int(np.prod(shape))} positions",
             "none",
             "check the folder and the name pattern (--pattern)",
         )

@@ -99,10 +99,10 @@ def check_place(
         first = known.origin
         row, column = (round(a - b) for a, b in zip(first, found.offset_px, strict=True))
         raise InputError.expected(
-            "first pixel of the frames (--origin ROW,COLUMN)",
+            "origin of the frames (--origin ROW,COLUMN)",
             f"about {row},{column}, according to the position of the light",
             f"{first[0]},{first[1]}",
-            "correct the first pixel, or the anchor in the plan",
+            "correct the origin, or the anchor in the plan",
         )
 
 

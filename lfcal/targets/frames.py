@@ -40,12 +40,14 @@ class TargetFrames(SourceView):
         if len(self._order) != len(plan.frames):
             wanted = f"{len(plan.frames)}, as in the plan"
             raise InputError.expected(
-                "frames of a target", wanted, len(self._order), "use the plan by which these frames were recorded"
+                "frames of a target", wanted, len(self._order), "use the plan with which these frames were recorded"
             )
         if source.shape != plan.scan.camera.sensor.shape:
-            wanted = f"{format_pixels(plan.scan.camera.sensor.shape)}, as on the sensor of the plan"
             raise InputError.expected(
-                "frames of a target", wanted, format_pixels(source.shape), "give whole sensor frames"
+                "frames of a target",
+                f"{format_pixels(plan.scan.camera.sensor.shape)}, the size of the plan's sensor",
+                format_pixels(source.shape),
+                "give frames of the whole sensor, or use the plan with which these frames were recorded",
             )
 
     def derived(self, known: FrameMetadata) -> FrameMetadata:

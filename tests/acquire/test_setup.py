@@ -167,7 +167,9 @@ def test_a_scale_that_moves_the_source_by_a_quarter_of_a_pixel_over_the_cell_is_
     if not refused:
         check_stage(fit, plan)
         return
-    with pytest.raises(InputError, match=r"image movement .* 0.25 px over a period of the lenslets, got"):
+    with pytest.raises(
+        InputError, match=r"image movement .* 0.25 px for a stage movement of one period of the plan, got"
+    ):
         check_stage(fit, plan)
 
 

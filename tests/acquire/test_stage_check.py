@@ -60,8 +60,14 @@ def stuck(_: int, target: Point) -> Point:
 
 
 WRONG: dict[str, tuple[Callable[[int, Point], Point], str]] = {
-    "scale 1.09": (scaled(1.09, 1.09, 1.0), "image movement to the right: expected 33 ± 0.25 px over a period"),
-    "scale of one axis": (scaled(1.0, 1.02, 1.0), "image movement down: expected 19 ± 0.25 px over a period"),
+    "scale 1.09": (
+        scaled(1.09, 1.09, 1.0),
+        "image movement to the right: expected 33 ± 0.25 px for a stage movement of one period",
+    ),
+    "scale of one axis": (
+        scaled(1.0, 1.02, 1.0),
+        "image movement down: expected 19 ± 0.25 px for a stage movement of one period",
+    ),
     "angle": (turned(0.8), "angle between stage and sensor"),
     "sign": (scaled(-1.0, 1.0, 1.0), "stage axes .right, down.: expected"),
     "jitter": (jittered(0.5), "image at one position, visited 5 times: expected a scatter of at most 0.25 px rms"),

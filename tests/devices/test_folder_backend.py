@@ -105,7 +105,7 @@ def test_numbered_files_answer_their_own_request_only(tmp_path: Path) -> None:
     options = {"path": str(tmp_path), "pattern": "f{number:03d}.npy", "quiet": "0.01", "wait": "0.15"}
     with other_program(tmp_path, late), open_rig(PLAN, "folder", options) as rig:
         for _ in range(2):
-            with pytest.raises(FrameTimeout, match=r"no file .* within 0\.15 s; check the program that writes .*$"):
+            with pytest.raises(FrameTimeout, match=r"no complete image file .* within 0\.15 s; check .* file format$"):
                 rig.camera.grab(0.1)
 
 
@@ -116,6 +116,16 @@ def test_unnumbered_files_that_come_too_late_end_the_session(tmp_path: Path) -> 
             rig.camera.grab(0.2)
         with pytest.raises(AcquisitionStopped):
             record(tmp_path / "s", PLAN, rig, replace(CAREFUL, grab_timeout_s=0.05))
+
+
+def test_a_file_that_stays_empty_is_not_called_missing(tmp_path: Path) -> None:
+    def answer(_number: int, _request: dict[str, object]) -> None:
+        (tmp_path / "a.tif").touch()
+
+    options = {"path": str(tmp_path), "quiet": "0.01", "wait": "0.1"}
+    with other_program(tmp_path, answer), open_rig(PLAN, "folder", options) as rig:
+        with pytest.raises(DeviceLost, match=r"no complete image file matching .* file format, and use \{number\}"):
+            rig.camera.grab(0.1)
 
 
 def test_half_a_file_and_a_wrong_one_are_never_taken(tmp_path: Path) -> None:

@@ -162,7 +162,7 @@ def test_what_does_not_suffice_is_refused_with_one_message():
     elsewhere = camera_of([*CENTRES.tolist(), (-480.0, 500.0)])
     with pytest.raises(
         InputError,
-        match=r"lenslet at \(-480, 500\) µm: .* got light in 0 of 5 planes; correct the lenslet centres in the",
+        match=r"lenslet at \(-480, 500\) µm: .* got one in 0 of 5 planes; correct the lenslet centres in the",
     ):
         fit_camera(measured(elsewhere, light), unknowns=ASKED)
 
@@ -172,14 +172,16 @@ def test_the_reason_of_invalid_pixels_is_named():
     bright, far, gone = light > 0.02 * light.max(), np.zeros(light.shape, bool), light.copy()
     far[:, :, 230:], gone[:, :, :100] = True, 0.0
     for invalid, values, words in (
-        (bright, light, "shorten the exposure, because its pixels are saturated"),
-        (bright, np.where(bright, np.nan, light), "record these planes again, because its pixels are NaN or infinite"),
-        (bright, np.where(bright, 0.0, light), "correct the mask of defective pixels.* its pixels are masked"),
+        (bright, light, "shorten the exposure, because pixels of these images are saturated"),
+        (bright, np.where(bright, np.nan, light), "record these planes again, because pixels of these images are NaN"),
+        (bright, np.where(bright, 0.0, light), "correct the mask of defective pixels.* these images are masked"),
         (far, gone, r"correct the lenslet centres in the description"),
     ):
         given = measured(camera, light, valid=~invalid)
         given = replace(given, patterns=(12e3 * values / light.max()).astype(np.float32))
-        with pytest.raises(InputError, match=rf"lenslet at .* got light in [01] of 5 planes; {words}"):
+        with pytest.raises(
+            InputError, match=rf"lenslet at .* expected a usable image at .* got one in [01] of 5 planes; {words}"
+        ):
             fit_camera(given, unknowns=ASKED)
 
 

@@ -155,13 +155,13 @@ def test_the_light_tells_the_part_and_what_was_stated_wrongly(tmp_path: Path) ->
         found = FoundOrientation("as is", residual_px=0.1, offset_px=(-4.2, 0.1))
         with pytest.raises(
             InputError,
-            match="expected about 5,6, according to the position of the light, got 1,6; correct the first pixel",
+            match="expected about 5,6, according to the position of the light, got 1,6; correct the origin",
         ):
             check_place(found, source, PLAN)
         check_place(replace(found, offset_px=(1.0, 0.5)), source, PLAN)
     with opened(tmp_path / "f", origin=(8, 8)) as source:
         with pytest.raises(
-            InputError, match=("a position on the sensor of 40 x 48 px, got 8,8 for frames of 33 x 42 px")
+            InputError, match=("all of the frame is on the sensor of 40 x 48 px, got 8,8 for frames of 33 x 42 px")
         ):
             assemble_plan(source, PLAN)
 

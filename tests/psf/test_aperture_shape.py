@@ -89,6 +89,17 @@ def test_f_number_needs_two_depths(shifts, message):
         working_f_number([10.0] * len(shifts), shifts, 5.5)
 
 
+@pytest.mark.parametrize(
+    ("diameters", "shifts"), [([10, 10], [264, 528]), ([7.3] * 5, [100, 210, 333, 470, 900]), ([0, 0], [264, 528])]
+)
+def test_a_constant_diameter_has_no_f_number(diameters, shifts):
+    """The slope of equal diameters is a rounding error, not 0; N was 2e16."""
+    with pytest.raises(InputError, match="expected diameters that change with depth, got a constant diameter"):
+        working_f_number(diameters, shifts, 5.5)
+    # on both sides of the native plane, equal diameters determine N
+    assert working_f_number([10, 10], [-264, 264], 5.5).value == pytest.approx(4.8)
+
+
 def test_an_f_number_has_the_error_of_its_diameters():
     a = np.array([1000.0, 3000.0])
     diameters = a / 5.0 / 5.5

@@ -161,6 +161,12 @@ def view_of(plan: TargetPlan, frames: np.ndarray) -> FrameSource:
     return corrected_view(TargetFrames(source, plan), CorrectionRecipe(black_level=64.0), plan.scan)
 
 
+def test_frames_larger_than_the_sensor_belong_to_another_plan(plan: TargetPlan) -> None:
+    source = ArraySource(np.zeros((len(plan.frames), 400, 400)), [(0, 0, k) for k in range(len(plan.frames))])
+    with pytest.raises(InputError, match=r"expected 200 x 200 px, .* got 400 x 400 px; .*, or use the plan with which"):
+        TargetFrames(source, plan)
+
+
 def test_what_each_offset_shows_comes_back_with_its_noise(plan: TargetPlan, coded: TargetPlan) -> None:
     rng = np.random.default_rng(0)
     alone = rng.uniform(0, 100, (3, 200, 200)).astype(np.float32)

@@ -215,7 +215,7 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
         if abs(value - 1) * period > cell_px:
             raise InputError.expected(
                 f"image movement to the {sense}" if sense == "right" else "image movement down",
-                f"{period} ± {cell_px:.2g} px over a period of the lenslets",
+                f"{period} ± {cell_px:.2g} px for a stage movement of one period of the plan",
                 f"{value * period:.2f} px ({100 * (value - 1):+.2f} %)",
                 "correct the camera's magnification or working distance in the plan, or the stage's scale",
             )
@@ -223,7 +223,7 @@ def check_stage(fit: StageFit, plan: ScanPlan, *, cell_px: float = CELL_PX, resi
     if abs(fit.rotation_rad) > most:
         raise InputError.expected(
             "angle between stage and sensor",
-            f"below {math.degrees(most):.2f}° ({cell_px:g} px over a period of the lenslets)",
+            f"below {math.degrees(most):.2f}° ({cell_px:g} px over one period of the plan)",
             f"{math.degrees(fit.rotation_rad):.2f}°",
             "rotate the camera until its rows are parallel to the stage axis",
         )

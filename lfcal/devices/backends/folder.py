@@ -127,8 +127,8 @@ class _Camera(CameraFacts):
                 f"{self._folder}: a file remained unreadable ({trouble}); check the program that writes the files"
             )
         message = (
-            f"{self._folder}: no file matching {self._pattern!r} appeared for request {self._number} within "
-            f"{deadline - started:.4g} s; check the program that writes the files"
+            f"{self._folder}: no complete image file matching {self._pattern!r} appeared for request {self._number} "
+            f"within {deadline - started:.4g} s; check the program that writes the files and its file format"
         )
         if "{number" in self._pattern:
             raise FrameTimeout(message)

@@ -331,7 +331,8 @@ def _reference_exposure(source: FrameSource, wanted: str) -> float | None:
             "exposures of the frames",
             "an exposure for every frame, because exposures differ",
             format_count(counts[None], "frame without one", "frames without one"),
-            "complete the list, or do not scale by exposure (--exposure none)",
+            "add the missing exposures to the manifest or list of the frames, or do not scale by exposure "
+            "(--exposure none)",
         )
     # the most frequent exposure leaves most frames unscaled; among equal counts take the longest, for reproducibility
     return max(known, key=lambda seconds: (counts[seconds], seconds))

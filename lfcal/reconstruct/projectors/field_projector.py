@@ -288,10 +288,10 @@ class FieldProjector(Projector):
         ).memory_bytes
         if least > self._limit:
             raise InputError.expected(
-                f"memory limit for the projection of {len(parts)} regions",
+                f"memory limit for the projection of {len(parts)} regions of the field",
                 f"at least {format_bytes(least)}",
                 format_bytes(self._limit),
-                "increase the limit, or reconstruct a smaller region of the image",
+                "increase the limit, or reconstruct a smaller part of the image",
             )
         return parts
 

@@ -381,10 +381,10 @@ class MultiplexSettings(PageSettings):
         entries = math.prod(math.lcm(self.size, n) for n in array.side) * self.size**2 * array.count
         if entries > MAX_ENTRIES:  # the singular values would take minutes
             raise InputError.expected(
-                f"matrix of {kind} over {array.name}",
+                f"matrix of {kind.replace('_', ' ')} over {array.name}",
                 f"up to {MAX_ENTRIES:,} entries",
                 f"{entries:,}",
-                "choose a smaller mask",
+                "reduce Size, or choose other filters",
             )
         return mask(kind, self.size) * array
 

@@ -106,6 +106,11 @@ def test_numbers_and_curves_are_the_library_s() -> None:
     assert high.curves is not None and high.curves.chi2[-1] > high.chi2 > 1e4, "quantisation is left"
 
 
+def test_a_mask_that_is_too_large_is_named_as_in_the_form() -> None:
+    with pytest.raises(InputError, match=r"matrix of sum of sinusoids over .*; reduce Size, or choose other filters"):
+        MultiplexSettings(family="both", mask="sum_of_sinusoids", size=31).modulator()
+
+
 def test_what_is_lost_is_named_and_not_drawn() -> None:
     found = compare(MultiplexSettings(cfa="typed", pattern="RG/RG"), SENSOR)
     assert found.left_out == ("RG/RG",) and dict(row[:2] for row in found.rows)["Not recoverable"] == "B 100 %"

@@ -143,7 +143,7 @@ def test_the_modulator_is_drawn_with_its_numbers(page: Page, context: Context, q
     assert "No gains" in page.panel.curve_hint.text() and cells(page)["Rank"] == "16 of 48"
     type_in(page, "size", "31")
     settle(page, qtbot)
-    assert "smaller mask" in page.panel.curve_hint.text() and page.panel.views[2].values is None
+    assert "reduce Size" in page.panel.curve_hint.text() and page.panel.views[2].values is None
     assert page.panel.views[2].blank.isVisible() and page.panel.views[2].blank.text() == NO_MODULATOR
 
 
@@ -581,7 +581,7 @@ def test_nothing_of_a_modulator_is_shown_under_the_refusal_of_another(page: Page
     choose(page, "family", "both")
     type_in(page, "size", "31")
     settle(page, qtbot)
-    assert "smaller mask" in shown.status.text() and shown.status.property("role") == "error"
+    assert "reduce Size" in shown.status.text() and shown.status.property("role") == "error"
     assert shown.map.values is None and not shown.map_head.text() and not shown.map_words.text()
     assert [label.text() for label in page.panel.titles][2:] == ["Spatial basis Σ", "Plenoptic basis Π"]
     assert page.panel.titles[0].text() == "Pattern" and "over" not in page.panel.curve_title.text()
