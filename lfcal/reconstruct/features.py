@@ -147,6 +147,15 @@ def find_beads(volume: ArrayLike, most: int = 200) -> tuple[Feature, ...]:
         Volume ``(nz, Y, X)``.
     most
         Largest number of beads.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lfcal.reconstruct import find_beads
+    >>> y, x = np.indices((60, 60))
+    >>> volume = np.exp(-((y - 20) ** 2 + (x - 40) ** 2) / 2)[None] + 0.01
+    >>> print(find_beads(volume))
+    (Feature(row=20.0, column=40.0, plane=0.0, brightness=None, width=None, end=None),)
     """
     # slow to import
     from scipy.ndimage import maximum_filter, median_filter
@@ -231,13 +240,13 @@ fit_features = drained(
     Examples
     --------
     >>> import numpy as np
-    >>> from lfcal.reconstruct import Feature, FittedFeature, Projector, SolverChoice, fit_features
+    >>> from lfcal.reconstruct import Feature, FeatureFit, FittedFeature, Projector, SolverChoice, fit_features
     >>> P = Projector(np.outer([1, 2, 1], [1, 2, 1])[None, None, None] / 16, (40, 40))
     >>> y, x = np.indices((40, 40))
     >>> bead = 5000 * np.exp(-((y - 19.7) ** 2 + (x - 21.2) ** 2) / 2) / (2 * np.pi)
     >>> frame = np.random.default_rng(1).poisson(P.forward(bead[None]) + 10)
     >>> choice = SolverChoice("rl-nesterov", iterations=20, background=10, gain=1)
-    >>> fit = fit_features(P, frame, [Feature(20, 21, width=1.0)], choice)
+    >>> fit: FeatureFit = fit_features(P, frame, [Feature(20, 21, width=1.0)], choice)
     >>> found: FittedFeature = fit.features[0]
     >>> print(found.fits, abs(found.feature.row - 19.7) < 3 * found.sigmas["row"] < 0.2)
     True True

@@ -127,7 +127,7 @@ def iter_refine_psf(
     >>> passes = []
     >>> with drain(iter_refine_psf(plan, out="refined.h5", on_pass=passes.append)) as H:
     ...     print(len(passes), "passes to", f"{H.facts.known()['error'].max():.0%}")
-    4 passes to 2%
+    4 passes to 1%
     """
     path = Path(out)
     chosen = effects if callable(effects) else lambda _: effects

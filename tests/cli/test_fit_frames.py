@@ -83,7 +83,7 @@ def test_a_frame_that_is_not_explained_leaves_nothing(lfcal: Lfcal, place: Path)
         ((*START, "--windows", 9), "windows"),
         ((*START, "--orientation", "auto"), "orientation: expected as-is"),
         ((*START, "--unknowns", "colour"), "unknowns: expected auto or groups of unknowns, got colour"),
-        (("--camera", "bench", "--virtual-depths", "3"), "pixels: expected (320, 320), as in the camera"),
+        (("--camera", "bench", "--virtual-depths", "3"), "size: expected 320 x 320 px, as in the camera"),
     ],
 )
 def test_what_cannot_be_done_is_one_line(lfcal: Lfcal, place: Path, words: tuple[object, ...], message: str) -> None:

@@ -99,8 +99,8 @@ def test_what_has_no_units_is_refused(lfcal: Lfcal, tmp_path: Path, monkeypatch:
     save(few_patterns(), tmp_path / "few.h5")
     monkeypatch.chdir(tmp_path)
     for words, said in (
-        (("--hybrid", "--executor", "processes"), "--hybrid; leave --hybrid out"),
-        (("--no-h", "--resume"), "--no-h; leave --no-h out"),
+        (("--hybrid", "--executor", "processes"), "got --hybrid; leave --executor or --hybrid out"),
+        (("--no-h", "--resume"), "got --no-h; leave --resume or --no-h out"),
         (("--executor", "threads", "--scheduler", "tcp://a:1"), "an executor with a scheduler (dask)"),
     ):
         run = lfcal("fit", "few.h5", *words)

@@ -114,7 +114,7 @@ def test_the_forecast_is_that_of_all(lfcal: Lfcal, place: Path) -> None:
     [
         (("--region", "none.h5"), "--region: expected a region of H2.h5 (c2) or an H file, got none.h5"),
         (("--region", "all"), "expected regions other than the first of H2.h5, got none; leave --region out"),
-        (("--region", "H2.h5"), "a different position for each, got 1 and 2 at the same position"),
+        (("--region", "H2.h5"), "a different position for each, got regions 1 and 2 at the same position"),
         (("--region", "words.txt"), "words.txt"),
         (("--region", "H17.h5", "--resample", "always"), "--resample: expected H of one region"),
     ],

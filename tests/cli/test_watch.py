@@ -86,7 +86,7 @@ def test_answers_are_json(lfcal: Lfcal, place: Path) -> None:
     ("words", "message"),
     [
         (("monday", "dim.tif"), "structure that is larger than the noise"),
-        (("monday", "small.tif"), "pixels: expected (56, 56), as in the camera"),
+        (("monday", "small.tif"), "size: expected 56 x 56 px, as in the camera"),
         (("plain.h5", "steady"), "expected an H with a camera that explains it, got an H without a camera"),
         (("other.h5", "steady"), "expected an H with a camera that explains it, got a camera that leaves"),
         (("steady", "steady"), "steady/H.h5"),

@@ -87,7 +87,7 @@ def test_what_is_missing_is_said_in_a_line(options: dict[str, object], what: str
 def test_ht_and_an_h_of_nobody_are_refused() -> None:
     with pytest.raises(InputError, match="those of H, got those of HT"):
         measured_of(matrix().T, noise=(1.0, 0.0))
-    with pytest.raises(InputError, match="camera: expected a description"):
+    with pytest.raises(InputError, match="camera of H: expected a description"):
         measured_of(PSFMatrix(np.ones((1, 2, 2, 3, 3))), noise=(1.0, 0.0))
 
 

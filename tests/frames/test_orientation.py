@@ -154,7 +154,7 @@ def test_cutouts_keep_their_place_on_the_turned_sensor(name: str) -> None:
 
 def test_a_cutout_beside_the_sensor_is_named() -> None:
     inner = ArraySource(UPRIGHT[:1], POSITIONS[:1], origins=[(4, 9)])
-    with pytest.raises(InputError, match="on the sensor of \\(6, 8\\)"):
+    with pytest.raises(InputError, match="on the sensor of 6 x 8 px"):
         OrientedSource(inner, ORIENTATIONS["mirror x"]).info(0)
 
 

@@ -173,7 +173,7 @@ def test_a_camera_of_another_kind_or_size_is_refused() -> None:
     fit = fit_lattice(truth.frame)
     with pytest.raises(InputError, match="lattice of the white image"):
         fit.to_lattice(replace(camera_of(truth), lattice=LensletLattice("square", 77.0, 400.0)))
-    with pytest.raises(InputError, match="pixels"):
+    with pytest.raises(InputError, match="px, as the camera has"):
         fit.to_lattice(preset("r29"))
 
 

@@ -236,8 +236,8 @@ def test_planes_that_cannot_be_kept_are_counted_as_such() -> None:
             r"H of region other: expected 2 planes of 4 x 3 positions, as in the first, got 3",
         ),
         ({"values": (2, 4, 4, 7, 9)}, r"got 2 planes of 4 x 4 positions; measure all regions by the same plan"),
-        ({"depths": (-1.0, 5.0)}, r"expected depths"),
-        ({"anchor": (3, 4)}, r"a different position for each, got 1 and 2 at the same position"),
+        ({"depths": (-1.0, 5.0)}, r"expected the depths"),
+        ({"anchor": (3, 4)}, r"a different position for each, got regions 1 and 2 at the same position"),
     ],
 )
 def test_regions_that_do_not_belong_together_are_refused(change: dict[str, Any], words: str) -> None:

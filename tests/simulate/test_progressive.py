@@ -85,7 +85,7 @@ def test_stopping_keeps_the_last_whole_pass(plan: ScanPlan, tmp_path: Path) -> N
     done: list[float] = []
     work = iter_refine_psf(
         plan,
-        tolerance=0.05,
+        tolerance=0.03,
         out=out,
         workers=1,
         on_pass=lambda matrix: done.append(float(np.max(matrix.facts.known()["error"]))),
@@ -97,7 +97,7 @@ def test_stopping_keeps_the_last_whole_pass(plan: ScanPlan, tmp_path: Path) -> N
     assert [path.name for path in tmp_path.iterdir()] == ["H.h5"], "nothing half-written stays"
     with open_psf(out) as kept:
         assert float(np.max(kept.facts.known()["error"])) == done[1]
-        assert kept.provenance["simulated"]["tolerance"] == pytest.approx(1 / 6), "the second pass of three"
+        assert kept.provenance["simulated"]["tolerance"] == pytest.approx(0.3), "the second pass of four"
 
 
 def test_planes_that_keep_the_tolerance_are_not_computed_again(

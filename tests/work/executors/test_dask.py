@@ -143,7 +143,7 @@ def test_dask_says_nothing_beside_the_journal() -> None:
 
 def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"pip install 'lfcal\[cluster\]'"):
+    with pytest.raises(InputError, match=r'pip install "lfcal\[cluster\]"'):
         Dask(1)
 
 
