@@ -264,7 +264,7 @@ def test_slice_and_strip_follow_the_cross(view: VolumeView) -> None:
     np.testing.assert_array_equal(view.slice.values, volume()[2])
     assert [round(tile.depth_um) for tile in view.strip.tiles] == DEPTHS.tolist()
     shares = [float(part) for part in volume().sum((1, 2)) / volume().sum()]
-    assert f"{shares[1]:.0%} of the light" in view.strip.item(1).toolTip()
+    assert f"{shares[1] * 100:.0f} % of the light" in view.strip.item(1).toolTip()
     view.strip.chosen.emit(0)
     assert view.intent.z == 0 and "3 mm" in view.slice.shot.caption
     view.slice.steered_to.emit(7, 9)
