@@ -102,7 +102,10 @@ def _show_features(made: FittedFeatures) -> None:
     wrong = sum(not one.fits for one in made.fit.features)
     if wrong:
         limit = made.fit.features[0].limit
-        typer.echo(f"{wrong} without uncertainties: the frame contradicts their model (chi2 above {limit:.2f})")
+        typer.echo(
+            f"{wrong} without uncertainties: the frame contradicts them (chi2 above {limit:.2f}), or they are beyond "
+            "the planes or the widths that can be fitted"
+        )
 
 
 def with_sigma(value: float, sigma: float) -> str:

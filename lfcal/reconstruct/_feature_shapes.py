@@ -17,6 +17,9 @@ F8 = NDArray[np.float64]
 NARROWEST, WIDEST = 0.5, 6.0
 """Limits of the standard deviation of a profile (voxels): a narrower one lies between the voxels' centres."""
 
+BEYOND = 0.5
+"""Distance beyond the first and last planes up to which H is extrapolated (planes)."""
+
 REACH = 4.5
 """Half width of a painted profile, in standard deviations."""
 
@@ -120,11 +123,16 @@ class Shape:
             if name == "brightness":
                 value = max(value, least)
             elif name == "plane":
-                value = min(max(value, 0.0), planes - 1.0)
+                value = min(max(value, -BEYOND), planes - 1 + BEYOND)
             elif name == "width":
                 value = min(max(value, NARROWEST), WIDEST)
             values[k] = value
         return replace(self, values=tuple(values))
+
+    def at_a_limit(self, planes: int) -> bool:
+        """Return whether `moved` has limited the plane or the width, so that they are not determined."""
+        free = {self.names[k]: self.values[k] for k in self.free}
+        return free.get("plane", 0.0) in (-BEYOND, planes - 1 + BEYOND) or free.get("width") in (NARROWEST, WIDEST)
 
     def _profile(self) -> tuple[tuple[int, int], F8]:
         """Return row and column of the first voxel, and the light ``(rows, columns)`` of a shape of brightness 1."""

@@ -96,8 +96,8 @@ class FittedFeature:
         Depth (µm); the index of the plane if H states no depths.
     sigmas
         Standard uncertainty of each fitted value by name: ``brightness``, ``row``, ``column``, ``plane``, ``width``,
-        ``end_row``, ``end_column``, and ``depth_um`` with the unit of `depth_um`. 0 for fixed values, and NaN if the
-        frame contradicts the model.
+        ``end_row``, ``end_column``, and ``depth_um`` with the unit of `depth_um`. 0 for fixed values; NaN if the
+        feature does not fit (`fits`).
     chi2
         Misfit of the frame near the feature relative to that of a model that is right.
     limit
@@ -112,8 +112,8 @@ class FittedFeature:
 
     @property
     def fits(self) -> bool:
-        """Whether the frame agrees with the feature."""
-        return self.chi2 <= self.limit
+        """Whether the frame agrees with the feature, and determines its plane and width within their limits."""
+        return not math.isnan(self.sigmas["brightness"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -439,18 +439,26 @@ class _Fit:
 
     def _fitted(self, scene: FeatureScene, cov: F8, chi2: F8, limit: float) -> tuple[FittedFeature, ...]:
         depths, found, k = self._P.depths, [], 0
-        planes = np.arange(len(depths))
-        slopes = np.abs(np.gradient(depths)) if len(depths) > 1 else np.zeros(1)
         sigma = np.sqrt(np.maximum(np.diag(cov), 0))
         for one, feature, misfit in zip(scene.shapes, self._features(scene), chi2, strict=True):
             errors = dict.fromkeys(one.names, 0.0)
+            known = misfit <= limit and not one.at_a_limit(len(depths))
             for name in (one.names[free] for free in one.free):
-                errors[name] = float(sigma[k]) if misfit <= limit else math.nan
+                errors[name] = float(sigma[k]) if known else math.nan
                 k += 1
-            errors["depth_um"] = float(np.interp(feature.plane or 0, planes, slopes)) * errors["plane"]
-            depth = float(np.interp(feature.plane or 0, planes, depths))
+            depth, slope = _depth_at(one.values[BEAD.index("plane")], depths)
+            errors["depth_um"] = abs(slope) * errors["plane"]
             found.append(FittedFeature(feature, depth, errors, float(misfit), limit))
         return tuple(found)
+
+
+def _depth_at(plane: float, depths: F8) -> tuple[float, float]:
+    """Return the depth at a fractional index of a plane, also beyond the planes, and its increase per plane."""
+    if len(depths) == 1:
+        return float(depths[0]), 0.0
+    k = min(max(math.floor(plane), 0), len(depths) - 2)
+    slope = float(depths[k + 1] - depths[k])
+    return float(depths[k]) + (plane - k) * slope, slope
 
 
 def _around(one: Feature, shape: tuple[int, ...], margin: int) -> NDArray[np.bool_]:

@@ -163,6 +163,17 @@ def test_a_model_that_the_frame_contradicts_has_no_uncertainty(P: Projector) -> 
     assert 0 < right.sigmas["width"] < 0.05
 
 
+def test_a_bead_beyond_the_planes_has_no_uncertainty(P: Projector) -> None:
+    """A bead a whole plane before the first is not measured; one in the first plane is."""
+    rng = np.random.default_rng(1)
+    near = Projector(P._reader.H[1:], SHAPE, anchor=(5, 5), workers=1)
+    for plane, fits in ((0, False), (1, True)):
+        frame = rng.poisson(P.forward(spots(np.array([[3e5, 37.4, 39.8, plane]]), 5)) + 10.0)
+        (one,) = fit_features(near, frame, [Feature(37, 40, width=1.0)], CHOICE).features
+        assert one.fits == fits and np.isnan(one.sigmas["row"]) != fits
+    assert abs(one.feature.plane) < 4 * one.sigmas["plane"] < 0.5
+
+
 def test_uncertainties_fall_with_the_light(P: Projector) -> None:
     """Without other light, positions are limited by photon noise: 100 times the light, a tenth of the sigma."""
     rng = np.random.default_rng(1)
