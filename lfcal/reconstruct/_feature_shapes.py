@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BEAD", "LINE", "Shape", "VolumePart", "plane_weights"]
+__all__ = ["BEAD", "BEYOND", "LINE", "Shape", "VolumePart", "plane_weights"]
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]

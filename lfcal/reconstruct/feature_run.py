@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from lfcal.base import FileFormatError, InputError, Work, write_text
 from lfcal.frames.lists import read_table
 from lfcal.psf import voxel_um
-from lfcal.reconstruct.features import Feature, FeatureFit, FittedFeature, iter_fit_features
+from lfcal.reconstruct._feature_shapes import BEYOND
+from lfcal.reconstruct.features import Feature, FeatureFit, FittedFeature, depth_at, iter_fit_features
 from lfcal.reconstruct.frame_files import cleaner, related, targets_of
 from lfcal.reconstruct.frame_run import FrameRun
 from lfcal.reconstruct.volumes import VolumeFacts, write_volumes
@@ -83,15 +84,17 @@ def plane_of(depth: float, depths: NDArray[np.float64]) -> float:
     Raises
     ------
     InputError
-        If the depth is outside of the planes.
+        If the depth is more than half a plane beyond the planes.
     """
-    low, high = float(depths.min()), float(depths.max())
+    at = np.array([-BEYOND, *range(len(depths)), len(depths) - 1 + BEYOND])
+    known = np.array([depth_at(plane, depths)[0] for plane in at])
+    low, high = float(known.min()), float(known.max())
     if not low <= depth <= high:
         raise InputError.expected(
             "depth of a feature (µm)", f"a depth from {low:g} to {high:g}", f"{depth:g}", "correct it, or leave it out"
         )
-    order = np.argsort(depths)
-    return float(np.interp(depth, depths[order], order))
+    order = np.argsort(known)
+    return float(np.interp(depth, known[order], at[order]))
 
 
 def iter_features(

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lfcal.base import Clock, InputError, Progress, Work, check_number, drained
 from lfcal.reconstruct._feature_fit import DRAWS, Covariance, FeatureScene, misfits, solution
-from lfcal.reconstruct._feature_shapes import BEAD, NARROWEST, WIDEST, Shape
+from lfcal.reconstruct._feature_shapes import BEAD, BEYOND, NARROWEST, WIDEST, Shape
 from lfcal.reconstruct._replicates import FAINTEST, Imaging, Replicates, SampleNoise, blurred
 from lfcal.reconstruct.margin import cropped
 from lfcal.reconstruct.projectors import Projector
@@ -272,7 +272,7 @@ def check_features(features: Sequence[Feature], planes: int, shape: tuple[int, .
                     "correct it, or leave this feature out",
                 )
         if one.plane is not None:
-            check_number(f"plane {what}", one.plane, at_least=0, at_most=planes - 1)
+            check_number(f"plane {what}", one.plane, at_least=-BEYOND, at_most=planes - 1 + BEYOND)
         if one.brightness is not None:
             check_number(f"brightness {what}", one.brightness, above=0)
         if one.width is not None:
@@ -446,13 +446,13 @@ class _Fit:
             for name in (one.names[free] for free in one.free):
                 errors[name] = float(sigma[k]) if known else math.nan
                 k += 1
-            depth, slope = _depth_at(one.values[BEAD.index("plane")], depths)
+            depth, slope = depth_at(one.values[BEAD.index("plane")], depths)
             errors["depth_um"] = abs(slope) * errors["plane"]
             found.append(FittedFeature(feature, depth, errors, float(misfit), limit))
         return tuple(found)
 
 
-def _depth_at(plane: float, depths: F8) -> tuple[float, float]:
+def depth_at(plane: float, depths: F8) -> tuple[float, float]:
     """Return the depth at a fractional index of a plane, also beyond the planes, and its increase per plane."""
     if len(depths) == 1:
         return float(depths[0]), 0.0

@@ -241,7 +241,7 @@ def test_frames_of_a_part_of_the_sensor_need_their_origin(
     assert done.code == 2 and not plan.exists()
     assert "whole sensor, 40 x 48 px, got 33 x 42 px" in done.err and "--origin ROW,COLUMN" in done.err
     done = lfcal(*words, "--origin", "5,9", "-o", plan)
-    assert done.code == 2 and "a position on the sensor of 40 x 48 px, got 5,9 for frames of 33 x 42 px" in done.err
+    assert done.code == 2 and "on the sensor of 40 x 48 px, got 5,9 for frames of 33 x 42 px" in done.err
     assert lfcal(*words, "--origin", "five", "-o", plan).code == 2
     done = lfcal(*words, "--origin", "5,6", "-o", plan)
     assert done.code == 0 and "anchor: row 18, column 21" in done.err, done.err
