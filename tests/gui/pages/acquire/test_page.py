@@ -515,7 +515,7 @@ def recording(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> Ite
     yield page
     if page.record.recorder is not None:
         page.record.recorder.control.abort()
-    idle(context.jobs, qtbot)  # the page itself is already closed if the test failed
+    context.jobs.close()  # the page is already closed, and nothing may report to it any more
 
 
 def test_an_alarm_that_ends_no_longer_asks_for_attention(recording: Page, context: Context, qtbot: QtBot) -> None:
