@@ -103,8 +103,8 @@ def _show_features(made: FittedFeatures) -> None:
     if wrong:
         limit = made.fit.features[0].limit
         typer.echo(
-            f"{wrong} without uncertainties: the frame contradicts them (chi2 above {limit:.2f}), or they are beyond "
-            "the planes or the widths that can be fitted"
+            f"{wrong} without uncertainties: the frame contradicts them (chi2 above {limit:.2f}), or does not "
+            "determine their position, plane or width"
         )
 
 

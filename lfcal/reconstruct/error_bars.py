@@ -166,13 +166,13 @@ class ErrorBars:
         return self.kappa > UNKNOWN
 
 
-def check_bars(choice: SolverChoice) -> None:
-    """Raise `InputError` unless ``choice`` fixes the number of iterations, which must be equal for all replicates."""
+def check_bars(choice: SolverChoice, what: str = "a reconstruction with error bars") -> None:
+    """Raise `InputError`, which names ``what`` is computed, unless ``choice`` fixes the number of iterations."""
     if choice.auto or choice.tolerance > 0:
         setting, given = ("iterations", "auto") if choice.auto else ("tolerance", str(choice.tolerance))
         raise InputError.expected(
-            f"{setting} of a reconstruction with error bars",
-            "a fixed number of iterations, so that all replicates are reconstructed in the same way",
+            f"{setting} of {what}",
+            "a fixed number of iterations, so that all reconstructions are alike",
             given,
             "give a number of iterations, such as 60",
         )

@@ -112,7 +112,7 @@ class FittedFeature:
 
     @property
     def fits(self) -> bool:
-        """Whether the frame agrees with the feature, and determines its plane and width within their limits."""
+        """Whether the frame agrees with the feature, and determines all its values."""
         return not math.isnan(self.sigmas["brightness"])
 
 
@@ -229,7 +229,7 @@ def iter_fit_features(
     from lfcal.reconstruct.error_bars import USUAL, check_bars
 
     own = USUAL if choice is None else choice
-    check_bars(own)
+    check_bars(own, "a fit of features")
     runs = Replicates.of(P, image, own, weights, imaging)
     return _Fit(runs, own, contrast, seed).iter_result(features)
 
@@ -439,13 +439,15 @@ class _Fit:
 
     def _fitted(self, scene: FeatureScene, cov: F8, chi2: F8, limit: float) -> tuple[FittedFeature, ...]:
         depths, found, k = self._P.depths, [], 0
-        sigma = np.sqrt(np.maximum(np.diag(cov), 0))
+        variances = np.diag(cov)
         for one, feature, misfit in zip(scene.shapes, self._features(scene), chi2, strict=True):
             errors = dict.fromkeys(one.names, 0.0)
-            known = misfit <= limit and not one.at_a_limit(len(depths))
-            for name in (one.names[free] for free in one.free):
-                errors[name] = float(sigma[k]) if known else math.nan
-                k += 1
+            own = variances[k : k + len(one.free)]
+            # a feature that moved far from its initial values has no valid variance
+            known = misfit <= limit and not one.at_a_limit(len(depths)) and bool((own > 0).all())
+            for free, variance in zip(one.free, own, strict=True):
+                errors[one.names[free]] = math.sqrt(variance) if known else math.nan
+            k += len(one.free)
             depth, slope = depth_at(one.values[BEAD.index("plane")], depths)
             errors["depth_um"] = abs(slope) * errors["plane"]
             found.append(FittedFeature(feature, depth, errors, float(misfit), limit))

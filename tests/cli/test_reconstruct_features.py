@@ -101,3 +101,26 @@ def test_tables_that_cannot_be_used(lfcal: Run, place: Path, tmp_path: Path, tex
     assert done.code == 2 and len(done.err.strip().splitlines()) <= 2, done.err
     assert re.search(words, done.err), done.err
     assert [p.name for p in tmp_path.iterdir()] == ["wrong.csv"]
+
+
+def test_a_place_without_a_bead_has_no_uncertainty(lfcal: Run, place: Path, tmp_path: Path) -> None:
+    """A fit that wandered away from an empty place claimed that its column and depth were exact."""
+    y, x = np.indices(SHAPE)
+    volume = np.zeros((3, *SHAPE))
+    volume[0] = 900 * np.exp(-((y - 12.3) ** 2 + (x - 12.8) ** 2) / 2)
+    with open_psf(place / "H.h5") as H:
+        frame = np.random.default_rng(2).poisson(Projector(H, SHAPE).forward(volume) + 5)
+    tifffile.imwrite(tmp_path / "frame.tif", frame.astype(np.uint16))
+    (tmp_path / "empty.csv").write_text("row,column\n35,40\n")
+    words = ("reconstruct", place / "H.h5", tmp_path / "frame.tif", "-o", tmp_path / "v.npy", "--features")
+    done = lfcal(*words, tmp_path / "empty.csv", "--gain", 1, "-n", 5)
+    assert done.code == 0, done.err
+    (row,) = csv.DictReader((tmp_path / "v_features.csv").read_text().splitlines())
+    free = [row[f"sigma_{name}"] for name in ("row", "column", "depth_um", "brightness", "width")]
+    assert all(value == "" for value in free) or all(float(value) > 0 for value in free), row
+
+
+def test_an_automatic_stop_is_refused_for_a_fit(lfcal: Run, place: Path, tmp_path: Path) -> None:
+    words = ("reconstruct", place / "H.h5", place / "frame.tif", "-o", tmp_path / "v.npy", "--features", "auto")
+    done = lfcal(*words, "--iterations", "auto")
+    assert done.code == 2 and "iterations of a fit of features: expected a fixed number" in done.err
