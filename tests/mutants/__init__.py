@@ -1,9 +1,9 @@
-"""Mutants: one small mistake is put into the sources at a time, and the tests that mirror its file must see it.
+"""Mutants: one small mistake at a time is put into the sources, and the tests that belong to the file must fail.
 
-    python -m tests.mutants                     # 60 mutants of seed 1, the table into tests/mutants/TABLE.md
+    python -m tests.mutants                     # 60 new mutants, the table into tests/mutants/TABLE.md
 
-- ``operators``: the mistakes, and where in a file they can be made
-- ``choosing``: which files have tests of their own, and a seeded choice of mutants among them
-- ``running``: a copy of the tree, in which a mutant lives while its tests run
-- ``page``: the table of what became of them
+- ``operators``: the kinds of mistakes, and where a file allows them
+- ``choosing``: the tests that belong to a file, and a random choice of mutants
+- ``running``: a copy of the tree that contains one mutant while its tests run
+- ``page``: the table of outcomes
 """

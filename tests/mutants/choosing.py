@@ -1,8 +1,11 @@
-"""Which mutants are made: of files that have tests of their own, all packages and all kinds of mistakes in turn."""
+"""Which mutants are made, and which tests belong to a source file; packages and kinds of mistakes take turns."""
 
 from __future__ import annotations
 
+import ast
 import random
+import re
+from collections import defaultdict
 from dataclasses import dataclass
 from functools import cache
 from itertools import cycle, islice
@@ -10,47 +13,107 @@ from pathlib import Path
 
 from tests.mutants.operators import KINDS, Mutation, mutations
 
-__all__ = ["CORE", "ROOT", "Mutant", "choose", "core_files", "mirror_of"]
+__all__ = ["CORE", "ROOT", "Mutant", "choose", "closest_tests", "core_files"]
 
 ROOT = Path(__file__).resolve().parents[2]
 
 CORE = ("psf", "frames", "simulate", "lattice", "camera", "reconstruct", "multiplex", "campaign", "fit", "targets")
-"""Packages that numbers come from."""
+"""Packages that compute numbers."""
 
 PER_FILE = 2
-"""Mutants of one file at most."""
+"""Largest number of mutants of a file."""
+
+MOST_TESTS = 6
+"""Largest number of test files that are run for a mutant."""
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """A mistake in a file (path below the root), and the tests that mirror the file."""
+    """A mistake in a file (path below the root), and the test files that belong to this file."""
 
     file: str
-    tests: str
+    tests: tuple[str, ...]
     mutation: Mutation
 
     @property
     def name(self) -> str:
-        """What it is called in the table, and by who judges it: it stays while the function stays as it is."""
+        """Name in the table and in the list of equivalent mutants; it stays the same while the function does."""
         one = self.mutation
         shorten = " ".join
         return f"{self.file} {one.function}: {shorten(one.before.split())} -> {shorten(one.after.split())}"
 
 
-def mirror_of(path: Path, root: Path = ROOT) -> Path | None:
-    """Return the tests of a file of the library, None where it has none under its own name."""
-    below = path.relative_to(root / "lfcal")
-    found = root / "tests" / below.parent / f"test_{below.name.removeprefix('_')}"
-    return found if found.is_file() else None
+@cache
+def closest_tests(path: Path, root: Path = ROOT) -> tuple[Path, ...]:
+    """Return the test files that belong to a file of the library, the closest first; empty: none.
+
+    They are those in ``tests/PACKAGE`` that mention the module or one of its public names. If none does, they are those
+    of the modules of its package that import it. A name weighs more in the order if fewer files mention it.
+    """
+    package = root / "lfcal" / path.relative_to(root / "lfcal").parts[0]
+    tests = _files_by_word(root / "tests" / package.name)
+    wanted, seen = {path}, {path}
+    while wanted:
+        weights: dict[Path, float] = defaultdict(float)
+        for name in {name for file in wanted for name in _public_names(file)}:
+            for file in tests.get(name, ()):
+                weights[file] += 1 / len(tests[name])
+        if weights:
+            return tuple(sorted(weights, key=lambda file: (-weights[file], file)))[:MOST_TESTS]
+        modules = {_module(file, root) for file in wanted}
+        wanted = {
+            file for file in package.rglob("*.py") if file.stem != "__init__" and _imported(file) & modules
+        } - seen
+        seen |= wanted
+    return ()
 
 
 def core_files(root: Path = ROOT) -> dict[str, list[Path]]:
-    """Return the files of each core package that have tests of their own."""
+    """Return the files of each core package that tests belong to."""
     found = {
-        package: [path for path in sorted((root / "lfcal" / package).rglob("*.py")) if mirror_of(path, root)]
+        package: [path for path in sorted((root / "lfcal" / package).rglob("*.py")) if closest_tests(path, root)]
         for package in CORE
     }
     return {package: paths for package, paths in found.items() if paths}
+
+
+@cache
+def _sources(package: Path) -> list[Path]:
+    return [file for file in package.rglob("*.py") if file.stem != "__init__"]
+
+
+def _module(path: Path, root: Path) -> str:
+    return ".".join(path.relative_to(root).with_suffix("").parts)
+
+
+@cache
+def _files_by_word(folder: Path) -> dict[str, list[Path]]:
+    """Return the test files of a folder that contain a word, also in their names."""
+    found = defaultdict(list)
+    for file in sorted(folder.rglob("test_*.py")):
+        for word in {file.stem.removeprefix("test_"), *re.findall(r"\w+", file.read_text(encoding="utf-8"))}:
+            found[word].append(file)
+    return dict(found)
+
+
+@cache
+def _public_names(path: Path) -> frozenset[str]:
+    """Return the name of a module and those in its ``__all__``."""
+    found = {path.stem.removeprefix("_")}
+    for node in ast.parse(path.read_bytes()).body:
+        if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets):
+            found |= set(ast.literal_eval(node.value))
+    return frozenset(found)
+
+
+@cache
+def _imported(path: Path) -> frozenset[str]:
+    """Return the modules that a file imports, and the names that it imports from them as modules."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return frozenset(found)
 
 
 @cache
@@ -74,9 +137,8 @@ def choose(count: int, seed: int, root: Path = ROOT) -> list[Mutant]:
             name = path.relative_to(root).as_posix()
             possible = [one for one in _in_file(path) if one.kind == kind]
             if possible and sum(one.file == name for one in chosen) < PER_FILE:
-                tests = mirror_of(path, root)
-                assert tests is not None
-                mutant = Mutant(name, tests.relative_to(root).as_posix(), rng.choice(possible))
+                tests = tuple(file.relative_to(root).as_posix() for file in closest_tests(path, root))
+                mutant = Mutant(name, tests, rng.choice(possible))
                 if mutant not in chosen:
                     chosen.append(mutant)
                     files[package].append(files[package].pop(files[package].index(path)))

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from tests.mutants.choosing import Mutant
 from tests.mutants.running import Verdict
 
-__all__ = ["JUDGED", "page", "words_of"]
+__all__ = ["JUDGED", "Outcome", "page", "words_of"]
 
 JUDGED = Path(__file__).with_name("judged.json")
-"""Survivors that people have looked at, by name: why no test can tell them from the original."""
+"""Equivalent mutants by name, with the reason why no test can detect them."""
 
 
 def words_of(verdict: Verdict, reason: str) -> str:
@@ -23,37 +23,50 @@ def words_of(verdict: Verdict, reason: str) -> str:
     return "killed: it hangs" if verdict.how == "hangs" else f"killed by `{verdict.by}`"
 
 
-def page(verdicts: Sequence[tuple[Mutant, Verdict]], seed: int, judged: Mapping[str, str] | None = None) -> str:
-    """Return the page in Markdown."""
+@dataclass(frozen=True)
+class Outcome:
+    """A mutant, its first outcome, and the last one: with tests that were written since."""
+
+    mutant: Mutant
+    first: Verdict
+    last: Verdict
+
+
+def page(outcomes: Sequence[Outcome], seed: int, judged: Mapping[str, str] | None = None) -> str:
+    """Return the page in Markdown; ``judged`` contains the reasons why no test can detect a mutant, by its name."""
     reasons = json.loads(JUDGED.read_text(encoding="utf-8")) if judged is None else judged
-    counted = Counter(verdict.how for _, verdict in verdicts)
-    killed = len(verdicts) - counted["survived"]
-    equal = sum(verdict.how == "survived" and mutant.name in reasons for mutant, verdict in verdicts)
-    rows = "\n".join(
-        f"| `{mutant.file.removeprefix('lfcal/')}:{mutant.mutation.line}` | {mutant.mutation.kind} | "
-        f"`{_cell(mutant.mutation.before)}` → `{_cell(mutant.mutation.after)}` | "
-        f"{words_of(verdict, reasons.get(mutant.name, ''))} |"
-        for mutant, verdict in verdicts
+    count = max(1, len(outcomes))
+    first, last = (
+        sum(one.how != "survived" for one in some) for some in zip(*((o.first, o.last) for o in outcomes), strict=True)
     )
+    equal = sum(one.last.how == "survived" and one.mutant.name in reasons for one in outcomes)
+    rows = "\n".join(_row(one.mutant, one.last, reasons.get(one.mutant.name, "")) for one in outcomes)
     return f"""# Mutants
 
 Do the tests detect mistakes? `tests.mutants` makes one small mistake at a time in a copy of the sources. It then runs
-the tests of that file (`tests/psf/test_cutout.py` for `lfcal/psf/cutout.py`), and the long ones if the quick ones pass.
-A mutant that survives reveals a missing test. Of 60 new mutants each, 41, 42 and 43 were killed at first (seeds 2, 1
-and 3). After the missing tests were written, 56, 58 and 56 were killed.
+the tests that belong to the file, and the long ones if the quick ones pass. A mutant that survives reveals a missing
+test, unless it is equivalent to the original. Each run draws new mutants; `--seed` resumes a run or lists its mutants.
 
 ```sh
-python -m tests.mutants                      # {len(verdicts)} mutants of seed {seed}; resumes where it stopped
-python -m tests.mutants --seed 2 --list      # lists other mutants
+python -m tests.mutants                      # {len(outcomes)} new mutants
+python -m tests.mutants --seed {seed} --list      # the mutants of this table
 ```
 
-**{killed} of {len(verdicts)} are killed ({100 * killed / max(1, len(verdicts)):.0f} %)**, {counted["hangs"]} of them
-because the test hangs. {counted["survived"]} survive. No test can detect {equal} of these, for the reason in the table.
+**The tests killed {first} of {len(outcomes)} mutants ({100 * first / count:.0f} %) at the first run.** With the tests
+that were written since, they kill {last}. No test can detect {equal} of the others, for the reason in the table.
 
 | line | kind | mistake | outcome |
 | --- | --- | --- | --- |
 {rows}
 """
+
+
+def _row(mutant: Mutant, verdict: Verdict, reason: str) -> str:
+    one = mutant.mutation
+    return (
+        f"| `{mutant.file.removeprefix('lfcal/')}:{one.line}` | {one.kind} | "
+        f"`{_cell(one.before)}` → `{_cell(one.after)}` | {words_of(verdict, reason)} |"
+    )
 
 
 def _cell(text: str, longest: int = 60) -> str:

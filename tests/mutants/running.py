@@ -1,4 +1,4 @@
-"""A copy of the tree in which one mutant at a time lives while its tests run."""
+"""A copy of the tree that contains one mutant at a time while its tests run."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ __all__ = ["Tree", "Verdict"]
 
 COPIED = ("lfcal", "gui", "benchmarks", "tests", "sample_data", "docs", "docs_build", "packaging", ".ci")
 PATIENCE, LEAST_S = 4.0, 180.0
-"""A mutant's tests may take this many times longer than without it, and at least so long (s); then it hangs."""
+"""A mutant hangs if its tests take longer than this many times the time without it, and longer than this time (s)."""
 
 LONG_S = 3600.0
-"""The same for all of its tests, the long ones too: who survives the quick ones is run against them (s)."""
+"""Limit (s) with the long tests, which are run if the quick ones pass."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a mutant: ``how`` is killed, hangs or survived."""
+    """Outcome of a mutant: ``how`` is ``"killed"``, ``"hangs"`` or ``"survived"``; ``by`` is the test that failed."""
 
     how: str
     seconds: float
@@ -37,7 +37,7 @@ class Verdict:
 
 
 class Tree:
-    """The copy: files, tests, and kernels that are compiled already."""
+    """The copy: sources, tests, and the kernels that are already compiled."""
 
     def __init__(self, place: Path, root: Path = ROOT) -> None:
         self.root = place
@@ -48,20 +48,20 @@ class Tree:
         for path in root.glob("*.*"):
             if path.is_file() and path.suffix != ".lock":
                 shutil.copy2(path, place / path.name)
-        self._base: dict[str, float] = {}
+        self._base: dict[tuple[str, ...], float] = {}
 
-    def seconds_of(self, tests: str) -> float:
-        """Return how long tests take without a mutant; they must pass."""
+    def seconds_of(self, tests: tuple[str, ...]) -> float:
+        """Return the time (s) of test files without a mutant; they must pass."""
         if tests not in self._base:
             start = time.monotonic()
             code, said = self._run(tests, 3600)
             if code:
-                raise RuntimeError(f"{tests}: fails without a mutant: {said[-2000:]}")
+                raise RuntimeError(f"{' '.join(tests)}: fails without a mutant: {said[-2000:]}")
             self._base[tests] = time.monotonic() - start
         return self._base[tests]
 
     def judge(self, mutant: Mutant) -> Verdict:
-        """Put the mutant in, run its tests, and take it out."""
+        """Return the outcome of a mutant."""
         limit = max(LEAST_S, PATIENCE * self.seconds_of(mutant.tests))
         with self._living(mutant):
             start = time.monotonic()
@@ -79,8 +79,8 @@ class Tree:
         failed = [line.split(" - ")[0] for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
         return Verdict("killed", seconds, failed[0].rpartition("::")[2] if failed else "import")
 
-    def _run(self, tests: str, limit: float, *more: str) -> tuple[int, str]:
-        words = [sys.executable, "-m", "pytest", "-x", "-n", "0", "-p", "no:randomly", "--tb=no", "-rfE", *more, tests]
+    def _run(self, tests: tuple[str, ...], limit: float, *more: str) -> tuple[int, str]:
+        words = [sys.executable, "-m", "pytest", "-x", "-n", "0", "-p", "no:randomly", "--tb=no", "-rfE", *more, *tests]
         env = {**os.environ, "PYTHONPATH": str(self.root), "QT_QPA_PLATFORM": "offscreen", "COLUMNS": "300"}
         with tempfile.TemporaryDirectory(prefix="lfcal-mutant-") as scratch:
             done = subprocess.run(
@@ -113,7 +113,7 @@ class Tree:
                 file.write_bytes(content)
 
     def _compiled_with(self, path: Path) -> set[Path]:
-        """Return the file and all that import it, through others, too: their compiled kernels may contain its own."""
+        """Return a file and those that import it, also indirectly, whose compiled kernels may contain its code."""
         imports = {file: _imports(file) for file in (self.root / "lfcal").rglob("*.py")}
         names = {file: ".".join(file.relative_to(self.root).with_suffix("").parts) for file in imports}
         found, new = {path}, {path}
