@@ -1,3 +1,5 @@
+"""Distortion of the lattice: its terms, inverse and derivative, and the lattice that has it."""
+
 from __future__ import annotations
 
 import math
@@ -7,15 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.base.errors import FileFormatError, InputError
+from lfcal.base import FileFormatError, InputError
 from lfcal.camera import Camera, LatticeDistortion, LensletLattice, LensType, MainLens, Sensor
 
 CUBIC = LatticeDistortion(
-    "polynomial",
-    (30.0, -20.0),
-    5000.0,
-    ((4.0, -3.0, 2.0, 9.0, 1.0, -2.0, 3.0), (1.0, 2.0, -5.0, -1.0, 4.0, 2.0, -8.0)),
+    "polynomial", (30.0, -20.0), 5000.0, ((4.0, -3.0, 2.0, 9.0, 1.0, -2.0, 3.0), (1.0, 2.0, -5.0, -1.0, 4.0, 2.0, -8.0))
 )
+
 RADIAL = LatticeDistortion("radial", (150.0, 90.0), 5000.0, ((12.0, -3.0),))
 THREE = (LensType(1000.0), LensType(1100.0), LensType(1200.0))
 
@@ -24,42 +24,24 @@ def points(reach: float = 6000.0) -> np.ndarray:
     return np.random.default_rng(3).uniform(-reach, reach, (400, 2))
 
 
-def test_a_cubic_is_what_its_terms_say() -> None:
+def test_displacements_are_what_the_terms_say() -> None:
     u, v = (1030.0 - 30.0) / 5000, (-2520.0 + 20.0) / 5000
     x = 4 * u * u - 3 * u * v + 2 * v * v + 9 * u**3 + u * u * v - 2 * u * v * v + 3 * v**3
     y = u * u + 2 * u * v - 5 * v * v - u**3 + 4 * u * u * v + 2 * u * v * v - 8 * v**3
     assert CUBIC.apply((1030.0, -2520.0)) == pytest.approx((1030.0 + x, -2520.0 + y), abs=1e-10)
-    assert CUBIC.degree == 3
-
-
-def test_a_radial_distortion_is_brown_s() -> None:
     u, v = 2000.0 / 5000, -1000.0 / 5000
-    square = u * u + v * v
-    gain = 12 * square - 3 * square**2
+    gain = 12 * (u * u + v * v) - 3 * (u * u + v * v) ** 2  # Brown's
     assert RADIAL.apply((2150.0, -910.0)) == pytest.approx((2150 + gain * u, -910 + gain * v), abs=1e-10)
-    assert RADIAL.degree == 5
-
-
-@pytest.mark.parametrize("distortion", [CUBIC, RADIAL])
-@pytest.mark.parametrize("reach", [5000.0, 30000.0])
-def test_the_inverse_leads_back(distortion: LatticeDistortion, reach: float) -> None:
-    """Also far outside the sensor, where a polynomial by itself would fold back."""
-    there = distortion.apply(points(reach))
-    assert np.abs(distortion.invert(there) - points(reach)).max() < 1e-7
-    assert distortion.invert(np.zeros((0, 2))).shape == (0, 2)
-
-
-@pytest.mark.parametrize("distortion", [CUBIC, RADIAL])
-def test_it_is_smooth_where_it_runs_on_straight(distortion: LatticeDistortion) -> None:
-    outward = np.array([math.cos(0.7), math.sin(0.7)])
-    edge = np.array(distortion.centre) + 1.25 * distortion.scale * outward
-    for step in (-1.0, 1.0):
-        change = distortion.apply(edge + step * outward) - distortion.apply(edge)
-        assert change == pytest.approx(step * distortion.jacobian(edge) @ outward, abs=1e-4)
+    assert (CUBIC.degree, RADIAL.degree) == (3, 5)
+    assert LatticeDistortion("radial", (0.0, 0.0), 100.0, ((3.0,),)).largest == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("distortion", [CUBIC, RADIAL, replace(RADIAL, terms=((-20.0, 7.0, 3.0, -2.0),))])
-def test_the_derivative_is_that_of_small_steps(distortion: LatticeDistortion) -> None:
+def test_inverse_and_derivative_are_right_everywhere(distortion: LatticeDistortion) -> None:
+    """Also far outside the sensor, where a polynomial alone would fold back."""
+    for reach in (5000.0, 30000.0):
+        assert np.abs(distortion.invert(distortion.apply(points(reach))) - points(reach)).max() < 1e-7
+    assert distortion.invert(np.zeros((0, 2))).shape == (0, 2)
     far = 3 * distortion.scale
     at, h = np.array([[800.0, -3000.0], distortion.centre, [far, -far / 2]]), 0.5
     for axis in (0, 1):
@@ -67,86 +49,41 @@ def test_the_derivative_is_that_of_small_steps(distortion: LatticeDistortion) ->
         slope = (distortion.apply(at + step) - distortion.apply(at - step)) / (2 * h)
         assert distortion.jacobian(at)[..., axis] == pytest.approx(slope, abs=1e-8)
         assert distortion.jacobian(at[0])[:, axis] == pytest.approx(slope[0], abs=1e-8)
-
-
-@pytest.mark.parametrize("distortion", [CUBIC, RADIAL])
-def test_terms_and_points_beyond_all_bounds_end_in_words(distortion: LatticeDistortion) -> None:
-    """Overflow is no warning: those are errors here."""
-    with pytest.raises(InputError, match="distortion of the lattice: expected one that keeps"):
-        LatticeDistortion("polynomial", (0.0, 0.0), 5000.0, ((1e15,) * 7, (1e15,) * 7))
-    with pytest.raises(InputError, match="terms of the distortion: expected a number ≥ -1e"):
-        LatticeDistortion("polynomial", (0.0, 0.0), 5000.0, ((1e308,) * 7, (1e308,) * 7))
+    # it is smooth where it continues along straight lines
+    outward = np.array([math.cos(0.7), math.sin(0.7)])
+    edge = np.array(distortion.centre) + 1.25 * distortion.scale * outward
+    for step in (-1.0, 1.0):
+        change = distortion.apply(edge + step * outward) - distortion.apply(edge)
+        assert change == pytest.approx(step * distortion.jacobian(edge) @ outward, abs=1e-4)
     assert np.isfinite(distortion.jacobian([[1e300, 0.0]])).all()
-
-
-@pytest.mark.parametrize("distortion", [CUBIC, RADIAL])
-def test_another_unit_and_origin(distortion: LatticeDistortion) -> None:
-    moved = distortion.scaled(0.2, (70.0, -11.0))
-    shift = np.array([70.0, -11.0])
+    moved, shift = distortion.scaled(0.2, (70.0, -11.0)), np.array([70.0, -11.0])
     assert np.allclose(moved.apply(0.2 * points() + shift), 0.2 * distortion.apply(points()) + shift)
     assert moved.largest == pytest.approx(0.2 * distortion.largest)
 
 
-def test_the_largest_displacement() -> None:
-    assert LatticeDistortion("radial", (0.0, 0.0), 100.0, ((3.0,),)).largest == pytest.approx(3.0)
+BAD: list[tuple[dict[str, Any], str]] = [
+    ({"model": "spline"}, ""),
+    ({"scale": 0.0}, ""),
+    ({"centre": (1.0, math.nan)}, ""),
+    *(({"terms": terms}, "") for terms in ((), ((1.0, 2.0, 3.0),), ((1.0, 2.0), (1.0, 2.0)), 3.0)),
+    *(({"terms": ((1.0, 2.0, k), (1.0, 2.0, 3.0)[:n])}, "") for k, n in ((3.0, 2), (math.inf, 3))),
+    ({"scale": 5000.0, "terms": ((1e15,) * 7, (1e15,) * 7)}, "distortion of the lattice: expected one that keeps"),
+    ({"terms": ((1e308,) * 7, (1e308,) * 7)}, "terms of the distortion: expected a number ≥ -1e"),
+    *(({"model": "radial", "terms": (terms,)}, "") for terms in ((), (1.0,) * 5, (-5000.0,))),
+    ({"model": "radial", "terms": ((-200.0,),)}, r"less than 0\.1 of its size, got one that shrinks an area to 0\.04"),
+    *(({"model": "radial", "terms": ((k,),)}, "got one that reverses their order") for k in (-400.0, -1000.0, -1e7)),
+    ({"model": "radial", "scale": 1e-300, "terms": ((1e15,),)}, "got terms too large to evaluate"),
+]
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"model": "spline"},
-        {"scale": 0.0},
-        {"centre": (1.0, math.nan)},
-        {"terms": ()},
-        {"terms": ((1.0, 2.0, 3.0),)},
-        {"terms": ((1.0, 2.0), (1.0, 2.0))},
-        {"terms": ((1.0, 2.0, 3.0), (1.0, 2.0))},
-        {"terms": ((1.0, 2.0, math.inf), (1.0, 2.0, 3.0))},
-        {"terms": 3.0},
-        {"model": "radial", "terms": ((),)},
-        {"model": "radial", "terms": ((1.0,) * 5,)},
-        {"model": "radial", "terms": ((-5000.0,),)},
-    ],
-)
-def test_bad_values_are_refused_in_one_line(values: dict[str, Any]) -> None:
-    good: dict[str, Any] = {
-        "model": "polynomial",
-        "centre": (0.0, 0.0),
-        "scale": 1000.0,
-        "terms": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-    }
-    LatticeDistortion(**good)
-    with pytest.raises(InputError) as caught:
-        LatticeDistortion(**(good | values))
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("terms", "told"),
-    [
-        ((-200.0,), r"less than 0\.1 of its size, got one that shrinks an area to 0\.04"),
-        ((-400.0,), "got one that reverses their order"),
-        ((-1000.0,), "got one that reverses their order"),
-        ((-1e7,), "got one that reverses their order"),
-    ],
-)
-def test_what_turns_lenslets_over_is_told_from_what_shrinks_them(terms: tuple[float, ...], told: str) -> None:
-    with pytest.raises(InputError, match=told):
-        LatticeDistortion("radial", (0.0, 0.0), 1000.0, (terms,))
-
-
-def test_terms_that_overflow_are_named() -> None:
-    with pytest.raises(InputError, match="got terms too large to evaluate"):
-        LatticeDistortion("radial", (0.0, 0.0), 1e-300, ((1e15,),))
-
-
-def test_positions_that_are_not_finite_are_told_from_distant_ones() -> None:
-    distortion = LatticeDistortion("radial", (0.0, 0.0), 1000.0, ((-3.0,),))
+def test_bad_values_are_refused_in_one_line() -> None:
+    good = LatticeDistortion("polynomial", (0.0, 0.0), 1000.0, ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    for values, match in BAD:
+        with pytest.raises(InputError, match=match or ".") as caught:
+            replace(good, **values)
+        assert "\n" not in str(caught.value), values
     with pytest.raises(InputError, match="expected finite numbers, got NaN or infinity in 2 of them"):
-        distortion.invert([[np.nan, 1.0], [3.0, 4.0], [np.inf, 0.0]])
-
-
-# -- the lattice that carries it ---------------------------------------------------------------------------
+        good.invert([[np.nan, 1.0], [3.0, 4.0], [np.inf, 0.0]])
 
 
 def bent(distortion: LatticeDistortion = CUBIC, kind: str = "hexagonal") -> LensletLattice:
@@ -188,17 +125,12 @@ def test_the_local_lattice_is_the_neighbourhood(kind: str) -> None:
     near, kinds = lattice.lenslets_within(150.0, 150.0, about)
     got, types = local.lenslets_within(150.0, 150.0, about)
     nearest = np.hypot(*(near[:, None] - got[None]).transpose(2, 0, 1))
-    # the straight lattice is an affine guess: a second-order error over two pitches
+    # the straight lattice is an affine approximation, with a second-order error over two pitches
     assert nearest.min(1).max() < 0.05
     assert np.array_equal(kinds, types[nearest.argmin(1)])
     # the whole lattice's own vectors are off by more over so short a way
     moved = local.basis_um() - lattice.basis_um()
     assert 3 * np.hypot(*moved.T).max() > 0.3
-
-
-def test_without_distortion_the_local_lattice_is_the_lattice() -> None:
-    plain = LensletLattice("hexagonal", 70.0, 400.0, THREE, math.pi)
-    assert plain.local((1000.0, 2000.0)) == plain
 
 
 def test_a_camera_keeps_it_in_its_description() -> None:
@@ -215,8 +147,10 @@ def test_a_camera_keeps_it_in_its_description() -> None:
         Camera.from_dict(broken)
 
 
-def test_the_lattice_may_be_scaled() -> None:
+def test_the_lattice_may_be_scaled_and_is_local_everywhere_without_distortion() -> None:
     lattice = bent()
     twice = lattice.scaled(2.0)
     assert np.allclose(twice.centres_um(7, -3), 2 * lattice.centres_um(7, -3))
     assert (twice.gap_um, twice.types) == (lattice.gap_um, lattice.types)
+    plain = LensletLattice("hexagonal", 70.0, 400.0, THREE, math.pi)
+    assert plain.local((1000.0, 2000.0)) == plain

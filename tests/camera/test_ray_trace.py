@@ -1,4 +1,4 @@
-"""The step and the cutout against rays traced one by one: thin lens, lenslets, sensor."""
+"""The step and the cutout compared with rays that are traced one by one: thin lens, lenslets, sensor."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.camera import Camera, LensletLattice, LensType, MainLens, ScanPlan, Sensor, preset
-from lfcal.camera.shadow import _edge_slope, half_extent_px
+from lfcal.camera import Camera, LensletLattice, LensType, MainLens, ScanPlan, Sensor, half_extent_px, preset
+from lfcal.camera.shadow import _edge_slope
 
 Array = NDArray[np.float64]
 
@@ -45,22 +45,20 @@ def sorted_rows(points: Array) -> Array:
     return rows
 
 
-@pytest.mark.parametrize("z_um", [-120e3, -52e3, -20e3, 30e3, 44e3, 150e3])
 @pytest.mark.parametrize("name", ["r29", "bench"])
-def test_one_period_of_steps_moves_the_pattern_by_one_period_of_micro_images(name: str, z_um: float) -> None:
-    camera = preset(name)
-    assert isinstance(camera.optics, MainLens)
-    distance = camera.optics.working_distance_um + z_um
+def test_one_period_of_steps_moves_the_pattern_by_one_period_of_micro_images(name: str) -> None:
+    camera, start = preset(name), np.array([-310.0, 120.0])
     pitch_y, pitch_x = camera.lattice.period_um
-    for direction, period in ((np.array([1.0, 0.0]), pitch_x), (np.array([0.0, 1.0]), pitch_y)):
-        start = np.array([-310.0, 120.0])
-        # the image moves against the object: a step of the image to the right is one of the object to the left
-        step = -camera.step_um(z_um) * (period / camera.sensor.pixel_um) * direction
+    for z_um in (-120e3, -52e3, -20e3, 30e3, 44e3, 150e3):
+        distance = camera.optics.working_distance_um + z_um
         here, types = pinhole_pattern(camera, start, distance)
-        there, types_there = pinhole_pattern(camera, start + step, distance)
-        assert len(here) == len(there) > 0
-        assert np.allclose(sorted_rows(here + period * direction), sorted_rows(there), atol=1e-6)
-        assert np.array_equal(np.sort(types), np.sort(types_there))
+        for shift in (np.array([pitch_x, 0.0]), np.array([0.0, pitch_y])):
+            # the image moves against the object: a step of the image to the right is one of the object to the left
+            step = -camera.step_um(z_um) * shift / camera.sensor.pixel_um
+            there, types_there = pinhole_pattern(camera, start + step, distance)
+            assert len(here) == len(there) > 0
+            assert np.allclose(sorted_rows(here + shift), sorted_rows(there), atol=1e-6)
+            assert np.array_equal(np.sort(types), np.sort(types_there)), z_um
 
 
 def test_the_magnification_of_the_image_plane_would_not_be_periodic() -> None:
@@ -75,10 +73,9 @@ def test_the_magnification_of_the_image_plane_would_not_be_periodic() -> None:
     assert error_px == pytest.approx(9.95, abs=0.1)
 
 
-@pytest.mark.parametrize("name", ["lfm_20x05", "lfm_60x12"])
-def test_a_telecentric_microscope_steps_by_the_magnification_at_every_depth(name: str) -> None:
-    camera = preset(name)
-    assert {camera.step_um(z) for z in (-20.0, 0.0, 35.0)} == {camera.sensor.pixel_um / camera.magnification}
+def test_a_telecentric_microscope_steps_by_the_magnification_at_every_depth() -> None:
+    for camera in map(preset, ("lfm_20x05", "lfm_60x12")):
+        assert {camera.step_um(z) for z in (-20.0, 0.0, 35.0)} == {camera.sensor.pixel_um / camera.magnification}
 
 
 def traced_extent_px(camera: Camera, z_um: float) -> float:
@@ -111,17 +108,16 @@ def traced_extent_px(camera: Camera, z_um: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("name", "v"),
-    [("r29", 1.1), ("r29", 2.0), ("r29", 5.5), ("r29", -3.0), ("r29", 0.3), ("r29", -0.3), ("bench", 4.0)],
+    ("name", "v"), [("r29", 1.1), ("r29", 5.5), ("r29", -3.0), ("r29", 0.3), ("r29", -0.3), ("bench", 4.0)]
 )
-def test_the_cutout_holds_every_ray_and_little_more(name: str, v: float) -> None:
+def test_the_cutout_contains_every_ray_and_little_more(name: str, v: float) -> None:
     camera = preset(name)
     z = camera.depth_of(v)
     airy = 1.22 * camera.wavelength_um * camera.lattice.gap_um / camera.lattice.clear_diameter_um
     margin = 3 * airy / camera.sensor.pixel_um
     bound, traced = half_extent_px(camera, z), traced_extent_px(camera, z)
     assert traced <= bound - 0.9 * margin
-    # the bound takes corner and lenslet edge in line, which the sampled places need not meet
+    # the bound takes corner and lenslet edge in line, which the sampled places may miss
     assert bound - margin - traced < 0.35 * camera.pitch_px
 
 

@@ -9,10 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.camera import RegionPlan, ScanPlan, preset
-from lfcal.camera.distortion import LatticeDistortion
-from lfcal.camera.regions import parse_regions
+from lfcal.base import FileFormatError, InputError
+from lfcal.camera import LatticeDistortion, RegionPlan, ScanPlan, parse_regions, preset
 
 R29 = ScanPlan.for_camera(preset("r29"), virtual_depths=(4.0,))
 BENCH = ScanPlan.for_camera(preset("bench"), virtual_depths=(4.0,), cutout=31)
@@ -33,7 +31,7 @@ def test_nine_regions_reach_centre_edges_and_corners() -> None:
 @pytest.mark.parametrize("turn", [0.0, math.radians(0.7)])
 @pytest.mark.parametrize("bent", [False, True])
 def test_a_position_shows_the_same_phase_in_every_region(turn: float, bent: bool) -> None:
-    """Held against the array itself: what lies under the anchor of a region is what lies under the first one's."""
+    """Compared with the array: what lies under the anchor of a region is what lies under that of the first."""
     lattice = replace(R29.camera.lattice, rotation_rad=turn)
     if bent:
         distortion = LatticeDistortion("radial", (0.0, 0.0), 10_000.0, ((20.0,),))
@@ -45,7 +43,7 @@ def test_a_position_shows_the_same_phase_in_every_region(turn: float, bent: bool
     for k in range(len(plan)):
         here = camera.lattice.lenslet_at(camera.sensor_um(plan.anchors[k])) - first
         whole = np.rint(here)
-        # within a lens type's own lattice: by so many whole lenslets, to a share of one
+        # within the lattice of a lens type: by whole lenslets, up to a fraction of one
         types = camera.lattice.type_of(*np.array([[0, whole[0]], [0, whole[1]]]).astype(int))
         assert types[0] == types[1]
         off = (here - whole) @ camera.lattice.basis_um() / camera.sensor.pixel_um
@@ -53,13 +51,10 @@ def test_a_position_shows_the_same_phase_in_every_region(turn: float, bent: bool
         np.testing.assert_allclose(plan.residual_px(k), off[::-1], atol=0.01)
 
 
-def test_what_the_array_leaves_is_told() -> None:
+def test_a_plan_comes_back_from_its_file() -> None:
     plan = RegionPlan.spread(BENCH, (3, 3))
     assert len(plan) == 9 and max(abs(v) for k in range(9) for v in plan.residual_px(k)) < 0.5
     assert plan.residual_px(0) == (0.0, 0.0)
-
-
-def test_a_plan_comes_back_from_its_file() -> None:
     plan = RegionPlan.spread(BENCH, (1, 3))
     assert plan.names == ("centre", "r1c1", "r1c3")
     assert RegionPlan.from_json(plan.to_json()) == plan
@@ -68,23 +63,21 @@ def test_a_plan_comes_back_from_its_file() -> None:
         ScanPlan.from_json(plan.to_json())
 
 
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
+def test_damaged_plans_are_refused() -> None:
+    data = RegionPlan.spread(BENCH, (1, 2)).to_dict() | {"scan": replace(BENCH, anchor=(150.0, 144.0)).to_dict()}
+    first = {"name": "a", "anchor": [150, 144]}
+    for change, match in (
         ({"version": 2}, "version 1"),
         ({"regions": 3}, "format, version, regions and scan"),
         ({"more": 1}, "format, version, regions and scan"),
         ({"regions": [{"name": "a"}]}, "a name and an anchor"),
-        ({"regions": [{"name": "../a", "anchor": [150, 144]}]}, "letters, digits, _ and -"),
-        ({"regions": [{"name": "a", "anchor": [150, 144]}, {"name": "A", "anchor": [55, 45]}]}, "different names"),
+        ({"regions": [first | {"name": "../a"}]}, "letters, digits, _ and -"),
+        ({"regions": [first, {"name": "A", "anchor": [55, 45]}]}, "different names"),
         ({"regions": [{"name": "a", "anchor": [55, 45]}]}, "first anchor of the regions: expected"),
-        ({"regions": [{"name": "a", "anchor": [150, 144]}, {"name": "b", "anchor": [0, 45]}]}, "cutout"),
-    ],
-)
-def test_damaged_plans_are_refused(change: dict[str, object], text: str) -> None:
-    data = RegionPlan.spread(BENCH, (1, 2)).to_dict() | {"scan": replace(BENCH, anchor=(150.0, 144.0)).to_dict()}
-    with pytest.raises(InputError, match=text):
-        RegionPlan.from_dict(data | change)
+        ({"regions": [first, {"name": "b", "anchor": [0, 45]}]}, "cutout"),
+    ):
+        with pytest.raises(InputError, match=match):
+            RegionPlan.from_dict(data | change)
 
 
 def test_there_must_be_room_for_them() -> None:

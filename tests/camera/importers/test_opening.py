@@ -10,10 +10,20 @@ from typing import Any
 
 import pytest
 
-from lfcal.base.errors import FileFormatError, InputError, StorageError, UnsafeFileError
-from lfcal.camera import Camera, ImportOptions, Microscope, PupilLenslets, import_camera, preset
+from lfcal.base import FileFormatError, InputError, StorageError, UnsafeFileError
+from lfcal.camera import (
+    CAMERA_FORMATS,
+    Camera,
+    ImportOptions,
+    Microscope,
+    PupilLenslets,
+    import_camera,
+    preset,
+    quantities_of,
+)
 from tests.camera.importers.files import CONFIGURATION, OLAF, napari
 from tests.camera.importers.test_raytrix_xml import xml
+from tests.distribution import names_of
 
 DATA = Path(__file__).parents[4] / "shared/data"
 needs_data = pytest.mark.skipif(not DATA.exists(), reason=f"{DATA} is not on this machine")
@@ -33,7 +43,7 @@ def test_olaf(tmp_path: Path) -> None:
     camera = read(tmp_path, OLAF)
     assert optics(camera) == Microscope(22.222, 0.5, 1.33, 165e3)
     assert (camera.lattice.kind, camera.lattice.pitch_um, camera.sensor.pixel_um) == ("square", 112, 6.5)
-    # plenoptic 1 without mla2sensor: the sensor stands at the lenslets' focal length
+    # plenoptic 1 without mla2sensor: the sensor is at the lenslets' focal length
     assert camera.lattice.gap_um == camera.lattice.types[0].focal_length_um == 2433
     assert camera.wavelength_um == 0.53
     marks = camera.marks
@@ -41,17 +51,15 @@ def test_olaf(tmp_path: Path) -> None:
     assert not {"optics.magnification", "sensor.pixel_um", "lattice.pitch_um"} & set(marks.paths("assumed"))
 
 
-@pytest.mark.parametrize(
-    "entry", ["gridType: *z", "plenoptic: *z", "fm: *z", "M: *z", "x: !!bool abc", "? {a: b}\n: 1"]
-)
-def test_olaf_files_that_would_compute_for_ever_are_refused(tmp_path: Path, entry: str) -> None:
+def test_olaf_files_that_would_compute_for_ever_are_refused(tmp_path: Path) -> None:
     """References to references: 700 bytes once took 30 s and 1.4 GB to refuse."""
     bomb = "a: &a [1, 1]\n" + "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in pairwise("abcdefghiz"))
-    name = entry.partition(":")[0]
-    text = "\n".join(line for line in OLAF.splitlines() if not line.startswith(f"{name}:"))
-    with pytest.raises(FileFormatError) as caught:
-        read(tmp_path, text + "\n" + (bomb if "*z" in entry else "") + entry + "\n")
-    assert "\n" not in str(caught.value)
+    for entry in ("gridType: *z", "plenoptic: *z", "fm: *z", "M: *z", "x: !!bool abc", "? {a: b}\n: 1"):
+        name = entry.partition(":")[0]
+        text = "\n".join(line for line in OLAF.splitlines() if not line.startswith(f"{name}:"))
+        with pytest.raises(FileFormatError) as caught:
+            read(tmp_path, text + "\n" + (bomb if "*z" in entry else "") + entry + "\n")
+        assert "\n" not in str(caught.value), entry
 
 
 def test_olaf_defocused_matches_f_numbers(tmp_path: Path) -> None:
@@ -74,30 +82,6 @@ def test_olaf_hexagonal_with_three_types(tmp_path: Path) -> None:
     camera = read(tmp_path, text.replace("mla2sensor: 0", "mla2sensor: 2300"))
     assert camera.lattice.kind == "hexagonal" and camera.lattice.gap_um == 2300
     assert [kind.focal_length_um for kind in camera.lattice.types] == [2400, 2500, 2700.5]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("M: 22.222", "", "'M'"),
-        ("fm: 2433", "fm: [1, 2]", "fm"),
-        ("fm: 2433", "fm: [1, 2, 3]", "one focal length"),
-        ("single", "multi", "three focal lengths"),
-        ("gridType: reg", "gridType: tri", "gridType"),
-        ("plenoptic: 1", "plenoptic: 3", "plenoptic"),
-        ("NA: 0.5", "NA: 1.5", "numerical aperture"),
-        ("NA: 0.5", "NA: half", "NA"),
-        ("NA: 0.5", "NA: .nan", "NA"),
-        ("WaveLength: 0.53", "WaveLength: 530", "µm"),
-        ("n: 1.33", "noLensHoriz: 12", "'fobj'"),
-        ("n: 1.33", "n: [1.33", "YAML"),
-        ("n: 1.33", "n: !!python/object/apply:os.system ['true']", "YAML"),
-    ],
-)
-def test_olaf_refusals_are_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
-    with pytest.raises(FileFormatError) as error:
-        read(tmp_path, OLAF.replace(old, new))
-    assert said in str(error.value) and "any.thing" in str(error.value)
 
 
 FLFM = """fobj: 9000
@@ -134,20 +118,35 @@ def test_olaf_of_a_fourier_microscope(tmp_path: Path) -> None:
     assert isinstance(square.lattice, PupilLenslets) and len(square.lattice.lens_centres_um) == 9
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("fobj: 9000", "fobj: 0", "focal lengths"),
-        ("noLensHoriz: 3", "noLensHoriz: 2.5", "whole numbers"),
-        ("noLensVert: 3", "noLensVert: 3000", "whole numbers"),
-        ("f2: 125000", "", "'f2'"),
-        ("gridType: hex", "gridType: tri", "gridType"),
-    ],
-)
-def test_olaf_refusals_of_a_fourier_microscope(tmp_path: Path, old: str, new: str, said: str) -> None:
-    with pytest.raises(FileFormatError) as error:
-        read(tmp_path, FLFM.replace(old, new))
-    assert said in str(error.value)
+REFUSED = [
+    (OLAF, "M: 22.222", "", "'M'"),
+    (OLAF, "fm: 2433", "fm: [1, 2]", "fm"),
+    (OLAF, "fm: 2433", "fm: [1, 2, 3]", "one focal length"),
+    (OLAF, "single", "multi", "three focal lengths"),
+    (OLAF, "gridType: reg", "gridType: tri", "gridType"),
+    (OLAF, "plenoptic: 1", "plenoptic: 3", "plenoptic"),
+    (OLAF, "NA: 0.5", "NA: 1.5", "numerical aperture"),
+    *((OLAF, "NA: 0.5", f"NA: {other}", "NA") for other in ("half", ".nan")),
+    (OLAF, "WaveLength: 0.53", "WaveLength: 530", "µm"),
+    (OLAF, "n: 1.33", "noLensHoriz: 12", "'fobj'"),
+    *((OLAF, "n: 1.33", n, "YAML") for n in ("n: [1.33", "n: !!python/object/apply:os.system ['true']")),
+    (FLFM, "fobj: 9000", "fobj: 0", "focal lengths"),
+    (FLFM, "noLensHoriz: 3", "noLensHoriz: 2.5", "whole numbers"),
+    (FLFM, "noLensVert: 3", "noLensVert: 3000", "whole numbers"),
+    (FLFM, "f2: 125000", "", "'f2'"),
+    (FLFM, "gridType: hex", "gridType: tri", "gridType"),
+    (napari(pixel_size=None), "", "", "'pixel_size'"),
+    (napari(objective_na="0.5"), "", "", "objective_na"),
+    (napari(medium_index=0.5), "", "", "index"),
+]
+
+
+def test_refusals_are_one_line_that_names_the_entry(tmp_path: Path) -> None:
+    for text, old, new, words in REFUSED:
+        with pytest.raises(FileFormatError) as error:
+            read(tmp_path, text.replace(old, new) if old else text)
+        message = str(error.value)
+        assert words in message and "any.thing" in message and "\n" not in message, (new, words)
 
 
 def test_napari_lf(tmp_path: Path) -> None:
@@ -157,25 +156,9 @@ def test_napari_lf(tmp_path: Path) -> None:
     assert camera.lattice.types[0].focal_length_um == 2500
     assert (camera.sensor.pixel_um, camera.sensor.fill_factor, camera.wavelength_um) == (7.4, 0.9, 0.482)
     assert (camera.marks["lattice.kind"], camera.marks["sensor.shape"]) == ("derived", "assumed")
-
-
-def test_napari_lf_fill_factor_is_not_guessed(tmp_path: Path) -> None:
     (tmp_path / "m.json").write_text(napari(ulens_fill_factor=0.7))
     found = import_camera(tmp_path / "m.json")
     assert found.camera.marks["lattice.clear_um"] == "assumed" and "fraction of 0.7" in found.notes[0]
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"pixel_size": None}, "'pixel_size'"),
-        ({"objective_na": "0.5"}, "objective_na"),
-        ({"medium_index": 0.5}, "index"),
-    ],
-)
-def test_napari_lf_refusals(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
-    with pytest.raises(FileFormatError, match=said):
-        read(tmp_path, napari(**changes))
 
 
 @needs_data
@@ -193,11 +176,11 @@ def test_micro_manager_configuration(tmp_path: Path) -> None:
     assert optics(camera).numerical_aperture == 0.95
     assert camera.marks["sensor.pixel_um"] == "derived" and camera.marks["lattice.pitch_um"] == "assumed"
     other = read(tmp_path, CONFIGURATION, resolution="Res10x", values={"sensor.pixel_um": 13.0})
-    # a pixel that is stated goes before the objective's label: there is a relay of 2x
+    # a stated pixel takes precedence over the label of the objective: there is a relay of 2x
     assert optics(other).magnification == pytest.approx(20) and other.marks["sensor.pixel_um"] == "stated"
 
 
-def test_micro_manager_resolution_is_asked_for(tmp_path: Path) -> None:
+def test_micro_manager_needs_a_resolution(tmp_path: Path) -> None:
     for resolution in ("", "Res20x"):
         with pytest.raises(InputError, match="one of Res40x, Res10x") as error:
             read(tmp_path, CONFIGURATION, resolution=resolution)
@@ -257,30 +240,40 @@ def test_raytrix_marks(tmp_path: Path) -> None:
     assert sure.lattice.types[0].focus_depth(900.0) == pytest.approx(2 / (1 / 1 + 1 / 3))
 
 
-@pytest.mark.parametrize("text", ["", "hello", "a,b\n1,2\n", "%PDF-1.4", "name: x\nvalue: 3\n"])
-def test_other_files_are_named_so(tmp_path: Path, text: str) -> None:
-    with pytest.raises(FileFormatError, match="camera description") as error:
-        read(tmp_path, text)
-    assert "lfcal camera new" in str(error.value)
-
-
-def test_binary_pipes_and_giants(tmp_path: Path) -> None:
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    for text in ("", "hello", "a,b\n1,2\n", "%PDF-1.4", "name: x\nvalue: 3\n"):
+        with pytest.raises(FileFormatError, match=r"camera description.*lfcal camera new"):
+            read(tmp_path, text)
     (tmp_path / "b").write_bytes(b"\x89HDF\r\n\x1a\n\xff")
-    with pytest.raises(FileFormatError, match="camera description"):
-        import_camera(tmp_path / "b")
     with (tmp_path / "big").open("wb") as file:
         file.truncate((1 << 24) + 1)
-    with pytest.raises(UnsafeFileError):
-        import_camera(tmp_path / "big")
-    with pytest.raises(StorageError):
-        import_camera(tmp_path / "absent")
+    for name, kind in (("b", FileFormatError), ("big", UnsafeFileError), ("absent", StorageError)):
+        with pytest.raises(kind):
+            import_camera(tmp_path / name)
 
 
 def test_every_value_of_an_import_has_a_mark(tmp_path: Path) -> None:
-    from lfcal.camera import quantities_of
-
     for text in (xml(), OLAF, napari()):
         camera = read(tmp_path, text)
         marked = {path for path, _ in camera.marks}
         assert {quantity.path for quantity in quantities_of(camera)} <= marked
         assert all(math.isfinite(kind.focal_length_um) for kind in camera.lattice.types)
+
+
+PAGE = Path(__file__).parents[3] / "docs/camera.md"
+
+
+def test_a_format_of_your_own() -> None:
+    found = names_of("extending.md", "A camera format")
+    form, note = found["FORMAT"], "# lab camera\npitch = 125\n"
+    assert form.recognises(note)
+    imported = form.read(note, Path("x.lab"), ImportOptions({"optics.magnification": 40.0}))
+    camera = imported.camera
+    assert (camera.lattice.pitch_um, camera.lattice.gap_um, camera.magnification) == (125, 2500, 40)
+    assert camera.marks["lattice.gap_um"] == "derived" and camera.marks["sensor.pixel_um"] == "assumed"
+
+
+def test_every_format_is_on_the_page() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    for name in CAMERA_FORMATS.names():
+        assert name.split()[0] in text, name

@@ -1,19 +1,22 @@
+"""Calibration files of Raytrix: every lenslet has the place and type of the file, and damaged files are refused."""
+
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, InputError, StorageError, UnsafeFileError
-from lfcal.camera import Camera, LensletLattice, MainLens, ScanPlan, Sensor, read_raytrix_xml
+from lfcal.base import FileFormatError, InputError, StorageError, UnsafeFileError
+from lfcal.camera import Camera, MainLens, ScanPlan, Sensor, read_raytrix_xml
 
 REAL = Path(__file__).parents[4] / "shared/data/raytrix_r29/r29_calibration.xml"
 needs_real = pytest.mark.skipif(not REAL.exists(), reason=f"{REAL} is not on this machine")
-
 S = math.sqrt(3) / 2
+
 BASES = {
     "right": ((1.0, 0.0), (0.5, S)),
     "left": ((-1.0, 0.0), (-0.5, -S)),
@@ -21,6 +24,7 @@ BASES = {
     "down": ((0.5, -S), (1.0, 0.0)),
     "up-left": ((-0.5, S), (0.5, S)),
 }
+
 OFFSETS = {
     "left first": ((0.0, 0.0), (-1.0, 0.0), (1.0, 0.0)),
     "right first": ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0)),
@@ -66,7 +70,7 @@ def straight_from_the_file(
     diameter: float,
     shape: tuple[int, int],
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Build lens positions (row, column) and types as the file states them, in its y-up plane, by brute force.
+    """Build lens positions (row, column) and types as the file states them, in its y-up plane.
 
     Two lenses are of one type if they differ by a whole combination of the vectors that join next neighbours
     of one type: (3/2, sqrt(3)/2) and (3/2, -sqrt(3)/2) lenses.
@@ -94,38 +98,34 @@ def assert_same_lenses(camera: Camera, places: NDArray[np.float64], kinds: NDArr
     assert np.array_equal(lattice.type_of(whole[:, 0], whole[:, 1]), kinds)
 
 
-@pytest.mark.parametrize("rotation", [0.0, 2.5e-5, 0.02, -0.02])
-@pytest.mark.parametrize("offsets", OFFSETS)
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "c.xml"
+
+
 @pytest.mark.parametrize("bases", BASES)
-def test_every_lenslet_has_the_place_and_type_of_the_file(
-    tmp_path: Path, bases: str, offsets: str, rotation: float
-) -> None:
-    numbers = (BASES[bases], OFFSETS[offsets], rotation, (22.07, 8.62), 38.3737792969)
-    path = tmp_path / "calibration.xml"
-    path.write_text(xml(*numbers))
-    camera = read_raytrix_xml(path)
-    assert_same_lenses(camera, *straight_from_the_file(*numbers, camera.sensor.shape))
-    assert abs(camera.lattice.rotation_rad + rotation) < 1e-9  # y up to y down turns the sense round
-    assert [t.depth_range for t in camera.lattice.types] == [(1, 3), (2, 4), (3, 5)]
+def test_every_lenslet_has_the_place_and_type_of_the_file(path: Path, bases: str) -> None:
+    for offsets in OFFSETS:
+        for rotation in (0.0, 2.5e-5, 0.02, -0.02):
+            numbers = (BASES[bases], OFFSETS[offsets], rotation, (22.07, 8.62), 38.3737792969)
+            path.write_text(xml(*numbers))
+            camera = read_raytrix_xml(path)
+            assert_same_lenses(camera, *straight_from_the_file(*numbers, camera.sensor.shape))
+            assert abs(camera.lattice.rotation_rad + rotation) < 1e-9, "y up to y down reverses the sense"
+            assert [t.depth_range for t in camera.lattice.types] == [(1, 3), (2, 4), (3, 5)]
 
 
-def test_the_opposite_colouring_or_sense_would_be_noticed(tmp_path: Path) -> None:
-    """Counter-test: mirrored types or a mirrored rotation do not pass the comparison above."""
+def test_the_opposite_colouring_or_sense_would_be_noticed(path: Path) -> None:
     numbers = (BASES["left"], OFFSETS["left first"], 0.02, (22.07, 8.62), 38.37)
-    path = tmp_path / "calibration.xml"
     path.write_text(xml(*numbers))
     camera = read_raytrix_xml(path)
-    lenses = straight_from_the_file(*numbers, camera.sensor.shape)
-    lattice = camera.lattice
+    lattice, lenses = camera.lattice, straight_from_the_file(*numbers, camera.sensor.shape)
     for change in ({"type_step": 3 - lattice.type_step}, {"rotation_rad": -lattice.rotation_rad}):
-        values = {name: getattr(lattice, name) for name in lattice.__slots__} | change
-        wrong = Camera("w", camera.optics, LensletLattice(**values), camera.sensor)
         with pytest.raises(AssertionError):
-            assert_same_lenses(wrong, *lenses)
+            assert_same_lenses(replace(camera, lattice=replace(lattice, **change)), *lenses)
 
 
-def test_a_standing_array_swaps_the_period(tmp_path: Path) -> None:
-    path = tmp_path / "standing.xml"
+def test_a_standing_array_swaps_the_period(path: Path) -> None:
     path.write_text(xml(((0.0, 1.0), (S, 0.5)), ((0.0, 0.0), (0.0, 1.0), (0.0, -1.0))))
     camera = read_raytrix_xml(path)
     assert abs(camera.lattice.quarter_turns) == 1 and abs(camera.lattice.tilt_rad) < 1e-4
@@ -158,8 +158,7 @@ def test_the_real_camera() -> None:
     assert_same_lenses(camera, *straight_from_the_file(*numbers, camera.sensor.shape))
 
 
-def test_what_the_file_does_not_hold_is_given(tmp_path: Path) -> None:
-    path = tmp_path / "c.xml"
+def test_what_the_file_does_not_contain_is_given(path: Path) -> None:
     path.write_text(xml())
     camera = read_raytrix_xml(path)
     assert camera.name == "c"
@@ -168,59 +167,44 @@ def test_what_the_file_does_not_hold_is_given(tmp_path: Path) -> None:
     # sigma = 1/vf - 1/v has opposite signs and equal size at both ends of the range (1, 3)
     vf = camera.lattice.types[0].focus_depth(camera.lattice.gap_um)
     assert 1 / vf - 1 / 1 == pytest.approx(-(1 / vf - 1 / 3))
-    other = read_raytrix_xml(
-        path,
-        sensor=Sensor((3000, 4000), 4.0),
-        optics=MainLens(100e3, 8.0, 5e5),
-        gap_um=700.0,
-        focus_depths=(2, 3, 5),
-        name="mine",
-    )
-    assert other.lattice.pitch_um == pytest.approx(38.3737792969 * 4.0)
+    sensor, optics = Sensor((3000, 4000), 4.0), MainLens(100e3, 8.0, 5e5)
+    other = read_raytrix_xml(path, sensor=sensor, optics=optics, gap_um=700.0, focus_depths=(2, 3, 5), name="mine")
+    assert other.lattice.pitch_um == pytest.approx(38.3737792969 * 4.0) and other.name == "mine"
     assert [t.focus_depth(700.0) for t in other.lattice.types] == pytest.approx([2, 3, 5])
-    assert other.name == "mine"
     with pytest.raises(InputError, match="focus depths"):
         read_raytrix_xml(path, focus_depths=(2, 3))
 
 
-def test_other_encodings_are_read(tmp_path: Path) -> None:
-    path = tmp_path / "c.xml"
+def test_other_encodings_and_no_distortion_are_read(path: Path) -> None:
     path.write_text(xml())
     want = read_raytrix_xml(path)
-    path.write_text(xml(), encoding="utf-16")
-    assert read_raytrix_xml(path) == want
-    path.write_text(xml(), encoding="utf-8-sig")
-    assert read_raytrix_xml(path) == want
-
-
-BROWN = '<function>Brown</function><parameter count="2">-0.0015;0.0007</parameter>'
-
-
-@pytest.mark.parametrize(
-    "said",
-    [
+    for encoding in ("utf-16", "utf-8-sig"):
+        path.write_text(xml(), encoding=encoding)
+        assert read_raytrix_xml(path) == want
+    brown = '<function>Brown</function><parameter count="2">-0.0015;0.0007</parameter>'
+    assert brown in xml() and want.distortion is not None
+    for constant in (
         "<function>constant</function>",
         '<function> constant </function><parameter count="0"></parameter>',
         '<function>constant</function><parameter count="2">0;0</parameter>',
-    ],
+    ):
+        path.write_text(xml().replace(brown, constant))
+        assert read_raytrix_xml(path).distortion is None, constant
+
+
+DECLARATIONS = (
+    '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>',
+    '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/hostname">]>',
+    '<!doctype x SYSTEM "http://localhost/x.dtd">',
 )
-def test_constant_distortion_is_none(tmp_path: Path, said: str) -> None:
-    path = tmp_path / "c.xml"
-    path.write_text(xml().replace(BROWN, said))
-    assert said in path.read_text() and read_raytrix_xml(path).distortion is None
 
 
-BOMB = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>'
-EXTERNAL = '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/hostname">]>'
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
-@pytest.mark.parametrize("declaration", [BOMB, EXTERNAL, '<!doctype x SYSTEM "http://localhost/x.dtd">'])
-def test_declarations_are_refused(tmp_path: Path, declaration: str, encoding: str) -> None:
-    path = tmp_path / "bomb.xml"
-    path.write_text(xml().replace("<RayCalib", declaration + "<RayCalib", 1), encoding=encoding)
-    with pytest.raises(UnsafeFileError, match="document type"):
-        read_raytrix_xml(path)
+def test_declarations_are_refused(path: Path) -> None:
+    for declaration in DECLARATIONS:
+        for encoding in ("utf-8", "utf-16"):
+            path.write_text(xml().replace("<RayCalib", declaration + "<RayCalib", 1), encoding=encoding)
+            with pytest.raises(UnsafeFileError, match="document type"):
+                read_raytrix_xml(path)
 
 
 def without(tag: str) -> str:
@@ -229,58 +213,49 @@ def without(tag: str) -> str:
     return text[:start] + text[text.index(f"</{tag}>", start) + len(tag) + 3 :]
 
 
-BAD = {
-    "empty": "",
-    "no XML": "hello",
-    "cut short": xml()[:-40],
-    "another root": "<Calib/>",
-    "no diameter": without("diameter"),
-    "no rotation": without("rotation"),
-    "no border": without("lens_border"),
-    "no base": without("lens_base_x"),
-    "no offset": without("offset"),
-    "no sub-grid": without("sub_grid_base"),
-    "two lens types": without("lens_type"),
-    "twice": xml().replace("<tcp", '<diameter units="pix">3</diameter><tcp'),
-    "words for numbers": xml().replace("38.3737792969", "wide"),
-    "not finite": xml().replace("38.3737792969", "nan"),
-    "negative": xml().replace("38.3737792969", "-38"),
-    "other units": xml().replace('<diameter units="pix">', '<diameter units="mm">'),
-    "square array": xml(bases=((1.0, 0.0), (0.0, 1.0))),
-    "flat bases": xml(bases=((1.0, 0.0), (1.0, 0.0))),
-    "types on one colour": xml(offsets=((0.0, 0.0), (1.0, 0.0), (-2.0, 0.0))),
-    "types off the lattice": xml(offsets=((0.0, 0.0), (1.3, 0.0), (-1.0, 0.0))),
-    "four ids": xml().replace('lens_type id="2"', 'lens_type id="7"'),
-    "empty depth range": xml().replace("<max>3</max>", "<max>1</max>"),
-    "other distortion": xml().replace("Brown", "Green"),
-    "constant distortion that is none": xml().replace("Brown", "constant"),
-    "no coefficients": xml().replace("-0.0015;0.0007", ""),
-    "wide border": xml().replace(">1</lens_border>", ">30</lens_border>"),
-    "other sub-grid": xml().replace("<x>-3.0</x>", "<x>-1.0</x>"),
-}
+BAD = [
+    *("", "hello", xml()[:-40], "<Calib/>"),
+    *map(without, ("diameter", "rotation", "lens_border", "lens_base_x", "offset", "sub_grid_base", "lens_type")),
+    *(xml().replace("38.3737792969", bad) for bad in ("wide", "nan", "-38")),
+    *(xml(bases=((1.0, 0.0), second)) for second in ((0.0, 1.0), (1.0, 0.0))),  # square, and flat
+    *(xml(offsets=((0.0, 0.0), *places)) for places in (((1.0, 0.0), (-2.0, 0.0)), ((1.3, 0.0), (-1.0, 0.0)))),
+    *(
+        xml().replace(old, new)
+        for old, new in (
+            ("<tcp", '<diameter units="pix">3</diameter><tcp'),
+            ('<diameter units="pix">', '<diameter units="mm">'),
+            ('lens_type id="2"', 'lens_type id="7"'),
+            ("<max>3</max>", "<max>1</max>"),
+            ("Brown", "Green"),
+            ("Brown", "constant"),
+            ("-0.0015;0.0007", ""),
+            (">1</lens_border>", ">30</lens_border>"),
+            ("<x>-3.0</x>", "<x>-1.0</x>"),
+        )
+    ),
+]
+"""Damaged files."""
 
 
-@pytest.mark.parametrize("kind", BAD)
-def test_bad_files_are_refused_in_one_line(tmp_path: Path, kind: str) -> None:
-    path = tmp_path / "bad.xml"
-    path.write_text(BAD[kind])
-    with pytest.raises(FileFormatError) as caught:
-        read_raytrix_xml(path)
-    assert "\n" not in str(caught.value) and "bad.xml" in str(caught.value)
+def test_bad_files_are_refused_in_one_line(path: Path) -> None:
+    for text in BAD:
+        assert text != xml()
+        path.write_text(text)
+        with pytest.raises(FileFormatError) as caught:
+            read_raytrix_xml(path)
+        assert "\n" not in str(caught.value) and "c.xml" in str(caught.value), text
 
 
-def test_other_bytes_and_sizes_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "bytes.xml"
-    path.write_bytes(bytes(range(256)))
-    with pytest.raises(FileFormatError):
-        read_raytrix_xml(path)
-    path.write_text(" " * (1 << 20) + xml())
-    with pytest.raises(UnsafeFileError, match="1 MB"):
-        read_raytrix_xml(path)
-    path.write_text("<a>" * 100_000)
-    with pytest.raises(FileFormatError):
-        read_raytrix_xml(path)
+def test_other_bytes_and_sizes_are_refused(path: Path) -> None:
+    for content, kind, match in (
+        (bytes(range(256)), FileFormatError, "."),
+        (b" " * (1 << 20) + xml().encode(), UnsafeFileError, "1 MB"),
+        (b"<a>" * 100_000, FileFormatError, "."),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(kind, match=match):
+            read_raytrix_xml(path)
     with pytest.raises(StorageError, match="check the path"):
-        read_raytrix_xml(tmp_path / "absent.xml")
+        read_raytrix_xml(path.with_name("absent.xml"))
     with pytest.raises(StorageError):
-        read_raytrix_xml(tmp_path)
+        read_raytrix_xml(path.parent)
