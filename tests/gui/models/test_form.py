@@ -1,9 +1,8 @@
-"""Fields of forms, by hand and made of records."""
+"""Fields of forms, by hand and made of records; words and numbers as they are typeset."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pytest
 
@@ -12,30 +11,19 @@ from lfcal.records import rows
 from lfcal.tasks import AcquireUntil, PlanScan, SimulateH
 from lfcal_gui.models import check_of, fields_of, options_in, shown_of, text_of
 from lfcal_gui.models.form import Field, parse
+from lfcal_gui.models.words import minus, plane_words, rough_seconds, typeset, unbroken
 
 NUMBER = Field("a", "Exposure", "ms", scale=1e-3)
 COUNT = Field("n", "Darks", kind="int")
 LIST = Field("v", "Planes", kind="floats")
 
 
-@pytest.mark.parametrize(
-    ("field", "text", "value"),
-    [
-        (NUMBER, "2.5", 2.5e-3),
-        (NUMBER, " 1e3 ", 1.0),
-        (COUNT, "12", 12),
-        (LIST, "2.5, 3", (2.5, 3.0)),
-        (LIST, "2; 5", (2.0, 5.0)),
-        (LIST, "2;5", (2.0, 5.0)),
-        (LIST, "2 , 5", (2.0, 5.0)),
-        (LIST, "2,", (2.0,)),
-        (LIST, "", ()),
-        (Field("o", "Saturation", optional=True), "", None),
-        (Field("t", "Pattern", kind="text"), "R,G", "R,G"),
-    ],
-)
-def test_texts_and_what_they_mean(field: Field, text: str, value: Any) -> None:
-    assert parse(field, text) == pytest.approx(value) if isinstance(value, float) else parse(field, text) == value
+def test_texts_and_what_they_mean() -> None:
+    assert [parse(NUMBER, text) for text in ("2.5", " 1e3 ")] == pytest.approx([2.5e-3, 1.0])
+    assert (parse(COUNT, "12"), parse(MAYBE, ""), parse(Field("t", "Pattern", kind="text"), "R,G")) == (12, None, "R,G")
+    for text in ("2; 5", "2;5", "2 , 5", "2, 5"):
+        assert parse(LIST, text) == (2.0, 5.0), text
+    assert [parse(LIST, text) for text in ("2.5, 3", "2,", "")] == [(2.5, 3.0), (2.0,), ()]
 
 
 POINT, SPACE = "with a decimal point", "with a space after the comma"
@@ -64,41 +52,26 @@ def test_a_comma_between_digits_is_refused_with_what_it_may_mean(field: Field, t
     assert str(error.value) == f"{field.label}: expected no comma between digits, got {text!r}; {remedy}"
 
 
-@pytest.mark.parametrize(
-    ("field", "text"),
-    [
-        (NUMBER, "abc"),
-        (NUMBER, ""),
-        (COUNT, "2.5"),
-        (LIST, "2, x"),
-        (NUMBER, "1, 2"),
-        (NUMBER, "nan"),
-        (NUMBER, "inf"),
-        (NUMBER, "1e400"),
-        (COUNT, "inf"),
-        (LIST, "1, nan"),
-        (LIST, "-inf"),
-        (Field("f", "Depths", kind="floats", endless=True), "nan"),
-        (Field("o", "Saturation", optional=True), "inf"),
-    ],
-)
-def test_what_is_no_number_is_said(field: Field, text: str) -> None:
+ENDLESS, MAYBE = Field("f", "Depths", kind="floats", endless=True), Field("o", "Saturation", optional=True)
+NO_NUMBERS = {
+    NUMBER: ("abc", "", "1, 2", "nan", "inf", "1e400"),
+    COUNT: ("2.5", "inf"),
+    LIST: ("2, x", "1, nan", "-inf"),
+    ENDLESS: ("nan",),
+    MAYBE: ("inf",),
+}
+
+
+@pytest.mark.parametrize(("field", "text"), [(field, text) for field, texts in NO_NUMBERS.items() for text in texts])
+def test_a_text_that_is_no_number_is_refused_by_its_label(field: Field, text: str) -> None:
     with pytest.raises(InputError, match="number") as error:
         parse(field, text)
     assert field.label in str(error.value) and "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        (NUMBER, 0.0123),
-        (COUNT, 7),
-        (LIST, (2.0, 2.5, 1e6)),
-        (Field("f", "Depths", kind="floats", endless=True), (math.inf,)),
-    ],
-)
-def test_what_is_shown_is_read_back(field: Field, value: Any) -> None:
-    assert parse(field, text_of(field, value)) == pytest.approx(value)
+def test_what_is_shown_is_read_back() -> None:
+    for field, value in ((NUMBER, 0.0123), (COUNT, 7), (LIST, (2.0, 2.5, 1e6)), (ENDLESS, (math.inf,))):
+        assert parse(field, text_of(field, value)) == pytest.approx(value), field.label
 
 
 def test_a_share_is_shown_in_percent_and_stored_unchanged() -> None:
@@ -128,3 +101,24 @@ def test_numbers_of_a_list_are_shown_apart_and_read_back() -> None:
     ):
         assert shown_of(PlanScan, {name: value})[name] == text
         assert by_name[name].value(text, name) == value
+
+
+def test_words_and_negative_numbers_are_typeset() -> None:
+    assert plane_words(1, 2) == "Plane 1 (0 to 1)" and plane_words(0, 1) == "Plane 0 (the only one)"
+    for plain, shown in (
+        ("hollow sphere of 2x128x128 voxels, 20000 e-", "hollow sphere of 2 × 128 × 128 voxels, 20000 e⁻"),
+        ("19 x 33; pixel `anchor`; lens_types, e-6", "19 × 33; pixel anchor; lens types, e-6"),
+        ("position x 9 of 1e-5", "position x 9 of 1e-5"),
+    ):
+        assert typeset(plain) == shown
+    for plain, shown in (
+        ("polyphase 54.5 ms a pair, 2 of 3", "polyphase 54.5\u00a0ms a pair, 2\u00a0of 3"),
+        ("in about 4 min 19 s for 95 × 55", "in about 4\u00a0min\u00a019\u00a0s for 95\u00a0×\u00a055"),
+        ("good; ≤ 0.35 px, > 1 bad", "good; ≤\u00a00.35\u00a0px, >\u00a01\u00a0bad"),
+    ):
+        assert unbroken(plain) == shown, "no line ends between a number and its unit"
+    assert rough_seconds(0.33) == "less than 1 s" and rough_seconds(3.2) == "about 3 s"
+    assert rough_seconds(259) == "about 4 min 19 s" and rough_seconds(9.6, "") == "10 s"
+    assert minus("-20.03 mm to -.5, (-1, -2)") == "−20.03 mm to −.5, (−1, −2)"
+    assert minus("2026-03-16, type-0, H-1.h5, 3-5, 1e-06, --z -0") == "2026-03-16, type-0, H-1.h5, 3-5, 1e-06, --z −0"
+    assert minus("<p style='margin:-4'>-4</p>") == "<p style='margin:-4'>−4</p>"

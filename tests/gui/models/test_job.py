@@ -1,4 +1,4 @@
-"""What a job did, in lines."""
+"""The log of a job, and mishaps with what is safe after them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 
 from lfcal.base.progress import Progress
 from lfcal_gui.models.job import MOST, JobLog, notes_of, warnings_to
+from lfcal_gui.models.mishaps import Mishap, Mishaps, safe_words
 
 
 def ticking(step: float = 1.0) -> JobLog:
@@ -44,23 +45,6 @@ def test_stages_with_their_times_notes_and_the_command() -> None:
     assert kinds(log)[-1] == ("end", "done in 4 s"), "what was left says nothing more"
 
 
-def test_a_trace_is_kept_line_by_line() -> None:
-    log = ticking()
-    log.end("failed: no light", "Traceback\n  File\n")
-    assert kinds(log)[-3:] == [("end", "failed: no light"), ("trace", "Traceback"), ("trace", "  File")]
-
-
-def test_what_is_said_by_the_way_goes_first() -> None:
-    log = ticking()
-    log.say("warning", "hot")
-    for k in range(2 * MOST):
-        log.follow(Progress(k, 0, "solve", note=f"residual {k}"))
-    found = log.lines()
-    assert len(found) == MOST and [line.kind for line in found[:3]] == ["begin", "command", "warning"]
-    assert found[-1].words == f"solve: residual {2 * MOST - 1}" and log.warned == 1
-    assert f"({2 * MOST + 3 - MOST} notes are omitted)" in log.text()
-
-
 def test_warnings_go_to_the_job_of_their_thread() -> None:
     told: list[str] = []
     other = threading.Thread(target=lambda: warnings.warn("elsewhere", RuntimeWarning, stacklevel=1))
@@ -72,11 +56,6 @@ def test_warnings_go_to_the_job_of_their_thread() -> None:
     assert seen.list, "whoever listened before hears of it as well"
 
 
-def test_notes_of_a_result() -> None:
-    assert notes_of(SimpleNamespace(notes=("12 positions are missing",))) == ("12 positions are missing",)
-    assert notes_of(SimpleNamespace(notes={"a": 1})) == () and notes_of(None) == ()
-
-
 def test_times_do_not_follow_a_clock_that_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = itertools.count(7.0, 2.0)
     monkeypatch.setattr("lfcal_gui.models.job.time.monotonic", lambda: next(clock))
@@ -85,3 +64,50 @@ def test_times_do_not_follow_a_clock_that_is_set(monkeypatch: pytest.MonkeyPatch
     log.end("done")
     assert [line.after for line in log.lines()] == pytest.approx([2.0, 4.0])
     assert log.lines()[0].at > 1e9
+
+
+def raised(kind: type[Exception], text: str) -> Mishap:
+    try:
+        raise kind(text)
+    except kind as error:
+        return Mishap.of(error)
+
+
+def test_what_is_safe() -> None:
+    def words(**changes: object) -> str:
+        given = {"unsaved": True, "project": "", "copy": "/c.lfcal", "jobs": (), "recording": False}
+        return " ".join(safe_words(**{**given, **changes}))  # type: ignore[arg-type]
+
+    assert "/c.lfcal" in words()
+    assert "could not be copied" in words(copy="") and "under a new name" in words(copy="")
+    assert "saved in /p.lfcal" in words(unsaved=False, project="/p.lfcal", copy="")
+    assert "no unsaved changes" in words(unsaved=False, copy="")
+    assert "every position counted as done is on the disk" in words(recording=True, jobs=("Record a",))
+    assert "Record a" in words(recording=True, jobs=("Record a",))
+
+
+def test_traces_warnings_and_the_latest_notes_are_kept() -> None:
+    failed = ticking()
+    failed.end("failed: no light", "Traceback\n  File\n")
+    assert kinds(failed)[-3:] == [("end", "failed: no light"), ("trace", "Traceback"), ("trace", "  File")]
+    log = ticking()
+    log.say("warning", "hot")
+    for k in range(2 * MOST):
+        log.follow(Progress(k, 0, "solve", note=f"residual {k}"))
+    found = log.lines()
+    assert len(found) == MOST and [line.kind for line in found[:3]] == ["begin", "command", "warning"]
+    assert found[-1].words == f"solve: residual {2 * MOST - 1}" and log.warned == 1
+    assert f"({2 * MOST + 3 - MOST} notes are omitted)" in log.text()
+    assert notes_of(SimpleNamespace(notes=("12 positions are missing",))) == ("12 positions are missing",)
+    assert notes_of(SimpleNamespace(notes={"a": 1})) == () and notes_of(None) == ()
+
+
+def test_each_kind_of_mishap_counts_for_itself_in_one_short_line() -> None:
+    found = Mishaps()
+    assert found.add(raised(KeyError, "a"))[1]
+    again, first = found.add(raised(KeyError, "b"))
+    assert not first and again.count == 2 and "(2 times)" in again.title()
+    assert found.add(raised(ValueError, "a"))[1]
+    assert [m.count for m in found.all()] == [2, 1]
+    mishap = raised(RuntimeError, "first\nsecond\t" + "x" * 5000)
+    assert mishap.words.startswith("RuntimeError: first second x") and len(mishap.words) <= 500

@@ -1,70 +1,49 @@
+"""A project: its file, undo and redo, settings of pages, copies that survive a crash, recent projects."""
+
 from __future__ import annotations
 
 import errno
 import json
+import os
+from dataclasses import FrozenInstanceError, fields, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from lfcal.base.errors import FileFormatError, LfcalError, StorageError
 from lfcal.camera import preset
+from lfcal_gui.models.autosave import UnsavedCopy, find_kept, keep, read_kept
 from lfcal_gui.models.project import Hold, Project, ProjectState, RecentProjects
+from lfcal_gui.models.settings import PageSettings
 from lfcal_gui.models.stamp import stamp_of
+from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.frames.model import FrameSettings
+from lfcal_gui.pages.multiplex.model import MultiplexSettings
+from lfcal_gui.pages.reconstruct.model import ReconstructSettings
 from lfcal_gui.pages.setup.model_scan import default_plan
 from lfcal_gui.pages.simulate.model import SimulateSettings
 
 
 def full_state() -> ProjectState:
     camera = preset("bench")
-    return ProjectState(
-        "all of it",
-        camera,
-        default_plan(camera),
-        {"multiplex": {"filter": "CYMG"}, "frames": FrameSettings("m", "p", "d", "w", False).to_dict()},
-        "f",
-        "a.h5",
-        "b.h5",
-        "rec",
-        "lf.tif",
-        "v.h5",
-        ((0, 1, 2), (3, 4, 5)),
-    )
-
-
-@pytest.mark.parametrize("state", [ProjectState(), full_state()])
-def test_json_round_trip(state: ProjectState) -> None:
-    assert ProjectState.from_json(state.to_json()) == state
+    settings = {"multiplex": {"filter": "CYMG"}, "frames": FrameSettings("m", "p", "d", "w", False).to_dict()}
+    paths = ("f", "a.h5", "b.h5", "rec", "lf.tif", "v.h5")
+    return ProjectState("all of it", camera, default_plan(camera), settings, *paths, ((0, 1, 2), (3, 4, 5)))
 
 
 def test_files_of_the_old_format_open() -> None:
     """As written by the first version, when two pages' settings stood beside the others'."""
     camera = preset("bench")
     old = {
-        "format": "lfcal-session",
-        "version": 1,
-        "name": "old",
-        "camera": camera.to_dict(),
-        "plan": None,
+        **{"format": "lfcal-session", "version": 1, "name": "old", "camera": camera.to_dict(), "plan": None},
         "frames": {
-            "folder": "/data/frames",
-            "manifest": "",
-            "pattern": "",
-            "dark": "/data/dark",
-            "white": "",
-            "use_dark": True,
-            "use_white": False,
-            "use_defects": False,
-            "use_background": True,
+            **{"folder": "/data/frames", "manifest": "", "pattern": "", "dark": "/data/dark", "white": ""},
+            **{"use_dark": True, "use_white": False, "use_defects": False, "use_background": True},
             "interpolation": "nearest",
         },
         "simulate": {"tolerance": 0.01, "level": "wave", "overrides": [["coma", "on"]]},
-        "psf": "H.h5",
-        "reference": "",
-        "recording": "rec",
-        "light_field": "",
-        "volume": "",
-        "redo": [[0, 1, 2]],
+        **{"psf": "H.h5", "reference": "", "recording": "rec", "light_field": "", "volume": "", "redo": [[0, 1, 2]]},
         "extra": {"acquire": {"darks": 3}},
     }
     state = ProjectState.from_json(json.dumps(old))
@@ -77,19 +56,11 @@ def test_files_of_the_old_format_open() -> None:
     assert json.loads(state.to_json())["format"] == "lfcal-project"
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "[]",
-        "{}",
-        '{"format": "lfcal-project", "version": 1}',
-        '{"format": "lfcal-project", "version": 99}',
-        '{"format": "lfcal-session", "version": 1, "frames": 3}',
-        "{" * 2000,
-        "null",
-    ],
-)
+PROJECT = '{"format": "lfcal-project", "version": %s}'
+DAMAGED = ("", "[]", "{}", PROJECT % 1, PROJECT % 99, '{"format": "lfcal-session", "version": 1, "frames": 3}', "null")
+
+
+@pytest.mark.parametrize("text", [*DAMAGED, "{" * 2000])
 def test_bad_files_get_one_line(text: str, tmp_path: Path) -> None:
     path = tmp_path / "bad.lfcal"
     path.write_text(text)
@@ -102,7 +73,6 @@ def test_bad_files_get_one_line(text: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("psf", ["a\0b.h5", "x" * 300, "a/" * 2500 + "H.h5"])
 def test_paths_that_no_file_can_have_are_refused(psf: str) -> None:
-    """A project with one once opened, and every look at its pages raised an error."""
     data = {**json.loads(full_state().to_json()), "psf": psf}
     state = ProjectState.from_json(json.dumps(data))
     (line,) = state.refused
@@ -110,17 +80,10 @@ def test_paths_that_no_file_can_have_are_refused(psf: str) -> None:
     assert state.psf == "" and stamp_of(psf) is None
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("camera", {"name": "x"}),
-        ("plan", 3),
-        ("redo", [1]),
-        ("settings", 3),
-        ("volume", "a\0b"),
-        ("plan", {"camera": {}}),
-    ],
-)
+BAD: tuple[tuple[str, Any], ...] = (("camera", {"name": "x"}), ("plan", 3), ("redo", [1]), ("settings", 3))
+
+
+@pytest.mark.parametrize(("name", "value"), [*BAD, ("volume", "a\0b"), ("plan", {"camera": {}})])
 def test_one_bad_value_loses_no_other(name: str, value: object) -> None:
     whole = full_state()
     state = ProjectState.from_json(json.dumps({**json.loads(whole.to_json()), name: value}))
@@ -151,6 +114,8 @@ def test_undo_redo_and_unsaved() -> None:
     project = Project()
     seen: list[tuple[str, str]] = []
     project.listen(lambda old, new: seen.append((old.name, new.name)))
+    project.update("nothing", name="untitled")
+    assert project.undo_label == "" and not project.unsaved, "a change to the same is none"
     project.update("rename", name="a")
     project.update("rename", name="b")
     assert seen == [("untitled", "a"), ("a", "b")]
@@ -160,28 +125,12 @@ def test_undo_redo_and_unsaved() -> None:
     project.undo()
     assert project.state.name == "untitled" and not project.unsaved and project.undo_label == ""
     project.undo()
-    project.redo()
-    project.redo()
-    project.redo()
+    for _ in range(3):
+        project.redo()
     assert project.state.name == "b"
     project.undo()
     project.update("other", psf="x.h5")
     assert project.redo_label == "", "a new change ends what could be redone"
-
-
-def test_a_change_to_the_same_is_none() -> None:
-    project = Project()
-    project.update("nothing", name="untitled")
-    assert project.undo_label == "" and not project.unsaved
-
-
-def test_a_drag_is_one_step_of_undo() -> None:
-    project = Project()
-    for k in range(10):
-        settings = SimulateSettings(tolerance=0.01 * (k + 1))
-        project.merge("tolerance", settings=settings.into(project.state))
-    project.undo()
-    assert project.state == ProjectState() and project.undo_label == ""
 
 
 def test_save_and_open(tmp_path: Path) -> None:
@@ -237,16 +186,6 @@ def test_recent_projects(tmp_path: Path) -> None:
     assert recent.paths() == []
 
 
-def test_what_is_typed_and_taken_back_leaves_nothing_to_undo() -> None:
-    project = Project()
-    project.update("rename", name="a")
-    for name in ("b", "bc"):
-        project.merge("typing", name=name)
-    assert project.before("typing").name == "a" and project.before("other").name == "bc"
-    project.merge("typing", name="a")
-    assert project.undo_label == "rename" and project.before("typing").name == "a"
-
-
 def test_what_is_held_stays_until_it_is_released() -> None:
     project, told = Project(), list[str]()
     project.update("settings", settings={"acquire": {"darks": 1}, "plan": {}})
@@ -269,3 +208,139 @@ def test_what_is_held_stays_until_it_is_released() -> None:
     project.start(ProjectState(recording="z"))
     project.update("folder", recording="x")
     assert project.state.recording == "x", "another project is not held by what was at work in this one"
+
+
+KINDS = (AcquireSettings, FrameSettings, MultiplexSettings, ReconstructSettings, SimulateSettings)
+CHANGED: dict[type[PageSettings], PageSettings] = {
+    AcquireSettings: AcquireSettings(darks=3, bracket=(1.0, 0.5), device_options=(("optics", "wave"),)),
+    FrameSettings: FrameSettings(dark="d", use_white=False),
+    MultiplexSettings: MultiplexSettings(compared=("MURA",), gain=2.0),
+    ReconstructSettings: ReconstructSettings("rl-tv", region=(0, 0, 20, 30)),
+    SimulateSettings: SimulateSettings(0.01, "wave", (("coma", "on"),)),
+}
+
+
+def test_what_one_value_is_refused_for_leaves_the_others() -> None:
+    settings = ReconstructSettings(region=(0, 0, 20, 30))
+    assert "iterations" in settings.why_not("iterations", -1)
+    assert settings.why_not("iterations", 3) == ""
+    assert settings.changed("iterations", 3) == replace(settings, iterations=3)
+
+
+class Free:
+    """A claim that is given, or not."""
+
+    held: tuple[str, ...] = ()
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.ours = path, False
+
+    def take(self) -> bool:
+        self.ours = self.path.name not in self.held
+        return self.ours
+
+    def release(self) -> None:
+        self.ours = False
+
+
+def kept_of(folder: Path, name: str = "a", path: Path | None = None) -> UnsavedCopy:
+    project = Project(ProjectState("before"), path)
+    project.update("rename", name=name)
+    keep(project, folder / f"{name}.lfcal")
+    assert project.unsaved, "a copy is no save"
+    return read_kept(folder / f"{name}.lfcal")
+
+
+def test_which_is_newer(tmp_path: Path) -> None:
+    own = tmp_path / "own" / "p.lfcal"
+    Project(ProjectState("on disk")).save(own)
+    kept = kept_of(tmp_path, path=own)
+    os.utime(kept.file, (1000, 2000))
+    os.utime(own, (1000, 1999))
+    kept = read_kept(kept.file)
+    assert kept.newer and kept.path == own and "older than the copy" in " ".join(kept.words())
+    os.utime(own, (1000, 2001))
+    kept = read_kept(kept.file)
+    assert not kept.newer and kept.path is None and "newer than the copy" in " ".join(kept.words())
+    assert kept.on_disk.name == "on disk"
+    own.write_text("damaged")
+    kept = read_kept(kept.file)
+    assert kept.newer and kept.on_disk is None, "a damaged file is no reason not to ask"
+
+
+def test_only_copies_of_dead_windows_with_changes_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "autosave"
+    folder.mkdir()
+    old, new = kept_of(folder, "old"), kept_of(folder, "new")
+    os.utime(old.file, (1000, 1000))
+    alive = kept_of(folder, "alive")
+    own = tmp_path / "p.lfcal"
+    same = kept_of(folder, "same", own)
+    Project(same.state).save(own)
+    (folder / "broken.lfcal").write_text("{")
+    monkeypatch.setattr(Free, "held", ("alive.lfcal",))
+    found = find_kept(folder, Free)
+    assert [kept.state.name for kept, _ in found] == ["new", "old"]
+    assert all(claim.ours for _, claim in found)  # type: ignore[attr-defined]
+    assert alive.file.exists() and new.file.exists()
+    assert not same.file.exists(), "the project holds it already"
+    assert (folder / "broken.damaged").exists(), "put aside, not deleted, and not asked about again"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_settings_survive_a_saved_project_and_damaged_ones_take_defaults(kind: type[PageSettings]) -> None:
+    others = {"not-installed": {"deep": [1, {"x": None}], "text": "kept"}}
+    state = ProjectState(settings=others)
+    changed = CHANGED[kind]
+    again = ProjectState.from_json(replace(state, settings=changed.into(state)).to_json())
+    assert kind.of(again) == changed != kind()
+    assert again.settings["not-installed"] == others["not-installed"]
+    back = ProjectState.from_json(again.to_json())
+    assert back.settings == again.settings, "a second load and save changes nothing"
+    for damaged in (None, 3, "text", [], {}, {"unknown": 1}):
+        assert kind.from_dict(damaged) == kind()
+    for f in fields(kind):
+        wrong = {f.name: {"no": "such"}} if f.default is not None else {f.name: "no number"}
+        assert kind.from_dict(json.loads(json.dumps(wrong))) == kind() or f.default is None
+    with pytest.raises(FrozenInstanceError):
+        setattr(changed, fields(kind)[0].name, changed)
+    assert len({kind.page for kind in KINDS}) == len(KINDS)
+
+
+def test_a_saved_project_equals_the_one_that_is_open() -> None:
+    for state in (ProjectState(), full_state()):
+        assert ProjectState.from_json(state.to_json()) == state
+
+
+def test_what_is_dragged_or_typed_is_one_step_of_undo_and_none_when_it_is_taken_back() -> None:
+    project = Project()
+    project.update("rename", name="a")
+    for name in ("b", "bc"):
+        project.merge("typing", name=name)
+    assert project.before("typing").name == "a" and project.before("other").name == "bc"
+    project.merge("typing", name="a")
+    assert project.undo_label == "rename" and project.before("typing").name == "a"
+    for k in range(10):
+        settings = SimulateSettings(tolerance=0.01 * (k + 1))
+        project.merge("tolerance", settings=settings.into(project.state))
+    project.undo()
+    assert project.state == ProjectState("a") and project.undo_label == "rename"
+
+
+def test_a_copy_opens_as_its_project_and_says_what_it_holds(tmp_path: Path) -> None:
+    kept = kept_of(tmp_path, path=tmp_path / "p.lfcal")
+    assert kept.project == str(tmp_path / "p.lfcal") and kept.state.name == "a" and kept.newer
+    other = Project()
+    other.open(kept.file)
+    assert other.state == kept.state
+    (tmp_path / "x.lfcal").write_text("[]")
+    with pytest.raises(FileFormatError):
+        read_kept(tmp_path / "x.lfcal")
+    (tmp_path / "y.lfcal").write_text(ProjectState("plain").to_json())
+    assert read_kept(tmp_path / "y.lfcal").project == ""
+    camera = preset("bench")
+    state = ProjectState("n", camera, default_plan(camera), psf="/data/H.h5", recording="/data/rec")
+    unsaved = UnsavedCopy(tmp_path / "x", state, "", 0.0)
+    words = "\n".join(unsaved.words())
+    assert all(one in words for one in (camera.name, "positions", "/data/H.h5", "/data/rec"))
+    assert "never saved" in unsaved.name()

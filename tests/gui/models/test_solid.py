@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -54,7 +53,7 @@ def around(solid: Solid, turn: NDArray[np.float64], pixels: int = 96) -> Viewpoi
     return Viewpoint(turn, (-solid.radius + pixel / 2,) * 2, pixel, (pixels, pixels))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_it_is_the_maximum_along_each_ray(seed: int) -> None:
     """Random turns, voxels that are no cubes, planes at uneven depths that run downwards in every other case."""
     rng = np.random.default_rng(seed)
@@ -72,7 +71,7 @@ def test_it_is_the_maximum_along_each_ray(seed: int) -> None:
     assert inside[both & ~maximum_filter(off, 3)].all(), "nowhere further from the truth than from what is a pixel away"
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_points_are_where_they_belong_in_place_and_depth(seed: int) -> None:
     rng = np.random.default_rng(100 + seed)
     depths = UNEVEN[::-1] if seed % 2 else UNEVEN
@@ -144,30 +143,30 @@ def test_the_quick_picture_is_of_the_same_place(monkeypatch: pytest.MonkeyPatch)
         assert np.nanmax(quick.values) == pytest.approx(np.nanmax(sharp.values), abs=0.15)
 
 
-@pytest.mark.parametrize("turn", [np.eye(3), BEGIN, turned(np.eye(3), math.pi / 2, 0), turned(np.eye(3), 0, 1.5)])
-@pytest.mark.parametrize(
-    "volume",
-    [
-        np.zeros((3, 8, 9)),
-        np.full((3, 8, 9), 7.0),
-        np.random.default_rng(0).random((1, 8, 9)),
-        np.random.default_rng(0).random((1, 1, 9)),
-        np.random.default_rng(0).random((9, 1, 1)),
-        np.ones((1, 1, 1)),
-        1e38 * np.random.default_rng(0).random((3, 8, 9)),
-        -np.ones((2, 4, 4)),
-    ],
-)
-def test_hard_cases(volume: NDArray[Any], turn: NDArray[np.float64]) -> None:
-    solid = Solid.of(volume, np.linspace(0, 9, len(volume)), (1.0, 1.0))
-    found = project_solid(solid, around(solid, turn, 40))
-    seen = found.values[np.isfinite(found.values)]
-    assert seen.size and seen.min() >= solid.values.min() * (1 + 1e-6 * (volume.min() < 0)) - 1e-6
-    assert seen.max() <= solid.values.max() + 1e-6 * abs(solid.values.max())
-    if np.ptp(volume) == 0:
-        np.testing.assert_allclose(seen, volume.flat[0], rtol=1e-6)
-    low, high = solid.depths[0] - 6, solid.depths[-1] + 6
-    assert ((found.depths[np.isfinite(found.values)] >= low) & (found.depths[np.isfinite(found.values)] <= high)).all()
+def dice(*shape: int) -> NDArray[np.float64]:
+    return np.random.default_rng(0).random(shape)
+
+
+HARD = {
+    **{"dark": np.zeros((3, 8, 9)), "constant": np.full((3, 8, 9), 7.0), "negative": -np.ones((2, 4, 4))},
+    **{"one plane": dice(1, 8, 9), "one row": dice(1, 1, 9), "one column of planes": dice(9, 1, 1)},
+    **{"one voxel": np.ones((1, 1, 1)), "nearly beyond float32": 1e38 * dice(3, 8, 9)},
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_hard_cases(name: str) -> None:
+    volume = HARD[name]
+    for turn in (np.eye(3), BEGIN, turned(np.eye(3), math.pi / 2, 0), turned(np.eye(3), 0, 1.5)):
+        solid = Solid.of(volume, np.linspace(0, 9, len(volume)), (1.0, 1.0))
+        found = project_solid(solid, around(solid, turn, 40))
+        inside = np.isfinite(found.values)
+        seen, depths = found.values[inside], found.depths[inside]
+        assert seen.size and seen.min() >= solid.values.min() * (1 + 1e-6 * (volume.min() < 0)) - 1e-6
+        assert seen.max() <= solid.values.max() + 1e-6 * abs(solid.values.max())
+        if np.ptp(volume) == 0:
+            np.testing.assert_allclose(seen, volume.flat[0], rtol=1e-6)
+        assert ((depths >= solid.depths[0] - 6) & (depths <= solid.depths[-1] + 6)).all()
 
 
 def test_what_is_no_number_is_dark_and_infinite_light_as_bright_as_the_brightest() -> None:
