@@ -1,14 +1,17 @@
-"""``.npy`` files: every header that NumPy writes for numbers is read, all else is one line."""
+"""`.npy` files and JSON text of unknown origin: the values, or one line."""
 
 from __future__ import annotations
 
 import io
+import json
 import struct
+from itertools import cycle, product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from lfcal.base._plain import MAX_NESTING, parse_json
 from lfcal.base.errors import FileFormatError, StorageError, UnsafeFileError
 from lfcal.base.npy import map_npy
 
@@ -23,22 +26,17 @@ def write(path: Path, header: str, data: bytes = bytes(12), *, version: int = 1)
     return path
 
 
-@pytest.mark.parametrize("dtype", ["u1", ">u2", "<i4", "<f2", "<f4", ">f8", "<c8", "<c16", "?", "<u8"])
-@pytest.mark.parametrize("shape", [(), (5,), (2, 3), (1, 2, 3, 5, 7)])
-@pytest.mark.parametrize("version", [(1, 0), (2, 0), (3, 0)])
-def test_what_numpy_writes_is_read(
-    tmp_path: Path, dtype: str, shape: tuple[int, ...], version: tuple[int, int]
-) -> None:
-    values = np.arange(np.prod(shape, dtype=int)).reshape(shape).astype(dtype)
-    for order in "CF":
-        data = io.BytesIO()
-        np.lib.format.write_array(data, np.asarray(values, order=order), version=version)
-        (tmp_path / "a.npy").write_bytes(data.getvalue())
-        found = map_npy(tmp_path / "a.npy")
-        assert (
-            found.dtype == values.dtype
-            and found.flags.f_contiguous == np.asarray(values, order=order).flags.f_contiguous
-        )
+def test_what_numpy_writes_is_read(tmp_path: Path) -> None:
+    dtypes = ("u1", ">u2", "<i4", "<f2", "<f4", ">f8", "<c8", "<c16", "?", "<u8")
+    shapes, path = ((), (5,), (2, 3), (1, 2, 3, 5, 7)), tmp_path / "a.npy"
+    versions = cycle(((1, 0), (2, 0), (3, 0)))
+    for (dtype, shape, order), version in zip(product(dtypes, shapes, "CF"), versions, strict=False):
+        values = np.arange(np.prod(shape, dtype=int)).reshape(shape).astype(dtype)
+        stored, data = np.asarray(values, order=order), io.BytesIO()
+        np.lib.format.write_array(data, stored, version=version)
+        path.write_bytes(data.getvalue())
+        found = map_npy(path)
+        assert found.dtype == values.dtype and found.flags.f_contiguous == stored.flags.f_contiguous
         np.testing.assert_array_equal(found, values)
 
 
@@ -70,27 +68,20 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("case", BAD)
-def test_damaged_headers(tmp_path: Path, case: str) -> None:
-    header, words = BAD[case]
-    with pytest.raises(FileFormatError, match=words) as caught:
-        map_npy(write(tmp_path / "a.npy", header))
-    assert "a.npy" in str(caught.value) and len(str(caught.value)) < 500
+def test_damaged_headers(tmp_path: Path) -> None:
+    for case, (header, words) in BAD.items():
+        with pytest.raises(FileFormatError, match=words) as caught:
+            map_npy(write(tmp_path / "a.npy", header))
+        assert "a.npy" in str(caught.value) and len(str(caught.value)) < 500, case
 
 
-@pytest.mark.parametrize(
-    "values", [np.array([{}], object), np.array(["a"]), np.zeros(2, "f4,i4"), np.zeros(2, "M8[s]")]
-)
-def test_other_than_numbers(tmp_path: Path, values: np.ndarray) -> None:
-    np.save(tmp_path / "a.npy", values, allow_pickle=True)
-    with pytest.raises(FileFormatError):
-        map_npy(tmp_path / "a.npy")
-
-
-def test_objects_are_unsafe(tmp_path: Path) -> None:
-    np.save(tmp_path / "a.npy", np.array([{}], object), allow_pickle=True)
-    with pytest.raises(UnsafeFileError, match="pickled Python objects"):
-        map_npy(tmp_path / "a.npy")
+def test_other_than_numbers_and_objects_are_refused(tmp_path: Path) -> None:
+    for values in (np.array([{}], object), np.array(["a"]), np.zeros(2, "f4,i4"), np.zeros(2, "M8[s]")):
+        np.save(tmp_path / "a.npy", values, allow_pickle=True)
+        pickled = values.dtype == object
+        error, words = (UnsafeFileError, "pickled Python objects") if pickled else (FileFormatError, r"a\.npy")
+        with pytest.raises(error, match=words):
+            map_npy(tmp_path / "a.npy")
 
 
 def test_files_that_are_not_there_or_cut_in_the_header(tmp_path: Path) -> None:
@@ -101,3 +92,46 @@ def test_files_that_are_not_there_or_cut_in_the_header(tmp_path: Path) -> None:
         (tmp_path / "a.npy").write_bytes(whole[:length])
         with pytest.raises(FileFormatError, match="damaged data"):
             map_npy(tmp_path / "a.npy")
+
+
+# -- JSON text ---------------------------------------------------------------------------------------------------------
+
+
+VALUES = [None, True, 1, -2.5, "ä 😀", [1, [2.0, "x"]], {"a": {"b": [1, 2]}}, 2**63 - 1, -(2**63), [], {}]
+
+
+def test_values_are_read_to_a_depth() -> None:
+    for value in VALUES:
+        assert parse_json(json.dumps(value), "a.json") == value
+        assert parse_json(json.dumps(value, ensure_ascii=False), "a.json") == value
+    text = "[" * MAX_NESTING + "]" * MAX_NESTING
+    assert parse_json(text, "a.json") == json.loads(text)
+    with pytest.raises(FileFormatError):
+        parse_json(f"[{text}]", "a.json")
+
+
+BAD_TEXT = {
+    "nothing": ("", "Expecting value"),
+    "an open list": ("[1, 2", "Expecting"),
+    "more after the end": ("{} x", "Extra data"),
+    "NaN": ('{"a": NaN}', "the number NaN"),
+    "infinity": ("-Infinity", "the number -Infinity"),
+    "a number beyond floats": ("[1e999]", "the number 1e999"),
+    "a number beyond 64 bits": ("[9223372036854775808]", "the number 9223372036854775808"),
+    "a number of 5000 digits": ("9" * 5000, "the number 999"),
+    "an entry twice": ('{"a": 1, "b": 2, "a": 3}', "'a' more than once"),
+    "nesting that ends the parser": ("[" * 100_000 + "]" * 100_000, "lists nested too deeply"),
+    "nesting that ends what comes after": ("[" * 600 + "]" * 600, f"more than {MAX_NESTING} levels of nested lists"),
+    "objects in objects": ('{"a":' * 200 + "1" + "}" * 200, f"more than {MAX_NESTING} levels of nested lists"),
+    "half a character": (r'{"name": "\ud800"}', "invalid Unicode"),
+    "a control character": ('"a\x01"', "Invalid control character"),
+}
+
+
+def test_what_cannot_be_relied_on_is_one_line() -> None:
+    for text, words in BAD_TEXT.values():
+        with pytest.raises(FileFormatError, match=words) as caught:
+            parse_json(text, "a.json", remedy="take another")
+        message = str(caught.value)
+        assert message.startswith("a.json: expected JSON text, got ") and message.endswith("; take another")
+        assert len(message) < 300

@@ -59,14 +59,11 @@ def test_drained_has_the_signature_types_and_docstring_of_its_work() -> None:
     assert pickle.loads(pickle.dumps(sum_of)) is sum_of
 
 
-def test_drained_returns_the_result_and_refuses_other_arguments() -> None:
+def test_drained_returns_the_result_and_reports_progress() -> None:
     assert sum_of(1) == 3.0 and sum_of(1, 5, times=0.5) == 3.0
     other: Any = sum_of
     with pytest.raises(TypeError, match="unexpected keyword argument 'time'"):
         other(1, time=2)
-
-
-def test_drained_reports_progress_to_a_function() -> None:
     records: list[Progress] = []
     assert sum_of(1, 5, times=0.5, on_progress=records.append) == 3.0
     assert [(one.done, one.total) for one in records] == [(one.done, one.total) for one in iter_sum_of(1, 5)]
@@ -84,10 +81,10 @@ def test_drained_method_is_bound_and_closes_its_work_on_an_error() -> None:
     assert doubled.closed
 
 
-Told = Generator[Progress, None, list[int]]
+Counted = Generator[Progress, None, list[int]]
 
 
-def iter_count(most: int) -> Told:
+def iter_count(most: int) -> Counted:
     """Count.
 
     From one on.
@@ -142,11 +139,8 @@ def test_drained_leaves_out_what_its_docstring_says_of_steps() -> None:
     )
 
 
-def test_drained_gives_the_result_of_an_alias() -> None:
+def test_drained_is_a_function_of_the_module_of_its_work_and_has_its_result() -> None:
     assert inspect.signature(count).return_annotation == list[int] and count(2) == [1, 2]
-
-
-def test_drained_is_a_function_of_the_module_of_its_work() -> None:
     found = doctest.DocTestFinder().find(sys.modules[__name__])
     assert [one.name.rpartition(".")[2] for one in found if one.examples] == ["count", "iter_count"]
     assert inspect.getmodule(count) is sys.modules[__name__]
@@ -161,18 +155,18 @@ def test_drained_refuses_what_is_not_annotated_as_work() -> None:
         drained(wrong)
 
 
-def test_what_nobody_asks_about_goes_on() -> None:
+def test_work_that_is_wanted_continues() -> None:
     raise_if_abandoned()
     with abandonable(lambda: True):
         raise_if_abandoned()
 
 
-def test_it_is_left_where_nobody_waits_and_in_that_thread_alone() -> None:
+def test_abandoned_work_ends_in_its_own_thread_alone() -> None:
     left: list[str] = []
 
     def other() -> None:
         raise_if_abandoned()
-        left.append("went on")
+        left.append("continued")
 
     with abandonable(lambda: False):
         with pytest.raises(WorkAbandoned):
@@ -185,4 +179,4 @@ def test_it_is_left_where_nobody_waits_and_in_that_thread_alone() -> None:
         with pytest.raises(WorkAbandoned):
             raise_if_abandoned()
     raise_if_abandoned()
-    assert left == ["went on"]
+    assert left == ["continued"]

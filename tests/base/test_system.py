@@ -1,4 +1,4 @@
-"""Calls of the operating system, with and without what single systems lack."""
+"""Calls of the operating system, with and without what single systems lack, and files that appear whole or not."""
 
 from __future__ import annotations
 
@@ -7,18 +7,20 @@ import errno
 import mmap
 import os
 import re
+import stat
 import struct
 import subprocess
 import sys
 import types
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from lfcal.base import system
-from lfcal.base.errors import StorageError
-from lfcal.base.files import check_writable, replace_whole, storage_errors, storage_words
+from lfcal.base.errors import InputError, StorageError
+from lfcal.base.files import check_other_file, check_writable, replace_whole, storage_errors, storage_words
 from lfcal.base.system import (
     free_memory,
     is_alive,
@@ -69,22 +71,22 @@ def test_write_read_and_reserve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert (tmp_path / "f").read_bytes() == bytes(7) + b"hello" + bytes(13000 - 12)
 
 
-@pytest.mark.parametrize("why", ["no call", errno.EOPNOTSUPP, errno.EINVAL])
-def test_a_length_without_blocks_is_reserved(monkeypatch: pytest.MonkeyPatch, why: str | int, descriptor: int) -> None:
+def test_a_length_without_blocks_is_reserved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """HDF5 lays a recording out at full length without a byte on the disk behind it."""
-    os.ftruncate(descriptor, 1 << 20)
-    if os.fstat(descriptor).st_blocks * 512 >= 1 << 20:
-        pytest.skip("this file system has no files with holes")
+    for why in (errno.EOPNOTSUPP, errno.EINVAL, None):
+        with (tmp_path / f"{why}").open("w+b") as file:
+            os.ftruncate(file.fileno(), 1 << 20)
+            if os.fstat(file.fileno()).st_blocks * 512 >= 1 << 20:
+                pytest.skip("this file system has no files with holes")
 
-    def refuse(*_: int) -> None:
-        raise OSError(why, "refused")
+            def refuse(*_: int, why: int | None = why) -> None:
+                raise OSError(why, "refused")
 
-    if why == "no call":
-        hide(monkeypatch, "posix_fallocate")
-    else:
-        monkeypatch.setattr(os, "posix_fallocate", refuse, raising=False)
-    reserve(descriptor, 1 << 20)
-    assert os.fstat(descriptor).st_blocks * 512 >= 1 << 20
+            monkeypatch.setattr(os, "posix_fallocate", refuse, raising=False)
+            if why is None:
+                hide(monkeypatch, "posix_fallocate")
+            reserve(file.fileno(), 1 << 20)
+            assert os.fstat(file.fileno()).st_blocks * 512 >= 1 << 20
 
 
 @POSIX
@@ -175,9 +177,7 @@ def test_files_are_flushed_by_a_descriptor_that_may_write(tmp_path: Path, monkey
     assert modes == [os.O_RDWR]
 
 
-def test_a_target_that_is_open_elsewhere_is_one_line_on_windows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_target_that_is_open_elsewhere_is_named_on_windows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
@@ -185,9 +185,8 @@ def test_a_target_that_is_open_elsewhere_is_one_line_on_windows(
     with pytest.raises(PermissionError):
         replace(tmp_path / "a", tmp_path / "b")
     monkeypatch.setattr(sys, "platform", "win32")
-    with pytest.raises(
-        StorageError, match=r"b: expected a file that can be replaced, got one that is open in another program; close"
-    ):
+    words = "b: expected a file that can be replaced, got one that is open in another program; close"
+    with pytest.raises(StorageError, match=words):
         replace(tmp_path / "a", tmp_path / "b")
 
 
@@ -230,104 +229,87 @@ def test_processes_live_and_die() -> None:
     assert not is_alive(1 << 80)
 
 
-@pytest.mark.parametrize(
-    ("handle", "error", "code", "alive"), [(0, 87, 0, False), (0, 5, 0, True), (7, 0, 259, True), (7, 0, 1, False)]
-)
-def test_windows_is_asked_by_a_handle_and_never_by_a_signal(
-    monkeypatch: pytest.MonkeyPatch, handle: int, error: int, code: int, alive: bool
-) -> None:
+def test_windows_is_asked_by_a_handle_and_never_by_a_signal(monkeypatch: pytest.MonkeyPatch) -> None:
     closed: list[int] = []
-
-    def exit_code(_: int, place: object) -> int:
-        place._obj.value = code  # type: ignore[attr-defined]
-        return 1
-
-    kernel = types.SimpleNamespace(
-        OpenProcess=lambda *_: handle, GetExitCodeProcess=exit_code, CloseHandle=closed.append
-    )
-    monkeypatch.setattr(ctypes, "WinDLL", lambda *_, **__: kernel, raising=False)
-    monkeypatch.setattr(ctypes, "get_last_error", lambda: error, raising=False)
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setattr(os, "kill", lambda *_: pytest.fail("a signal was sent"))
-    assert is_alive(1234) is alive
-    assert closed == ([7] if handle else [])
+    for handle, error, code, alive in ((0, 87, 0, False), (0, 5, 0, True), (7, 0, 259, True), (7, 0, 1, False)):
+
+        def exit_code(_: int, place: Any, code: int = code) -> int:
+            place._obj.value = code
+            return 1
+
+        calls = {"OpenProcess": lambda *_, handle=handle: handle, "GetExitCodeProcess": exit_code}
+        kernel = types.SimpleNamespace(**calls, CloseHandle=closed.append)
+        monkeypatch.setattr(ctypes, "WinDLL", lambda *_, kernel=kernel, **__: kernel, raising=False)
+        monkeypatch.setattr(ctypes, "get_last_error", lambda error=error: error, raising=False)
+        assert is_alive(1234) is alive
+    assert closed == [7, 7]
 
 
-@pytest.mark.parametrize(
-    ("groups", "files", "expected"),
-    [
-        ("0::/", {"cpu.max": "150000 100000"}, 2),
-        ("0::/", {"cpu.max": "max 100000"}, 64),
-        ("0::/", {}, 64),
-        ("0::/a/b", {"a/b/cpu.max": "max 100000", "a/cpu.max": "300000 100000"}, 3),
-        ("0::/docker/123", {"cpu.max": "50000 100000"}, 1),
-        ("0::/../..", {"cpu.max": "200000 100000"}, 2),
-        (
-            "4:cpu,cpuacct:/d",
-            {"cpu,cpuacct/d/cpu.cfs_quota_us": "250000", "cpu,cpuacct/d/cpu.cfs_period_us": "1e5"},
-            64,
-        ),
-        ("4:cpu,cpuacct:/d", {"cpu/cpu.cfs_quota_us": "250000", "cpu/cpu.cfs_period_us": "100000"}, 3),
-        ("4:cpu:/d\n0::/", {"cpu/d/cpu.cfs_quota_us": "-1", "cpu/d/cpu.cfs_period_us": "100000"}, 64),
-        ("4:memory:/d", {"memory/d/cpu.max": "100000 100000"}, 64),
-        ("nonsense", {"cpu.max": "7 0"}, 64),
-        ("0::/", {"cpu.max": "9999999 100000"}, 64),
-    ],
-)
-def test_the_limits_of_containers_are_seen(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, groups: str, files: dict[str, str], expected: int
-) -> None:
+Files = dict[str, str]
+CPU, V1 = "cpu.max", ("cpu.cfs_quota_us", "cpu.cfs_period_us")
+
+
+def quota(folder: str, number: str, period: str) -> Files:
+    return dict(zip((f"{folder}/{name}" for name in V1), (number, period), strict=True))
+
+
+def limit(most: str, used: str, folder: str = "") -> Files:
+    """Return the files of a group whose memory is limited."""
+    return {f"{folder}memory.max": most, f"{folder}memory.current": used}
+
+
+CPUS: list[tuple[str, Files, int]] = [
+    ("0::/", {CPU: "150000 100000"}, 2),
+    ("0::/", {CPU: "max 100000"}, 64),
+    ("0::/", {}, 64),
+    ("0::/a/b", {"a/b/cpu.max": "max 100000", "a/cpu.max": "300000 100000"}, 3),
+    ("0::/docker/123", {CPU: "50000 100000"}, 1),
+    ("0::/../..", {CPU: "200000 100000"}, 2),
+    ("4:cpu,cpuacct:/d", quota("cpu,cpuacct/d", "250000", "1e5"), 64),
+    ("4:cpu,cpuacct:/d", quota("cpu", "250000", "100000"), 3),
+    ("4:cpu:/d\n0::/", quota("cpu/d", "-1", "100000"), 64),
+    ("4:memory:/d", {"memory/d/cpu.max": "100000 100000"}, 64),
+    ("nonsense", {CPU: "7 0"}, 64),
+    ("0::/", {CPU: "9999999 100000"}, 64),
+]
+OLD_LIMIT = {"memory/d/memory.limit_in_bytes": "2048000", "memory/d/memory.usage_in_bytes": "0"}
+MEMORY: list[tuple[str, Files, int]] = [
+    ("0::/", {}, 6_000),
+    ("0::/", limit("max", "1024"), 6_000),
+    ("0::/", limit("4096000", "1024000"), 3_000),
+    ("0::/", limit("1024", "2048"), 0),
+    ("0::/", limit("4096000", "3072000") | {"memory.stat": "anon 5\ninactive_file 2048000"}, 3_000),
+    ("0::/a/b", limit("2048000", "1024000", "a/"), 1_000),
+    ("6:memory:/d", OLD_LIMIT, 2_000),
+    ("6:cpu:/d", OLD_LIMIT, 6_000),
+]
+
+
+def grouped(root: Path, groups: str, files: Files) -> Path:
+    """Write what the kernel shows of the control groups of a process."""
+    for name, text in {"proc/self/cgroup": groups, **{f"sys/fs/cgroup/{name}": t for name, t in files.items()}}.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+    (root / "proc" / "meminfo").write_text("MemTotal: 9000 kB\nMemAvailable:    6000 kB\n")
+    return root
+
+
+def test_the_limits_of_containers_are_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(64)), raising=False)
-    (tmp_path / "proc" / "self").mkdir(parents=True)
-    (tmp_path / "proc" / "self" / "cgroup").write_text(groups + "\n")
-    for name, text in files.items():
-        path = tmp_path / "sys" / "fs" / "cgroup" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n")
-    assert processors(tmp_path) == expected
-
-
-def test_processors_where_affinity_is_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for k, (groups, files, expected) in enumerate(CPUS):
+        assert processors(grouped(tmp_path / f"c{k}", groups, files)) == expected, (groups, files)
+    for k, (groups, files, expected) in enumerate(MEMORY):
+        assert free_memory(grouped(tmp_path / f"m{k}", groups, files)) == expected * 1024, (groups, files)
     hide(monkeypatch, "sched_getaffinity")
-    monkeypatch.setattr(os, "cpu_count", lambda: 5)
-    assert processors(tmp_path) == 5
-    monkeypatch.setattr(os, "cpu_count", lambda: None)
-    assert processors(tmp_path) == 1
+    for count, expected in ((5, 5), (None, 1)):
+        monkeypatch.setattr(os, "cpu_count", lambda count=count: count)
+        assert processors(tmp_path) == expected
 
 
-@pytest.mark.parametrize(
-    ("groups", "files", "expected"),
-    [
-        ("0::/", {}, 6_000),
-        ("0::/", {"memory.max": "max", "memory.current": "1024"}, 6_000),
-        ("0::/", {"memory.max": "4096000", "memory.current": "1024000"}, 3_000),
-        ("0::/", {"memory.max": "1024", "memory.current": "2048"}, 0),
-        (
-            "0::/",
-            {"memory.max": "4096000", "memory.current": "3072000", "memory.stat": "anon 5\ninactive_file 2048000"},
-            3_000,
-        ),
-        ("0::/a/b", {"a/memory.max": "2048000", "a/memory.current": "1024000"}, 1_000),
-        (
-            "6:memory:/d",
-            {"memory/d/memory.limit_in_bytes": "2048000", "memory/d/memory.usage_in_bytes": "0"},
-            2_000,
-        ),
-        ("6:cpu:/d", {"memory/d/memory.limit_in_bytes": "2048000", "memory/d/memory.usage_in_bytes": "0"}, 6_000),
-    ],
-)
-def test_memory_that_is_free(tmp_path: Path, groups: str, files: dict[str, str], expected: int) -> None:
-    (tmp_path / "proc" / "self").mkdir(parents=True)
-    (tmp_path / "proc" / "self" / "cgroup").write_text(groups + "\n")
-    (tmp_path / "proc" / "meminfo").write_text("MemTotal: 9000 kB\nMemAvailable:    6000 kB\n")
-    for name, text in files.items():
-        path = tmp_path / "sys" / "fs" / "cgroup" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n")
-    assert free_memory(tmp_path) == expected * 1024
-
-
-def test_memory_where_the_system_does_not_tell(tmp_path: Path) -> None:
+def test_memory_where_the_system_does_not_report_it(tmp_path: Path) -> None:
     assert free_memory(tmp_path) > 1 << 20
     assert memory_in_use(tmp_path) == 0
 
@@ -340,8 +322,8 @@ def test_memory_in_use_grows_with_what_is_held() -> None:
     assert peak_memory() >= before + len(held) // 2
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="two ways to ask are held against each other")
-def test_other_systems_tell_the_same_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="two ways to ask are compared")
+def test_other_systems_report_the_same_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """Through psutil, which asks this system as it asks theirs."""
     total, used = total_memory(), memory_in_use()
     monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="darwin"))
@@ -350,46 +332,37 @@ def test_other_systems_tell_the_same_of_memory(monkeypatch: pytest.MonkeyPatch) 
     assert 0.5 * used < memory_in_use() < 2 * used
     in_bytes = peak_memory()
     monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="linux"))
-    assert peak_memory() == 1024 * in_bytes, "the same number, told in kilobytes there"
+    assert peak_memory() == 1024 * in_bytes, "the same number, in kilobytes there"
 
 
-def test_the_most_memory_is_told_on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_peak_of_memory_on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
     """A field of psutil that is there only."""
-    told = types.SimpleNamespace(memory_info=lambda: types.SimpleNamespace(peak_wset=123))
-    monkeypatch.setitem(sys.modules, "psutil", types.SimpleNamespace(Process=lambda: told))  # type: ignore[misc]
+    process = types.SimpleNamespace(memory_info=lambda: types.SimpleNamespace(peak_wset=123))
+    monkeypatch.setitem(sys.modules, "psutil", types.SimpleNamespace(Process=lambda: process))  # type: ignore[misc]
     monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="win32"))
     assert peak_memory() == 123 and peak_memory(children=True) == 0
 
 
-@pytest.mark.parametrize(
-    ("name", "why"),
-    [
-        ("H.h5", ""),
-        ("console.h5", ""),
-        ("../x/./H.h5", ""),
-        ("comet.tif", ""),
-        ("NUL", "NUL is the name of a device on Windows"),
-        ("out/aux.h5", "aux.h5 is the name of a device on Windows"),
-        ("Com1.tar.gz", "Com1.tar.gz is the name of a device on Windows"),
-        ("lpt9 .csv", "lpt9 .csv is the name of a device on Windows"),
-        ("nul/H.h5", "nul is the name of a device on Windows"),
-        ("H.", "'H.': Windows drops a dot or a space at the end of a name"),
-        ("plane ", "'plane ': Windows drops a dot or a space at the end of a name"),
-        ("12:30.h5", "':' is not allowed in the name of a file on Windows"),
-        ("what?.h5", "'?' is not allowed in the name of a file on Windows"),
-        ("a\tb", "'\\t' is not allowed in the name of a file on Windows"),
-    ],
-)
-def test_names_that_windows_does_not_give_to_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, why: str
-) -> None:
-    assert name_refused(Path(name)) == ""
+DEVICE, END = "is the name of a device on Windows", "Windows drops a dot or a space at the end of a name"
+NOT_ALLOWED = "is not allowed in the name of a file on Windows"
+NAMES = {
+    **dict.fromkeys(("H.h5", "console.h5", "../x/./H.h5", "comet.tif"), ""),
+    **{"NUL": f"NUL {DEVICE}", "out/aux.h5": f"aux.h5 {DEVICE}", "Com1.tar.gz": f"Com1.tar.gz {DEVICE}"},
+    **{"lpt9 .csv": f"lpt9 .csv {DEVICE}", "nul/H.h5": f"nul {DEVICE}"},
+    **{"H.": f"'H.': {END}", "plane ": f"'plane ': {END}"},
+    **{"12:30.h5": f"':' {NOT_ALLOWED}", "what?.h5": f"'?' {NOT_ALLOWED}", "a\tb": f"'\\t' {NOT_ALLOWED}"},
+}
+
+
+def test_names_that_windows_does_not_give_to_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert {name_refused(Path(name)) for name in NAMES} == {""}
     monkeypatch.setattr(system, "sys", types.SimpleNamespace(platform="win32"))
-    assert name_refused(Path(name)) == why
+    assert {name: name_refused(Path(name)) for name in NAMES} == NAMES
     assert name_refused(tmp_path / "H.h5") == "", "the anchor of a path is none of its names"
-    if why:
-        with pytest.raises(StorageError, match=re.escape(f"{why}; choose another name")):
-            check_writable(tmp_path / name)
+    for name, why in NAMES.items():
+        if why:
+            with pytest.raises(StorageError, match=re.escape(f"{why}; choose another name")):
+                check_writable(tmp_path / name)
 
 
 def test_a_path_that_is_too_long_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -401,3 +374,58 @@ def test_a_path_that_is_too_long_says_so(tmp_path: Path, monkeypatch: pytest.Mon
     assert storage_words(missing, long).endswith("choose a shorter path, or enable long paths in Windows")
     with pytest.raises(StorageError, match="choose a shorter name"), storage_errors(tmp_path):
         raise OSError(errno.ENAMETOOLONG, "File name too long")
+
+
+# -- files that appear whole -------------------------------------------------------------------------------------------
+
+
+def write(path: Path, text: str) -> None:
+    with replace_whole(path) as part:
+        part.write_text(text)
+
+
+def test_a_link_is_followed_not_replaced(tmp_path: Path) -> None:
+    target, link = tmp_path / "data" / "H.h5", tmp_path / "H.h5"
+    target.parent.mkdir()
+    target.write_text("old")
+    link.symlink_to(target)
+    write(link, "new")
+    assert link.is_symlink() and target.read_text() == "new"
+    assert [p.name for p in target.parent.iterdir()] == ["H.h5"]
+
+
+def test_an_existing_file_keeps_its_mode_and_is_kept_where_it_is_read_only(tmp_path: Path) -> None:
+    path = tmp_path / "H.h5"
+    write(path, "old")
+    path.chmod(0o640)
+    write(path, "new")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640 and path.read_text() == "new"
+    path.chmod(0o400)
+    words = r"H\.h5: this file is read-only; choose another name, or make the file writable"
+    with pytest.raises(StorageError, match=words):
+        write(path, "other")
+    path.chmod(0o640)
+    with pytest.raises(RuntimeError), replace_whole(path) as part:
+        part.write_text("half")
+        raise RuntimeError
+    assert path.read_text() == "new" and len(list(tmp_path.iterdir())) == 1
+
+
+def test_scratch_files_left_behind_are_swept_and_only_those(tmp_path: Path) -> None:
+    """While the lock of a file is held, other scratch files of it are left over, whichever process has their number."""
+    left = [f".H.h5.{os.getppid()}.part", ".H.h5.99999999.part", ".other.h5.7.part", ".H.h5.x.part"]
+    for name in left:
+        (tmp_path / name).write_text("left")
+    write(tmp_path / "H.h5", "new")
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*left[2:], "H.h5"])
+
+
+def test_the_input_is_never_the_output(tmp_path: Path) -> None:
+    path = tmp_path / "H.h5"
+    path.write_text("H")
+    (tmp_path / "hard.h5").hardlink_to(path)
+    for other in (path, tmp_path / "." / "H.h5", tmp_path / "hard.h5"):
+        with pytest.raises(InputError, match="output: expected a file other than the input"):
+            check_other_file(path, other)
+    check_other_file(path, tmp_path / "new.h5")
+    check_other_file("", path)

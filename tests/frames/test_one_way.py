@@ -1,11 +1,11 @@
-"""One way for a frame: the same simulated frames as a folder, a stack, and a recorded session give the same H."""
+"""One way for a frame: the same simulated frames as a folder, a stack and a recorded session give the same H."""
 
 from __future__ import annotations
 
-import json
-import zlib
+import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import h5py
@@ -19,9 +19,11 @@ from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.devices import simulated_rig
 from lfcal.frames import CorrectionRecipe, Frames, FrameSource, corrected_view, open_frames
-from lfcal.psf import AssemblySettings, assemble_plan
-from lfcal.simulate import SimulatedCamera
+from lfcal.frames.corrections.recipe import read_average
+from lfcal.psf import AssemblySettings, PSFMatrix, assemble_plan, save_regions
+from lfcal.simulate import SimulatedCamera, sample_session
 from lfcal.simulate.effects import Quantisation
+from tests.distribution import code_of
 
 EXACT = AssemblySettings(strict=True, dtype="float32", keep_pedestal=True)
 
@@ -67,25 +69,6 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> tuple[ScanPlan, dict[str
 
 def opened(ways: dict[str, Path], name: str) -> Frames:
     return open_frames(ways[name], pattern="z{z}_y{y}_x{x}.png" if name == "frames" else None)
-
-
-def test_what_h_keeps_of_a_session_is_the_same_text_in_every_version(places: tuple[ScanPlan, dict[str, Path]]) -> None:
-    plan, ways = places
-    with open_frames(ways["session"]) as source:
-        matrix = assemble_plan(corrected_view(source, CorrectionRecipe(), plan), plan).matrix
-        (dark,) = source.metadata.darks.values()
-    stored = json.loads((ways["session"] / "session.json").read_text())
-    found = {key: value for key, value in matrix.provenance.items() if key != "plan"}
-    mean, crc = float(dark.frame.mean(dtype=np.float64)), f"{zlib.crc32(dark.frame.tobytes()):08x}"
-    assert json.dumps(found) == (
-        '{"frames": {"count": 12, "codec": {"name": "recording", "lossless": true}}, '
-        '"cutout": {"interpolation": "nearest", "outside": "error", "scale": [1.0, 1.0]}, '
-        '"corrections": {"steps": [{"kind": "darks", "by_exposure": {"0.02": '
-        f'{{"kind": "dark", "level": 0.0, "mean": {mean}, "crc32": "{crc}"}}}}}}], "saturation": null}}, '
-        f'"session": "{stored["identity"]}", "devices": {{"camera": "simulated camera", "stage": "simulated stage", '
-        '"settings": {"ExposureAuto": "Off", "GainAuto": "Off", "Gamma": "1", "Gain": "0"}}, "optics": "geometric", '
-        f'"noise": {json.dumps(found["noise"])}}}'
-    )
 
 
 def test_session_folder_and_stack_give_bit_equal_h(places: tuple[ScanPlan, dict[str, Path]]) -> None:
@@ -174,12 +157,12 @@ def test_a_level_nobody_subtracts_is_refused(places: tuple[ScanPlan, dict[str, P
 
 def test_what_a_source_brings_itself_is_not_asked_for(places: tuple[ScanPlan, dict[str, Path]]) -> None:
     _, ways = places
+    options: dict[str, Any] = {"pattern": "x{x}.png", "order": "raster", "manifest": ways["stack.csv"]}
     for name, what in (("session", "recorded session"), ("plan.json", "simulated camera of a plan")):
-        for option, value in {"pattern": "x{x}.png", "order": "raster", "manifest": ways["stack.csv"]}.items():
-            with pytest.raises(
-                InputError, match=(f"{what}: expected no option '{option}', got .*the source defines this itself")
-            ):
-                open_frames(ways[name], **{option: value})  # type: ignore[arg-type]
+        for option, value in options.items():
+            words = f"{what}: expected no option '{option}', got .*the source defines this itself"
+            with pytest.raises(InputError, match=words):
+                open_frames(ways[name], **{option: value})
 
 
 def test_a_cutout_beyond_the_recorded_window_says_where_it_ends(places: tuple[ScanPlan, dict[str, Path]]) -> None:
@@ -192,3 +175,38 @@ def test_a_cutout_beyond_the_recorded_window_says_where_it_ends(places: tuple[Sc
         small = assemble_plan(view, plan, None, replace(EXACT, cutout=(11, 13))).matrix
         whole = assemble_plan(view, plan, None, EXACT).matrix
         np.testing.assert_array_equal(np.asarray(small), np.asarray(whole)[..., 5:16, 4:17])
+
+
+# -- examples of the documentation -------------------------------------------------------------------------------------
+
+
+def test_frames_as_documented(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    session = sample_session()
+    for name in ("frames", "dark"):
+        shutil.copytree(session / name, tmp_path / name)
+    for path in (tmp_path / "frames").glob("z*.png"):  # names as the example has them
+        z, y, x = (int(part[1:]) for part in path.stem.split("_"))
+        path.rename(path.with_name(f"z{z}_y{y}_x{x}.png"))
+    shutil.copy(session / "plan.json", tmp_path)
+    tifffile.imwrite(tmp_path / "white.tif", np.rint(read_average(session / "white")).astype(np.uint16))
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    (block,) = code_of("files.md", "Open frames")
+    exec(block, names)
+    report = names["report"]
+    with report.matrix as H:  # type: ignore[attr-defined]
+        assert H.shape == (2, 19, 33, 55, 55) and report.frames == 1254  # type: ignore[attr-defined]
+        assert H.provenance["corrections"]["steps"][1]["kind"] == "white"
+
+
+def test_h_files_as_documented(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    values = np.random.default_rng(0).random((1, 19, 33, 5, 5)).astype(np.float32)
+    save_regions({"centre": PSFMatrix(values), "corner": PSFMatrix(values)}, tmp_path / "H.h5")
+    monkeypatch.chdir(tmp_path)
+    (by_h5py,) = code_of("matlab.md", "Read an H file in Python without lfcal")
+    (block,) = code_of("files.md", "H in Python")
+    read: dict[str, object] = {}
+    exec(by_h5py, read)
+    np.testing.assert_array_equal(read["H"], values[0, 9, 16])
+    names: dict[str, object] = {}
+    exec(block.replace("H.facts.spread", "H.facts.spread, open_psf('H.h5', region='corner')"), names)

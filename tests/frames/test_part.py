@@ -38,37 +38,22 @@ PLAN = ScanPlan(small_camera(), (ROWS, COLUMNS), (9, 11), (-40e3, 10e3), START)
 ORIGIN = (5, 6)
 
 
-@pytest.mark.parametrize(
-    ("value", "wanted"),
-    [
-        ("8-5-80-78", (8, 5, 80, 78)),
-        ("[8, 5, 80, 78]", (8, 5, 80, 78)),
-        ([8, 5, 80, 78], (8, 5, 80, 78)),
-        ("0-0-512", None),
-        ("a-b-c-d", None),
-        (None, None),
-        (17, None),
-        ([8, 5, 80, -78], None),
-    ],
-)
-def test_regions_as_programs_write_them(value: Any, wanted: Any) -> None:
-    assert parse_roi(value) == wanted
-
-
-def test_a_region_of_another_size_is_not_that_of_the_frames() -> None:
+def test_regions_as_programs_write_them() -> None:
+    region = (8, 5, 80, 78)
+    read = {"8-5-80-78": region, "[8, 5, 80, 78]": region, "0-0-512": None, "a-b-c-d": None, None: None, 17: None}
+    for value, wanted in read.items():
+        assert parse_roi(value) == wanted
+    assert parse_roi([8, 5, 80, 78]) == region and parse_roi([8, 5, 80, -78]) is None
+    # a region of another size is not that of the frames
     assert stated_origin((8, 5, 78, 80), (80, 78)) == (5, 8)
-    assert stated_origin((8, 5, 80, 78), (80, 78)) is None and stated_origin(None, (80, 78)) is None
+    assert stated_origin(region, (80, 78)) is None and stated_origin(None, (80, 78)) is None
 
 
 def test_binned_frames_and_assumed_sensors_are_no_part() -> None:
     camera = small_camera()
     assert binned((40, 48), (20, 24)) == 2 and binned((40, 48), (38, 44)) == 0
-    assert (
-        is_part_of_sensor((38, 44), camera)
-        and not is_part_of_sensor((40, 48), camera)
-        and not is_part_of_sensor((20, 24), camera)
-    )
-    assert not is_part_of_sensor((41, 44), camera)
+    parts = {(38, 44): True, (40, 48): False, (20, 24): False, (41, 44): False}
+    assert {shape: is_part_of_sensor(shape, camera) for shape in parts} == parts
     assumed = replace(camera, marks=camera.marks.marked(["sensor.shape"], "assumed"))
     assert not is_part_of_sensor((38, 44), assumed)
 
@@ -102,17 +87,14 @@ BOX = '<ROI ID="ROI:0"><Union><Rectangle ID="Shape:0" X="{}" Y="{}" Width="{}" H
 WITHIN = BOX.format(6, 5, 20, 20) + BOX.format(0, 0, 42, 33)
 
 
-@pytest.mark.parametrize(
-    ("inner", "wanted"),
-    [(MAP, (6, 5, 42, 33)), (ORIGINAL, (6, 5, 42, 33)), (BOX.format(6, 5, 42, 33), (6, 5, 42, 33)), (WITHIN, None)],
-)
-def test_the_region_that_ome_metadata_keep(tmp_path: Path, inner: str, wanted: Any) -> None:
-    image = frame((0, 0))[5:38, 6:48]
-    about = annotated(inner).encode()
-    tifffile.imwrite(tmp_path / "a.ome.tif", image, photometric="minisblack", metadata=None, description=about)
-    found = open_image(tmp_path / "a.ome.tif")
-    assert found.metadata.get("roi") == wanted
-    found.close()
+def test_the_region_that_ome_metadata_keep(tmp_path: Path) -> None:
+    box, image = (6, 5, 42, 33), frame((0, 0))[5:38, 6:48]
+    for inner, wanted in ((MAP, box), (ORIGINAL, box), (BOX.format(*box), box), (WITHIN, None)):
+        about = annotated(inner).encode()
+        tifffile.imwrite(tmp_path / "a.ome.tif", image, photometric="minisblack", metadata=None, description=about)
+        found = open_image(tmp_path / "a.ome.tif")
+        assert found.metadata.get("roi") == wanted, inner
+        found.close()
 
 
 def test_metadata_that_state_the_part_refuse_a_plan_of_the_whole(tmp_path: Path) -> None:
@@ -141,28 +123,24 @@ def test_a_folder_of_micro_manager_states_the_part(tmp_path: Path) -> None:
         assert source.metadata.stated_origin == ORIGIN
 
 
-def test_the_light_tells_the_part_and_what_was_stated_wrongly(tmp_path: Path) -> None:
+def test_the_light_shows_the_part_and_what_was_stated_wrongly(tmp_path: Path) -> None:
     write_part(tmp_path / "f")
     with opened(tmp_path / "f") as source:
-        with pytest.raises(
-            InputError, match=r"row 5, column 6 of it, according to the position of the light .*--origin 5,6"
-        ):
+        words = r"row 5, column 6 of it, according to the position of the light .*--origin 5,6"
+        with pytest.raises(InputError, match=words):
             drain(iter_upright(source, PLAN))
         # an orientation that is stated is not looked for in the light, and the place is missing all the same
         with pytest.raises(InputError, match=r"got 33 x 42 px; state .*--origin ROW,COLUMN"):
             drain(iter_upright(source, PLAN, "as-is"))
     with opened(tmp_path / "f", origin=(1, 6)) as source:
         found = FoundOrientation("as is", residual_px=0.1, offset_px=(-4.2, 0.1))
-        with pytest.raises(
-            InputError,
-            match="expected about 5,6, according to the position of the light, got 1,6; correct the origin",
-        ):
+        words = "expected about 5,6, according to the position of the light, got 1,6; correct the origin"
+        with pytest.raises(InputError, match=words):
             check_place(found, source, PLAN)
         check_place(replace(found, offset_px=(1.0, 0.5)), source, PLAN)
     with opened(tmp_path / "f", origin=(8, 8)) as source:
-        with pytest.raises(
-            InputError, match=("all of the frame is on the sensor of 40 x 48 px, got 8,8 for frames of 33 x 42 px")
-        ):
+        words = "all of the frame is on the sensor of 40 x 48 px, got 8,8 for frames of 33 x 42 px"
+        with pytest.raises(InputError, match=words):
             assemble_plan(source, PLAN)
 
 
@@ -193,7 +171,7 @@ def test_h_of_a_part_is_that_of_the_whole_frames(tmp_path: Path) -> None:
             corrected_view(source, recipe, PLAN)
 
 
-def test_a_mirrored_part_lies_where_its_mirror_image_does(tmp_path: Path) -> None:
+def test_a_part_that_is_delivered_mirrored_or_on_its_side(tmp_path: Path) -> None:
     write_part(tmp_path / "f", (5, 0), (33, 42))
     for path in (tmp_path / "f").iterdir():
         tifffile.imwrite(path, tifffile.imread(path)[:, ::-1].copy())
@@ -201,14 +179,11 @@ def test_a_mirrored_part_lies_where_its_mirror_image_does(tmp_path: Path) -> Non
         upright = oriented(source, named_orientation("mirror-x"), PLAN.camera.sensor.shape)
         assert upright.info(0).origin == upright.metadata.origin == (5, 0)
         np.testing.assert_array_equal(upright.read(0), frame((0, 0), seed=0)[5:38, :42])
-
-
-def test_a_part_that_is_delivered_on_its_side(tmp_path: Path) -> None:
-    """Its origin is of the sensor as delivered, 48 x 40 px: it would not fit upright."""
-    write_part(tmp_path / "f", (12, 3), (20, 40))
-    for path in (tmp_path / "f").iterdir():
+    # on its side, the origin is that of the sensor as delivered, 48 x 40 px: it would not fit upright
+    write_part(tmp_path / "g", (12, 3), (20, 40))
+    for path in (tmp_path / "g").iterdir():
         tifffile.imwrite(path, tifffile.imread(path).T.copy())
-    with opened(tmp_path / "f", origin=(3, 12)) as source:
+    with opened(tmp_path / "g", origin=(3, 12)) as source:
         upright = oriented(source, named_orientation("transpose"), PLAN.camera.sensor.shape)
         assert upright.metadata.origin == (12, 3)
         assemble_plan(upright, PLAN)

@@ -1,5 +1,8 @@
+"""Frames become H: whole scans, single positions, and the level that must be subtracted first."""
+
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +13,16 @@ from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
 from lfcal.base.progress import Progress, drain
-from lfcal.frames import ArraySource, CorrectionChain, Dark, Noise, corrected
+from lfcal.frames import ArraySource, CorrectionChain, CorrectionRecipe, Dark, Noise, corrected, corrected_view
 from lfcal.frames.source import FrameInfo, Position
-from lfcal.psf import Cutout, assemble, iter_assemble, open_psf
-from lfcal.psf.assembly import AssemblyProgress
+from lfcal.psf import Cutout, assemble, assemble_plan, iter_assemble, open_psf
+from lfcal.psf._pedestal import pedestal_share
+from lfcal.psf.assembly import AssemblyProgress, AssemblySettings, find_plan_cutout
+from lfcal.psf.cutout import Gatherer
+from lfcal.psf.picked import iter_pick
+from tests.acquire.rigs import small_plan
 from tests.psf.conftest import ListSource, coded_frames
+from tests.psf.test_orientation import a_plan, upright
 
 Frames = tuple[ListSource, NDArray[np.uint16]]
 SHAPE = (2, 3, 4)
@@ -43,13 +51,11 @@ def test_frames_become_h(frames: Frames, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.asarray(in_memory), expected(stack))
     wrong = Cutout((7, 9), anchor=(13, 15))
     assert not np.array_equal(np.asarray(assemble(source, SHAPE, wrong).matrix), expected(stack))
-
-
-def test_any_order_gives_the_same(frames: Frames) -> None:
-    source, stack = frames
     order = np.random.default_rng(0).permutation(len(source))
     shuffled = ListSource([source.frames[k] for k in order], [source.positions[k] for k in order])
     np.testing.assert_array_equal(np.asarray(assemble(shuffled, SHAPE, CUTOUT).matrix), expected(stack))
+    between = assemble(source, SHAPE, Cutout((7, 9), anchor=(12.3, 14.8)))
+    assert between.residual_px == pytest.approx((0.3, 0.2)), "what the nearest pixel leaves"
 
 
 def test_missing_and_repeated_positions_are_recorded(frames: Frames, tmp_path: Path) -> None:
@@ -188,12 +194,6 @@ def test_drift_moves_the_window(frames: Frames) -> None:
         assemble(source, SHAPE, CUTOUT, drift=np.zeros((3, 2)))
 
 
-def test_the_residual_that_nearest_leaves_is_reported(frames: Frames) -> None:
-    source, _ = frames
-    report = assemble(source, SHAPE, Cutout((7, 9), anchor=(12.3, 14.8)))
-    assert report.residual_px == pytest.approx((0.3, 0.2))
-
-
 def test_cancelling_leaves_nothing(frames: Frames, tmp_path: Path) -> None:
     source, _ = frames
     work = iter_assemble(source, SHAPE, CUTOUT, out=tmp_path / "H.h5")
@@ -222,42 +222,38 @@ def _broken(source: ListSource, kind: str) -> ListSource:
     return ListSource(frames, positions)
 
 
-@pytest.mark.parametrize(
-    ("kind", "word"),
-    [
-        ("nan", r"frame 4.*NaN"),
-        ("zero", "only zeros"),
-        ("saturated", "frame 4.*saturated"),
-        ("shape", "frame 4.*pixels"),
-        ("outside", "frame 4.*inside"),
-        ("negative", "frame 4.*inside"),
-    ],
-)
-def test_bad_frames_are_named(frames: Frames, tmp_path: Path, kind: str, word: str) -> None:
-    source = corrected(_broken(frames[0], kind), CorrectionChain())
-    with pytest.raises(InputError, match=word) as error:
-        assemble(source, SHAPE, CUTOUT, out=tmp_path / "H.h5")
-    assert "\n" not in str(error.value)
-    assert list(tmp_path.iterdir()) == []
+BROKEN = {
+    "nan": r"frame 4.*NaN",
+    "zero": "only zeros",
+    "saturated": "frame 4.*saturated",
+    "shape": "frame 4.*pixels",
+    "outside": "frame 4.*inside",
+    "negative": "frame 4.*inside",
+}
 
 
-def test_no_frames_at_all(frames: Frames) -> None:
-    source, _ = frames
-    empty = ListSource(source.frames, source.positions)
+def test_bad_frames_are_named(frames: Frames, tmp_path: Path) -> None:
+    for kind, words in BROKEN.items():
+        source = corrected(_broken(frames[0], kind), CorrectionChain())
+        with pytest.raises(InputError, match=words) as error:
+            assemble(source, SHAPE, CUTOUT, out=tmp_path / "H.h5")
+        assert "\n" not in str(error.value)
+    empty = ListSource(frames[0].frames, frames[0].positions)
     empty.__class__ = type("Empty", (ListSource,), {"__len__": lambda self: 0})
     with pytest.raises(InputError, match="none"):
         assemble(empty, SHAPE, CUTOUT)
+    assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("dtype", ["rounded", "uint16", "float32"])
-def test_frames_of_integers_are_stored_exactly(tmp_path: Path, dtype: str) -> None:
+def test_frames_of_integers_are_stored_exactly(tmp_path: Path) -> None:
     """Every type keeps the counts of frames that nothing corrects, and says that it makes no error."""
     source, stack = coded_frames(seed=9)
-    matrix = assemble(source, SHAPE, CUTOUT, out=tmp_path / "H.h5", dtype=dtype).matrix
-    np.testing.assert_array_equal(np.asarray(matrix), expected(stack))
-    assert np.isnan(matrix.facts.known()["error"]).all()
-    with h5py.File(tmp_path / "H.h5", locking=False) as file:
-        np.testing.assert_array_equal(file["H"][...], expected(stack))
+    for dtype in ("rounded", "uint16", "float32"):
+        matrix = assemble(source, SHAPE, CUTOUT, out=tmp_path / f"{dtype}.h5", dtype=dtype).matrix
+        np.testing.assert_array_equal(np.asarray(matrix), expected(stack))
+        assert np.isnan(matrix.facts.known()["error"]).all()
+        with h5py.File(tmp_path / f"{dtype}.h5", locking=False) as file:
+            np.testing.assert_array_equal(file["H"][...], expected(stack))
 
 
 def test_the_records_show_h_as_it_fills(frames: Frames) -> None:
@@ -271,3 +267,132 @@ def test_the_records_show_h_as_it_fills(frames: Frames) -> None:
     assert np.isnan(shown[0].energy[1]).all()
     light = [made.matrix.plane(z).sum((2, 3), dtype=float) for z in range(SHAPE[0])]
     np.testing.assert_allclose(shown[-1].energy, light, rtol=1e-6)
+
+
+# -- single positions --------------------------------------------------------------------------------------------------
+
+
+PLAN = small_plan((2, 3), 2)
+
+
+def picked_frames(count: int = 12) -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 4000, (count, 96, 96)).astype(np.uint16)
+
+
+PLACES = [(z, y, x) for z in range(2) for y in range(2) for x in range(3)]
+
+
+def test_patterns_are_those_of_assembly() -> None:
+    source = ArraySource(picked_frames(), PLACES)
+    H = assemble_plan(source, PLAN).matrix
+    chosen = np.array([(0, 1, 2), (1, 0, 0)])
+    found = drain(iter_pick(source, PLAN, chosen))
+    assert found.shape == H.shape and found.camera == PLAN.camera and found.anchor == H.anchor
+    np.testing.assert_array_equal(np.argwhere(found.recorded), chosen)
+    for z, y, x in chosen.tolist():
+        np.testing.assert_array_equal(found[z, y, x], H[z, y, x])
+        assert found.plane(z)[y, x].tolist() == H[z, y, x].tolist()
+    assert not found[0, 0, 0].any() and found.plane(1).astype(bool).any((2, 3)).sum() == 1
+    np.testing.assert_array_equal(found.T.plane(1), found.T.T.T[1])
+    np.testing.assert_array_equal(np.asarray(found)[1], found.plane(1))
+
+
+def test_no_other_frame_is_read() -> None:
+    class Counting(ArraySource):
+        def read(self, index: int, region: object = None) -> np.ndarray:
+            seen.add(index)
+            return super().read(index, region)  # type: ignore[arg-type]
+
+    seen: set[int] = set()
+    work = iter_pick(Counting(picked_frames(), PLACES), PLAN, np.array([(1, 1, 1)]))
+    assert [next(work).done for _ in range(2)] == [0, 1]
+    assert seen == {PLACES.index((1, 1, 1))}
+
+
+def test_repeats_are_averaged_and_pixels_beyond_the_frame_are_marked() -> None:
+    places = [(0, 0, 0), (0, 0, 0), (1, 1, 1)]
+    source = ArraySource(picked_frames(3), places, drifts=[(-43.0, 0.0), (-43.0, 0.0), (0.0, 0.0)])
+    found = drain(iter_pick(source, PLAN, np.array([(0, 0, 0), (1, 1, 1)])))
+    assert found.recorded[0, 0, 0] == 2 and found.recorded[1, 1, 1] == 1
+    cut = picked_frames(3)[:2, :16, 38:59].mean(0)
+    np.testing.assert_allclose(found[0, 0, 0][5:], cut, rtol=1e-6)
+    assert not found.valid(0, 0, 0)[:5].any() and found.valid(0, 0, 0)[5:].all()
+
+
+def test_positions_without_a_frame_or_outside_the_plan_are_refused() -> None:
+    source = ArraySource(picked_frames(11), PLACES[:11])
+    without = r"expected a position that has a frame, got \(1, 1, 2\)"
+    outside = r"expected three numbers from 0, below \(2, 2, 3\)"
+    for place, words in (((1, 1, 2), without), ((2, 0, 0), outside), ((0, -1, 0), outside)):
+        with pytest.raises(InputError, match=words):
+            drain(iter_pick(source, PLAN, np.array([place])))
+
+
+# -- the level of the frames -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scan():
+    plan = a_plan((60, 72), (3, 4), (25.0, 30.0), 2, (25, 25))
+    raw, places = upright(plan, width=4.0, noise=2.0)
+    return plan, ArraySource(np.rint(raw).astype(np.uint16), places)
+
+
+def test_a_wrong_level_is_refused_with_its_size(scan):
+    plan, raw = scan
+    for off in (-50.0, -10.0, 10.0, 200.0, 1500.0):
+        view = corrected_view(raw, CorrectionRecipe(black_level=100.0 + off), plan)
+        words = r"after subtracting the dark or black level\); give dark frames"
+        with pytest.raises(InputError, match=words) as caught:
+            find_plan_cutout(view, plan, AssemblySettings())
+        said = float(str(caught.value).split("a constant level of ")[1].split(" (")[0])
+        assert said == pytest.approx(-off, abs=0.3)
+        assert ("more than all their light" in str(caught.value)) == (off > 100)
+        find_plan_cutout(view, plan, AssemblySettings(keep_pedestal=True))
+        border = corrected_view(raw, CorrectionRecipe(black_level=100.0 + off, background="border"), plan)
+        find_plan_cutout(border, plan, AssemblySettings())
+    for off in (-0.4, 0.0, 0.4):  # right but for its rounding
+        view = corrected_view(raw, CorrectionRecipe(black_level=100.0 + off), plan)
+        cutout = find_plan_cutout(view, plan, AssemblySettings())
+        infos = tuple(view.info(k) for k in range(len(view)))
+        level, _, seen = pedestal_share(Gatherer(view, infos, cutout), [0, 1])
+        assert seen and level == pytest.approx(-off, abs=0.15)  # the median of whole numbers would be one
+
+
+def test_a_mosaic_whose_colours_do_not_come_back_is_refused(scan):
+    plan, raw = scan
+    recipe = CorrectionRecipe(black_level=100.0)
+
+    def chosen(cfa, period):
+        sensor = replace(plan.camera.sensor, cfa=cfa)
+        seen = replace(plan, camera=replace(plan.camera, sensor=sensor), period=period)
+        return find_plan_cutout(corrected_view(raw, recipe, seen), seen, AssemblySettings(strict=False))
+
+    with pytest.raises(InputError, match=r"got 3 x 4 pixels, after which the same point .* scan 6 x 4 positions"):
+        chosen("RGGB", (3, 4))
+    chosen("", (3, 4))
+    chosen("RGGB", (2, 4))
+
+
+def test_noise_alone_is_no_level(scan):
+    plan, raw = scan
+    rng = np.random.default_rng(0)
+    values = np.rint(100 + 2 * rng.standard_normal((len(raw), *raw.shape))).astype(np.uint16)
+    dark = ArraySource(values, [raw.info(k).position for k in range(len(raw))])
+    find_plan_cutout(corrected_view(dark, CorrectionRecipe(black_level=100.0), plan), plan, AssemblySettings())
+
+
+@pytest.mark.parametrize(("off", "refused"), [(0.0, False), (-1.5, True)])
+def test_the_darkest_part_of_dim_cutouts_is_noise_unless_it_is_certain(off, refused):
+    # frames that are cutouts have no place without light: the darkest of 64 blocks counts, and noise makes it negative
+    plan = a_plan((200, 200), (1, 1), (100.0, 100.0), 3, (181, 181))
+    raw, places = upright(plan, width=2.0, noise=3.0)
+    dim = (raw - 100.0) * 0.5 + 100.0 + off
+    rng = np.random.default_rng(0)
+    raw = [np.rint(np.clip(one + 3.0 * rng.standard_normal(one.shape), 0, None)).astype(np.uint16) for one in dim]
+    view = corrected_view(ArraySource(np.stack(raw), places), CorrectionRecipe(black_level=100.0), plan)
+    cutout = find_plan_cutout(view, plan, AssemblySettings(keep_pedestal=True))
+    gatherer = Gatherer(view, tuple(view.info(k) for k in range(len(view))), cutout)
+    found = [pedestal_share(gatherer, [k]) for k in range(len(view))]
+    assert not any(seen for _, _, seen in found)
+    assert all((level < 0) == refused for level, _, _ in found)

@@ -1,4 +1,4 @@
-"""H files whose parts lie: every command says so in one line before it uses them, and leaves nothing behind."""
+"""H files whose parts lie: the library and every command say so in one line before they use them, and leave nothing."""
 
 from __future__ import annotations
 
@@ -12,30 +12,24 @@ import numpy as np
 import pytest
 import tifffile
 
+from lfcal.base.errors import LfcalError
 from lfcal.camera import preset
-from lfcal.psf import PSFMatrix, save
+from lfcal.psf import PSFMatrix, open_psf, save
 
 # the command line as a user runs it
 from tests.cli.conftest import Run, lfcal  # noqa: F401
 
 Craft = Callable[[h5py.File], object]
-DEEP = "[" * 100_000 + "]" * 100_000
+DEEP = "[" * 30_000 + "]" * 30_000
 NOT_SO_DEEP = "[" * 700 + "]" * 700
+NAN, INF, VOID, EMPTY = np.nan, np.inf, np.void(b"\1\2\3"), h5py.Empty("f8")
 
 
-def _attribute(name: str, value: object, place: str = "/") -> Craft:
+def _attribute(name: str, value: object, place: str = "/", version: int | None = None) -> Craft:
     def craft(file: h5py.File) -> None:
+        if version is not None:
+            file.attrs["version"] = version
         file[place].attrs[name] = value
-
-    return craft
-
-
-def _of_version_2(change: Craft) -> Craft:
-    """Return a craft of a file that has a scale and an offset for each plane."""
-
-    def craft(file: h5py.File) -> None:
-        file.attrs["version"] = 2
-        change(file)
 
     return craft
 
@@ -70,82 +64,53 @@ def _values(change: Callable[[np.ndarray], np.ndarray]) -> Craft:
     return craft
 
 
-def _at(values: np.ndarray, value: float) -> np.ndarray:
-    values[1, 0, 1, 4, 4] = value
-    return values
+def _at(value: float) -> Craft:
+    def change(values: np.ndarray) -> np.ndarray:
+        values[1, 0, 1, 4, 4] = value
+        return values
+
+    return _values(change)
 
 
-VOID = np.void(b"\1\2\3")
-
-REFUSED: dict[str, Craft] = {
-    "anchor of words": _attribute("anchor", "left"),
-    "anchor of one number": _attribute("anchor", 1.0),
-    "anchor of three numbers": _attribute("anchor", [1.0, 2.0, 3.0]),
-    "anchor of strings": _attribute("anchor", ["1", "2"]),
-    "anchor of NaN": _attribute("anchor", [np.nan, 1.0]),
-    "anchor without a value": _attribute("anchor", h5py.Empty("f8")),
-    "camera of a number": _attribute("camera", 7),
-    "camera of bytes": _attribute("camera", VOID),
-    "camera of another format": _attribute("camera", "{}"),
-    "camera that is no JSON": _attribute("camera", "{"),
-    "camera of deep JSON": _attribute("camera", DEEP[:60_000]),
-    "camera with an entry less": _camera(lambda c: c["sensor"].pop("black_level")),
-    "camera with an entry more": _camera(lambda c: c.update(speed=1)),
-    "camera with another type": _camera(lambda c: c["sensor"].update(pixel_um="5")),
-    "camera with NaN": _camera(lambda c: c["sensor"].update(pixel_um=float("nan"))),
-    "provenance of a number": _attribute("provenance", 7),
-    "provenance without a value": _attribute("provenance", h5py.Empty("f8")),
-    "provenance of deep JSON": _attribute("provenance", DEEP[:60_000]),
-    "provenance of less deep JSON": _attribute("provenance", NOT_SO_DEEP),
-    "provenance of a list": _attribute("provenance", "[1]"),
-    "version of two": _attribute("version", [2, 2]),
-    "version of words": _attribute("version", "two"),
-    "version to come": _attribute("version", 99),
-    "format of numbers": _attribute("format", [1, 2]),
-    "format of another program": _attribute("format", "other"),
-    "matrix of another kind": _attribute("matrix", "G"),
-    "axes in another order": _attribute("axes", "x,y,z,s,t"),
-    "region of a number": _attribute("region", 7),
-    "H without a value": _dataset("H", h5py.Empty("f4")),
-    "H of four axes": _dataset("H", np.zeros((2, 3, 4, 5), np.float32)),
-    "H of no planes": _dataset("H", np.zeros((0, 2, 2, 9, 11), np.float32)),
-    "H of an even cutout": _dataset("H", np.zeros((2, 2, 2, 8, 10), np.float32)),
-    "H of strings": _dataset("H", np.zeros((2, 2, 2, 9, 11), "S4")),
-    "H of complex numbers": _dataset("H", np.ones((2, 2, 2, 9, 11), np.complex64)),
-    "H with NaN": _values(lambda v: _at(v, np.nan)),
-    "H with infinity": _values(lambda v: _at(v, np.inf)),
-    "H with minus infinity": _values(lambda v: _at(v, -np.inf)),
-    "H beyond what sums hold": _values(lambda v: _at(v, 3e38)),
-    "scale of NaN": _of_version_2(_attribute("scale", np.nan, "H")),
-    "scale of a NaN for a plane": _of_version_2(_attribute("scale", [1.0, np.nan], "H")),
-    "scale of zero": _of_version_2(_attribute("scale", 0.0, "H")),
-    "scale of infinity": _of_version_2(_attribute("scale", np.inf, "H")),
-    "scale of three for two planes": _of_version_2(_attribute("scale", [1.0, 1.0, 1.0], "H")),
-    "scale of words": _of_version_2(_attribute("scale", "big", "H")),
-    "scale of bytes": _of_version_2(_attribute("scale", VOID, "H")),
-    "scaling factor of zero": _attribute("scaling_factor", 0.0, "H"),
-    "scaling factor of NaN": _attribute("scaling_factor", np.nan, "H"),
-    "scaling factor for each plane": _attribute("scaling_factor", [1.0, 1.0], "H"),
-    "scaling factor of words": _attribute("scaling_factor", "big", "H"),
-    "offset of NaN": _of_version_2(_attribute("offset", np.nan, "H")),
-    "offset of words": _of_version_2(_attribute("offset", ["a", "b"], "H")),
-    "depths of NaN": _dataset("depths", np.array([0.0, np.nan])),
-    "depths of infinity": _dataset("depths", np.array([0.0, np.inf])),
-    "depths all the same": _dataset("depths", np.array([5.0, 5.0])),
-    "depths of three for two planes": _dataset("depths", np.array([0.0, 1.0, 2.0])),
-    "depths of strings": _dataset("depths", np.array([b"a", b"b"])),
-    "depths without a value": _dataset("depths", h5py.Empty("f8")),
-    "depth sums of another shape": _dataset("depth_sum", np.zeros((2, 3, 3), np.float32)),
-    "depth sums of NaN": _dataset("depth_sum", np.full((2, 9, 11), np.nan, np.float32)),
-    "recorded of another shape": _dataset("recorded", np.ones((1, 1), np.uint16)),
-    "recorded of NaN": _dataset("recorded", np.full((2, 2, 2), np.nan)),
+ATTRIBUTES: dict[str, list[Any]] = {
+    "anchor": ["left", 1.0, [1.0, 2.0, 3.0], ["1", "2"], [NAN, 1.0], EMPTY],
+    "camera": [7, VOID, "{}", "{", DEEP],
+    "provenance": [7, EMPTY, DEEP, NOT_SO_DEEP, "[1]"],
+    "version": [[2, 2], "two", 99],
+    "format": [[1, 2], "other"],
+    **{"matrix": ["G"], "axes": ["x,y,z,s,t"], "region": [7]},
 }
-"""Every command ends with exit code 2."""
-
+OF_VERSION_2: dict[str, list[Any]] = {
+    "scale": [NAN, [1.0, NAN], 0.0, INF, [1.0, 1.0, 1.0], "big", VOID],
+    "offset": [NAN, ["a", "b"]],
+}
+"""A scale and an offset for each plane."""
+CAMERAS: list[Callable[[dict[str, Any]], object]] = [
+    lambda camera: camera["sensor"].pop("black_level"),
+    lambda camera: camera.update(speed=1),
+    lambda camera: camera["sensor"].update(pixel_um="5"),
+    lambda camera: camera["sensor"].update(pixel_um=NAN),
+]
+EVEN, BYTES, COMPLEX = ((2, 2, 2, 8, 10), "f4"), ((2, 2, 2, 9, 11), "S4"), ((2, 2, 2, 9, 11), "c8")
+DATASETS: dict[str, list[Any]] = {
+    "H": [h5py.Empty("f4"), *(np.zeros(*one) for one in (((2, 3, 4, 5), "f4"), ((0, 2, 2, 9, 11), "f4"), EVEN, BYTES))],
+    "depths": [[0.0, NAN], [0.0, INF], [5.0, 5.0], [0.0, 1.0, 2.0], np.array([b"a", b"b"]), EMPTY],
+    "depth_sum": [np.zeros((2, 3, 3), np.float32), np.full((2, 9, 11), NAN, np.float32)],
+    "recorded": [np.ones((1, 1), np.uint16), np.full((2, 2, 2), NAN)],
+}
+REFUSED: dict[str, Craft] = {
+    **{f"{name} = {v!r:.30}": _attribute(name, v) for name, values in ATTRIBUTES.items() for v in values},
+    **{f"{name} = {v!r:.30}": _attribute(name, v, "H", 2) for name, values in OF_VERSION_2.items() for v in values},
+    **{f"scaling factor {v!r}": _attribute("scaling_factor", v, "H") for v in (0.0, NAN, [1.0, 1.0], "big")},
+    **{f"camera {k}": _camera(change) for k, change in enumerate(CAMERAS)},
+    **{f"{name} {k}": _dataset(name, v) for name, values in DATASETS.items() for k, v in enumerate(values)},
+    "complex H": _dataset("H", np.ones(*COMPLEX)),
+    **{f"H with {v}": _at(v) for v in (NAN, INF, -INF, 3e38)},
+}
 DARK: dict[str, Craft] = {
     "H of zeros": _values(lambda v: v * 0),
     "H below zero": _values(lambda v: -1 - v),
-    "scale below zero": _of_version_2(_attribute("scale", [-1.0, -1.0], "H")),
+    "scale below zero": _attribute("scale", [-1.0, -1.0], "H", 2),
 }
 """Values that can be carried over as they are, but not used."""
 
@@ -170,6 +135,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def _crafted(folder: Path, craft: Craft) -> None:
+    with h5py.File(folder / "H.h5", "r+") as file:
+        craft(file)
+
+
 def _run(lfcal: Callable[..., Run], folder: Path, command: str) -> Run:  # noqa: F811
     run = lfcal(*COMMANDS[command])
     assert run.code in (0, 2), (command, run.err)
@@ -184,11 +154,23 @@ def _run(lfcal: Callable[..., Run], folder: Path, command: str) -> Run:  # noqa:
     return run
 
 
-@pytest.mark.few(6)
+def test_the_library_refuses_every_lie(folder: Path) -> None:
+    """A file is refused when it is opened, or when its planes are copied."""
+    whole = (folder / "H.h5").read_bytes()
+    for case, craft in REFUSED.items():
+        (folder / "H.h5").write_bytes(whole)
+        _crafted(folder, craft)
+        with pytest.raises(LfcalError) as error:
+            with open_psf("H.h5") as H:
+                save(H, "copy.h5")
+        assert "\n" not in str(error.value) and len(str(error.value)) < 600, case
+        assert not (folder / "copy.h5").exists(), case
+
+
+@pytest.mark.few(2)
 @pytest.mark.parametrize("case", REFUSED)
 def test_every_command_refuses(case: str, folder: Path, lfcal: Callable[..., Run]) -> None:  # noqa: F811
-    with h5py.File(folder / "H.h5", "r+") as file:
-        REFUSED[case](file)
+    _crafted(folder, REFUSED[case])
     codes = {command: _run(lfcal, folder, command).code for command in COMMANDS}
     assert set(codes.values()) == {2}, codes
 
@@ -196,8 +178,7 @@ def test_every_command_refuses(case: str, folder: Path, lfcal: Callable[..., Run
 @pytest.mark.few(1)
 @pytest.mark.parametrize("case", DARK)
 def test_values_without_light_are_reported(case: str, folder: Path, lfcal: Callable[..., Run]) -> None:  # noqa: F811
-    with h5py.File(folder / "H.h5", "r+") as file:
-        DARK[case](file)
+    _crafted(folder, DARK[case])
     assert _run(lfcal, folder, "reconstruct").code == 2
     inspected = _run(lfcal, folder, "inspect")
     assert inspected.code == 2 or "should not be used" in inspected.out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from lfcal.psf import PSFMatrix, export, open_psf, save
 from lfcal.psf.lens_centre import lens_centre_of
 from lfcal.psf.opening import opening_notes
 from lfcal.reconstruct import Projector
-from tests.psf.test_lens_centre import forward_project
+from tests.psf.test_matlab import forward_project
 
 Array = NDArray[Any]
 
@@ -39,8 +40,7 @@ def prevedel(path: Path, H: Array, crops: Array | None = None, **more: Any) -> P
     return save_v73(path, H=H, CAindex=crops, Nnum=n, x3objspace=depths, OSR=3, x1objspace=np.arange(n), **more)
 
 
-@pytest.mark.parametrize("side", [5, 6])
-@pytest.mark.parametrize("crops", [None, [[1, -1], [2, -2], [3, 4]]])
+@pytest.mark.parametrize(("side", "crops"), [(6, None), (5, [[1, -1], [2, -2], [3, 4]])])
 def test_h_projects_as_in_their_code(tmp_path: Path, side: int, crops: list[list[int]] | None) -> None:
     """Rows first, planes cropped by CAindex, also to windows off the centre or even; patterns even or odd."""
     rng = np.random.default_rng(side)
@@ -90,20 +90,19 @@ def as_meant(H: Array) -> Array:
     return H.transpose(4, 2, 3, 0, 1)
 
 
-@pytest.mark.parametrize(
-    "known", [{"Nnum": 3}, {"CAindex": [[1, 5], [1, 5]]}, {"Nnum": 3, "CAindex": [[1, 5], [1, 5]]}]
-)
-def test_nnum_or_caindex_means_rows_first(tmp_path: Path, known: dict[str, Any]) -> None:
+def test_nnum_or_caindex_means_rows_first(tmp_path: Path) -> None:
     """A MATLAB user's own file: no variable of Prevedel's window, but the terms of that family."""
-    H = np.random.default_rng(1).random((5, 5, 3, 3, 2))
-    path = save_v73(tmp_path / "H.mat", H=H, x3objspace=[-1e-6, 1e-6], **known)
-    with open_psf(path) as found:
-        np.testing.assert_array_equal(np.asarray(found), as_meant(H))
-        (note,) = opening_notes(found)
-        assert "H(t, s, y, x, z), rows first" in note and next(iter(known)) in note and "columns-first" in note
-    with open_psf(path, mat_order="columns-first") as found:
-        np.testing.assert_array_equal(np.asarray(found), as_meant(H).transpose(0, 2, 1, 4, 3))
-        assert opening_notes(found) == ("read as H(s, t, x, y, z), columns first, as requested",)
+    H, path = np.random.default_rng(1).random((5, 5, 3, 3, 2)), tmp_path / "H.mat"
+    crops = {"CAindex": [[1, 5], [1, 5]]}
+    for known in ({"Nnum": 3}, crops, {"Nnum": 3, **crops}):
+        save_v73(path, H=H, x3objspace=[-1e-6, 1e-6], **known)
+        with open_psf(path) as found:
+            np.testing.assert_array_equal(np.asarray(found), as_meant(H))
+            (note,) = opening_notes(found)
+            assert "H(t, s, y, x, z), rows first" in note and next(iter(known)) in note and "columns-first" in note
+        with open_psf(path, mat_order="columns-first") as found:
+            np.testing.assert_array_equal(np.asarray(found), as_meant(H).transpose(0, 2, 1, 4, 3))
+            assert opening_notes(found) == ("read as H(s, t, x, y, z), columns first, as requested",)
 
 
 def test_an_order_that_nothing_states_is_said_and_can_be_stated(tmp_path: Path) -> None:
@@ -132,7 +131,7 @@ def test_a_file_that_states_its_order_is_not_read_in_another(tmp_path: Path, row
         open_psf(path, mat_order=other)
 
 
-def test_what_applies_to_another_format_is_refused(tmp_path: Path) -> None:
+def test_what_applies_to_another_format_or_name_is_refused(tmp_path: Path) -> None:
     np.save(tmp_path / "H.npy", np.ones((1, 2, 2, 3, 3)))
     save(PSFMatrix(np.ones((1, 2, 2, 3, 3))), tmp_path / "H.h5")
     for name in ("H.npy", "H.h5"):
@@ -142,128 +141,122 @@ def test_what_applies_to_another_format_is_refused(tmp_path: Path) -> None:
         open_psf(tmp_path / "H.npy", region="edge")
     with pytest.raises(InputError, match="checksums: expected an H file of lfcal"):
         open_psf(tmp_path / "H.npy", check=True)
-
-
-def test_a_sparse_matrix_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    """MATLAB saves one as a group with its rows in the attribute MATLAB_sparse."""
-    with h5py.File(tmp_path / "H.mat", "w", userblock_size=512) as file:
-        group = file.create_group("H")
-        group.attrs["MATLAB_class"] = np.bytes_(b"double")
-        group.attrs["MATLAB_sparse"] = np.uint64(25)
-        group["data"], group["ir"], group["jc"] = np.ones(2), np.zeros(2, np.uint64), np.arange(3, dtype=np.uint64)
-    with pytest.raises(FileFormatError, match=r"expected a full numeric array, got a sparse matrix; .*full\(H\)"):
-        open_psf(tmp_path / "H.mat")
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        (
-            "psf/H",
-            r"expected a variable H, or PSF .*, got psf/H with 5 axes; in MATLAB: H = psf\.H; save",
-        ),
-        ("LFpsf", r"got LFpsf with 5 axes; in MATLAB: H = LFpsf; save"),
-        ("psf/wavelength", "got no array of 3 to 5 axes; in MATLAB, with the patterns as H: save"),
-    ],
-)
-def test_an_h_of_another_name_is_found_and_said(tmp_path: Path, name: str, words: str) -> None:
-    with h5py.File(tmp_path / "H.mat", "w") as file:
-        file[name] = np.ones(3) if "wave" in name else np.ones((2, 3, 3, 5, 5))
-    with pytest.raises(FileFormatError, match=words):
-        open_psf(tmp_path / "H.mat")
-
-
-def test_windows_that_cannot_be_are_refused(tmp_path: Path) -> None:
-    H = np.ones((5, 5, 3, 3, 2))
-    for k, crops in enumerate(([[0, 5], [1, 5]], [[1, 6], [1, 5]], [[4, 2], [1, 5]], [[1, 5]], [[1.5, 5], [1, 5]])):
-        path = prevedel(tmp_path / f"{k}.mat", H, np.array(crops))
-        with pytest.raises(FileFormatError, match=r"CAindex: expected first and last pixel \(1 to 5\)"):
-            open_psf(path)
-
-
-def test_a_file_of_theirs_by_another_name_is_told_its_own(tmp_path: Path) -> None:
-    prevedel(tmp_path / "H.h5", np.ones((3, 3, 3, 3, 1)))
+    prevedel(tmp_path / "m.h5", np.ones((3, 3, 3, 3, 1)))
     with pytest.raises(FileFormatError, match=r"got an HDF5 file of another kind; rename it to \.mat"):
-        open_psf(tmp_path / "H.h5")
+        open_psf(tmp_path / "m.h5")
     with h5py.File(tmp_path / "c.h5", "w") as file:
         file.create_group("optics")
     with pytest.raises(FileFormatError, match=r"rename it to \.lfc"):
         open_psf(tmp_path / "c.h5")
 
 
-def test_depths_that_repeat_are_refused(tmp_path: Path) -> None:
-    """An H file of them would not open."""
-    path = prevedel(tmp_path / "H.mat", np.ones((3, 3, 3, 3, 2)))
+def mat(path: Path, write: Callable[[h5py.File], object]) -> Path:
+    """Write a v7.3 file of any content."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        write(file)
+    return path
+
+
+def sparse_h(file: h5py.File) -> None:
+    """Write a sparse matrix as MATLAB does: a group with its rows in the attribute MATLAB_sparse."""
+    group = file.create_group("H")
+    group.attrs["MATLAB_class"] = np.bytes_(b"double")
+    group.attrs["MATLAB_sparse"] = np.uint64(25)
+    group["data"], group["ir"], group["jc"] = np.ones(2), np.zeros(2, np.uint64), np.arange(3, dtype=np.uint64)
+
+
+def cells(*made: Callable[[h5py.File], Any]) -> Callable[[h5py.File], None]:
+    """Return what writes a cell array H of references."""
+
+    def write(file: h5py.File) -> None:
+        refs = np.empty((1, 1, len(made)), h5py.ref_dtype)
+        for k, make in enumerate(made):
+            refs[0, 0, k] = make(file).ref
+        file.create_dataset("H", data=refs, dtype=h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_(b"cell")
+
+    return write
+
+
+def sparse_cell(file: h5py.File) -> Any:
+    group = file.create_group("#refs#/a")
+    group.attrs["MATLAB_sparse"] = np.uint64(5)
+    group["jc"], group["ir"], group["data"] = np.array([0, 1], "u8"), np.array([7], "u8"), np.ones(1)
+    return group
+
+
+def numbers_as_cells(file: h5py.File) -> None:
+    file["H"] = np.zeros((2, 3, 3, 4), np.uint64)
+    file["H"].attrs["MATLAB_class"] = np.bytes_(b"cell")
+
+
+def filled(name: str, value: Any, order: bool = True) -> Callable[[h5py.File], None]:
+    """Return what writes an H, and a variable that does not fit it."""
+
+    def write(file: h5py.File) -> None:
+        file["H"], file[name] = np.ones((1, 3, 3, 5, 5), "f4"), value
+        if order:
+            file["axisOrder"] = np.array([[ord(c)] for c in "stxyz"], np.uint16)
+
+    return write
+
+
+def variable(name: str, *shape: int) -> Callable[[h5py.File], None]:
+    return lambda file: file.__setitem__(name, np.ones(shape))
+
+
+REFUSED: list[tuple[Callable[[h5py.File], object], str]] = [
+    (sparse_h, r"expected a full numeric array, got a sparse matrix; .*full\(H\)"),
+    # an H of another name is found and named
+    (
+        variable("psf/H", 2, 3, 3, 5, 5),
+        r"expected a variable H, or PSF .*, got psf/H with 5 axes; in MATLAB: H = psf\.H",
+    ),
+    (variable("LFpsf", 2, 3, 3, 5, 5), r"got LFpsf with 5 axes; in MATLAB: H = LFpsf; save"),
+    (variable("psf/wavelength", 3), "got no array of 3 to 5 axes; in MATLAB, with the patterns as H: save"),
+    (variable("PSF", 3, 3, 5, 5), "got PSF with 4 axes"),
+    (variable("H", 3, 3), "5 axes"),
+    # cell arrays of other programs
+    (numbers_as_cells, "expected up to 1048576 references"),
+    (
+        cells(*(lambda file, k=k: file.create_dataset(f"#refs#/{k}", data=np.ones((5, 5 + k))) for k in range(2))),
+        r"patterns of one size, got \(5, 5\) and \(6, 5\)",
+    ),
+    (cells(sparse_cell), "rows and columns that do not fit"),
+    # crafted variables
+    (filled("axisOrder", np.array([[65]], np.uint16), order=False), "axisOrder"),
+    (filled("cutout", [[7.0], [5.0]]), "cutout"),
+    (filled("lensCentre", [[1.0]]), "lensCentre"),
+    (filled("anchor", [[np.nan], [1.0]]), "anchor"),
+]
+
+
+def test_variables_that_are_no_h_are_refused_with_what_to_do(tmp_path: Path) -> None:
+    for write, words in REFUSED:
+        with pytest.raises(FileFormatError, match=words):
+            open_psf(mat(tmp_path / "H.mat", write))
+    with pytest.raises(UnsafeFileError):
+        open_psf(mat(tmp_path / "H.mat", lambda file: file.__setitem__("H", h5py.ExternalLink("/etc/passwd", "/H"))))
+    (tmp_path / "old.mat").write_bytes(b"MATLAB 5.0 MAT-file, Platform: PCWIN64" + bytes(200))
+    with pytest.raises(FileFormatError, match=r"v7\.3"):
+        open_psf(tmp_path / "old.mat")
+
+
+def test_windows_and_depths_that_cannot_be_are_refused(tmp_path: Path) -> None:
+    H = np.ones((5, 5, 3, 3, 2))
+    for crops in ([[0, 5], [1, 5]], [[1, 6], [1, 5]], [[4, 2], [1, 5]], [[1, 5]], [[1.5, 5], [1, 5]]):
+        with pytest.raises(FileFormatError, match=r"CAindex: expected first and last pixel \(1 to 5\)"):
+            open_psf(prevedel(tmp_path / "H.mat", H, np.array(crops)))
+    path = prevedel(tmp_path / "H.mat", H)
     with h5py.File(path, "r+") as file:
         file["x3objspace"][...] = 1e-6
     with pytest.raises(FileFormatError, match="x3objspace: expected different depths for all planes"):
         open_psf(path)
 
 
-def test_cells_without_patterns_are_refused(tmp_path: Path) -> None:
-    """A cell array of another program, and one whose cells differ in size."""
-    with h5py.File(tmp_path / "H.mat", "w", userblock_size=512) as file:
-        file["H"] = np.zeros((2, 3, 3, 4), np.uint64)
-        file["H"].attrs["MATLAB_class"] = np.bytes_(b"cell")
-    with pytest.raises(FileFormatError, match="expected up to 1048576 references"):
-        open_psf(tmp_path / "H.mat")
-    with h5py.File(tmp_path / "G.mat", "w", userblock_size=512) as file:
-        cells = np.empty((1, 1, 2), h5py.ref_dtype)
-        for k in range(2):
-            cells[0, 0, k] = file.create_dataset(f"#refs#/{k}", data=np.ones((5, 5 + k))).ref
-        file.create_dataset("H", data=cells, dtype=h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_(b"cell")
-    with pytest.raises(FileFormatError, match=r"patterns of one size, got \(5, 5\) and \(6, 5\)"):
-        open_psf(tmp_path / "G.mat")
-    with h5py.File(tmp_path / "F.mat", "w", userblock_size=512) as file:
-        group = file.create_group("#refs#/a")
-        group.attrs["MATLAB_sparse"] = np.uint64(5)
-        group["jc"], group["ir"], group["data"] = np.array([0, 1], "u8"), np.array([7], "u8"), np.ones(1)
-        cells = np.full((1, 1, 1), group.ref, h5py.ref_dtype)
-        file.create_dataset("H", data=cells, dtype=h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_(b"cell")
-    with pytest.raises(FileFormatError, match="rows and columns that do not fit"):
-        open_psf(tmp_path / "F.mat")
-
-
-def test_crafted_variables_are_one_line(tmp_path: Path) -> None:
-    values = np.ones((1, 3, 3, 5, 5), "f4")
-    order = np.array([[ord(c)] for c in "stxyz"], np.uint16)
-    for k, (name, value) in enumerate(
-        {
-            "axisOrder": np.array([[65]], np.uint16),
-            "cutout": [[7.0], [5.0]],
-            "lensCentre": [[1.0]],
-            "anchor": [[np.nan], [1.0]],
-        }.items()
-    ):
-        with h5py.File(tmp_path / f"{k}.mat", "w", userblock_size=512) as file:
-            file["H"] = values
-            file[name] = value
-            if name != "axisOrder":
-                file["axisOrder"] = order
-        with pytest.raises(FileFormatError, match=name):
-            open_psf(tmp_path / f"{k}.mat")
-
-
-def test_import_of_other_codes_files(tmp_path: Path) -> None:
-    values = np.random.default_rng(0).random((3, 3, 5, 5)).astype("f4")
-    with h5py.File(tmp_path / "single.mat", "w", userblock_size=512) as file:
-        file["H"] = values  # MATLAB drops the axis of a single plane
-    np.testing.assert_array_equal(np.asarray(open_psf(tmp_path / "single.mat")), values[None])
-    (tmp_path / "old.mat").write_bytes(b"MATLAB 5.0 MAT-file, Platform: PCWIN64" + bytes(200))
-    with pytest.raises(FileFormatError, match=r"v7\.3"):
-        open_psf(tmp_path / "old.mat")
-    with h5py.File(tmp_path / "link.mat", "w", userblock_size=512) as file:
-        file["H"] = h5py.ExternalLink("/etc/passwd", "/H")
-    with pytest.raises(UnsafeFileError):
-        open_psf(tmp_path / "link.mat")
-    with h5py.File(tmp_path / "flat.mat", "w", userblock_size=512) as file:
-        file["H"] = np.zeros((3, 3))
-    with pytest.raises(FileFormatError, match="5 axes"):
-        open_psf(tmp_path / "flat.mat")
-    with h5py.File(tmp_path / "none.mat", "w", userblock_size=512) as file:
-        file["PSF"] = values
-    with pytest.raises(FileFormatError, match="got PSF with 4 axes"):
-        open_psf(tmp_path / "none.mat")
+def test_the_axis_of_a_single_plane_may_be_missing(tmp_path: Path) -> None:
+    values = np.random.default_rng(0).random((3, 3, 5, 5)).astype("f4")  # MATLAB drops the axis
+    path = mat(tmp_path / "single.mat", lambda file: file.__setitem__("H", values))
+    np.testing.assert_array_equal(np.asarray(open_psf(path)), values[None])
 
 
 @pytest.mark.parametrize("suffix", [".mat", ".npy"])
@@ -334,9 +327,7 @@ def test_a_damaged_stack_of_patterns_is_refused(tmp_path: Path) -> None:
         open_psf(whole)
     with pytest.raises(InputError, match="region"):
         open_psf(whole, region="a")
-    tifffile.imwrite(whole, np.zeros((2, 3, 4, 5), np.float32), photometric="minisblack")
-    with pytest.raises(InputError, match="one pattern for each plane"):
-        open_psf(whole)
-    tifffile.imwrite(whole, np.zeros((20, 30, 3), np.uint8), photometric="rgb")
-    with pytest.raises(InputError, match="one pattern for each plane"):
-        open_psf(whole)
+    for values, how in ((np.zeros((2, 3, 4, 5), np.float32), "minisblack"), (np.zeros((20, 30, 3), np.uint8), "rgb")):
+        tifffile.imwrite(whole, values, photometric=how)
+        with pytest.raises(InputError, match="one pattern for each plane"):
+            open_psf(whole)

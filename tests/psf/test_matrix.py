@@ -1,3 +1,5 @@
+"""PSFMatrix: indices of numpy, transposes, pickles, xarray, and planes whose depths are unknown."""
+
 from __future__ import annotations
 
 import pickle
@@ -8,13 +10,18 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.camera import preset
-from lfcal.psf import Facts, PSFMatrix, open_psf, save
-from lfcal.psf.store import PSFWriter
+from lfcal.judge import inspect
+from lfcal.judge.comparison import compare
+from lfcal.judge.pairing import pair
+from lfcal.judge.report import report
+from lfcal.psf import Facts, PSFMatrix, export, open_psf, save
+from lfcal.psf import _chunk_codec as chunk_codec
 
 SHAPE = (3, 4, 5, 7, 9)
 
@@ -81,14 +88,16 @@ def test_slicing_is_numpys(name: str, key: Any, kinds: dict[str, tuple[PSFMatrix
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_whole_matrix_and_involution(name: str, kinds: dict[str, tuple[PSFMatrix, np.ndarray]]) -> None:
+def test_whole_matrix_planes_and_involution(name: str, kinds: dict[str, tuple[PSFMatrix, np.ndarray]]) -> None:
     H, values = kinds[name]
     np.testing.assert_array_equal(np.asarray(H), values)
     assert H.T.T is H
     np.testing.assert_array_equal(np.asarray(H.T), brute_transpose(values))
-    for z in range(len(H)):
+    for z, plane in enumerate(H):
+        np.testing.assert_array_equal(plane, values[z])
         np.testing.assert_allclose(H.depth_sum(z), values[z].sum((0, 1), dtype=np.float64), rtol=1e-6)
         np.testing.assert_allclose(H.T.depth_sum(z), H.depth_sum(z)[::-1, ::-1], rtol=1e-12)
+    assert z == len(values) - 1
 
 
 @pytest.mark.parametrize("key", [5, (0, 0, 0, 0, 9), (0,) * 6, (..., ...), [0, 1], None, True, 1.5])
@@ -107,21 +116,25 @@ def test_what_a_matrix_says_of_itself() -> None:
     assert H.T.is_transposed and not H.is_transposed
 
 
-@pytest.mark.parametrize(
-    ("data", "options", "word"),
-    [
+def test_bad_matrices_and_facts_get_one_line() -> None:
+    two, H = np.zeros((2, 1, 1, 3, 3)), random_matrix()
+    for data, options, words in (
         (np.zeros((2, 2, 3, 3)), {}, "5 axes"),
         (np.zeros((1, 2, 2, 4, 3)), {}, "odd"),
         (np.zeros((1, 0, 2, 3, 3)), {}, "at least one"),
         (np.full((1, 1, 1, 1, 1), "a"), {}, "numbers"),
-        (np.zeros((2, 1, 1, 3, 3)), {"depths": [1.0]}, "depths"),
-        (np.zeros((2, 1, 1, 3, 3)), {"recorded": np.ones((2, 2, 2))}, "recorded"),
-    ],
-)
-def test_bad_matrices_get_one_line(data: np.ndarray, options: dict[str, Any], word: str) -> None:
-    with pytest.raises(InputError, match=word) as error:
-        PSFMatrix(data, **options)
-    assert "\n" not in str(error.value)
+        (two, {"depths": [1.0]}, "depths"),
+        (two, {"depths": [1.0, np.nan]}, "one for each plane"),
+        (two, {"camera": preset("bench")}, "depths"),  # a camera needs the depths of its planes
+        (two, {"recorded": np.ones((2, 2, 2))}, "recorded"),
+        (H, {"facts": Facts(noise=np.zeros(SHAPE[:3]))}, "noise: expected shape"),
+        (H, {"saturated": np.zeros((1, 2))}, "saturated: expected shape"),
+    ):
+        with pytest.raises(InputError, match=words) as error:
+            PSFMatrix(data, **options)  # type: ignore[arg-type]
+        assert "\n" not in str(error.value)
+    assert PSFMatrix(H).saturated is None and PSFMatrix(H).variance(0, 0, 0) is None
+    assert PSFMatrix(H).valid(0, 0, 0).all()
 
 
 def test_a_closed_file_says_so(tmp_path: Path) -> None:
@@ -132,26 +145,18 @@ def test_a_closed_file_says_so(tmp_path: Path) -> None:
         H[1, 0, 0]
 
 
-def test_reading_one_position_does_not_read_the_plane(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_what_is_used_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     save(PSFMatrix(random_matrix()), tmp_path / "H.h5")
-    from lfcal.psf import _chunk_codec as chunk_codec
-
-    with open_psf(tmp_path / "H.h5") as H:
-        monkeypatch.setattr(chunk_codec, "parallel_read", lambda *_: pytest.fail("a whole plane was read"))
+    with open_psf(tmp_path / "H.h5") as H, monkeypatch.context() as patch:
+        patch.setattr(chunk_codec, "parallel_read", lambda *_: pytest.fail("a whole plane was read"))
         np.testing.assert_array_equal(H[2, 3, 4], random_matrix()[2, 3, 4])
-
-
-def test_sums_come_from_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    save(PSFMatrix(random_matrix()), tmp_path / "H.h5")
-    with open_psf(tmp_path / "H.h5") as H:
-        monkeypatch.setattr(type(H), "plane", lambda *_: pytest.fail("the plane was read"))
         np.testing.assert_allclose(H.depth_sum(1), random_matrix()[1].sum((0, 1), dtype=float), rtol=1e-7)
-
-
-def test_a_writer_that_misses_a_plane_leaves_no_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="without planes"), PSFWriter(tmp_path / "H.h5", SHAPE) as writer:
-        writer.write_plane(0, random_matrix()[0])
-    assert list(tmp_path.iterdir()) == []
+        patch.setattr(type(H.planes), "plane", lambda *_: pytest.fail("a whole plane was read"))
+        found = H.to_xarray()[2, 1, 3, 2:4]
+        np.testing.assert_array_equal(found.values, random_matrix()[2, 1, 3, 2:4])
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="xarray is not installed; run: pip install"):
+        PSFMatrix(random_matrix()).to_xarray()
 
 
 def test_what_is_kept_cannot_be_written_to(tmp_path: Path) -> None:
@@ -189,16 +194,6 @@ def test_variance_and_uncertainty_of_a_pattern() -> None:
     np.testing.assert_allclose(H.variance(0, 0, 0), expected)
     np.testing.assert_allclose(H.uncertainty(0, 0, 0), np.sqrt(expected), rtol=1e-6)
     assert H.variance(0, 0, 1) is None and H.uncertainty(0, 0, 1) is None
-
-
-def test_facts_are_checked() -> None:
-    H = random_matrix()
-    with pytest.raises(InputError, match="noise: expected shape"):
-        PSFMatrix(H, facts=Facts(noise=np.zeros(SHAPE[:3])))
-    with pytest.raises(InputError, match="saturated: expected shape"):
-        PSFMatrix(H, saturated=np.zeros((1, 2)))
-    assert PSFMatrix(H).saturated is None and PSFMatrix(H).variance(0, 0, 0) is None
-    assert PSFMatrix(H).valid(0, 0, 0).all()
 
 
 # -- to another process ------------------------------------------------------------------------------------
@@ -248,15 +243,6 @@ def test_open_data_of_nobody_do_not_travel(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", NAMES)
-def test_iterating_yields_the_planes(kinds: dict[str, tuple[PSFMatrix, np.ndarray]], kind: str) -> None:
-    H, values = kinds[kind]
-    planes = list(H)
-    assert len(planes) == len(values)
-    for plane, expected in zip(planes, values, strict=True):
-        np.testing.assert_array_equal(plane, expected)
-
-
-@pytest.mark.parametrize("kind", NAMES)
 def test_the_array_of_xarray_selects_as_numpy_does(kinds: dict[str, tuple[PSFMatrix, np.ndarray]], kind: str) -> None:
     H, values = kinds[kind]
     array = H.to_xarray()
@@ -285,15 +271,74 @@ def test_the_array_of_xarray_has_coordinates_in_units() -> None:
     assert "units" not in PSFMatrix(random_matrix()).to_xarray().z.attrs
 
 
-def test_xarray_reads_only_what_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    save(PSFMatrix(random_matrix()), tmp_path / "H.h5")
-    with open_psf(tmp_path / "H.h5") as H:
-        monkeypatch.setattr(type(H.planes), "plane", lambda *_: pytest.fail("a complete plane is read"))
-        found = H.to_xarray()[2, 1, 3, 2:4]
-        np.testing.assert_array_equal(found.values, random_matrix()[2, 1, 3, 2:4])
+# -- unknown depths ----------------------------------------------------------------------------------------------------
 
 
-def test_a_missing_xarray_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(InputError, match="xarray is not installed; run: pip install"):
-        PSFMatrix(random_matrix()).to_xarray()
+def values(nz=3):
+    rng = np.random.default_rng(5)
+    t, s = np.indices((15, 15)) - 7.0
+    spot = 100 * np.exp(-0.5 * (t**2 + s**2) / 2.5**2)
+    return (spot + rng.random((nz, 3, 3, 15, 15))).astype(np.float32)
+
+
+@pytest.fixture
+def npy(tmp_path):
+    np.save(tmp_path / "H.npy", values())
+    return tmp_path / "H.npy"
+
+
+def test_planes_have_numbers_and_no_lengths(npy):
+    with open_psf(npy) as H:
+        assert not H.knows_depths and np.isnan(H.known_depths).all()
+        assert H.depths.tolist() == [0.0, 1.0, 2.0]  # what plots and interpolation count by
+        assert not H.T.knows_depths
+    known = PSFMatrix(values(), depths=[-3.0, -2.0, -1.0])
+    assert known.knows_depths and known.known_depths.tolist() == known.depths.tolist() == [-3.0, -2.0, -1.0]
+
+
+def test_nothing_that_is_written_states_any(npy, tmp_path):
+    with open_psf(npy) as H:
+        save(H, tmp_path / "H.h5")
+        save(H.T, tmp_path / "HT.h5")
+        for name in ("H.mat", "one.tif", "again.h5"):
+            export(H, tmp_path / name)
+        tiff = next(tmp_path.glob("one*.tif"))
+    for name in ("H.h5", "HT.h5", "again.h5", "H.mat"):
+        with open_psf(tmp_path / name) as found:
+            assert not found.knows_depths, name
+            assert not (found.T if found.is_transposed else found).knows_depths
+    with h5py.File(tmp_path / "H.h5") as file:
+        assert file["depths"].attrs["unit"] == "plane" and file["depths"].attrs["units"] == ""
+    with h5py.File(tmp_path / "H.mat") as file:
+        assert "H" in file and "x3objspace" not in file
+    with tifffile.TiffFile(tiff) as file:
+        said = str(file.imagej_metadata or file.ome_metadata)
+    assert " um" not in said and "PositionZ" not in said and "spacing" not in said
+    save(PSFMatrix(values(), depths=[-3.0, -2.0, -1.0]), tmp_path / "known.h5")
+    with h5py.File(tmp_path / "known.h5") as file:  # counter-test
+        assert file["depths"].attrs["unit"] == "um"
+
+
+@pytest.mark.long
+def test_reports_name_planes_by_their_numbers(npy, tmp_path):
+    with open_psf(npy) as H:
+        quality = inspect(H)
+        report(H, tmp_path / "report")
+    assert quality.extent == "" and quality.plane_words(1) == "plane 1"
+    assert quality.to_dict()["planes"][1]["depth_um"] is None
+    text = next((tmp_path / "report").rglob("*.html")).read_text(encoding="utf-8")
+    assert "plane 1" in text and "depths not stated" in text and "1 µm" not in text
+    with_depths = inspect(PSFMatrix(values(), depths=[-3000.0, -2000.0, -1000.0]))
+    assert with_depths.extent == "-3 mm to -1 mm" and with_depths.plane_words(1, "z") == "z = -2 mm"
+
+
+def test_planes_are_compared_by_their_numbers(npy):
+    known = PSFMatrix(values(), depths=[-3000.0, -2000.0, -1000.0])
+    with open_psf(npy) as H:
+        for a, b, which in ((H, known, "the first"), (known, H, "the second")):
+            found = pair(a, b)
+            assert found.planes == ((0, 0), (1, 1), (2, 2))
+            assert [note for note in found.notes if note.startswith(which) and "equal numbers" in note]
+        assert pair(H, H).planes == ((0, 0), (1, 1), (2, 2)) and pair(H, H).notes == ("both are the same file",)
+        assert compare(H, known).correlation == pytest.approx(1.0)
+    assert not pair(known, known).notes

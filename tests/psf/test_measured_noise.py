@@ -1,4 +1,4 @@
-"""Noise that nobody states, measured on frames whose noise is known because it was drawn."""
+"""Noise of H: measured on frames whose noise is known because it was drawn, and stated as it is between sessions."""
 
 from __future__ import annotations
 
@@ -18,17 +18,29 @@ from lfcal.acquire import Options, record
 from lfcal.base.progress import drain
 from lfcal.camera import Marks, ScanPlan
 from lfcal.devices import simulated_rig
-from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view, open_frames
+from lfcal.frames import (
+    ArraySource,
+    CorrectionChain,
+    CorrectionRecipe,
+    Dark,
+    White,
+    corrected,
+    corrected_view,
+    open_frames,
+)
 from lfcal.frames.described import sensor_noise
-from lfcal.psf import AssemblySettings, PSFMatrix, assemble_plan, open_psf, save
+from lfcal.frames.source import Noise
+from lfcal.psf import AssemblySettings, PSFMatrix, assemble, assemble_plan, open_psf, save
+from lfcal.psf.cutout import Cutout
 from lfcal.psf.measured_noise import scan_noise
-from lfcal.psf.provenance import noise_of
+from lfcal.psf.provenance import FrameNoise, noise_of
 from lfcal.tasks._patterns import PatternReading, iter_patterns
 from tests.simulate.common import small_camera
 
 BLACK = 100.0
 SHAPE = (96, 96)
 PERIOD = (15, 20)
+PLACES = list(np.ndindex(2, *PERIOD))
 
 
 def plan() -> ScanPlan:
@@ -57,13 +69,19 @@ def light() -> NDArray[np.float64]:
     return out
 
 
+@cache
 def frames(floor: float, slope: float, peak: float, seed: int = 0, repeats: int = 1) -> ArraySource:
     """Return raw frames of 12 to 16 bits, whole numbers, of known noise."""
     rng = np.random.default_rng(seed)
     signal = peak * np.repeat(light().reshape(-1, *SHAPE), repeats, axis=0)
     counts = BLACK + signal + np.sqrt(floor - 1 / 12 + slope * signal) * rng.standard_normal(signal.shape)
-    positions = np.repeat(np.array(list(np.ndindex(2, *PERIOD))), repeats, axis=0)
+    positions = np.repeat(np.array(PLACES), repeats, axis=0)
     return ArraySource(np.rint(counts).astype(np.uint16), positions.tolist())
+
+
+def usual() -> ArraySource:
+    """Return frames of 12 bits, with at most 3000 counts of light."""
+    return frames(4.0, 0.25, 3000.0)
 
 
 def stack(source: ArraySource) -> NDArray[np.float32]:
@@ -80,18 +98,25 @@ def darks(folder: Path, floor: float, count: int, seed: int = 9) -> Path:
     return folder
 
 
-def assembled(source: ArraySource, recipe: CorrectionRecipe, **settings: Any) -> PSFMatrix:
-    return assemble_plan(corrected_view(source, recipe, plan()), plan(), settings=AssemblySettings(**settings)).matrix
+def assembled(source: ArraySource, recipe: CorrectionRecipe | None = None, **settings: Any) -> PSFMatrix:
+    view = corrected_view(source, recipe or CorrectionRecipe(black_level=BLACK), plan())
+    return assemble_plan(view, plan(), settings=AssemblySettings(**settings)).matrix
+
+
+def measured(source: ArraySource, recipe: CorrectionRecipe | None = None, **settings: Any) -> FrameNoise:
+    """Return the noise that H states of its frames."""
+    found = noise_of(assembled(source, recipe, **settings).provenance)
+    assert found is not None
+    return found
 
 
 @pytest.mark.parametrize(
     ("floor", "slope", "peak"),
-    # at most 200 photons, and 50
-    [(4.0, 0.25, 3000.0), (1.2, 0.08, 12000.0), (25.0, 1.5, 1500.0), (9.0, 4.0, 800.0), (9.0, 4.0, 200.0)],
-    ids=["12 bits", "low noise", "high gain", "few photons", "photon-starved"],
+    # low noise, high gain, and photon-starved: at most 50 photons
+    [(1.2, 0.08, 12000.0), (25.0, 1.5, 1500.0), (9.0, 4.0, 200.0)],
 )
 def test_noise_is_measured_on_neighbouring_positions(floor: float, slope: float, peak: float) -> None:
-    matrix = assembled(frames(floor, slope, peak), CorrectionRecipe(black_level=BLACK))
+    matrix = assembled(frames(floor, slope, peak))
     found = noise_of(matrix.provenance)
     assert found is not None and "neighbouring positions" in found.source
     assert found.floor == pytest.approx(floor, rel=0.1)
@@ -102,7 +127,7 @@ def test_noise_is_measured_on_neighbouring_positions(floor: float, slope: float,
 
 
 def test_noise_is_measured_on_repeated_frames() -> None:
-    matrix = assembled(frames(6.0, 0.5, 2000.0, repeats=2), CorrectionRecipe(black_level=BLACK))
+    matrix = assembled(frames(6.0, 0.5, 2000.0, repeats=2))
     found = noise_of(matrix.provenance)
     assert found is not None and found.source == "floor from repeated frames, slope from repeated frames"
     assert found.floor == pytest.approx(6.0, rel=0.08) and found.slope == pytest.approx(0.5, rel=0.1)
@@ -111,20 +136,15 @@ def test_noise_is_measured_on_repeated_frames() -> None:
     np.testing.assert_allclose(matrix.facts.noise[1, 2, 3], [found.floor / 2, found.slope / 2], rtol=1e-5)
 
 
-@pytest.mark.parametrize("count", [2, 8])
-def test_the_floor_is_measured_on_darks(tmp_path: Path, count: int) -> None:
+def test_the_floor_is_measured_on_two_darks_or_more(tmp_path: Path) -> None:
     """The mean of the darks brings their noise into every pattern: its share is part of the floor."""
-    recipe = CorrectionRecipe(dark=darks(tmp_path / "dark", 4.0, count))
-    found = noise_of(assembled(frames(4.0, 0.25, 3000.0), recipe).provenance)
-    assert found is not None and found.source.startswith("floor from dark frames, slope from neighbouring")
-    assert found.floor == pytest.approx(4.0 * (1 + 1 / count), rel=0.03)
-    assert found.slope == pytest.approx(0.25, rel=0.15)
-
-
-def test_one_dark_says_nothing_of_the_floor(tmp_path: Path) -> None:
-    recipe = CorrectionRecipe(dark=darks(tmp_path / "dark", 4.0, 1))
-    found = noise_of(assembled(frames(4.0, 0.25, 3000.0), recipe).provenance)
-    assert found is not None and "darks" not in found.source
+    for count in (2, 8):
+        found = measured(usual(), CorrectionRecipe(dark=darks(tmp_path / f"{count}", 4.0, count)))
+        assert found.source.startswith("floor from dark frames, slope from neighbouring")
+        assert found.floor == pytest.approx(4.0 * (1 + 1 / count), rel=0.03)
+        assert found.slope == pytest.approx(0.25, rel=0.15)
+    found = measured(usual(), CorrectionRecipe(dark=darks(tmp_path / "1", 4.0, 1)))
+    assert "darks" not in found.source
     assert found.floor == pytest.approx(8.0, rel=0.15), "the frame's own noise and that of the dark"
 
 
@@ -134,32 +154,27 @@ def test_noise_of_frames_that_are_divided_by_a_white_image(tmp_path: Path) -> No
     white[:, :48] = 4000.0
     tifffile.imwrite(tmp_path / "white.tif", (white + BLACK).astype(np.uint16))
     recipe = CorrectionRecipe(black_level=BLACK, white=tmp_path / "white.tif", white_mode="pixels")
-    source = frames(4.0, 0.25, 3000.0)
-    matrix = assembled(source, recipe)
-    found = noise_of(matrix.provenance)
-    assert found is not None and 4.0 < found.floor < 16.0 and 0.25 < found.slope < 0.5
+    found = measured(usual(), recipe)
+    assert 4.0 < found.floor < 16.0 and 0.25 < found.slope < 0.5
 
 
-def test_frames_that_somebody_averaged_have_less_noise() -> None:
-    mean = np.mean([stack(frames(4.0, 0.25, 3000.0, seed)) for seed in range(4)], axis=0, dtype=np.float32)
-    averaged = ArraySource(mean, list(np.ndindex(2, *PERIOD)))
-    found = noise_of(assembled(averaged, CorrectionRecipe(black_level=BLACK)).provenance)
-    assert found is not None
+def test_frames_that_were_averaged_before_have_less_noise() -> None:
+    rng, mean = np.random.default_rng(1), stack(usual())
+    for _ in range(3):
+        signal = 3000.0 * light().reshape(-1, *SHAPE)
+        mean += np.rint(BLACK + signal + np.sqrt(4.0 - 1 / 12 + 0.25 * signal) * rng.standard_normal(signal.shape))
+    found = measured(ArraySource(mean / 4, PLACES))
     assert found.floor == pytest.approx(1.0, rel=0.15) and found.slope == pytest.approx(0.25 / 4, rel=0.15)
 
 
 def test_flicker_of_the_lamp_is_not_taken_for_photon_noise() -> None:
-    source = frames(4.0, 0.25, 3000.0)
-    rng = np.random.default_rng(5)
-    raw = stack(source)
-    lit = BLACK + (raw - BLACK) * (1 + 0.01 * rng.standard_normal((len(raw), 1, 1)))
-    steady = ArraySource(np.rint(lit).astype(np.uint16), list(np.ndindex(2, *PERIOD)))
-    found = noise_of(assembled(steady, CorrectionRecipe(black_level=BLACK)).provenance)
-    assert found is not None and found.slope == pytest.approx(0.25, rel=0.1)
+    raw = stack(usual())
+    lit = BLACK + (raw - BLACK) * (1 + 0.01 * np.random.default_rng(5).standard_normal((len(raw), 1, 1)))
+    assert measured(ArraySource(np.rint(lit).astype(np.uint16), PLACES)).slope == pytest.approx(0.25, rel=0.1)
 
 
 def test_a_pedestal_that_is_kept_is_not_taken_for_light() -> None:
-    matrix = assembled(frames(4.0, 0.25, 3000.0), CorrectionRecipe(dark="none"), keep_pedestal=True)
+    matrix = assembled(usual(), CorrectionRecipe(dark="none"), keep_pedestal=True)
     found = noise_of(matrix.provenance)
     assert found is not None and found.floor == pytest.approx(4.0, rel=0.12)
     assert found.slope == pytest.approx(0.25, rel=0.15)
@@ -167,14 +182,9 @@ def test_a_pedestal_that_is_kept_is_not_taken_for_light() -> None:
 
 
 def test_interpolated_patterns_have_the_noise_that_is_left() -> None:
-    """Noise that is measured goes the way of noise that is stated: interpolation leaves the sum of w²."""
-    source = frames(4.0, 0.25, 3000.0)
-    moved = ArraySource(
-        np.stack([source.read(k) for k in range(len(source))]),
-        list(np.ndindex(2, *PERIOD)),
-        drifts=[(0.5, 0.0)] * len(source),
-    )
-    matrix = assembled(moved, CorrectionRecipe(black_level=BLACK), interpolation="linear")
+    """Noise that is measured is treated as noise that is stated: interpolation leaves the sum of w²."""
+    moved = ArraySource(stack(usual()).astype(np.uint16), PLACES, drifts=[(0.5, 0.0)] * len(PLACES))
+    matrix = assembled(moved, interpolation="linear")
     found = noise_of(matrix.provenance)
     assert found is not None and matrix.facts.noise is not None
     np.testing.assert_allclose(matrix.facts.noise[0, 3, 4], [found.floor / 2, found.slope / 2], rtol=1e-3)
@@ -182,16 +192,15 @@ def test_interpolated_patterns_have_the_noise_that_is_left() -> None:
 
 def test_what_too_few_frames_do_not_show_is_unknown() -> None:
     """Positions far from each other: nothing repeats, and no neighbours are there."""
-    source = frames(4.0, 0.25, 3000.0)
-    chosen = [k for k in range(len(source)) if tuple(np.array(source.info(k).position)[1:] % 4) == (0, 0)]
-    few = ArraySource(np.stack([source.read(k) for k in chosen]), [source.info(k).position for k in chosen])
-    matrix = assembled(few, CorrectionRecipe(black_level=BLACK))
+    chosen = [k for k, place in enumerate(PLACES) if place[1] % 4 == place[2] % 4 == 0]
+    few = ArraySource(np.stack([usual().read(k) for k in chosen]), [PLACES[k] for k in chosen])
+    matrix = assembled(few)
     assert matrix.facts.noise is None and "noise" not in matrix.provenance
 
 
 def test_noise_that_is_stated_is_kept() -> None:
     described = replace(plan(), camera=small_camera(*SHAPE, black_level=BLACK, bit_depth=16))
-    source = frames(4.0, 0.25, 3000.0)
+    source = usual()
     matrix = assemble_plan(corrected_view(source, CorrectionRecipe(black_level=BLACK), described), described).matrix
     sensor = described.camera.sensor
     found = noise_of(matrix.provenance)
@@ -202,7 +211,7 @@ def test_noise_that_is_stated_is_kept() -> None:
 def test_fit_takes_the_noise_that_was_measured(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """After ``assemble --dark``, ``fit`` needs no --noise, and says where the noise is known from."""
     recipe = CorrectionRecipe(dark=darks(tmp_path / "dark", 4.0, 8))
-    view = corrected_view(frames(4.0, 0.25, 3000.0), recipe, plan())
+    view = corrected_view(usual(), recipe, plan())
     assemble_plan(view, plan(), tmp_path / "H.h5").matrix.close()
     how = PatternReading()
     caplog.set_level("INFO", logger="lfcal")
@@ -245,3 +254,69 @@ def test_the_reference_frames_of_a_session_show_its_noise(
     # the mean of four darks is subtracted
     assert found.floor == pytest.approx(1.25 * float(wanted.constant), rel=0.1)
     assert found.slope == pytest.approx(float(wanted.slope), rel=0.1)
+
+
+# -- stated variance ---------------------------------------------------------------------------------------------------
+
+
+SESSIONS = 60
+NOISE = Noise(4.0, 0.5, 64.0)
+
+
+def spot(row: float, column: float, shape: tuple[int, int]) -> np.ndarray:
+    rows, columns = np.indices(shape)
+    return 800 * np.exp(-((rows - row) ** 2 + (columns - column) ** 2) / (2 * 3.0**2))
+
+
+def session(
+    seed: int, cutout: Cutout, repeats: int, drift: tuple[float, float], white: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pattern of one position and its stated variance."""
+    rng, shape = np.random.default_rng(seed), (61, 61)
+    light = spot(30 + drift[0], 30 + drift[1], shape)
+    fall = np.linspace(0.3, 1.0, shape[1])[None] * np.ones(shape)
+    light = light * fall if white else light
+    counts = light + 64 + np.sqrt(NOISE.constant + NOISE.slope * light) * rng.standard_normal((repeats, *shape))
+    known: dict[str, Any] = {"drifts": [drift] * repeats, "metadata": {"noise": NOISE}}
+    source = ArraySource(counts.astype(np.float32), [(0, 0, 0)] * repeats, **known)
+    steps = (Dark(level=64.0), White(1000 * fall, 0.0)) if white else (Dark(level=64.0),)
+    matrix = assemble(corrected(source, CorrectionChain(steps)), (1, 1, 1), cutout).matrix
+    stated = matrix.variance(0, 0, 0)
+    assert stated is not None
+    return np.asarray(matrix[0, 0, 0]), stated
+
+
+@pytest.mark.few(3)
+@pytest.mark.parametrize(
+    ("interpolation", "drift", "repeats", "white"),
+    [
+        ("nearest", (0.0, 0.0), 1, False),
+        ("nearest", (0.0, 0.0), 3, False),
+        ("linear", (0.5, 0.25), 1, False),
+        ("cubic", (0.5, 0.25), 2, False),
+        ("fourier", (0.3, 0.5), 1, False),
+        ("nearest", (0.0, 0.0), 2, True),
+    ],
+)
+def test_stated_variance_is_that_between_sessions(
+    interpolation: str, drift: tuple[float, float], repeats: int, white: bool
+) -> None:
+    cutout = Cutout((21, 21), (30.0, 30.0), interpolation)
+    found = [session(seed, cutout, repeats, drift, white) for seed in range(SESSIONS)]
+    values, stated = (np.array([pair[k] for pair in found]) for k in (0, 1))
+    ratio = values.var(axis=0, ddof=1) / stated.mean(axis=0)
+    assert values.var(axis=0, ddof=1).sum() / stated.mean(axis=0).sum() == pytest.approx(1.0, abs=0.05)
+    if interpolation == "fourier":
+        return  # it spreads the noise of bright pixels over dark ones, which no function of the signal can say
+    assert ratio.mean() == pytest.approx(1.0, abs=0.06)
+    bright = stated.mean(axis=0) > np.median(stated.mean(axis=0))
+    # a pattern under a white image has two numbers for all its pixels, which fit to some per cent
+    assert ratio[bright].mean() == pytest.approx(ratio[~bright].mean(), abs=0.15 if white else 0.06)
+
+
+def test_resampled_frames_keep_their_variance() -> None:
+    """A cutout whose pixels are larger than the sensor's holds more light a pixel, and its noise."""
+    cutout = Cutout((21, 21), (30.0, 30.0), "linear", "error", (0.9, 0.8))
+    found = [session(seed, cutout, 1, (0.0, 0.0), False) for seed in range(SESSIONS)]
+    values, stated = (np.array([pair[k] for pair in found]) for k in (0, 1))
+    assert (values.var(axis=0, ddof=1) / stated.mean(axis=0)).mean() == pytest.approx(1.0, abs=0.08)

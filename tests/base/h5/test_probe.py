@@ -6,11 +6,13 @@ import os
 import struct
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
 import numpy as np
+import psutil
 import pytest
 
 from lfcal.base.errors import FileFormatError
@@ -38,11 +40,6 @@ def endless(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture
-def short_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(probing, "CPU_S", 1)
-
-
 def small_file(path: Path) -> Path:
     with h5py.File(path, "w") as file:
         file["a"] = np.arange(5.0)
@@ -50,34 +47,51 @@ def small_file(path: Path) -> Path:
     return path
 
 
-@pytest.mark.usefixtures("short_time")
+def is_read(path: Path) -> None:
+    with H5File(small_file(path)) as file:
+        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+
+
+@pytest.fixture
+def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[probing._Child]:
+    """Let the next question start a child of its own."""
+    child = probing._Child()
+    monkeypatch.setattr(probing, "_CHILD", child)
+    yield child
+    child.end()
+
+
+def child_runs(monkeypatch: pytest.MonkeyPatch, folder: Path, text: str) -> None:
+    """Let children run another program."""
+    (folder / "child.py").write_text(text)
+    monkeypatch.setattr(probing, "_SCRIPT", folder / "child.py")
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="processor time is not limited on Windows; the clock is")
-def test_endless_reading_is_given_up(endless: Path, tmp_path: Path) -> None:
-    with pytest.raises(
-        FileFormatError, match=r"endless\.h5: .* got damaged data that cannot be read to their end in 1 s"
-    ):
+def test_endless_reading_is_given_up(endless: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(probing, "CPU_S", 1)
+    words = r"endless\.h5: .* got damaged data that cannot be read to their end in 1 s"
+    with pytest.raises(FileFormatError, match=words):
         H5File(endless)
     probe(small_file(tmp_path / "good.h5"))  # the next file finds a new child
 
 
+@pytest.mark.usefixtures("fresh")
 def test_the_end_of_the_child_is_not_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    dies = tmp_path / "dies.py"
-    dies.write_text("import os, sys\nprint('ready', flush=True)\nfor line in sys.stdin:\n    os.abort()\n")
-    monkeypatch.setattr(probing, "_SCRIPT", dies)
-    monkeypatch.setattr(probing, "_CHILD", probing._Child())
+    program = "import os, sys\nprint('ready', flush=True)\nfor line in sys.stdin:\n    os.abort()\n"
+    child_runs(monkeypatch, tmp_path, program)
     path = small_file(tmp_path / "a.h5")
     for _ in range(2):
-        with pytest.raises(
-            FileFormatError, match=r"got damaged data that crash the process reading them \(status -?\d+\)"
-        ):
+        words = r"got damaged data that crash the process reading them \(status -?\d+\)"
+        with pytest.raises(FileFormatError, match=words):
             probe(path)
-    probing._CHILD.end()
 
 
-def test_a_file_is_looked_at_once_until_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_is_looked_at_once_until_it_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: probing._Child
+) -> None:
     asked: list[Path] = []
-    monkeypatch.setattr(probing, "_CHILD", probing._Child())
-    monkeypatch.setattr(probing._CHILD, "ask", lambda path, seconds, only: asked.append(path) or "")
+    monkeypatch.setattr(fresh, "ask", lambda path, seconds, only: asked.append(path) or "")
     path = small_file(tmp_path / "a.h5")
     probe(path)
     probe(path)
@@ -113,68 +127,54 @@ def test_of_what_is_named_the_middle_is_read(tmp_path: Path, monkeypatch: pytest
         assert (file.dataset("a").read_middle() == 1).all() and file.dataset("b").shape == (3, 2, 2)
 
 
+@pytest.mark.usefixtures("fresh")
 def test_without_a_child_a_file_is_taken_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(probing, "_CHILD", probing._Child())
-
     def refused(*_: object, **__: object) -> None:
         raise PermissionError("no processes here")
 
-    monkeypatch.setattr(subprocess, "Popen", refused)
-    with H5File(small_file(tmp_path / "a.h5")) as file:
-        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
-
-
-def test_a_program_that_contains_python_is_not_started_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refused(*_: object, **__: object) -> None:
+    def forbidden(*_: object, **__: object) -> None:
         raise AssertionError("started")
 
+    monkeypatch.setattr(subprocess, "Popen", refused)
+    is_read(tmp_path / "a.h5")
+    # a program that contains Python is not started again
     monkeypatch.setattr(probing, "_CHILD", probing._Child())
     monkeypatch.setattr(sys, "executable", "/opt/MATLAB/bin/matlab")
-    monkeypatch.setattr(subprocess, "Popen", refused)
-    with H5File(small_file(tmp_path / "a.h5")) as file:
-        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+    monkeypatch.setattr(subprocess, "Popen", forbidden)
+    is_read(tmp_path / "b.h5")
 
 
-def test_a_child_that_cannot_begin_says_nothing_of_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = tmp_path / "broken.py"
-    broken.write_text("import a_library_that_is_missing\n")
-    monkeypatch.setattr(probing, "_SCRIPT", broken)
-    monkeypatch.setattr(probing, "_CHILD", probing._Child())
-    with H5File(small_file(tmp_path / "a.h5")) as file:
-        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
-
-
-def test_a_python_exception_in_the_child_says_nothing_about_the_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.usefixtures("fresh")
+@pytest.mark.parametrize(
+    "program", ["import a_library_that_is_missing\n", "print('ready', flush=True)\nraise ValueError(input())\n"]
+)
+def test_a_child_that_fails_says_nothing_about_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str
 ) -> None:
-    raises = tmp_path / "raises.py"
-    raises.write_text("print('ready', flush=True)\nraise ValueError(input())\n")
-    monkeypatch.setattr(probing, "_SCRIPT", raises)
-    monkeypatch.setattr(probing, "_CHILD", probing._Child())
-    with H5File(small_file(tmp_path / "a.h5")) as file:
-        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+    child_runs(monkeypatch, tmp_path, program)
+    is_read(tmp_path / "a.h5")
 
 
+@pytest.mark.usefixtures("fresh")
 def test_a_child_without_an_answer_is_out_of_time_whatever_its_status(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On Windows a process that is ended from outside has status 1, as one that ends by an exception."""
-    hangs = tmp_path / "hangs.py"
-    hangs.write_text(
+    child_runs(
+        monkeypatch,
+        tmp_path,
         "import signal, sys, time\nsignal.signal(signal.SIGTERM, lambda *_: sys.exit(1))\n"
-        "print('ready', flush=True)\ntime.sleep(60)\n"
+        "print('ready', flush=True)\ntime.sleep(60)\n",
     )
-    monkeypatch.setattr(probing, "_SCRIPT", hangs)
-    monkeypatch.setattr(probing, "_CHILD", probing._Child())
     monkeypatch.setattr(probing, "CPU_S", 1)
-    monkeypatch.setattr(probing, "PATIENCE", 2)
+    monkeypatch.setattr(probing, "PATIENCE", 1)
     monkeypatch.setattr(subprocess.Popen, "kill", subprocess.Popen.terminate)
     with pytest.raises(FileFormatError, match="cannot be read to their end in 1 s"):
         probe(small_file(tmp_path / "a.h5"))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of the system")
-def test_a_refused_limit_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_limit_is_no_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: probing._Child) -> None:
     """Answer as macOS does: it refuses every limit on the address space with EINVAL."""
     (tmp_path / "sitecustomize.py").write_text(
         "import resource\nreal = resource.setrlimit\n"
@@ -185,21 +185,17 @@ def test_a_refused_limit_is_no_damage(tmp_path: Path, monkeypatch: pytest.Monkey
         "resource.setrlimit = setrlimit\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setattr(probing, "_CHILD", probing._Child())
-    path = small_file(tmp_path / "a.h5")
-    with H5File(path) as file:
-        assert file.values("a").tolist() == [0, 1, 2, 3, 4]
+    is_read(tmp_path / "a.h5")
     # the child answered: it was not ended by the refusal
-    assert probing._CHILD._process is not None and probing._CHILD._process.poll() is None
-    probing._CHILD.end()
+    assert fresh._process is not None and fresh._process.poll() is None
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of a shell")
-@pytest.mark.parametrize("limit", ["-t 5", "-v 4000000", "-c 0", "-n 20"])
-def test_limits_from_outside_are_no_damage(tmp_path: Path, limit: str) -> None:
+@pytest.mark.parametrize("limits", ["ulimit -t 5; ulimit -c 0", "ulimit -v 4000000; ulimit -n 20"])
+def test_limits_from_outside_are_no_damage(tmp_path: Path, limits: str) -> None:
     path = small_file(tmp_path / "a.h5")
     code = "import sys; from pathlib import Path; from lfcal.base.h5.probe import probe; probe(Path(sys.argv[1]))"
-    command = f'ulimit {limit}; exec "$0" -c "$1" "$2"'
+    command = f'{limits}; exec "$0" -c "$1" "$2"'
     done = subprocess.run(["sh", "-c", command, sys.executable, code, str(path)], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -211,13 +207,8 @@ def test_the_child_ends_with_its_parent(tmp_path: Path) -> None:
         "p.probe(Path(sys.argv[1])); print(p._CHILD._process.pid, flush=True); import os; os._exit(0)"
     )
     done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True)
-    import psutil
-
-    try:
-        # it sees the end of its input; nothing has to tell it
-        psutil.Process(int(done.stdout)).wait(60)
-    except psutil.NoSuchProcess:
-        pass
+    with suppress(psutil.NoSuchProcess):
+        psutil.Process(int(done.stdout)).wait(60)  # it sees the end of its input
 
 
 def test_names_of_files_are_carried_whole(tmp_path: Path) -> None:
@@ -226,16 +217,16 @@ def test_names_of_files_are_carried_whole(tmp_path: Path) -> None:
         probe(small_file(tmp_path / os.fsdecode(b"latin \xfc.h5")))
 
 
-@pytest.mark.parametrize("filters", [{"compression": "gzip", "fletcher32": True}, {"fletcher32": True}])
-def test_a_chunk_of_impossible_size_is_refused(tmp_path: Path, filters: dict[str, object]) -> None:
+def test_a_chunk_of_impossible_size_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
-    with h5py.File(path, "w") as file:
-        made = file.create_dataset("H", data=np.arange(64.0).reshape(4, 16), chunks=(1, 16), **filters)
-        size = made.id.get_chunk_info(2).size
-    data = path.read_bytes()
-    key = struct.pack("<IIQQ", size, 0, 2, 0)  # size, filters left out, first sample: the index of chunks
-    assert data.count(key) == 1
-    for wrong in (0, 2, 1 << 30):
-        path.write_bytes(data.replace(key, struct.pack("<IIQQ", wrong, 0, 2, 0)))
-        with pytest.raises(FileFormatError, match="; copy the file again"), H5File(path) as file:
-            file.dataset("H")
+    for filters in ({"compression": "gzip", "fletcher32": True}, {"fletcher32": True}):
+        with h5py.File(path, "w") as file:
+            made = file.create_dataset("H", data=np.arange(64.0).reshape(4, 16), chunks=(1, 16), **filters)
+            size = made.id.get_chunk_info(2).size
+        data = path.read_bytes()
+        key = struct.pack("<IIQQ", size, 0, 2, 0)  # size, filters left out, first sample: the index of chunks
+        assert data.count(key) == 1
+        for wrong in (0, 2, 1 << 30):
+            path.write_bytes(data.replace(key, struct.pack("<IIQQ", wrong, 0, 2, 0)))
+            with pytest.raises(FileFormatError, match="; copy the file again"), H5File(path) as file:
+                file.dataset("H")

@@ -1,18 +1,21 @@
-"""Which page of an OME-TIFF holds which plane: as ``TiffData`` states it, whatever ``DimensionOrder`` says."""
+"""Which page of a stack holds which plane: as `TiffData` states it, or as the axes of OME and ImageJ say."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import tifffile
 from numpy.typing import NDArray
 
-from lfcal.base.errors import InputError, StorageError
+from lfcal.base.errors import FileFormatError, InputError, StorageError
 from lfcal.camera import ScanPlan
-from lfcal.frames import open_frames
+from lfcal.frames import open_frames, scan_positions
 from lfcal.frames.formats._ome import ome_facts
 from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, small_camera
 
@@ -138,9 +141,8 @@ def test_a_scan_that_was_stopped_has_the_planes_that_are_there(tmp_path: Path, f
     write(tmp_path / "s.ome.tif", pixels(order, found)[:-1], text)
     with open_frames(tmp_path / "s.ome.tif", plan=plan()) as source:
         assert len(source) == len(order) - 1
-        assert (
-            "pages: 55 of the 56 planes in the OME metadata have a page; the others are missing"
-        ) in source.metadata.notes
+        words = "pages: 55 of the 56 planes in the OME metadata have a page; the others are missing"
+        assert words in source.metadata.notes
         np.testing.assert_array_equal([source.info(k).position for k in range(55)], found.positions[:-1])
 
 
@@ -184,48 +186,135 @@ def planes_of(order: Sequence[Plane]) -> str:
 ALL = [(z, 0, t) for z in range(2) for t in range(3)]
 
 
-@pytest.mark.parametrize(
-    ("data", "wanted"),
-    [
-        # none, or one that says nothing: DimensionOrder, T fastest
-        ("", [0, 1, 2, 100, 101, 102]),
-        ("<TiffData/>", [0, 1, 2, 100, 101, 102]),
-        ('<TiffData IFD="0" PlaneCount="6"/>', [0, 1, 2, 100, 101, 102]),
-        # the count of planes is that of the pages where no page is named
-        ('<TiffData FirstZ="0"/>', [0, 1, 2, 100, 101, 102]),
-        # blocks of planes in DimensionOrder, the second plane of depth first
-        ('<TiffData IFD="0" FirstZ="1" PlaneCount="3"/><TiffData IFD="3" PlaneCount="3"/>', [100, 101, 102, 0, 1, 2]),
-        # one page each where a page is named
-        ('<TiffData IFD="5"/><TiffData IFD="0" FirstT="1"/>', [1, 0]),
-    ],
-)
-def test_what_tiffdata_leaves_out_has_its_default(data: str, wanted: list[int]) -> None:
-    facts = ome_facts(header("XYCTZ", (2, 1, 3), data + planes_of(ALL)), 6)
-    assert facts["stage_um"][:, 0].tolist() == wanted
+PLAIN = [0, 1, 2, 100, 101, 102]
+BLOCKS = '<TiffData IFD="0" FirstZ="1" PlaneCount="3"/><TiffData IFD="3" PlaneCount="3"/>'
+DEFAULTS: dict[str, list[int]] = {
+    # none, or one that says nothing: DimensionOrder, T fastest
+    "": PLAIN,
+    "<TiffData/>": PLAIN,
+    '<TiffData IFD="0" PlaneCount="6"/>': PLAIN,
+    # the count of planes is that of the pages where no page is named
+    '<TiffData FirstZ="0"/>': PLAIN,
+    # blocks of planes in DimensionOrder, the second plane of depth first
+    BLOCKS: [100, 101, 102, 0, 1, 2],
+    # one page each where a page is named
+    '<TiffData IFD="5"/><TiffData IFD="0" FirstT="1"/>': [1, 0],
+}
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
+def test_what_tiffdata_leaves_out_has_its_default() -> None:
+    for data, wanted in DEFAULTS.items():
+        facts = ome_facts(header("XYCTZ", (2, 1, 3), data + planes_of(ALL)), 6)
+        assert facts["stage_um"][:, 0].tolist() == wanted, data
+    data = mapped(list(reversed(ALL)), "a", "old.ome.tif") + planes_of(ALL)
+    renamed = ome_facts(header("XYCTZ", (2, 1, 3), data), 6, name="new.ome.tif")
+    assert renamed["stage_um"][0, 0] == 102, "a renamed file is still the one that is meant"
+
+
+def test_metadata_that_contradict_themselves_say_nothing(tmp_path: Path) -> None:
+    for data in (
         mapped(ALL) + '<TiffData IFD="2" FirstT="1"/>',
-        '<TiffData IFD="0" FirstZ="7"/>',
-        '<TiffData IFD="-1"/>',
-        '<TiffData IFD="x"/>',
+        *('<TiffData IFD="0" FirstZ="7"/>', '<TiffData IFD="-1"/>', '<TiffData IFD="x"/>'),
         '<TiffData IFD="0" PlaneCount="99999999999"/>',
-    ],
-)
-def test_metadata_that_contradict_themselves_say_nothing(tmp_path: Path, data: str) -> None:
-    facts = ome_facts(header("XYCTZ", (2, 1, 3), data + planes_of(ALL)), 6)
-    assert set(facts) == {"order_notes"} and "pages are read in the order of the file" in facts["order_notes"][0]
-    path = write(tmp_path / "s.ome.tif", list(np.zeros((6, 40, 48), np.uint16)), header("XYCTZ", (2, 1, 3), data))
-    with pytest.raises(InputError, match="positions of the frames"):
+    ):
+        facts = ome_facts(header("XYCTZ", (2, 1, 3), data + planes_of(ALL)), 6)
+        assert set(facts) == {"order_notes"} and "pages are read in the order of the file" in facts["order_notes"][0]
+        path = write(tmp_path / "s.ome.tif", list(np.zeros((6, 40, 48), np.uint16)), header("XYCTZ", (2, 1, 3), data))
+        with pytest.raises(InputError, match="positions of the frames"):
+            open_frames(path)
+    assert ome_facts(header("XYCTZ", (10**9, 10**9, 10**9), ""), 6) == {}, "sizes that no file has"
+
+
+# -- axes of stacks ----------------------------------------------------------------------------------------------------
+
+
+STACK = np.random.default_rng(0).integers(0, 4000, (2, 3, 4, 12, 15)).astype(np.uint16)  # z, y, x, row, column
+
+
+def write_stack(path: Path, stack: np.ndarray, axes: str, **how: Any) -> Path:
+    tifffile.imwrite(path, stack, photometric="minisblack", metadata={"axes": axes}, **how)
+    return path
+
+
+def test_three_axes_are_depth_row_and_column(tmp_path: Path) -> None:
+    for axes, order, how in (
+        ("ZTCYX", (0, 1, 2, 3, 4), {"ome": True}),
+        ("TZCYX", (1, 0, 2, 3, 4), {"ome": True}),
+        ("TCZYX", (1, 2, 0, 3, 4), {"ome": True}),
+        ("TZCYX", (1, 0, 2, 3, 4), {"imagej": True}),
+    ):
+        name = "stack.ome.tif" if "ome" in how else "stack.tif"
+        path = write_stack(tmp_path / name, np.ascontiguousarray(STACK.transpose(order)), axes, **how)
+        with open_frames(path) as source:
+            assert len(source) == 24
+            for k in range(24):
+                np.testing.assert_array_equal(source.read(k), STACK[source.info(k).position])
+    path = write_stack(tmp_path / "plane.ome.tif", STACK[0], "TCYX", ome=True)
+    with open_frames(path, plan_shape=(1, 3, 4)) as source:
+        for k in range(12):
+            np.testing.assert_array_equal(source.read(k), STACK[(0, *source.info(k).position[1:])])
+    stack = np.zeros((2, 2, 3, 2, 8, 9), np.uint16)
+    stack += np.arange(stack.size, dtype=np.uint16).reshape(stack.shape)
+    path = write_stack(tmp_path / "many.ome.tif", stack, "TZCAYX", ome=True)
+    with pytest.raises(FileFormatError, match="axes of the pages: expected three or fewer, got TZCA"):
         open_frames(path)
 
 
-def test_sizes_that_no_file_has_are_refused() -> None:
-    assert ome_facts(header("XYCTZ", (10**9, 10**9, 10**9), ""), 6) == {}
+def test_planes_of_positions_need_their_order(tmp_path: Path) -> None:
+    """Micro-Manager's way: time runs over the positions, within each over the depths."""
+    scan = scan_positions((2, 3, 4), "serpentine")
+    stack = np.stack([STACK[p] for p in scan]).reshape(2, 12, 12, 15).transpose(1, 0, 2, 3)
+    path = write_stack(tmp_path / "scan.ome.tif", np.ascontiguousarray(stack), "TZYX", ome=True)
+    with pytest.raises(InputError, match=r"positions of the frames in .*scan\.ome\.tif: expected a manifest"):
+        open_frames(path)
+    with open_frames(path, order="serpentine", plan_shape=(2, 3, 4)) as source:
+        for k in range(24):
+            np.testing.assert_array_equal(source.read(k), STACK[source.info(k).position])
 
 
-def test_a_renamed_file_is_still_the_one_that_is_meant() -> None:
-    data = mapped(list(reversed(ALL)), "a", "old.ome.tif") + planes_of(ALL)
-    assert ome_facts(header("XYCTZ", (2, 1, 3), data), 6, name="new.ome.tif")["stage_um"][0, 0] == 102
+LAST: dict[str, Callable[[Path, Any], object]] = {
+    "last.npy": lambda path, stack: np.save(path, stack),
+    "last.h5": lambda path, stack: h5py.File(path, "w").create_dataset("frames", data=stack).file.close(),
+    "last.tif": lambda path, stack: tifffile.imwrite(path, stack, photometric="minisblack"),
+}
+
+
+@pytest.mark.parametrize("name", LAST)
+def test_frames_along_the_last_axis(tmp_path: Path, name: str) -> None:
+    """Programs that store (row, column, frame), after gms_plugin_hdf5#2."""
+    plan = ScanPlan(small_camera(), (3, 4), (9, 11), (-4e4, -2e4, 0.0, 1e4, 2e4), (20, 20))
+    frames = np.random.default_rng(2).integers(0, 4000, (60, *plan.camera.sensor.shape)).astype(np.uint16)
+    LAST[name](tmp_path / name, np.ascontiguousarray(np.moveaxis(frames, 0, -1)))
+    with open_frames(tmp_path / name, order="raster", plan=plan) as source:
+        assert any("60 along the last axis" in note for note in source.metadata.notes)
+        for k in (59, 0, 7):
+            np.testing.assert_array_equal(source.read(k), frames[k])
+            region = (slice(2, 9), slice(1, 4))
+            np.testing.assert_array_equal(source.read(k, region), frames[k][region])
+    # there are fewer rows than positions: without a sensor it may also be a scan that stopped early
+    words = "60 frames along one axis, got 40 along the first axis and 60 along the last"
+    with pytest.raises(FileFormatError, match=words):
+        open_frames(tmp_path / name, order="raster", plan_shape=plan.shape[:3])
+
+
+def test_the_first_axis_wins_where_both_fit_and_a_large_stack_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.save(tmp_path / "both.npy", STACK.reshape(24, 12, 15)[:12, :, :12])
+    with open_frames(tmp_path / "both.npy", order="raster", plan_shape=(1, 3, 4)) as source:
+        np.testing.assert_array_equal(source.read(3), STACK.reshape(24, 12, 15)[3, :, :12])
+    np.save(tmp_path / "last.npy", np.moveaxis(STACK.reshape(24, 12, 15)[:6], 0, -1))
+    monkeypatch.setattr("lfcal.frames.formats._axes.LARGEST", 1000)
+    with pytest.raises(InputError, match=r"frames along the last axis: expected at most .*numpy\.moveaxis"):
+        open_frames(tmp_path / "last.npy", order="raster", plan_shape=(1, 2, 3))
+
+
+def test_one_axis_of_length_1_is_left_out(tmp_path: Path) -> None:
+    """Deep-learning code stores (frame, channel, row, column), after dipy#3112 and MouseLand/suite2p#701."""
+    frames = STACK[0].reshape(12, 12, 15)
+    for shape, name in product(((12, 1, 12, 15), (1, 12, 12, 15), (12, 12, 15, 1)), ("last.npy", "last.h5")):
+        LAST[name](tmp_path / name, frames.reshape(shape))
+        with open_frames(tmp_path / name, order="raster", plan_shape=(1, 3, 4)) as source:
+            for k in (0, 5, 11):
+                np.testing.assert_array_equal(source.read(k), frames[k])
+                np.testing.assert_array_equal(source.read(k, (slice(1, 5), slice(3, 9))), frames[k, 1:5, 3:9])

@@ -1,9 +1,10 @@
-"""Stage coordinates find their positions, however the stage is mounted and whatever it counts in."""
+"""Stage coordinates find their positions, depths and steps, however the stage is mounted and whatever it counts in."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,11 +12,13 @@ import numpy as np
 import pytest
 
 from lfcal.base.errors import FileFormatError, InputError
-from lfcal.camera import ScanPlan, StageAxes
-from lfcal.frames.lists.derived import plan_of_list
+from lfcal.camera import Camera, ScanPlan, StageAxes, preset
+from lfcal.frames.lists._depths import Depths, ListedPlanes, find_depths
+from lfcal.frames.lists._grid import find_grid
+from lfcal.frames.lists.derived import plan_of_list, rounding, step_error, step_size
 from lfcal.frames.lists.listing import Listing
 from lfcal.frames.lists.placing import place
-from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, small_camera
+from tests.frames.lists.scans import COLUMNS, ROWS, START, Scan, frame, scan, small_camera, step_um
 
 
 def plan_of(depths: Sequence[float] = (-40e3, 10e3), **settings: Any) -> ScanPlan:
@@ -79,29 +82,18 @@ def test_drift_is_where_the_stage_truly_was() -> None:
     assert f"{placed.worst:04d}.tif" in placed.notes[0]
 
 
-@pytest.mark.parametrize(
-    ("scale", "unit", "words"), [(1e-3, "", "unit: mm"), (1.0, "", "unit: um"), (20.0, "", "unit: 1 in")]
-)
-def test_unit_is_told_by_the_steps_of_the_plan(scale: float, unit: str, words: str) -> None:
+def test_units_and_scales_are_found_by_the_steps_and_depths_of_the_plan() -> None:
     found = scan()
-    placed = place(listing_of(found, scale=scale, unit=unit), plan_of())
-    np.testing.assert_array_equal(placed.positions, found.positions)
-    assert any(words in note for note in placed.notes)
-
-
-@pytest.mark.parametrize(
-    ("scale", "words"), [(1.3, "are 1.300 times as far apart"), (0.97, "are 0.970 times as far apart")]
-)
-def test_a_z_of_another_scale_than_the_plan_s_is_said(scale: float, words: str) -> None:
-    placed = place(listing_of(_deep(scan(), scale)), plan_of())
-    (note,) = placed.scales
-    assert note.startswith("depths: the planes") and words in note and note in placed.notes
-    assert not place(listing_of(_deep(scan(), 1.005)), plan_of()).scales
-
-
-def test_a_z_that_has_a_unit_of_its_own_is_said() -> None:
-    """Counts of motors are of any length, and of another one along each axis."""
-    found = scan()
+    for scale, words in ((1e-3, "unit: mm"), (1.0, "unit: um"), (20.0, "unit: 1 in")):
+        placed = place(listing_of(found, scale=scale, unit=""), plan_of())
+        np.testing.assert_array_equal(placed.positions, found.positions)
+        assert any(words in note for note in placed.notes)
+    for scale, words in ((1.3, "are 1.300 times as far apart"), (0.97, "are 0.970 times as far apart")):
+        placed = place(listing_of(_deep(found, scale)), plan_of())
+        (note,) = placed.scales
+        assert note.startswith("depths: the planes") and words in note and note in placed.notes
+    assert not place(listing_of(_deep(found, 1.005)), plan_of()).scales
+    # counts of motors are of any length, and of another one along each axis
     listing = listing_of(replace(found, stage=found.stage * [20.0, 20.0, 0.5]), unit="")
     assert "depths: 1 in the list's z is 2 µm, inferred from the plan's depths" in place(listing, plan_of()).notes
     with pytest.raises(InputError, match="z of the planes"):
@@ -117,8 +109,7 @@ def test_a_plane_that_lies_elsewhere_than_planned_is_said() -> None:
     assert re.search(r"z of the planes differs by up to .* µm from the plan \(\d+\.tif\)", placed.scales[-1])
 
 
-@pytest.mark.parametrize("first", [0, 1])
-@pytest.mark.parametrize("unit", ["um", ""])
+@pytest.mark.parametrize(("first", "unit"), [(0, "um"), (1, "")])
 def test_planes_that_a_list_numbers_are_the_plan_s(first: int, unit: str) -> None:
     """A number says which plane is meant, whichever way the depths run and the stage's axis points."""
     for depths in ((-40e3, -10e3, 10e3), (10e3, -10e3, -40e3)):
@@ -145,7 +136,7 @@ def test_numbers_of_planes_that_the_plan_has_not() -> None:
         place(listing, plan_of((-40e3, -10e3, 10e3, 20e3, 30e3), stage=StageAxes("+y", "+z", "+x")))
 
 
-def test_light_elsewhere_than_planned_is_said() -> None:
+def test_light_elsewhere_than_planned_is_said_and_without_light_the_plan_decides() -> None:
     found, plan = scan(), plan_of()
     listing = listing_of(found)
     assert not any("light:" in note for note in place(listing, plan, reader(found, listing)).notes)
@@ -153,9 +144,6 @@ def test_light_elsewhere_than_planned_is_said() -> None:
     moved = place(listing, replace(plan, anchor=(rows + 3, columns - 4)), reader(found, listing))
     (note,) = (note for note in moved.notes if "light:" in note)
     assert f"near row {START[0]:.0f}, column {START[1]:.0f}, 5 px from the plan's anchor" in note
-
-
-def test_without_light_the_plan_decides_and_it_is_said() -> None:
     found = scan(right="-x")
     placed = place(listing_of(found), plan_of())
     assert placed.stage.right == "+x"
@@ -174,9 +162,8 @@ def test_missing_frames_and_repeats() -> None:
     noisy = found.stage[twice] + rng.normal(0, 0.1, (len(twice), 3))
     double = Scan(found.camera, found.depths, found.positions[twice], noisy)
     np.testing.assert_array_equal(place(listing_of(double), plan_of(frames_averaged=2)).positions, double.positions)
-    with pytest.raises(
-        InputError, match=r"position z=0, y=0, x=0: expected 1 frame per position, as in the plan, got 0000\.tif, 0001"
-    ):
+    words = r"position z=0, y=0, x=0: expected 1 frame per position, as in the plan, got 0000\.tif, 0001"
+    with pytest.raises(InputError, match=words):
         place(listing_of(double), plan_of())
 
 
@@ -190,27 +177,23 @@ def _deep(found: Scan, scale: float) -> Scan:
     return replace(found, stage=found.stage * [1, 1, scale])
 
 
-REFUSED = {
-    "planes": (lambda: scan((-40e3, -10e3, 10e3)), "2 planes of 7 across and 4 down, as in the plan, got 3 planes"),
-    "steps": (lambda: scan(shape=(ROWS, 6)), "got 2 planes of 6 along x and 4 along y"),
-    "half a step": (lambda: _moved(scan(), 0.45), "position of 0005.tif: expected at most half a step"),
-    "onto another": (lambda: _moved(scan(), 1.0), "position z=0, y=0, x=6: expected 1 frame"),
-    "another scale": (lambda: replace(s := scan(), stage=s.stage * [1.5, 1.5, 1]), "1.5 times as much"),
-    "a third of z": (
-        lambda: _deep(scan(), 1 / 3),
-        ("z of the planes: expected the spacing of the planned planes, got 0.333"),
-    ),
-    "z in mm": (lambda: _deep(scan(), 1e-3), "correct unit or column (--columns z_mm=…)"),
-    "z in nm": (lambda: _deep(scan(), 1e3), "z of the planes: expected the spacing of the planned planes, got 1e+03"),
-}
+REFUSED: list[tuple[Callable[[], Scan], str]] = [
+    (lambda: scan((-40e3, -10e3, 10e3)), "2 planes of 7 across and 4 down, as in the plan, got 3 planes"),
+    (lambda: scan(shape=(ROWS, 6)), "got 2 planes of 6 along x and 4 along y"),
+    (lambda: _moved(scan(), 0.45), "position of 0005.tif: expected at most half a step"),
+    (lambda: _moved(scan(), 1.0), "position z=0, y=0, x=6: expected 1 frame"),
+    (lambda: replace(s := scan(), stage=s.stage * [1.5, 1.5, 1]), "1.5 times as much"),
+    (lambda: _deep(scan(), 1 / 3), "z of the planes: expected the spacing of the planned planes, got 0.333"),
+    (lambda: _deep(scan(), 1e-3), "correct unit or column (--columns z_mm=…)"),
+    (lambda: _deep(scan(), 1e3), "z of the planes: expected the spacing of the planned planes, got 1e+03"),
+]
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_another_scan_is_refused(case: str) -> None:
-    make, words = REFUSED[case]
-    with pytest.raises(InputError) as caught:
-        place(listing_of(make()), plan_of())
-    assert words in str(caught.value) and "\n" not in str(caught.value)
+def test_another_scan_is_refused() -> None:
+    for make, words in REFUSED:
+        with pytest.raises(InputError) as caught:
+            place(listing_of(make()), plan_of())
+        assert words in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("case", [name for name in CASES if name != "depth along x"])
@@ -228,33 +211,26 @@ def test_the_plan_of_a_list(case: str) -> None:
         np.testing.assert_allclose(expected, listing.places * 1e3, atol=1.0)
 
 
-def test_the_plan_of_a_list_without_light_says_what_it_assumes() -> None:
-    found = scan()
-    plan, notes = plan_of_list(listing_of(found), found.camera, cutout=(9, 11))
+def test_the_plan_of_a_list_says_what_it_assumes_and_what_is_missing() -> None:
+    plan, notes = plan_of_list(listing_of(scan()), small_camera(), cutout=(9, 11))
     assert plan.period == (ROWS, COLUMNS)
     assert any("(--anchor)" in note for note in notes) and any("(--stage)" in note for note in notes)
-
-
-def test_what_no_plan_can_be_made_of() -> None:
-    found = scan(shape=(ROWS, 6))
-    with pytest.raises(
-        InputError,
-        match=("columns of positions in the list: expected 7, a whole number of the camera's periods, got 6"),
-    ):
-        plan_of_list(listing_of(found), found.camera)
-    same = scan()
+    same, narrow = scan(), scan(shape=(ROWS, 6))
     same.stage[same.positions[:, 0] == 1, :2] = same.stage[same.positions[:, 0] == 0, :2]
-    with pytest.raises(InputError, match="longer in farther planes"):
-        plan_of_list(listing_of(same), same.camera)
-    with pytest.raises(InputError, match=r"expected 2 as in the list, got 1"):
-        plan_of_list(listing_of(scan()), small_camera(), depths_um=(0.0,))
-    with pytest.raises(InputError, match=r"1000 times as large would fit; state the unit in .*\(--columns x_mm=COLUMN"):
-        plan_of_list(listing_of(scan(), scale=1e-3), small_camera())
-    with pytest.raises(InputError, match="stage coordinates, got position numbers"):
-        plan_of_list(listing_of(found, unit="index"), found.camera)
+    columns = "columns of positions in the list: expected 7, a whole number of the camera's periods, got 6"
+    unit = r"1000 times as large would fit; state the unit in .*\(--columns x_mm=COLUMN"
+    for listing, how, words in (
+        (listing_of(narrow), {}, columns),
+        (listing_of(same), {}, "longer in farther planes"),
+        (listing_of(scan()), {"depths_um": (0.0,)}, "expected 2 as in the list, got 1"),
+        (listing_of(scan(), scale=1e-3), {}, unit),
+        (listing_of(narrow, unit="index"), {}, "stage coordinates, got position numbers"),
+    ):
+        with pytest.raises(InputError, match=words):
+            plan_of_list(listing, small_camera(), **how)  # type: ignore[arg-type]
 
 
-def test_damaged_frames_do_not_stand_in_the_way_of_the_others() -> None:
+def test_damaged_frames_are_left_out_of_the_search_for_light() -> None:
     found = scan(right="-x")
     listing = listing_of(found)
     read = reader(found, listing)
@@ -288,3 +264,183 @@ def test_steps_that_differ_along_one_axis_are_said(axis: int) -> None:
     placed = place(listing, plan_of(stage=StageAxes("+y", "+z", "+x")), reader(found, listing))
     np.testing.assert_array_equal(placed.positions, truth(found, listing))
     assert any(re.match(r"steps: 1.03\d times the plan's", note) for note in placed.notes), placed.notes
+
+
+# -- depths of planes --------------------------------------------------------------------------------------------------
+
+
+DEPTHS = (-40e3, -10e3, 10e3)
+
+
+def planes_of(
+    *, scale: float = 1.0, error: float = 0.001, counted: bool = False, depths: tuple[float, ...] = DEPTHS
+) -> ListedPlanes:
+    """Return the planes of a list whose z is ``scale`` times the depth."""
+    camera = small_camera()
+    sizes = np.array([step_um(camera, z) for z in depths])
+    heights = np.arange(len(depths), dtype=float) if counted else np.array(depths) * scale + 5e3
+    return ListedPlanes("stage.csv", heights, sizes, np.full(len(depths), error), counted)
+
+
+def depths_of(planes: ListedPlanes, camera: Camera | None = None) -> Depths:
+    return find_depths(camera or small_camera(), StageAxes(), planes)
+
+
+def stated(words: str, what: str) -> float:
+    found = re.search(rf"± (\S+) µm for {what}", words)
+    assert found, words
+    return float(found[1])
+
+
+def test_a_z_is_taken_without_a_remark_where_it_fits_its_steps_or_lies_within_the_errors() -> None:
+    found = depths_of(planes_of())
+    np.testing.assert_allclose(found.depths, DEPTHS, atol=0.01)
+    error = 0.1 * float(np.ptp(planes_of().sizes))
+    for one in (found, depths_of(planes_of(scale=1.1, error=error))):
+        assert len(one.notes) == 1 and "single ones" not in one.notes[0]
+    assert not re.search("part", " ".join(depths_of(planes_of(scale=1.005)).notes)), "half a per cent is no remark"
+
+
+def test_a_z_of_another_scale_is_reported_and_within_the_error() -> None:
+    for scale in (0.6, 0.97, 1.05, 1.8):
+        found = depths_of(planes_of(scale=scale))
+        words, note = found.notes
+        apart = np.abs(np.array(found.depths) - DEPTHS).max()
+        assert stated(words, "one") == pytest.approx(apart, rel=0.01)
+        assert f"its range is {scale:.3f} times the range that the steps of the planes imply" in note
+        assert "check unit and scale" in note
+    planes = planes_of()
+    found = depths_of(replace(planes, heights=planes.heights + np.array([0.0, 4e3, 0.0])))
+    assert stated(found.notes[0], "one") == pytest.approx(2 / 3 * 4e3, rel=0.01) and len(found.notes) == 2
+
+
+def test_a_z_of_another_unit_is_refused() -> None:
+    what = (
+        "z of the planes: expected a range of about .* µm, inferred from the steps of its planes, got .* µm; check unit"
+    )
+    for scale, words in (
+        (3.0, what),
+        (1e-3, r"got 50 µm; is z in mm\? state its unit \(--columns z_mm=COLUMN\)"),
+        (1e3, r"is z in um\? state its unit \(--columns z_um=COLUMN\)"),
+    ):
+        with pytest.raises(InputError, match=words):
+            depths_of(planes_of(scale=scale))
+
+
+def test_steps_that_are_too_noisy_leave_the_axis_as_stated() -> None:
+    """Planes so near each other that the stage's scatter hides which steps are longer."""
+    planes = planes_of(error=1.0, depths=(-100.0, 0.0))
+    assert depths_of(replace(planes, sizes=planes.sizes[::-1])).axes.away == "+z"
+    assert depths_of(replace(planes_of(), sizes=planes_of().sizes[::-1])).axes.away == "-z"
+
+
+def test_numbered_planes_have_the_depths_of_their_steps() -> None:
+    found = depths_of(planes_of(counted=True))
+    np.testing.assert_allclose(found.depths, DEPTHS, atol=0.01)
+    rising = (small_camera().step_um(1e3) - small_camera().step_um(0.0)) / 1e3
+    assert stated(found.notes[0], "each") == pytest.approx(0.001 / rising, rel=0.01)
+    np.testing.assert_allclose(depths_of(planes_of(counted=True, depths=DEPTHS[::-1])).depths, DEPTHS[::-1], atol=0.01)
+    with pytest.raises(InputError, match="steps of its planes: expected steps of one pixel each, which increase"):
+        depths_of(planes_of(counted=True, depths=(-40e3, 10e3, -10e3)))
+    with pytest.raises(InputError, match="expected 3 as in the list, got 1"):
+        find_depths(small_camera(), StageAxes(), planes_of(counted=True), (0.0,))
+
+
+def test_numbered_planes_of_a_microscope_have_to_be_given() -> None:
+    camera = preset("lfm_20x05")
+    with pytest.raises(InputError, match="got plane numbers; state one depth for each number"):
+        depths_of(planes_of(counted=True), camera)
+    found = find_depths(camera, StageAxes(), planes_of(counted=True), (20.0, 10.0, 0.0))
+    assert found.depths == (20.0, 10.0, 0.0)
+
+
+def test_errors_of_rounded_lists_are_of_the_size_of_what_is_wrong() -> None:
+    """Whatever the place where the scan begins: frames of a row share their rounding, and do not average it out."""
+    planned = ScanPlan.for_camera(preset("bench"), depths_um=(-26e3, -20e3), cutout=1)
+    rng = np.random.default_rng(4)
+    pulls = []
+    for _ in range(30):
+        places = np.round(planned.stage_um() + rng.uniform(-500, 500, 3))
+        files = tuple(f"{k}.tif" for k in range(len(places)))
+        listing = Listing("stage.csv", files, (0,) * len(files), places, "um")
+        plan, notes = plan_of_list(listing, planned.camera, cutout=1)
+        wrong = np.mean(plan.depths_um) - np.mean(planned.depths_um)
+        pulls.append(wrong / stated(next(note for note in notes if note.startswith("depths:")), "all"))
+    assert 0.4 < np.sqrt(np.mean(np.square(pulls))) < 1.5 and np.abs(pulls).max() < 4
+
+
+def test_given_depths_fall_where_the_steps_of_numbered_planes_do() -> None:
+    """From the first plane to the last: one between them may have a step that is off."""
+    planes = planes_of(counted=True, depths=DEPTHS[::-1])
+    odd = replace(planes, sizes=planes.sizes * np.array([1.0, 1.3, 1.0]))
+    assert find_depths(small_camera(), StageAxes(), odd, DEPTHS).depths == DEPTHS[::-1]
+
+
+# -- errors of steps ---------------------------------------------------------------------------------------------------
+
+
+TRIES = 60
+
+
+def pulls_of(
+    *,
+    step: float | None = None,
+    digit: float = 0.0,
+    scatter: float = 0.0,
+    columns: float = 0.0,
+    turn: float = 0.0,
+    shape: tuple[int, int] = (33, 19),
+) -> np.ndarray:
+    """Return errors of the step of scans that begin anywhere, each over its stated error."""
+    rng = np.random.default_rng(1)
+    index = np.array(list(np.ndindex(*shape)))
+    found = []
+    for _ in range(TRIES):
+        true = rng.uniform(24, 26) if step is None else step
+        rotation = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+        places = index * true @ rotation + rng.uniform(-500, 500, 2) + rng.normal(0, 1, index.shape) * scatter
+        shared = [rng.normal(0, 1, n)[index[:, k]] * columns for k, n in enumerate(shape)]
+        places += np.stack(shared, axis=1)
+        places = np.round(places / digit) * digit if digit else places
+        (plane,) = find_grid(places, np.zeros(len(places)), "list").planes
+        found.append((step_size(plane.steps) - true) / step_error(places, plane))
+    return np.array(found)
+
+
+ROUNDED = {
+    "rounded": {"digit": 1.0},
+    "rounded finely": {"digit": 0.1},
+    "rounded to quarters": {"digit": 0.25},
+    "rounded alike in all columns": {"step": 24.994, "digit": 1.0},
+    "rounded coarsely": {"digit": 2.5},
+    "a single row": {"digit": 1.0, "shape": (33, 1)},
+    "few columns": {"digit": 1.0, "shape": (7, 4)},
+    "scattered": {"scatter": 1.0},
+    "scattered and rounded": {"scatter": 0.5, "digit": 1.0},
+    "columns scattered as a whole": {"columns": 1.0},
+    "turned and scattered": {"scatter": 1.0, "turn": 0.1},
+}
+
+
+@pytest.mark.few(4)
+@pytest.mark.parametrize("case", ROUNDED)
+def test_errors_of_steps_are_as_stated(case: str) -> None:
+    pulls = pulls_of(**ROUNDED[case])  # type: ignore[arg-type]
+    assert 0.5 < np.sqrt(np.mean(pulls**2)) < 1.4 and np.abs(pulls).max() < 5
+
+
+def test_the_error_of_a_turned_rounded_list_is_not_too_small() -> None:
+    assert np.sqrt(np.mean(pulls_of(digit=1.0, turn=0.1) ** 2)) < 1.4
+
+
+def test_steps_of_whole_digits_are_not_exact() -> None:
+    """All places lie on a grid of 25, which every step from 24.97 to 25.03 is rounded to; one place has no step."""
+    index = np.array(list(np.ndindex(33, 19)))
+    places = 25.0 * index + 3
+    (plane,) = find_grid(places, np.zeros(len(places)), "list").planes
+    assert 1 / 33 / 5 < step_error(places, plane) < 1 / 33
+    (plane,) = find_grid(np.zeros((1, 2)), np.zeros(1), "list").planes
+    assert step_error(np.zeros((1, 2)), plane) == 0
+    values = {(12.5, 100.0, -7.25): 0.25, (1000.0, 1025.0): 2.5, (1.0, 2.5, 4.1): 0.1, (math.pi, math.e): 0.0}
+    for numbers, digit in values.items():
+        assert rounding(np.array(numbers), 25.0) == pytest.approx(digit)
