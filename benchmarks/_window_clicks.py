@@ -177,7 +177,7 @@ def raytrix(hand: Hand) -> None:
     hand.next("Plan the scan")
     hand.until(lambda: project.state.plan is not None, "the plan")
     _shorten(hand)
-    hand.next("Connect camera and stage")
+    hand.next("Use the simulated rig")
     hand.next("Record")
     hand.until(lambda: project.state.psf, "H")
     hand.until(lambda: hand.window.leading.sitting.verdict is not None, "a verdict")

@@ -29,6 +29,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--long", action="store_true", help="run the tests that take minutes, and every variant of others")
+    parser.addoption("--part", metavar="K/N", help="only part K of N of the tests that --long adds (K from 0)")
     parser.addoption("--shuffle", type=int, metavar="SEED", help="run modules, and the tests in each, in another order")
 
 
@@ -117,25 +118,42 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if seed is not None:
         shuffle(items, seed)
     begin_with_different_kernels(items)
-    if config.getoption("--long"):
-        return
-    skip = pytest.mark.skip(reason="takes minutes; run with --long")
-    for item in items:
-        if "long" in item.keywords:
-            item.add_marker(skip)
-    leave_out_variants([item for item in items if "long" not in item.keywords])
+    part = config.getoption("--part")
+    if part:
+        chosen, others = split(items, part)
+        items[:] = chosen
+        config.hook.pytest_deselected(items=others)
+    elif not config.getoption("--long"):
+        for item, reason in left_out(items).items():
+            item.add_marker(pytest.mark.skip(reason=reason))
 
 
-def leave_out_variants(items: list[pytest.Item]) -> None:
-    """Of tests marked ``few(n)`` skip all but n variants: always the same ones, picked from all over the list."""
+def left_out(items: list[pytest.Item]) -> dict[pytest.Item, str]:
+    """Return the items that only ``--long`` runs, with the reason.
+
+    These are the tests marked ``long``, and all but n variants of those marked ``few(n)``: the same ones in each run.
+    """
+    found = {item: "takes minutes; run with --long" for item in items if "long" in item.keywords}
     variants: dict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
-        if item.get_closest_marker("few"):
+        if item not in found and item.get_closest_marker("few"):
             variants[item.nodeid.partition("[")[0]].append(item)
-    skip = pytest.mark.skip(reason="one variant of many; run with --long")
-    for found in variants.values():
-        marker = found[0].get_closest_marker("few")
+    for several in variants.values():
+        marker = several[0].get_closest_marker("few")
         assert marker is not None
-        # by a checksum of their names: neighbours in a list are alike
-        for item in sorted(found, key=lambda one: zlib.crc32(one.nodeid.encode()))[marker.args[0] :]:
-            item.add_marker(skip)
+        # by a checksum of their names, as neighbours in a list are similar
+        for item in sorted(several, key=lambda one: zlib.crc32(one.nodeid.encode()))[marker.args[0] :]:
+            found[item] = "one variant of many; run with --long"
+    return found
+
+
+def split(items: list[pytest.Item], part: str) -> tuple[list[pytest.Item], list[pytest.Item]]:
+    """Return the items of part ``K/N`` of those that only ``--long`` runs, and all others.
+
+    A checksum of the file selects the part, so that a file's tests share what they prepare.
+    """
+    k, n = map(int, part.split("/"))
+    more = left_out(items)
+    chosen = [item for item in items if item in more and zlib.crc32(item.nodeid.partition("::")[0].encode()) % n == k]
+    kept = set(chosen)
+    return chosen, [item for item in items if item not in kept]

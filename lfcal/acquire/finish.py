@@ -101,8 +101,8 @@ def iter_finish(folder: Path, *, workers: int | None = None) -> Work[Packed]:
     >>> plan = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0], cutout=61), period=(3, 4))
     >>> _ = record(Path("wide"), plan, simulated_rig(plan))
     >>> packed = drain(iter_finish(Path("wide")))
-    >>> print(f"{packed.bytes_gained / 1e3:.0f} kB smaller;", "; ".join(packed.left) or "all files are packed")
-    8... kB smaller; all files are packed
+    >>> print(packed.bytes_gained > 80e3, packed.left)
+    True ()
     """
     session = SessionFile.read(folder)
     lock = FolderLock(folder)

@@ -69,8 +69,12 @@ def looked_at_in_the_dark(stage: Stage, shot: Capture) -> Iterator[tuple[str, li
         yield f"{shot.name}, {theme}", list(of_other_themes(stage.seen(shot)))
 
 
-def test_the_smallest_window_has_room_for_the_log(stage: Stage) -> None:
+def test_a_large_window_with_the_log_can_be_made_the_smallest_at_once(stage: Stage) -> None:
     stage.window.log_dock.show()
+    for spec in stage.window.specs:
+        stage.window.go(spec.key)
+    stage.resize(*LARGE)
+    stage.turn()
     stage.resize(*LEAST)
     stage.turn()
     assert (stage.window.width(), stage.window.height()) == LEAST

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from PySide6.QtCore import QSize
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QStackedWidget, QVBoxLayout, QWidget
 
@@ -42,6 +43,11 @@ class AcquirePanel(QWidget):
         self.setup.results_changed.connect(self._say)
         self.setup.devices_asked.connect(self.devices.open)
         self.record.noted.connect(self._say)
+
+    def minimumSizeHint(self) -> QSize:
+        """Return the size with a narrow inspector, so that a wide window can be made narrow at once."""
+        least = super().minimumSizeHint()
+        return QSize(least.width() - self.inspector.width() + inspector_width(0), least.height())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Give the inspector more room in a large window."""
