@@ -73,9 +73,10 @@ def repaired(values: np.ndarray, cfa: str) -> np.ndarray:
     result = values.copy()
     for pixel in bad:
         near: dict[int, list[float]] = {}
-        for r, c in np.ndindex(values.shape):
-            distance = (r - pixel[0]) ** 2 + (c - pixel[1]) ** 2
-            if 0 < distance <= 32 and (r, c) not in bad and same_colour(cfa, pixel, (r, c)):
+        for dr, dc in np.ndindex(11, 11):
+            r, c, distance = pixel[0] + dr - 5, pixel[1] + dc - 5, (dr - 5) ** 2 + (dc - 5) ** 2
+            inside = 0 <= r < SHAPE[0] and 0 <= c < SHAPE[1]
+            if inside and 0 < distance <= 32 and (r, c) not in bad and same_colour(cfa, pixel, (r, c)):
                 near.setdefault(distance, []).append(values[r, c])
         result[pixel] = np.mean(near[min(near)])
     return result

@@ -42,12 +42,12 @@ def test_the_edge_profile_of_a_disc_is_its_radius():
     assert np.abs(edge_profile(disc, 49.0, 52.0, 30.0) - 30.0).max() < 0.1
 
 
-@pytest.mark.parametrize("blades", [5, 11])
+@pytest.mark.parametrize("blades", [pytest.param(5, marks=pytest.mark.long), 11])
 def test_a_clean_iris_is_recovered_to_small_fractions_of_a_pixel(blades):
     image, truth = synthetic(blades, 0.3, 1, disturbance=CLEAN)
-    found = fit_aperture(image)
+    found = fit_aperture(image[:, 4:])  # rows and columns of the centre differ
     assert found.confident and found.blades == blades
-    assert math.dist(found.centre, truth.centre) < 0.02
+    assert math.dist(found.centre, (truth.centre[0], truth.centre[1] - 4)) < 0.02
     assert found.apothem_px == pytest.approx(truth.apothem_px, rel=2e-3)
     assert found.area_px2 == pytest.approx(truth.area_px2, rel=3e-3)
     assert found.curvature == pytest.approx(0.3, abs=0.02)
@@ -64,12 +64,6 @@ def test_rotation_is_that_of_a_vertex_and_follows_the_image():
     expected = (math.pi - truth.rotation_rad) % step
     assert abs((mirrored.rotation_rad - expected + step / 2) % step - step / 2) < math.radians(0.3)
     assert abs((mirrored.rotation_rad - truth.rotation_rad + step / 2) % step - step / 2) > math.radians(3)
-
-
-def test_rows_and_columns_of_the_centre_are_not_confused():
-    image, truth = synthetic(7, 0.0, 2, side=131, disturbance=CLEAN)
-    found = fit_aperture(image[:, 6:])
-    assert found.centre == pytest.approx((truth.centre[0], truth.centre[1] - 6), abs=0.05)
 
 
 @pytest.mark.few(1)
@@ -114,7 +108,7 @@ def test_a_circle_is_recognised_as_round(snr):
     assert math.dist(found.centre, truth.centre) < 1
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("pattern", ["square", "hexagonal", "random"])
 @pytest.mark.parametrize("pitch", [26.0, 40.0])
 @pytest.mark.parametrize("ripple", [0.02, 0.08])
@@ -173,7 +167,11 @@ def test_something_dark_inside_is_an_obstruction():
 
 
 @pytest.mark.parametrize(
-    ("blades", "curvature", "central", "noise"), [(9, 1.0, 0.35, 0.01), (6, 0.0, 0.35, 0.1), (8, 0.0, 0.7, 0.05)]
+    ("blades", "curvature", "central", "noise"),
+    [
+        (6, 0.0, 0.35, 0.1),
+        *(pytest.param(*one, marks=pytest.mark.long) for one in ((9, 1.0, 0.35, 0.01), (8, 0.0, 0.7, 0.05))),
+    ],
 )
 def test_an_annular_stop_is_named_with_its_size(blades, curvature, central, noise):
     fault = IrisFault(central=central)

@@ -167,7 +167,7 @@ def test_the_library_refuses_every_lie(folder: Path) -> None:
         assert not (folder / "copy.h5").exists(), case
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("case", REFUSED)
 def test_every_command_refuses(case: str, folder: Path, lfcal: Callable[..., Run]) -> None:  # noqa: F811
     _crafted(folder, REFUSED[case])
@@ -186,7 +186,7 @@ def test_values_without_light_are_reported(case: str, folder: Path, lfcal: Calla
         _run(lfcal, folder, command)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_good_file_is_accepted(command: str, folder: Path, lfcal: Callable[..., Run]) -> None:  # noqa: F811
     assert _run(lfcal, folder, command).code == 0

@@ -165,19 +165,19 @@ def test_counter_tests_wrong_conventions_fail() -> None:
     assert np.array_equal(swapped, true)  # exchanging both pairs of axes together is a symmetry
 
 
-def test_any_number_type() -> None:
-    for dtype in ("?", "i1", "u2", ">u2", "i4", "<f2", "<f4", ">f4", "f8", "c8", ">c8", "c16", "g"):
-        for shape in ((2, 3, 4, 5, 7), (1, 2, 19, 3, 35)):
-            H = (numbered(shape) % 251).astype(dtype)
-            HT = transpose(H, workers=2)
-            assert HT.dtype == H.dtype
-            assert np.array_equal(HT, closed_form(H))
-            for y, x in np.ndindex(shape[1:3]):
-                assert np.array_equal(ht_slice(H[0], y, x), HT[0, y, x])
-            assert np.array_equal(ht_slice(H[0], 1, -1), HT[0, 1, -1])
-            kind = np.complex128 if H.dtype.kind == "c" else np.float64
-            assert depth_sum(H[0]).dtype == kind
-            assert np.array_equal(depth_sum(H[0]), H[0].sum(axis=(0, 1), dtype=kind))
+@pytest.mark.few(6)
+@pytest.mark.parametrize("dtype", ["?", "i1", "u2", ">u2", "i4", "<f2", "<f4", ">f4", "f8", "c8", ">c8", "c16", "g"])
+def test_any_number_type(dtype: str) -> None:
+    for shape in ((2, 3, 4, 5, 7), (1, 2, 19, 3, 35)):
+        H = (numbered(shape) % 251).astype(dtype)
+        HT = transpose(H, workers=2)
+        assert HT.dtype == H.dtype
+        assert np.array_equal(HT, closed_form(H))
+        for y, x in ((1, -1), *np.ndindex(shape[1:3])):
+            assert np.array_equal(ht_slice(H[0], y, x), HT[0, y, x])
+        kind = np.complex128 if H.dtype.kind == "c" else np.float64
+        assert depth_sum(H[0]).dtype == kind
+        assert np.array_equal(depth_sum(H[0]), H[0].sum(axis=(0, 1), dtype=kind))
 
 
 def test_payload_of_nan_and_signed_zero_survive() -> None:

@@ -422,7 +422,7 @@ ROUNDED = {
 }
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("case", ROUNDED)
 def test_errors_of_steps_are_as_stated(case: str) -> None:
     pulls = pulls_of(**ROUNDED[case])  # type: ignore[arg-type]
