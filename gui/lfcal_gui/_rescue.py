@@ -35,7 +35,7 @@ class RestoreDialog(QDialog):
         column.setSpacing(10)
         heading = QLabel(f"Restore {kept.name()}?", textFormat=Qt.TextFormat.PlainText, wordWrap=True)
         heading.setProperty("role", "title")
-        why = QLabel("lfcal ended unexpectedly. The last changes are not saved in a project file.")
+        why = QLabel("lfcal ended unexpectedly. This copy contains changes that were not saved.")
         self.words = QLabel("\n".join(kept.words()), textInteractionFlags=Qt.TextInteractionFlag.TextSelectableByMouse)
         for label in (why, self.words):
             label.setWordWrap(True)

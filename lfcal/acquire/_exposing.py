@@ -245,8 +245,8 @@ def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last
     if frame.data.shape != shape or frame.data.dtype != dtype:
         raise WrongFrame.expected(
             "camera frame",
-            f"{shape} {dtype}",
-            f"{frame.data.shape} {frame.data.dtype}",
+            f"{format_pixels(shape)} of {dtype}",
+            f"{format_pixels(frame.data.shape)} of {frame.data.dtype}",
             "another program changed the camera; start again",
         )
     if frame.number <= last_number:

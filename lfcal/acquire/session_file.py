@@ -96,7 +96,7 @@ class Devices:
         """Check the settings, which may come from a file."""
         texts = isinstance(self.settings, Mapping) and all(isinstance(value, str) for value in self.settings.values())
         if not texts or not set(self.automatic) <= set(self.settings):
-            remedy = "restore the file"
+            remedy = "restore the file from a copy"
             raise FileFormatError.expected("devices.settings", "names, each with a text", self.settings, remedy)
 
     @property
@@ -278,7 +278,7 @@ class SessionFile:
         path = folder / NAME
         if not path.exists():
             raise StorageError.expected(str(folder), "a session folder", f"no {NAME} in it", "check the path")
-        data: Any = parse_json(read_text(path), str(path), remedy="restore it")
+        data: Any = parse_json(read_text(path), str(path), remedy="restore it from a copy")
         version = data.get("version") if isinstance(data, Mapping) else None
         if version not in (VERSION, TARGET_VERSION) or data.get("format") != FORMAT:
             wanted = f'"format": "{FORMAT}", version {VERSION} or {TARGET_VERSION}'
@@ -286,7 +286,7 @@ class SessionFile:
         if (version == TARGET_VERSION) != ("target" in data):
             got = "none" if version == TARGET_VERSION else f"one in version {version}"
             wanted = f"a target in version {TARGET_VERSION}, and only there"
-            raise FileFormatError.expected(str(path), wanted, got, "restore it")
+            raise FileFormatError.expected(str(path), wanted, got, "restore it from a copy")
         body = {"kept_aside": (), "target": None, **data}
         del body["format"], body["version"]
         body["runs"] = _runs(body.get("runs"), body.get("recordings"))
@@ -299,16 +299,18 @@ class SessionFile:
                 body["target"] = read_frame_plan(body["target"])
                 if body["target"].scan != body["plan"]:
                     raise FileFormatError.expected(
-                        f"{path}: plan", "that of the target", "a different plan", ("restore the file")
+                        f"{path}: plan", "that of the target", "a different plan", "restore the file from a copy"
                     )
             session = build(cls, body, "session")
         except KeyError as error:
-            raise FileFormatError.expected(str(path), f"entry {error}", "none", "restore the file") from None
+            raise FileFormatError.expected(
+                str(path), f"entry {error}", "none", "restore the file from a copy"
+            ) from None
         # names follow from the numbers; others would let a file lead out of the session's folder
         names = tuple(file_name(Kind.POSITION, run) for run in range(len(session.recordings)))
         if not names or session.recordings != names or len(session.redo) != len(names):
             raise FileFormatError.expected(
-                f"{path}: recordings", names or "recording.h5", session.recordings, "restore the file"
+                f"{path}: recordings", names or "recording.h5", session.recordings, "restore the file from a copy"
             )
         return replace(
             session,

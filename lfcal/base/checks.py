@@ -173,7 +173,7 @@ def as_sensor_frame(what: str, frame: ArrayLike) -> NDArray[np.float32]:
     array = np.asarray(frame)
     if array.ndim != 2 or not array.size or array.dtype.kind not in "iuf":
         raise InputError.expected(
-            what, "a 2-D frame of numbers", f"{array.dtype} {array.shape}", "give one frame or their mean"
+            what, "a 2-D frame of numbers", f"{array.dtype} of shape {array.shape}", "give one frame or their mean"
         )
     if not np.isfinite(array).all():
         raise InputError.expected(what, "finite values", "NaN or infinity", "record it again")

@@ -352,7 +352,7 @@ def _count_compiling(seconds: float) -> None:
     """Say once why a first run takes longer, to a person who waits at a terminal."""
     _SPENT.compiling += seconds
     if _SPENT.compiling > NOTED_AFTER and sys.stderr is not None and sys.stderr.isatty():
-        note("kernels are being compiled, and are kept: later runs start faster")
+        note("compiling numerical kernels; they are cached, so later runs start faster")
 
 
 def njit(**options: object) -> Callable[[Callable[P, R]], Kernel[P, R]]:

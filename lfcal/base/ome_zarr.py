@@ -123,7 +123,7 @@ def _check_array(source: Path, array: Any, image: Mapping[str, Any]) -> None:
     """Raise unless an array has numbers, axes for its image, and only codecs that are safe and lossless."""
     if array.dtype.kind not in "iuf" or 0 in array.shape:
         raise FileFormatError.expected(
-            str(source), "an array of numbers", f"{array.dtype} {array.shape}", "choose another image"
+            str(source), "an array of numbers", f"{array.dtype} of shape {array.shape}", "choose another image"
         )
     axes = image.get("axes", ())
     if axes and len(axes) != len(array.shape):

@@ -82,7 +82,7 @@ FEWEST = 5
 
 ENDS = {
     "reached": "the target error of H is reached, according to the fit",
-    "used up": "all positions were recorded, but the target error of H is not reached",
+    "used up": "no further positions can be recorded, but the target error of H is not reached",
     "incomplete": "the model is incomplete: more patterns do not reduce the error of H",
 }
 """Meaning of each way in which the session can end."""

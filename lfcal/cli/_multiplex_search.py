@@ -203,7 +203,7 @@ def filters(
                 rings = (f"{100 * t.ringing.flat:.2f}", f"{100 * t.ringing.overshoot:.1f}")
             efficient = "yes" if t.efficient else ""
             rows.append([t.name, f"{1e3 * t.seconds:.1f}", f"{100 * t.error:.2f}", *rings, efficient])
-        print_table(headers, rows, title=f"{name}, Bayer, {size} x {size} px; relative to the scene's range")
+        print_table(headers, rows, title=f"{name}, Bayer, {size} x {size} px; errors in % of the scene's range")
 
 
 def figures(

@@ -103,7 +103,8 @@ OriginOption: TypeAlias = Annotated[
 PageOption: TypeAlias = Annotated[int, typer.Option("--page", min=0, help="Page of a file of many frames.")]
 
 Chi2Option: TypeAlias = Annotated[
-    float | None, typer.Option("--chi2", min=0, help="Ratio of photon to additive noise variance of the camera.")
+    float | None,
+    typer.Option("--chi2", min=0, help="Ratio of photon-noise variance to additive-noise variance at full scale."),
 ]
 """Option for the noise ratio, which decides which modulator is best."""
 

@@ -80,7 +80,7 @@ def usage_line(error: Any, words: Sequence[str]) -> str:
 
 
 def nearest_option(unknown: str, words: Sequence[str], parameters: Sequence[Any]) -> str:
-    """Return the option that was probably meant, or an empty text.
+    """Return the option that was probably meant, or an empty string.
 
     A long name after one dash is parsed as letters, the first of which is unknown: `-force` means `--force`.
     """

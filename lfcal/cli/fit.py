@@ -71,5 +71,5 @@ def _notes(one: FitOutcome) -> Iterable[str]:
                 yield f"left out: {region}(z, y, x) = ({left.z}, {left.y}, {left.x}): {left.reason}"
             if own.unseen:
                 yield f"note: {region}{own.unseen_words}"
-    what = "these points do" if one.points is not None else "this scan does" if one.field is None else "these scans do"
-    yield from (f"note: {what} not separate: {combination}" for combination in one.fit.unidentified)
+    what = "these points" if one.points is not None else "this scan" if one.field is None else "these scans"
+    yield from (f"note: not separated by {what}: {combination}" for combination in one.fit.unidentified)

@@ -168,7 +168,10 @@ def command(
     context: typer.Context,
     frame: Path = typer.Argument(..., help="Light-field frame: TIFF, PNG, NPY or camera RAW."),
     *,
-    white: Path | None = typer.Option(None, help="White image of the same camera: lattice and weights."),
+    white: Path | None = typer.Option(
+        None,
+        help="White image of the same camera, from which the lattice and the weights of the pixels are determined.",
+    ),
     lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`: used instead of a fit."),
     camera: str = typer.Option(
         "", help="Camera (preset, JSON, Raytrix XML): for the lattice without --white, depths, and lens types."
@@ -217,14 +220,14 @@ def command(
     if depths:
         refuse(context, "planes given once", "--depths", "slopes")
     described = load_camera(camera, light=False) if camera else None
-    if types != "none" and lattice is not None and white is None:
-        raise InputError(
-            "--types: expected --white in addition to --lattice, got --lattice alone; add --white, or give the "
-            "camera.json of lfcal white (--camera)"
-        )
     if types != "none" and (described is None or len(described.lattice.types) != 3):
         raise InputError.expected(
-            "lens types", "a --camera with three lens types", camera or "none", "leave --types out"
+            "--types", "a --camera with three lens types", camera or "none", "give this camera, or leave --types out"
+        )
+    if types != "none" and lattice is not None and white is None:
+        raise InputError(
+            "--types: expected --white in addition to --lattice, got --lattice alone; add --white, or leave --lattice "
+            "out: lattice and lens types are then those of --camera"
         )
     check_number("samples per lenslet", samples, at_least=1, at_most=32, integer=True)
     planes = _slopes(slopes or SLOPES[types], depths, described)

@@ -98,6 +98,9 @@ def with_partners(source: FrameSource, plan: ScanPlan) -> HalfCellSource:
     if not len(found.filled):
         got = "recorded frames at all positions"
         raise InputError.expected(
-            "half-cell scan", "positions that were not recorded", got, "switch the option half cell off"
+            "half-cell scan",
+            "positions that were not recorded",
+            got,
+            "do not complete the scan (leave --half-cell out)",
         )
     return found

@@ -106,8 +106,8 @@ class Manifest:
     plan_shape
         Number of positions of the scan, ``(nz, ny, nx)``. None: unknown.
     shape, dtype
-        Rows and columns (px), and sample type, that every frame must have. None and an empty text: those of the first
-        frame.
+        Shape ``(rows, columns)`` (px) and sample type that every frame must have. If ``shape`` is None or ``dtype`` is
+        an empty string, that of the first frame is used.
     bit_depth
         Number of bits that a sample may use. None: not checked.
     cfa

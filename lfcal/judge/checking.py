@@ -279,7 +279,7 @@ def _as_frames(frames: ArrayLike | NewFrame | Sequence[NewFrame]) -> list[NewFra
         return known
     values = np.asarray(frames)
     if values.ndim != 2 or values.dtype.kind not in "iuf":
-        got = f"{values.dtype} {values.shape}"
+        got = f"{values.dtype} of shape {values.shape}"
         raise InputError.expected("frame", "numbers with axes (row, column)", got, "give one frame")
     return [NewFrame(values.astype(np.float32))]
 

@@ -113,7 +113,7 @@ def pair(
             raise InputError.expected(_called(matrix, which), "real numbers", "complex ones", "give intensities")
     if by_index and first.shape != second.shape:
         remedy = "give an H with the same positions and cutout"
-        raise InputError.expected(_called(second, "second"), f"shape {first.shape}", second.shape, remedy)
+        raise InputError.expected(_called(second, "second"), f"shape {first.shape}", f"shape {second.shape}", remedy)
     for name, own, other in (
         ("period (y, x)", first.period, second.period),
         ("pixels per sensor pixel", first.pixel_scale, second.pixel_scale),

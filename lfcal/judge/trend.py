@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import COLOURS, LINES, RANK, InputError, Merit, check_number, figure, plain, save_figure
+from lfcal.base import COLOURS, LINES, RANK, InputError, Merit, check_number, figure, format_pixels, plain, save_figure
 from lfcal.judge.dated import DatedFit, DatedInspection, MetricValue
 
 __all__ = ["TOO_SHORT", "Course", "CoursePoint", "Jump", "Trend", "draw_trend", "trend"]
@@ -286,7 +286,7 @@ def _check_one_camera(fits: Sequence[DatedFit]) -> None:
         same = camera.name == first.name and camera.sensor.shape == first.sensor.shape
         same = same and camera.sensor.pixel_um == first.sensor.pixel_um
         if not (same and len(camera.lattice.types) == len(first.lattice.types)):
-            names = " and ".join(f"{c.name} {c.sensor.shape}" for c in (first, camera))
+            names = " and ".join(f"{c.name} ({format_pixels(c.sensor.shape)})" for c in (first, camera))
             raise InputError.expected("fits", "fits of one camera", names, f"leave out {one.label}")
         if any(abs(one.when - other.when).total_seconds() < 1 and one is not other for other in fits):
             raise InputError.expected(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, as_sensor_frame
+from lfcal.base import InputError, as_sensor_frame, format_pixels
 from lfcal.lattice._kernels import Support
 from lfcal.lattice._micro_image import LensletPlaces, MicroImage, light_of, mean_micro_image, place_lenslets
 from lfcal.lattice._model import MIN_PITCH, LatticeModel, class_median, neighbour_mean, neighbour_median
@@ -145,9 +145,9 @@ def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
         if level.shape != image.shape:
             raise InputError.expected(
                 "dark frame for the white image",
-                f"shape {image.shape}",
-                level.shape,
-                ("record both with the same sensor settings"),
+                format_pixels(image.shape),
+                format_pixels(level.shape),
+                "record both with the same sensor settings",
             )
     if min(image.shape) < MIN_LENSLETS * MIN_PITCH:
         raise InputError.expected(

@@ -333,7 +333,9 @@ class _Scene:
         if mask is not None:
             given = np.asarray(mask, np.bool_)
             if given.shape != bad.shape:
-                raise InputError.expected("mask", f"shape {bad.shape}", given.shape, "use a mask for these frames")
+                raise InputError.expected(
+                    "mask", f"shape {bad.shape}", f"shape {given.shape}", "use a mask for these frames"
+                )
             bad = bad | given
         light = subtract_dark(np.where(bad, 0, values), dark, lattice, "light-field frame")
         bad = bad | _hot(light)

@@ -251,7 +251,7 @@ def _light(frame: ArrayLike, white: ArrayLike | None, mask: ArrayLike | None) ->
     for what, one in (("white image", white), ("mask", mask)):
         if one is not None and np.shape(one) != light.shape:
             remedy = "use one with the sensor settings of the frame"
-            raise InputError.expected(what, f"shape {light.shape}", np.shape(one), remedy)
+            raise InputError.expected(what, f"shape {light.shape}", f"shape {np.shape(one)}", remedy)
     if mask is not None:
         good &= ~np.asarray(mask, np.bool_)
     if white is not None:

@@ -10,7 +10,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lfcal.base import InputError, as_sensor_frame, check_choice, check_tuple
+from lfcal.base import InputError, as_sensor_frame, check_choice, check_tuple, format_pixels
 from lfcal.camera import Camera, LensletLattice
 from lfcal.lattice._micro_image import light_of
 from lfcal.lattice._rounds import levelled
@@ -169,7 +169,10 @@ def classify_lens_types(
     frame = as_sensor_frame("frame for lens types", image)
     if frame.shape != fit.shape:
         raise InputError.expected(
-            "frame for lens types", f"shape {fit.shape}", frame.shape, "use a frame of the camera of the white image"
+            "frame for lens types",
+            format_pixels(fit.shape),
+            format_pixels(frame.shape),
+            "use a frame of the camera of the white image",
         )
     level = np.asarray(dark, np.float32)
     sharpness = _sharpness(levelled((frame - level).astype(np.float32)), fit, content, workers)

@@ -198,14 +198,17 @@ def subtract_dark(frame: ArrayLike, dark: ArrayLike | float, lattice: FrameLatti
     image = as_sensor_frame(what, frame)
     if image.shape != tuple(lattice.shape):
         raise InputError.expected(
-            what, f"shape {tuple(lattice.shape)}", image.shape, "use a frame of the camera of the white image"
+            what,
+            format_pixels(lattice.shape),
+            format_pixels(image.shape),
+            "use a frame of the camera of the white image",
         )
     level = np.asarray(dark, np.float32)
     if level.ndim and level.shape != image.shape:
         raise InputError.expected(
             f"dark frame for the {what}",
-            f"shape {tuple(lattice.shape)}",
-            level.shape,
+            format_pixels(lattice.shape),
+            format_pixels(level.shape),
             "record both with the same sensor settings",
         )
     return (image - level).astype(np.float32, copy=False)

@@ -71,7 +71,10 @@ def without_black_level(frame: ArrayLike, levels: ArrayLike) -> NDArray[Any]:
     raw = np.asarray(frame)
     if raw.ndim != 2 or raw.dtype.kind not in "uif":
         raise InputError.expected(
-            "frame", "numbers in rows and columns", f"{raw.dtype} {raw.shape}", "give one plane of real numbers"
+            "frame",
+            "numbers in rows and columns",
+            f"{raw.dtype} of shape {raw.shape}",
+            "give one plane of real numbers",
         )
     kind = np.float64 if raw.dtype == np.float64 else np.float32
     light: NDArray[Any] = raw.astype(kind) - black_level_map(levels, raw.shape).astype(kind)
@@ -108,7 +111,7 @@ class SensorNoise:
 
     @property
     def chi2(self) -> float:
-        """Ratio of photon to additive noise variance at full scale (Ihrke et al., eq. 12), 0 to inf."""
+        """Ratio of photon-noise to additive-noise variance at full scale (Ihrke et al., eq. 12), 0 to inf."""
         return self.full_e / self.additive_e2 if self.additive_e2 > 0 else float("inf")
 
     def variance(self, electrons: ArrayLike) -> Array:

@@ -215,7 +215,10 @@ def check_frame(frame: ArrayLike, side: tuple[int, int]) -> NDArray[Any]:
     image = np.asarray(frame)
     if image.ndim != 2 or image.dtype.kind not in "uif":
         raise InputError.expected(
-            "frame", "numbers in rows and columns", f"{image.dtype} {image.shape}", "give one plane, not a colour image"
+            "frame",
+            "numbers in rows and columns",
+            f"{image.dtype} of shape {image.shape}",
+            "give one plane, not a colour image",
         )
     if image.shape[0] < side[0] or image.shape[1] < side[1]:
         raise InputError.expected(

@@ -53,8 +53,10 @@ class Lazy:
         """Return the part at ``key``: integers, slices and an ellipsis."""
         parts = list(key) if isinstance(key, tuple) else [key]
         holes = [k for k, part in enumerate(parts) if part is Ellipsis]
-        if len(parts) - len(holes) > self.ndim or len(holes) > 1:
-            raise IndexError(f"{len(parts)} indices for {self.ndim} axes")
+        if len(holes) > 1:
+            raise IndexError("an index can have only one ellipsis ('...')")
+        if len(parts) - len(holes) > self.ndim:
+            raise IndexError(f"too many indices: {len(parts) - len(holes)} for {self.ndim} axes")
         at = holes[0] if holes else len(parts)
         fill = [slice(None)] * (self.ndim - len(parts) + len(holes))
         full = [*parts[:at], *fill, *parts[at + len(holes) :]]

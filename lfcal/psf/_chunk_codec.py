@@ -98,8 +98,8 @@ def parallel_write(
     if plane.shape != shape or (convert is None and not np.can_cast(plane.dtype, dtype, "safe")):
         raise InputError.expected(
             f"plane {z}",
-            f"{shape} {dtype}",
-            f"{plane.shape} {plane.dtype}",
+            f"{dtype} of shape {shape}",
+            f"{plane.dtype} of shape {plane.shape}",
             "convert the plane to this shape and type first",
         )
     # little-endian on every machine, so that the checksum of a file does not depend on where it was written

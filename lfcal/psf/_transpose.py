@@ -189,8 +189,8 @@ def _check_method(method: str, shape: tuple[int, ...]) -> None:
 
 def _checked_out(out: NDArray[Any], source: Any, shape: tuple[int, ...]) -> NDArray[Any]:
     if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != source.dtype:
-        got = f"{out.shape} {out.dtype}" if isinstance(out, np.ndarray) else type(out).__name__
-        raise InputError.expected("out", f"an array {shape} {source.dtype}", got, "make it with numpy.empty_like(H)")
+        got = f"{out.dtype} of shape {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+        raise InputError.expected("out", f"{source.dtype} of shape {shape}", got, "make it with numpy.empty_like(H)")
     if not out.flags.writeable:
         raise InputError.expected(
             "out", "a writeable array", "a read-only one", "copy the array, or open it for writing"
@@ -247,7 +247,10 @@ def ht_slice(plane: NDArray[Any], y: int, x: int, out: NDArray[Any] | None = Non
         out = np.empty((nt, ns), plane.dtype)
     elif out.shape != (nt, ns) or out.dtype != plane.dtype or not out.flags.writeable:
         raise InputError.expected(
-            "out", f"a writeable array {(nt, ns)} {plane.dtype}", f"{out.shape} {out.dtype}", "make it with numpy.empty"
+            "out",
+            f"a writeable array, {plane.dtype} of shape {(nt, ns)}",
+            f"{out.dtype} of shape {out.shape}",
+            "make it with numpy.empty",
         )
     if _plain(plane) and _plain(out) and not _plane_kernels.gather_slice.spared(GATHER_S * out.size):
         flat = _as_words(plane).reshape(-1), _as_words(out, write=True).reshape(-1)

@@ -380,7 +380,7 @@ def _check_complete(
             "positions of the scan",
             "a frame at each position",
             what,
-            "record the missing positions, or do not stop at gaps (leave --strict out)",
+            "record the missing positions, or do not require one frame per position (leave --strict out)",
         )
     if strict and repeated:
         many = format_count(len(repeated), "position", "positions")
@@ -389,7 +389,7 @@ def _check_complete(
             "positions of the scan",
             "one frame at each position",
             what,
-            "remove the other frames, or do not stop at gaps (leave --strict out)",
+            "remove the other frames, or do not require one frame per position (leave --strict out)",
         )
 
 

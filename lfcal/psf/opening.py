@@ -477,9 +477,9 @@ def _uncertainty(file: H5File, prefix: str, data: H5Data) -> Planes | None:
     found = file.dataset(name)
     kind = "f" if _check_format(file) >= VERSION else "u"
     if found.shape != data.shape or found.dtype.kind != kind:
-        wanted = f"{'numbers' if kind == 'f' else 'integers'} {data.shape}"
+        wanted = f"{'numbers' if kind == 'f' else 'integers'} of shape {data.shape}"
         raise FileFormatError.expected(
-            found.where, wanted, f"{found.dtype} {found.shape}", "get the file from its source again"
+            found.where, wanted, f"{found.dtype} of shape {found.shape}", "get the file from its source again"
         )
     if kind == "f":
         return DatasetPlanes(found)

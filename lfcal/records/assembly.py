@@ -66,7 +66,7 @@ class AssemblySettings:
         "Fill parts of cutouts beyond the sensor with zeros, and mark these pixels as invalid.",
         label="Pad at the edge",
     )
-    strict: bool = opt(False, "Stop if positions are missing or repeated.", label="Stop at gaps")
+    strict: bool = opt(False, "Stop if positions are missing or repeated.", label="Require one frame per position")
     keep_pedestal: bool = opt(
         False,
         "Assemble frames even if no black level has been subtracted from them.",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lfcal.base import Finding, InputError, any_of
+from lfcal.base import Finding, InputError, any_of, format_pixels
 from lfcal.camera import Camera, half_extent_px
 from lfcal.targets._mistakes import mistakes_of
 from lfcal.targets._pose_fit import PoseFit, fit_pose
@@ -378,7 +378,9 @@ def find_points(
     8 holes, turned by 1.0 degrees
     """
     if values.shape != camera.sensor.shape:
-        raise InputError.expected("frame", f"{camera.sensor.shape} pixels", values.shape, "give whole sensor frames")
+        raise InputError.expected(
+            "frame", format_pixels(camera.sensor.shape), format_pixels(values.shape), "give whole sensor frames"
+        )
     step = camera.step_um(z_um)
     moved = replace(
         target.pose,

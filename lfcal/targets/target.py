@@ -94,17 +94,20 @@ class Target:
         for bound in fields(Pose):
             check_number("bound of the target's pose", getattr(self.within, bound.name), at_least=0)
 
+    def _size(self) -> str:
+        return f"{self.shape[0]} x {self.shape[1]} holes"
+
     def _check_kind(self) -> None:
         if self.kind == "point":
             if self.shape != (1, 1):
-                raise InputError.expected("point target", "one hole", f"{self.shape}", "describe it as an array")
+                raise InputError.expected("point target", "one hole", self._size(), "describe it as an array")
             return
         for pitch in self.pitch_um:
             check_number(
                 "pitch of the target (µm)", pitch, above=self.hole_um, remedy="choose a pitch larger than the holes"
             )
         if math.prod(self.shape) < 2:
-            raise InputError.expected("array target", "at least 2 holes", f"{self.shape}", "describe it as a point")
+            raise InputError.expected("array target", "at least 2 holes", self._size(), "describe it as a point")
 
     def _check_absent(self) -> None:
         check_type("absent holes", self.absent, (tuple, list))
@@ -112,7 +115,7 @@ class Target:
         object.__setattr__(self, "absent", holes)
         outside = [hole for hole in holes if hole[0] >= self.shape[0] or hole[1] >= self.shape[1]]
         if outside or len(set(holes)) < len(holes) or len(holes) >= math.prod(self.shape):
-            wanted = f"some of the holes of an array of {self.shape}, each once"
+            wanted = f"some of the {self._size()} of the array, each once"
             raise InputError.expected("absent holes", wanted, outside[:1] or len(holes), "list each absent hole once")
 
     @property

@@ -87,8 +87,8 @@ def parts_of(
         rows, columns = scan.plan.cutout
         if not quiet:
             note(
-                f"channel {name}: in {len(own)} of {len(source)} frames, the point is on a pixel of this "
-                f"colour; period {scan.plan.period[0]} x {scan.plan.period[1]}, cutout {rows} x {columns} "
+                f"channel {name}: {len(own)} of {len(source)} frames are used, those whose image point lies on a pixel "
+                f"of this colour; period {scan.plan.period[0]} x {scan.plan.period[1]}, cutout {rows} x {columns} "
                 "pixels of this colour"
             )
         parts.append(ChannelPart(own, scan.plan, name, path, name))

@@ -51,7 +51,7 @@ NO_PLACE = ", (z, y, x) = (0, 0, 0)"
 
 
 def _read_noise(text: str) -> tuple[float, float] | None:
-    """Return constant and slope of a variance written as ``64,1``; None for an empty text."""
+    """Return constant and slope of a variance written as ``64,1``; None for an empty string."""
     if not text.strip():
         return None
     try:

@@ -93,8 +93,8 @@ class ScanFrames:
             source.close()
             raise InputError.expected(
                 f"plan {plan}",
-                f"the plan of these frames, with {own.shape[:3]} positions",
-                f"one with {found.shape[:3]} positions",
+                f"the plan of these frames, with {_grid(own)} positions (z, y, x)",
+                f"one with {_grid(found)} positions",
                 "leave the plan out (--plan)",
             )
         return source, found
@@ -123,6 +123,10 @@ def _plans(frames: Path, plan: Path | None) -> list[Path]:
     """Return the path of a plan: next to the frames, or one folder above, where lfcal simulate writes it."""
     folder = _folder(frames)
     return [plan] if plan else [p for p in (folder / "plan.json", folder.parent / "plan.json") if p.is_file()]
+
+
+def _grid(plan: ScanPlan) -> str:
+    return " x ".join(map(str, plan.shape[:3]))
 
 
 def _folder(frames: Path) -> Path:

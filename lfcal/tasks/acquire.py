@@ -639,7 +639,7 @@ class AcquireUntil(_AcquireScan):
     )
 
     def __post_init__(self) -> None:
-        """Check every value, also those of the fit."""
+        """Check every value, including those of the fit."""
         super().__post_init__()
         self.goal  # noqa: B018 it is checked
 

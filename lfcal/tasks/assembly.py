@@ -202,7 +202,7 @@ class AssembleRegions(_Assemble):
     half_cell: bool = opt(
         False,
         "In a half-cell scan, use the pattern half a period away for each unrecorded position.",
-        label="Half cell",
+        label="Complete a half-cell scan",
         more=True,
     )
     corrections: CorrectionRecipe = panel(CorrectionRecipe(), "Corrections")

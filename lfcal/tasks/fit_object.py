@@ -83,7 +83,7 @@ class PredictObject(Task):
             shot, planes = new_frame(view, 0, self.frame.name), matrix.shape[0]
         volume = load_volume(self.scene)
         if volume.shape != (planes, *shot.values.shape):
-            wanted = f"{(planes, *shot.values.shape)}, the planes of H and the pixels of the frame"
+            wanted = f"shape {(planes, *shot.values.shape)}, the planes of H and the pixels of the frame"
             raise InputError.expected(f"{self.scene}, volume", wanted, f"shape {volume.shape}", "resample the volume")
         if not np.isfinite(volume).all():
             raise InputError.expected(f"{self.scene}, volume", "finite values", "NaN or infinity", "correct the volume")

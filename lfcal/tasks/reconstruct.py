@@ -179,8 +179,8 @@ class ReconstructionForecast(TaskResult):
 
 
 def _warm() -> bool:
-    words = "Start each frame from the volume of the frame before it."
-    return opt(False, words, label="Start from the last volume")
+    words = "Start each frame from the volume of the previous frame."
+    return opt(False, words, label="Start from the previous volume")
 
 
 @record

@@ -288,7 +288,7 @@ def test_a_recording_of_another_session_is_refused(tmp_path: Path, whole: Path) 
     control = Control()
     record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))
     (tmp_path / "recording.h5").write_bytes((whole / "recording.h5").read_bytes())
-    with pytest.raises(FileFormatError, match="restore this session's file"):
+    with pytest.raises(FileFormatError, match="restore it from a copy"):
         record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, resume=True)
 
 

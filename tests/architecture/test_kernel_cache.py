@@ -135,4 +135,4 @@ def test_a_person_at_a_terminal_reads_once_why_a_first_run_takes_longer(
         for kind in (1, 1.5, 1):
             kernel = compiled.Kernel(added, {"no_cfunc_wrapper": True})
             assert kernel(kind) == kind + 1
-    assert len(said) == lines and all("kernels are being compiled, and are kept" in line for line in said)
+    assert len(said) == lines and all("compiling numerical kernels; they are cached" in line for line in said)

@@ -88,7 +88,9 @@ def test_each_colour_of_a_mosaic(lfcal: Callable[..., Run], folder: Path, tmp_pa
 
 def test_one_colour_is_that_of_each(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
     done = lfcal("assemble", folder / "frames", "-o", tmp_path / "R.h5", "--channel", "R")
-    assert done.code == 0 and "in 6 of 24 frames, the point is on a pixel of this colour" in done.err
+    assert (
+        done.code == 0 and "6 of 24 frames are used, those whose image point lies on a pixel of this colour" in done.err
+    )
     with open_psf(tmp_path / "R.h5") as matrix:
         camera = matrix.camera
     assert camera is not None and camera.sensor.cfa == "" and camera.sensor.shape == (21, 26)

@@ -132,7 +132,7 @@ def test_a_page_says_what_its_command_lacks(key: str) -> None:
 
 def test_a_page_without_a_command_says_so() -> None:
     own = replace(SPECS["h"], title="Mine", package="lfcal_gui.widgets")
-    with pytest.raises(InputError, match="Mine: this page has no command"):
+    with pytest.raises(InputError, match="Mine: only possible with the buttons"):
         step_of(own, ProjectState())
 
 

@@ -21,7 +21,7 @@ def manual_folder() -> Path:
     for place in (package.parent / "docs", package / "_docs"):
         if (place / ATLAS).is_file():
             return place
-    raise StorageError("manual: not part of this installation; read the folder docs in the source code of lfcal")
+    raise StorageError("manual: not part of this installation; read it in the docs folder of the lfcal source code")
 
 
 def section_of(text: str, name: str) -> str:

@@ -76,7 +76,7 @@ def step_of(spec: PageSpec, project: ProjectState, out: str = "", part: str = ""
     """
     module = f"{spec.package}.step" + (f"_{part}" if part else "")
     if importlib.util.find_spec(module) is None:
-        raise InputError(f"{spec.title}: this page has no command to copy; use its buttons instead")
+        raise InputError(f"{spec.title}: only possible with the buttons of this page")
     found: CommandStep = importlib.import_module(module).step(project, out)
     return found
 

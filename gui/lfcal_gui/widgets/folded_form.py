@@ -569,7 +569,7 @@ class FoldedForm(QFrame):
                 self._grid.addWidget(row.reset, row.line, RESET)
                 QWidget.setTabOrder(row.mark or row.editor, row.reset)
             if row.reset is not None:
-                row.reset.setToolTip(f"Default: {self._default_words(row)}")
+                row.reset.setToolTip(f"Reset to the default: {self._default_words(row)}")
                 row.reset.setVisible(self._attended and differs and not row.label.isHidden())
             for widget in (row.label, row.editor):
                 set_look(widget, "changed", differs)

@@ -224,7 +224,7 @@ class RecordedFile:
         if self._file is not None and self._file.layout.count != count:
             self.close()
             raise FileFormatError.expected(
-                str(folder / self.name), f"{count} frames", self._file.layout.count, "restore this session's file"
+                str(folder / self.name), f"{count} frames", self._file.layout.count, "restore it from a copy"
             )
         taken = self._taken()
         complete = self._file is None or not self._file.layout.in_place or session.was_complete(run)
@@ -253,7 +253,10 @@ class RecordedFile:
         """Return frame ``slot``; raises `FileFormatError` if it differs from what was recorded."""
         if self._file is None:
             raise FileFormatError.expected(
-                self.label(slot), "the recorded bytes", "an unreadable file", "restore it, or record it again"
+                self.label(slot),
+                "the recorded bytes",
+                "an unreadable file",
+                "restore it from a copy, or record it again",
             )
         return self._file.read(slot)
 

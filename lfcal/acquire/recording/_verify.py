@@ -309,7 +309,7 @@ def iter_repair(folder: Path, session: SessionFile, report: SessionReport) -> Wo
             name = file_name(kind, run)
             if name in faults:
                 if not faults[name].whole:
-                    raise FileFormatError(f"{folder / name}: {faults[name].fault}; restore this session's file")
+                    raise FileFormatError(f"{folder / name}: {faults[name].fault}; restore it from a copy")
                 restore(folder / name, made)
             elif name in damaged and not _in_place(folder / name):
                 if kind is Kind.POSITION:

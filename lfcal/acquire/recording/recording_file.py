@@ -23,6 +23,7 @@ from lfcal.base import (
     OPEN_FLAGS,
     FileFormatError,
     StorageError,
+    format_pixels,
     replace,
     reserve,
     storage_errors,
@@ -99,7 +100,7 @@ def read_layout(path: Path) -> Layout:
             raise FileFormatError.expected(
                 str(path),
                 "frames[N, h, w] and records[N]",
-                f"{frames.shape} and {records.shape}",
+                f"the shapes {frames.shape} and {records.shape}",
                 "get the recording from its source again",
             )
         frames_at, records_at = frames.offset, records.offset
@@ -171,8 +172,8 @@ class RecordingJournal:
         if frame.shape != layout.shape or frame.dtype != layout.dtype or not 0 <= slot < layout.count:
             raise StorageError.expected(
                 f"{self.path}: slot {slot}",
-                f"{layout.shape} {layout.dtype} below {layout.count}",
-                f"{frame.shape} {frame.dtype}",
+                f"a slot below {layout.count}, and a frame of {format_pixels(layout.shape)} of {layout.dtype}",
+                f"a frame of {format_pixels(frame.shape)} of {frame.dtype}",
                 "start a new session",
             )
         data = np.ascontiguousarray(frame).data.cast("B")

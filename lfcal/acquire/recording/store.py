@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lfcal.acquire.recording.recording_file import RecordingFile, RecordingJournal
 from lfcal.acquire.recording.records import FILES, RECORD, Kind, Note, file_name
 from lfcal.acquire.schedule import Schedule, ScheduledFrame
-from lfcal.base import FileFormatError, require_space
+from lfcal.base import FileFormatError, format_pixels, require_space
 
 __all__ = ["Store", "files_of", "recording_bytes"]
 
@@ -187,12 +187,16 @@ def _check_session(file: RecordingFile, wanted: tuple[int, tuple[int, int], np.d
     layout, (count, shape, sample) = file.layout, wanted
     found = layout.attributes.get("session")
     for what, want, got in (
-        ("frames", f"{count} of {shape} {sample}", f"{layout.count} of {layout.shape} {layout.dtype}"),
+        (
+            "frames",
+            f"{count} of {format_pixels(shape)} of {sample}",
+            f"{layout.count} of {format_pixels(layout.shape)} of {layout.dtype}",
+        ),
         # otherwise a file copied from another session would be filled with frames of this one
         ("session", identity, found),
     ):
         if want != got:
-            raise FileFormatError.expected(f"{file.path}, {what}", want, got, "restore this session's file")
+            raise FileFormatError.expected(f"{file.path}, {what}", want, got, "restore it from a copy")
 
 
 def _shared(opened: dict[Kind, T]) -> dict[Kind, T]:

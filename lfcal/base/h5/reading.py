@@ -529,7 +529,7 @@ def _box(index: Index, shape: tuple[int, ...]) -> tuple[tuple[slice, ...], tuple
     """Return the smallest box of samples that contains ``index``, and the index within that box."""
     given = index if isinstance(index, tuple) else (index,)
     if len(given) > len(shape):
-        raise IndexError(f"{len(given)} indices for {len(shape)} axes")
+        raise IndexError(f"too many indices: {len(given)} for {len(shape)} axes")
     box: list[slice] = []
     within: list[int | slice] = []
     for part, n in zip((*given, *[slice(None)] * (len(shape) - len(given))), shape, strict=True):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, format_pixels
 from lfcal.camera import ScanPlan, half_extent_px
 from lfcal.devices.protocols import Point, Roi
 from lfcal.devices.simulated._camera import LightPatch
@@ -130,7 +130,10 @@ class FramesRenderer:
     def __init__(self, plan: ScanPlan, frames: FrameSource) -> None:
         if tuple(frames.shape) != tuple(plan.camera.sensor.shape):
             raise InputError.expected(
-                "frames", f"the sensor's shape {plan.camera.sensor.shape}", frames.shape, "give frames of this sensor"
+                "frames",
+                f"{format_pixels(plan.camera.sensor.shape)}, as the sensor has",
+                format_pixels(frames.shape),
+                "give frames of this sensor",
             )
         self._plan, self._frames = plan, frames
         # a live view shows the same position repeatedly

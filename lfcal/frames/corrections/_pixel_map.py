@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, map_npy
+from lfcal.base import FileFormatError, InputError, format_pixels, map_npy
 from lfcal.base.h5 import H5File
 from lfcal.frames.formats import open_image, split_dataset
 from lfcal.frames.source import FrameSource
@@ -94,8 +94,8 @@ def _checked(
     if marked.shape != target:
         raise InputError.expected(
             f"{what} {path}",
-            f"{target[0]} x {target[1]} px, as the frames come from the camera",
-            f"{marked.shape[0]} x {marked.shape[1]}",
+            f"{format_pixels(target)}, as the frames come from the camera",
+            format_pixels(marked.shape),
             "use a map for the sensor settings of the frames",
         )
     return np.ascontiguousarray(marked)
@@ -159,7 +159,7 @@ def _image(path: str | os.PathLike[str], what: str) -> NDArray[np.bool_]:
     if values.ndim > 2:
         values = values.reshape(values.shape[-2:] if values.size == np.prod(values.shape[-2:]) else values.shape)
     if values.ndim != 2 or values.dtype.kind not in "biuf":
-        got = f"{values.dtype} {values.shape}"
+        got = f"{values.dtype} of shape {values.shape}"
         raise FileFormatError.expected(
             f"{what} {path}", "one image with axes (row, column)", got, "save a single image"
         )

@@ -100,9 +100,9 @@ class CorrectionChain:
         for step in sized[1:]:
             if step.shape != sized[0].shape:
                 raise InputError.expected(
-                    f"shape of {_name(step)}",
-                    f"{sized[0].shape} as in {_name(sized[0])}",
-                    step.shape,
+                    f"size of {_name(step)}",
+                    f"{format_pixels(sized[0].shape)}, as in {_name(sized[0])}",
+                    format_pixels(step.shape),
                     "record all calibration frames with the same sensor settings",
                 )
 
@@ -369,7 +369,7 @@ def _narrow(part: NDArray[Any]) -> NDArray[Any]:
 def _check_out(out: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
     if out.shape != shape or out.dtype != np.float32 or not out.flags.c_contiguous:
         raise InputError.expected(
-            "output array", f"contiguous float32 {shape}", f"{out.dtype} {out.shape}", "pass None"
+            "output array", f"contiguous float32 of shape {shape}", f"{out.dtype} of shape {out.shape}", "pass None"
         )
     return out
 

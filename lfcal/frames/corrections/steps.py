@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Region, as_sensor_frame, check_choice, check_exposure, check_number, clipped, moved
+from lfcal.base import (
+    InputError,
+    Region,
+    as_sensor_frame,
+    check_choice,
+    check_exposure,
+    check_number,
+    clipped,
+    format_pixels,
+    moved,
+)
 from lfcal.frames.cfa import phases
 
 __all__ = [
@@ -55,7 +65,10 @@ def average_frames(frames: Iterable[NDArray[Any]]) -> NDArray[np.float32]:
             total = np.zeros(frame.shape, np.float64)
         if frame.shape != total.shape:
             raise InputError.expected(
-                f"frame {count} of the average", f"shape {total.shape}", frame.shape, "leave this frame out"
+                f"frame {count} of the average",
+                format_pixels(total.shape),
+                format_pixels(frame.shape),
+                "leave this frame out",
             )
         with np.errstate(invalid="ignore"):  # converting some kinds of NaN warns; the caller that averages checks them
             total += frame
@@ -368,8 +381,8 @@ class White:
         if level.ndim and level.shape != white.shape:
             raise InputError.expected(
                 "dark frame for the white frame",
-                f"shape {white.shape}",
-                level.shape,
+                format_pixels(white.shape),
+                format_pixels(level.shape),
                 "record both with the same sensor settings",
             )
         gain, dim = white_gain(white - level, self.floor, self.cfa)

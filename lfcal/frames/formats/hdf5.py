@@ -73,7 +73,7 @@ class Hdf5Image(ImageFile):
             raise FileFormatError.expected(
                 f"{self.path}:/{name}",
                 "numbers with axes (frame, row, column) or (z, y, x, row, column)",
-                f"{self._data.dtype} {self._data.shape}",
+                f"{self._data.dtype} of shape {self._data.shape}",
                 "name another dataset",
             )
         self._lead = shape[:-2]

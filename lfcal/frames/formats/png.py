@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, njit, storage_errors
+from lfcal.base import FileFormatError, format_pixels, njit, storage_errors
 from lfcal.frames.formats._decoder_messages import caught_messages
 from lfcal.frames.formats.codecs import codec_fact
 from lfcal.frames.formats.image_file import Format, ImageFile, check_declared, check_grey, decoding
@@ -58,7 +58,10 @@ class PngImage(ImageFile):
         stream = self._check_chunks(data)
         image = self._inflate(stream, data) if self._plain else self._decode(data)
         if image.shape != self.shape or image.dtype != self.dtype:
-            raise self._damaged(f"{image.dtype} {image.shape} where the header says {self.dtype} {self.shape}")
+            raise self._damaged(
+                f"{image.dtype}, {format_pixels(image.shape)}, where the header says {self.dtype}, "
+                f"{format_pixels(self.shape)}"
+            )
         return image
 
     def _inflate(self, stream: bytes, data: bytes) -> NDArray[Any]:

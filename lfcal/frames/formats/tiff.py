@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, check_region, storage_errors
+from lfcal.base import FileFormatError, check_region, format_pixels, storage_errors
 from lfcal.frames.formats._ome import ome_facts
 from lfcal.frames.formats._sensor_tags import CFA, LINEAR, needs_raw_reader, sensor_facts
 from lfcal.frames.formats.codecs import check_tiff_codec, codec_fact
@@ -259,8 +259,8 @@ class TiffImage(ImageFile):
         if shape != self.shape or dtype != self._first.dtype or page.samplesperpixel != self._samples:
             raise FileFormatError.expected(
                 f"{self.path} page {number}",
-                f"{self.dtype} {self.shape} as page 0",
-                f"{dtype} {shape}",
+                f"{self.dtype}, {format_pixels(self.shape)}, as page 0",
+                f"{dtype}, {format_pixels(shape)}",
                 "store only frames of the same kind in a file",
             )
         if number:  # pages may have different compression

@@ -82,7 +82,7 @@ def iter_measure_sensor(
             )
         if values.size < MIN_PIXELS:
             raise InputError.expected(
-                frame.label, f"at least {MIN_PIXELS} pixels", f"{values.shape}", "record larger frames"
+                frame.label, f"at least {MIN_PIXELS} pixels", f"{values.size}", "record larger frames"
             )
         scan.add(values, frame.label)
         means.append(float(values.mean(dtype=np.float64)))

@@ -69,7 +69,7 @@ class ArraySource(Frames):
             raise InputError.expected(
                 name,
                 "numbers with axes (frame, row, column) or (z, y, x, row, column)",
-                f"{frames.dtype} {tuple(frames.shape)}",
+                f"{frames.dtype} of shape {tuple(frames.shape)}",
                 "reshape the array",
             )
         self._frames = frames

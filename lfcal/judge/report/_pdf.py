@@ -199,7 +199,7 @@ def _apertures(quality: QualityReport) -> Iterator[PageBlock]:
     f = quality.f_number
     if f is not None:
         error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
-        yield PageBlock(f"Working f-number from the size of the shadow over depth: {f.value:.2f}{error}", 8)
+        yield PageBlock(f"Working f-number from the size of the illuminated disc over depth: {f.value:.2f}{error}", 8)
 
 
 def _drawn(pictures: Sequence[ReportPicture]) -> Iterator[PageBlock]:

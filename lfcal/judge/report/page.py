@@ -247,7 +247,8 @@ def _f_number(H: PSFMatrix, quality: QualityReport) -> str:
     if f is None:
         return f"<p>The working f-number cannot be measured from these planes.{stated}</p>"
     error = f" ± {f.standard_error:.2f}" if math.isfinite(f.standard_error) else ""
-    return f"<p>Working f-number from the size of the shadow over depth: <b>{f.value:.2f}{error}</b>.{stated}</p>"
+    value = f"<b>{f.value:.2f}{error}</b>"
+    return f"<p>Working f-number from the size of the illuminated disc over depth: {value}.{stated}</p>"
 
 
 def _tilings(quality: QualityReport) -> str:

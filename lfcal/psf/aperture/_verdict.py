@@ -159,7 +159,10 @@ def _matched(edge: Edge, fits: _Fits) -> list[_Fits]:
 
 
 def _with_faults(fits: _Fits, *, always: bool = False) -> _Fits:
-    """Return the fits with those of irregular shapes, where regular ones leave enough for one to explain."""
+    """Return the fits, with fits of irregular shapes added if regular shapes leave a significant residual.
+
+    With ``always``, fits of irregular shapes are always added.
+    """
     if not always and min(fits.round.chi2, fits.regular[0].chi2) < CERTAIN:
         return fits
     cut = rims(fits.edge, fits.regular, fits.round)

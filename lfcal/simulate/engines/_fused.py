@@ -165,10 +165,12 @@ class FusedResponse:
         n, (per, *starts), (height, width) = self._n, place, table.shape
         ends = [first + (count - 1) * per + weights.size for first, count in zip(starts, out.shape[1:], strict=True)]
         if min(starts) < 0 or max(ends) > n or lit.shape != (n, n):
-            raise ValueError(f"field: expected samples within {n} x {n}, got {starts} to {ends} of {lit.shape}")
+            raise ValueError(
+                f"field: expected samples within {n} x {n}, got {starts} to {ends} of {lit.shape[0]} x {lit.shape[1]}"
+            )
         for row, column in corners:
             if min(row, column) < 0 or row + n > height or column + n > width:
-                raise ValueError(f"grid at {row}, {column}: expected {n} x {n} samples within {table.shape}")
+                raise ValueError(f"grid at {row}, {column}: expected {n} x {n} samples within {height} x {width}")
         if len(corners) != len(out):
             raise ValueError(f"grids: expected one for each of {len(out)} cutouts, got {len(corners)}")
         first = np.array([row * width + column for row, column in corners], np.int64)

@@ -14,7 +14,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError
+from lfcal.base import InputError, format_pixels
 from lfcal.camera import Camera
 from lfcal.frames import Noise
 from lfcal.simulate.effects import Effect, FrameEffect, ReadNoise, SensorStrip, ShotNoise
@@ -120,8 +120,8 @@ def expose(
     if light_e.shape != camera.sensor.shape:
         raise InputError.expected(
             "light on the sensor",
-            f"shape {camera.sensor.shape}",
-            light_e.shape,
+            format_pixels(camera.sensor.shape),
+            format_pixels(light_e.shape),
             "give the light of every pixel of the sensor",
         )
     ordered = sorted(effects, key=lambda effect: effect.rank)

@@ -154,7 +154,7 @@ def test_a_file_of_which_nothing_is_left_is_not_recorded_again_unasked(
     for file in ("recording.h5", "checks.h5", "darks.h5"):
         kept = (folder / file).read_bytes()
         (folder / file).write_bytes(kept[:50])
-        with pytest.raises(FileFormatError, match=rf"{file}.*restore this session's file"):
+        with pytest.raises(FileFormatError, match=rf"{file}.*restore it from a copy"):
             resume(folder)
         (folder / file).write_bytes(kept)
     assert sorted(p.name for p in folder.iterdir() if p.suffix == ".h5") == ["checks.h5", "darks.h5", "recording.h5"]

@@ -155,11 +155,11 @@ def test_the_row_of_a_fold_says_what_differs_and_resets_it(qtbot: QtBot) -> None
     assert form.editor("n3").property("changed") and not form.editor("n4").property("changed")
     reset = page.button("Reset Number 3")
     assert form.editor("n3").nextInFocusChain() is reset, "the keyboard reaches it after its field"
-    assert reset.toolTip() == "Default: 3 px"
+    assert reset.toolTip() == "Reset to the default: 3 px"
     QTest.keyClick(reset, Qt.Key.Key_Space)
     assert page.values["n3"] == 3 and head.words == "1 changed" and reset.isHidden()
     page.take("way", "b")
-    assert head.words == "2 changed" and page.button("Reset Way").toolTip() == "Default: fast"
+    assert head.words == "2 changed" and page.button("Reset Way").toolTip() == "Reset to the default: fast"
     QTest.keyClick(form.reset_all, Qt.Key.Key_Space)
     assert form.changed == () and head.words == "defaults" and page.values["way"] == "a"
 

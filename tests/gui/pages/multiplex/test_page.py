@@ -349,7 +349,7 @@ def test_live_frames_of_another_page_are_demultiplexed(page: Page, context: Cont
     page.panel.tabs.setCurrentIndex(1)
     choose(page, "scene", "live")
     settle(page, qtbot)
-    assert "live view in Record > Rig" in page.panel.pictures.status.text()
+    assert "connect the camera in Record > Rig" in page.panel.pictures.status.text()
     truth = colour_edges((60, 80))
     sensor = context.state.camera.sensor
     frame = (500 * multiplex(truth, cfa("CYMG"))[3:, 1:] + sensor.black_level).astype(np.uint16)
