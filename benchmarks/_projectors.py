@@ -16,7 +16,7 @@ __all__ = ["LeanFFT", "PyolafPair", "pyolaf_version"]
 
 
 def pyolaf_version() -> str:
-    """Return the version of pyolaf that can be imported, or an empty text."""
+    """Return the version of pyolaf that can be imported, or an empty string."""
     try:
         import pyolaf
         import pyolaf.project

@@ -113,8 +113,8 @@ def read_sensor(text: str) -> dict[str, Any]:
 def read_values(text: str, paths: tuple[str, ...], units: tuple[str, ...], shape: str, example: str) -> dict[str, Any]:
     """Return the values in a comma-separated list by ``paths``, in this order; the last values may be omitted.
 
-    ``units`` contains the default unit of each length, and an empty text for each plain number. Lengths are returned in
-    µm. Error messages state the expected form as ``shape`` and ``example``.
+    ``units`` contains the default unit of each length, and an empty string for each plain number. Lengths are returned
+    in µm. Error messages state the expected form as ``shape`` and ``example``.
     """
     parts = text.split(",")
     if len(parts) > len(paths) or not all(part.strip() for part in parts):

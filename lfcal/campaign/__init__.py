@@ -2,7 +2,7 @@
 
 - ``regions``: several regions of the field in one session, and H of all of them in one file
 - ``points``: the points of a target's frames, also as patterns of parts of the field
-- ``point_assembly``: H of the points that show positions of a scan
+- ``point_assembly``: H of the points that match positions of a scan
 - ``point_fit``: one camera fitted to the points, and its files
 - ``turned_frames``: detection of frames that are flipped or turned relative to their camera
 - ``adaptive``: recording, fitting and choosing the next positions in turn, until the error of H is small enough

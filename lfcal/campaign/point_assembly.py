@@ -1,4 +1,4 @@
-"""Assemble H from those points in frames of a target that show positions of the scan.
+"""Assemble H from those points in frames of a target that match positions of the scan.
 
 Each such point becomes a frame at its position. Results about the target are stored in the provenance of H, for the
 quality metrics.
@@ -26,12 +26,12 @@ __all__ = ["PointFrames", "iter_assemble_points", "shown_positions", "target_fac
 def shown_positions(
     points: Points, tolerance_px: float | None = None, *, resampled: bool = False
 ) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Return the plan position (z, y, x) that each point shows, ``(n, 3)`` (-1: none), and its deviation.
+    """Return the plan position (z, y, x) that each point matches, ``(n, 3)`` (-1: none), and its deviation.
 
     The deviation (row, column) has the shape ``(n, 2)`` (px). Along each axis, it is that of the phase or that of the
     chief ray, whichever is larger.
 
-    A point shows a position if its phase in the array's period matches. Its chief ray must also have the same offset
+    A point matches a position if its phase in the array's period matches. Its chief ray must also have the same offset
     from the nearest pixel centre as that of the position. Both conditions are needed because the period is not a whole
     number of pixels, and the same light displaced by half a pixel has a different pattern. Resampling cannot restore an
     undersampled pattern; points with such patterns can only be used in a fit.
@@ -85,7 +85,7 @@ class PointFrames(SourceView):
     Raises
     ------
     InputError
-        If no point shows a position.
+        If no point matches a position of the scan.
     """
 
     def __init__(
@@ -239,7 +239,7 @@ def _stage_error_px(points: Points) -> float:
 
 
 class AssembledPoints(NamedTuple):
-    """Result of assembling H, points found, number of points that show no position, and results for the target."""
+    """Result of assembling H, points found, number of points that match no position, and results for the target."""
 
     report: AssemblyReport
     points: Points
@@ -250,7 +250,9 @@ class AssembledPoints(NamedTuple):
 def iter_assemble_points(
     view: FrameSource, plan: TargetPlan, out: str | os.PathLike[str], settings: AssemblySettings | None = None
 ) -> Work[AssembledPoints]:
-    """Find the points of all frames and assemble H from those that show positions; yield progress.
+    """Find the points of all frames, and assemble H from those that match a position of the scan; yield progress.
+
+    For the conditions of a match, see `shown_positions`.
 
     Parameters
     ----------
@@ -267,7 +269,8 @@ def iter_assemble_points(
     Raises
     ------
     InputError
-        If the frames do not belong to the plan, the points of a frame cannot be labelled, or no point shows a position.
+        If the frames do not belong to the plan, the points of a frame cannot be labelled, or no point matches a
+        position.
     """
     points = yield from iter_points_of(view, plan)
     single = PointFrames(view, points)

@@ -29,7 +29,7 @@ def never() -> bool:
 
 
 class _Call(NamedTuple):
-    """A call, and the queue for its result or error, which is not read once the call is abandoned."""
+    """A call, and the queue that receives its result or error. The result of an abandoned call is discarded."""
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...]

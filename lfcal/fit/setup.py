@@ -74,8 +74,8 @@ class Setup:
         Diameter of the holes of a target (µm), if `lfcal.fit.measured.Measured.blur` describes their light. None: the
         effects describe the sources.
     travel_rad
-        Tilt (down the rows, along the columns) of the direction in which the stage moves the source in depth, relative
-        to the optical axis (rad).
+        Tilt of the direction in which the stage moves the source in depth, relative to the optical axis (rad): along y
+        (towards higher rows), then along x (towards higher columns).
 
     Examples
     --------

@@ -92,7 +92,10 @@ class SuperPixelLattice:
         return centres
 
     def lenslet_at(self, row: ArrayLike, column: ArrayLike) -> Array:
-        """Return the fractional indices (q, r) of `centres_px`, ``(..., 2)``, at sensor points (row, column) in px."""
+        """Return the fractional super-pixel indices (q, r), ``(..., 2)``, of sensor points (``row``, ``column``) in px.
+
+        This is the inverse of `centres_px`.
+        """
         points = np.stack(np.broadcast_arrays(np.asarray(row, float), np.asarray(column, float)), axis=-1)
         index: Array = (points - np.array(self.origin_px)) @ np.linalg.inv(self.basis_px()[:, ::-1])
         return index

@@ -104,14 +104,14 @@ def iter_features(
     settings: BootstrapSettings,
     details: Mapping[str, Any],
 ) -> Work[FeatureFit]:
-    """Fit ``features`` on the frame of ``run``, and write the files of `feature_outputs`.
+    """Fit ``features`` to the frame of ``run``, and write the files of `feature_outputs`.
 
     Parameters
     ----------
     run
         Reconstruction of one frame.
     out
-        File for the rest of the volume.
+        File for the volume of the rest, which is all light that does not belong to the features.
     features
         Initial values. None: the beads that are visible in the volume.
     settings

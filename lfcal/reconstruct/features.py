@@ -185,7 +185,7 @@ def iter_fit_features(
     imaging: Imaging | None = None,
     seed: int = 0,
 ) -> Work[FeatureFit]:
-    """Fit beads and lines on a frame, and reconstruct the rest of the volume.
+    """Fit beads and lines to a frame, and reconstruct the rest: all light that does not belong to them.
 
     Parameters
     ----------

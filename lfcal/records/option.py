@@ -333,7 +333,7 @@ class FieldRow:
     def value(self, given: Any, called: str) -> Any:
         """Return the value of the field from ``given``, a text or an entry of a file; messages call it ``called``.
 
-        The value is `empty` if ``given`` is None, or an empty text that is not itself a value of the field.
+        The value is `empty` if ``given`` is None, or an empty string that is not itself a value of the field.
 
         Raises
         ------

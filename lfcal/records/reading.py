@@ -79,7 +79,7 @@ def read_range(text: str) -> tuple[float, float]:
 
 
 def read_cutout(text: str) -> tuple[int, int] | None:
-    """Return (rows, columns) in pixels from ``"41"``, ``"41x61"`` or ``"41,61"``; None for an empty text."""
+    """Return (rows, columns) in pixels from ``"41"``, ``"41x61"`` or ``"41,61"``; None for an empty string."""
     if not text.strip():
         return None
     rows, columns = read_pair(text)
@@ -161,12 +161,12 @@ def read_planes(text: str, *, lengths: bool) -> tuple[float, ...]:
 
 
 def read_depths(text: str) -> tuple[float, ...]:
-    """Return depths in µm, parsed by `read_planes`; an empty tuple for an empty text."""
+    """Return depths in µm, parsed by `read_planes`; an empty tuple for an empty string."""
     return read_planes(text, lengths=True) if text.strip() else ()
 
 
 def read_virtual_depths(text: str) -> tuple[float, ...]:
-    """Return virtual depths, parsed by `read_planes`; an empty tuple for an empty text."""
+    """Return virtual depths, parsed by `read_planes`; an empty tuple for an empty string."""
     return read_planes(text, lengths=False) if text.strip() else ()
 
 

@@ -84,9 +84,10 @@ def is_separable(scene: Scene) -> bool:
 
 
 def axis_phase(scene: Scene, axis: int, source_um: float, pixel: int) -> tuple[AxisPhase, bool]:
-    """Return the phase of a source coordinate along an axis, and whether its response is a mirror image.
+    """Return the phase of a source along an axis, and whether its response is mirrored along this axis.
 
-    The responses of a separable scene depend only on the phases of the source along both axes.
+    Sources at mirror-image positions relative to a lenslet have the same phase; for one of the two, the response must
+    be flipped. The response of a separable scene depends only on the phases along both axes and on these flips.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ def axis_phase(scene: Scene, axis: int, source_um: float, pixel: int) -> tuple[A
     axis
         0 for rows, 1 for columns.
     source_um, pixel
-        Coordinate of the source, and the middle pixel of its cutout.
+        Coordinate of the source (µm), and the middle pixel of its cutout along the axis.
     """
     lattice = scene.lattice
     pitch = (lattice.row_step_um, lattice.pitch_um)[axis]

@@ -102,9 +102,9 @@ class Phases:
         return self.at(self.plan.image_px(np.stack([np.zeros_like(rows), rows, columns], axis=1)))
 
     def covered(self, pixels: Array, tolerance_px: float) -> NDArray[np.intp]:
-        """Return the row-major indices of the positions that images at ``pixels`` ``(n, 2)`` show.
+        """Return the row-major indices of the positions that images at ``pixels`` ``(n, 2)`` match.
 
-        An image shows a position if its phase deviates by at most ``tolerance_px`` in rows and in columns.
+        An image matches a position if its phase deviates by at most ``tolerance_px`` in rows and in columns.
         """
         if not len(pixels):
             return np.zeros(0, np.intp)

@@ -124,7 +124,10 @@ class Pose:
 
     @property
     def known(self) -> bool:
-        """Whether all values are 0; as bounds, this means that the pose is exact."""
+        """Whether all values are 0.
+
+        For a `Pose` that contains bounds, this means that the bounded pose is known exactly.
+        """
         return not any(getattr(self, field.name) for field in fields(self))
 
 

@@ -152,7 +152,10 @@ class TravelTilt(Group):
     needs = NEEDS
 
     def unknowns(self, setup: Setup, frame: ScanScales) -> tuple[Unknown, ...]:
-        """Return the unknowns: the tilt down the rows and along the columns (rad)."""
+        """Return the unknowns: the tilt along y (towards higher rows) and along x (towards higher columns) (rad).
+
+        They are empty for a camera with a periodic array.
+        """
         del frame
         if lenslets_of(setup) is None:
             return ()

@@ -238,11 +238,14 @@ class ArrayTilt(SceneEffect):
         """Return ``scene`` with the gap and image distance of the region, and with the tilt about its middle.
 
         Raise `InputError` if the gap in the region would be less than a fifth or more than three times that on the
-        axis.
+        axis, or if the lenslets would be at the exit pupil or beyond it.
         """
         farther = self.farther_um(outlook)
         gap = scene.gap_um + farther
-        if not (0.2 * scene.gap_um <= gap <= 3 * scene.gap_um and scene.pupil_um > farther):
+        if not scene.pupil_um > farther:
+            wanted, got = f"a shift of the region of less than {scene.pupil_um:.4g} µm", f"{farther:.4g} µm"
+            raise InputError.expected(f"{self.title} (rad)", wanted, got, "give a smaller tilt")
+        if not 0.2 * scene.gap_um <= gap <= 3 * scene.gap_um:
             wanted = f"a gap from a fifth to three times the {scene.gap_um:.4g} µm on the axis"
             raise InputError.expected(
                 f"{self.title} (rad)", wanted, f"{gap:.4g} µm in the region", "give a smaller tilt"

@@ -151,7 +151,11 @@ class Outlook:
     # -- patterns, in pixels ---------------------------------------------------------------------------
     @property
     def shadow_px(self) -> float:
-        """Radius of the main iris's shadow on the lenslets (px), with that of its Airy disc added in quadrature."""
+        """Radius of the light disc that the main iris forms on the lenslets for one point (px).
+
+        It is the geometric radius and the Airy radius, added in quadrature. lfcal calls this disc the shadow of the
+        iris.
+        """
         airy = 1.22 * self.wavelength_um * self.f_number
         radius = abs(self.shift_um) / (2.0 * self.f_number)
         if isinstance(self.camera.optics, Microscope):
@@ -411,6 +415,6 @@ class PupilOutlook(Outlook):
         return self.moved(shift_px)
 
     def shadow_moved(self, shift_px: float) -> float:
-        """Return 0, because the iris casts no shadow on the lenslets."""
+        """Return 0, because the light of a point fills the lenslets, which are in the pupil."""
         del shift_px
         return 0.0

@@ -68,7 +68,10 @@ class FieldsSum:
         self.level = parts[0].level
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> FieldsSum:
-        """Return the engine for sources displaced by ``(ny, nx, 2)``; tables are shared if the parts share them."""
+        """Return an engine of the same plane for displaced sources, which shares tables where its parts can share them.
+
+        ``offsets_um`` is as in `Displaceable.displaced`.
+        """
         scene, other = replace(self.scene, offsets_um=offsets_um), object.__new__(FieldsSum)
         pairs = zip(self._parts, self._makers, strict=True)
         parts = [p.displaced(offsets_um) if isinstance(p, Displaceable) else make(scene) for p, make in pairs]

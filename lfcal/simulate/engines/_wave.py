@@ -82,7 +82,10 @@ class WavePlane:
         return apart < 0.5 * max(lens.width for lens in self.tables.kinds) * self.scene.reduced_pixel_um
 
     def displaced(self, offsets_um: NDArray[np.float64]) -> WavePlane:
-        """Return the engine of the same plane for sources displaced by ``(ny, nx, 2)``; it shares the tables."""
+        """Return an engine of the same plane for displaced sources, which shares the tables if they extend far enough.
+
+        ``offsets_um`` is as in `Displaceable.displaced`.
+        """
         scene = replace(self.scene, offsets_um=offsets_um)
         other = copy(self)
         other.scene = scene

@@ -15,7 +15,10 @@ from lfcal_gui.pages.accuracy.panel import AccuracyPanel
 
 
 class Page(BasePage):
-    """Page that keeps all measured curves of the plan or H, also those of a stopped measurement."""
+    """Page that measures accuracy against cost for the plan or H.
+
+    It keeps all measured curves, including those of a stopped measurement.
+    """
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)

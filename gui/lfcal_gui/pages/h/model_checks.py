@@ -117,7 +117,7 @@ class QualitySettings(PageSettings):
         return super().from_dict(data)
 
     def changed(self, key: str, value: Any) -> Self:
-        """Return the settings with one field changed; an empty value becomes an empty text."""
+        """Return the settings with one field changed; None becomes an empty string."""
         return super().changed(key, "" if value is None else value)
 
     def __post_init__(self) -> None:

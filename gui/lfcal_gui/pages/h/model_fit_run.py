@@ -397,7 +397,7 @@ def findings_of(fit: Fit) -> tuple[FitFinding, ...]:
     found = [FitFinding(f"not as described: {question}", answer) for question, answer in fit.answers.items()]
     found += [_outlier(one) for one in fit.outliers]
     found += [FitFinding("not measured", fit.unseen_words)] if fit.unseen else []
-    found += [FitFinding("this scan does not distinguish", one) for one in fit.unidentified]
+    found += [FitFinding("not separated by this scan", one) for one in fit.unidentified]
     found += [FitFinding("fixed", one) for one in fit.held]
     found += [FitFinding("fitted", _title(name)) for name in fit.groups]
     found += [FitFinding("tried, did not help", _title(name)) for name in fit.unhelpful]

@@ -138,8 +138,8 @@ FIELDS = (
         "Dead pixels",
         kind="text",
         empty="none",
-        tip="Image of the size of the frame, nonzero at dead pixels. They are ignored in the spatial and general route "
-        "of opened and live frames",
+        tip="Image of the same size as the frame, nonzero at dead pixels. For opened and live frames, every route "
+        "except Fourier ignores these pixels",
         group="Reconstruction",
         file=IMAGES,
     ),

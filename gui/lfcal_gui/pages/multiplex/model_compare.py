@@ -33,12 +33,12 @@ MAX_SEEN = 1000
 
 @dataclass(frozen=True, eq=False)
 class ModulatorComparison:
-    """Numbers of the chosen modulator, and gain curves of all compared ones.
+    """Key figures of the chosen modulator, and gain curves of all compared modulators.
 
     Attributes
     ----------
     rows
-        Name, value with unit, and meaning of each number.
+        Name, value with unit, and meaning of each figure.
     curves
         Gains as functions of χ²; the first is that of the chosen modulator.
     left_out
@@ -57,7 +57,7 @@ class ModulatorComparison:
 
 
 def compare(settings: MultiplexSettings, sensor: Sensor, camera: str = "camera") -> ModulatorComparison:
-    """Return numbers and gain curves of the chosen modulators for a camera."""
+    """Return key figures of the chosen modulator, and gain curves of all compared modulators, for a camera."""
     modulator, reference = settings.modulator(), settings.reference()
     chi2 = camera_chi2(sensor, gain=settings.gain)
     try:

@@ -92,7 +92,10 @@ def dead_pixels(path: str, part: FramePart, shape: tuple[int, ...]) -> NDArray[n
 def shares_of(
     settings: MultiplexSettings, modulator: Modulator, part: FramePart | None, shape: Any
 ) -> Array | Modulator:
-    """Return the weight of each sample in each pixel, from the file of transmissions or from the modulator."""
+    """Return the weight of each sample in each pixel from the file of transmissions.
+
+    Without a file, return ``modulator`` itself, which defines the weights.
+    """
     if not settings.transmissions:
         _check_count(modulator.count, shape)
         return modulator
@@ -320,7 +323,7 @@ def recorded(
     """Return the frame recorded behind the modulator; parameters as in `iter_reconstruct`."""
     if settings.scene == "live":
         if live is None:
-            raise InputError("scene: no live frame yet; switch on the live view in Record > Rig")
+            raise InputError("scene: no live frame yet; connect the camera in Record > Rig (Connect)")
         return _from_live(live[0], live[1], modulator.side, sensor)
     if settings.scene == "image":
         return _from_file(settings, modulator, sensor.black_level if settings.weighted else 0.0)

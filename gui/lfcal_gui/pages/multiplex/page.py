@@ -255,7 +255,7 @@ class Page(BasePage):
             return
         if live is None:
             if first:
-                self._failed("No live frame yet: switch on the live view in Record > Rig.", bad=False)
+                self._failed("No live frame yet: connect the camera in Record > Rig (Connect).", bad=False)
             return
         self._live_busy, asked = True, self._asked
 

@@ -69,7 +69,7 @@ def _values(plan: ScanPlan) -> dict[str, Any]:
 
 
 def format_of(path: str | Path) -> str:
-    """Return the format in which a plan is saved as ``path``, by its suffix; ``"plan"`` for an unknown one."""
+    """Return the format of a plan that the suffix of ``path`` selects; ``"plan"`` if the suffix is unknown."""
     found = [(len(suffix), name) for name, (_, suffix) in PLAN_FORMATS.items() if str(path).lower().endswith(suffix)]
     return max(found, default=(0, "plan"))[1]
 

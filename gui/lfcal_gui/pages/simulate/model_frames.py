@@ -105,9 +105,10 @@ def frame_question(verdict: EffectsVerdict, position: tuple[int, int, int]) -> F
 
 
 class FrameBench:
-    """Simulator of frames of single positions. The light of the last one is kept and reused for new sensor effects.
+    """Simulator of frames of single positions.
 
-    A frame is scaled as in a session of only its plane, whose brightest pixel reaches the peak.
+    The light of the last frame is kept, and reused if only sensor effects change. A frame is scaled as in a session
+    that records only its plane: the brightest pixel of this session reaches the ``peak`` of the request.
     """
 
     def __init__(self) -> None:
