@@ -1,4 +1,4 @@
-"""The workstation: one window from the camera's description to the reconstructed volume."""
+"""The lfcal window: from the description of a camera to the reconstructed volume."""
 
 from typing import TYPE_CHECKING
 

@@ -19,7 +19,7 @@ from lfcal_gui.workers import Workers, keep, start_thread, wait_for, words_of
 
 
 class Computations:
-    """Run functions in a few threads. While one of a group runs, only the newest other one waits.
+    """Run functions in a few threads. While a function of a group runs, only the newest other one is queued.
 
     ``hand_over`` queues a function to run in the window's thread.
     """
@@ -32,7 +32,7 @@ class Computations:
         self._closed = self._ending = False
 
     def __bool__(self) -> bool:
-        """Whether something is computed, or its result waits to be shown."""
+        """Whether a computation is running, or its result has not been delivered yet."""
         return any(self._pending.values())
 
     def start(
@@ -42,7 +42,7 @@ class Computations:
         on_result: Callable[[Any], None],
         on_error: Callable[[str], None],
     ) -> None:
-        """Compute, unless all is to end; the words of an error go to ``on_error``."""
+        """Queue ``function``; do nothing after `end`. The message of an error is passed to ``on_error``."""
         if self._ending:
             return
         generation = self._generation[group] = self._generation.get(group, 0) + 1
@@ -79,7 +79,7 @@ class Computations:
         self._ending = True
 
     def close(self, timeout_s: float) -> None:
-        """Drop what waits, and wait at most ``timeout_s`` seconds for what is under way; nothing reports any more."""
+        """Drop queued functions, and wait at most ``timeout_s`` seconds for running ones. Results are discarded."""
         self._closed = True
         self._workers.close(timeout_s)
 
@@ -104,11 +104,11 @@ class Loads:
         self._threads: list[threading.Thread] = []
 
     def __bool__(self) -> bool:
-        """Whether something is being opened."""
+        """Whether any file is being opened."""
         return bool(self._newest)
 
     def __contains__(self, group: str) -> bool:
-        """Return whether something of the group is being opened."""
+        """Return whether a request of the group is in progress."""
         return group in self._newest
 
     def start(
@@ -119,7 +119,7 @@ class Loads:
         on_error: Callable[[str], None],
         discard: Callable[[Any], None] | None = None,
     ) -> None:
-        """Open with ``function``; what comes too late is handed to ``discard``."""
+        """Call ``function`` in a thread; a result that arrives too late is passed to ``discard``."""
         self._last += 1
         number = self._newest[group] = self._last
 
@@ -150,7 +150,7 @@ class Loads:
         self._threads.append(start_thread(work, "lfcal-load"))
 
     def _end(self, group: str, number: int, report: Callable[[], None], too_late: Callable[[], None]) -> None:
-        """Take what a thread brought, in the window's thread, and let the next begin."""
+        """Deliver the result of a thread, in the window's thread, and start the next request of the group."""
         if self._running.get(group) != number:
             too_late()
             return
@@ -164,35 +164,35 @@ class Loads:
             report()
 
     def drop(self, group: str) -> None:
-        """Wait no longer for what is being opened."""
+        """Drop the requests of a group; their results are discarded."""
         self._newest.pop(group, None)
         self._running.pop(group, None)
         self._waiting.pop(group, None)
 
     @property
     def alive(self) -> bool:
-        """Whether a thread still opens something, wanted or not."""
+        """Whether a thread is still running, even one whose request was dropped."""
         return any(thread.is_alive() for thread in self._threads)
 
     def close(self, timeout_s: float) -> None:
-        """Drop everything, and wait at most ``timeout_s`` seconds for the threads."""
+        """Drop all requests, and wait at most ``timeout_s`` seconds for the threads."""
         for group in list(self._newest):
             self.drop(group)
         wait_for(self._threads, timeout_s)
 
 
 def _nothing() -> None:
-    """Nothing was opened that would have to be closed."""
+    """Do nothing: there is no result to discard."""
 
 
 POLL_MS = 8
 
 COMPUTATIONS_S, LOADS_S = 5.0, 1.0
-"""How long closing waits for computations, and for files (s)."""
+"""Longest wait when closing: for computations, and for threads that open files (s)."""
 
 
 class BackgroundThreads(QObject):
-    """Threads of the window, and the way back from them into its own."""
+    """Background threads of the window. Their results are delivered in the window's thread."""
 
     trouble = Signal(str)
     """Why a computation failed, if its caller does not handle errors."""
@@ -209,7 +209,7 @@ class BackgroundThreads(QObject):
 
     @property
     def busy(self) -> bool:
-        """Whether something is at work, or its result waits to be shown."""
+        """Whether a thread is running, or its result has not been delivered yet."""
         return bool(self._loads) or bool(self._computations)
 
     # -- quick computations ----------------------------------------------------------------------------
@@ -230,7 +230,7 @@ class BackgroundThreads(QObject):
 
     @property
     def computing(self) -> bool:
-        """Whether something is computed, or its result waits to be shown."""
+        """Whether a computation is running, or its result has not been delivered yet."""
         return bool(self._computations)
 
     # -- opening files ---------------------------------------------------------------------------------
@@ -252,16 +252,16 @@ class BackgroundThreads(QObject):
             self._timer.start()
 
     def loading(self, group: str) -> bool:
-        """Return whether something of the group is being opened."""
+        """Return whether a request of the group is in progress."""
         return group in self._loads
 
     def drop(self, group: str) -> None:
-        """Wait no longer for what is being opened."""
+        """Drop the requests of a group; their results are discarded."""
         self._loads.drop(group)
 
     # -- the window's thread ---------------------------------------------------------------------------
     def hand_over(self, call: Callable[[], None]) -> None:
-        """Let the window's thread do something; called by others."""
+        """Queue a call for the window's thread; may be called from any thread."""
         self._calls.put(call)
 
     def _take(self) -> None:
@@ -276,16 +276,16 @@ class BackgroundThreads(QObject):
             self._timer.stop()
 
     def _look(self) -> None:
-        """Look at what is at work, every `POLL_MS` while something is."""
+        """Check running work; called every `POLL_MS` while there is any."""
 
     def leave(self) -> None:
-        """Begin nothing any more, and wait for no file; what is computed still reports."""
+        """Accept no more requests and drop those that open files; running computations still report."""
         self._leaving = True
         self._computations.end()
         self._loads.close(0.0)
 
     def close(self, wait_s: float = COMPUTATIONS_S) -> None:
-        """Wait for the threads, at most ``wait_s``; nothing reports afterwards."""
+        """Wait at most ``wait_s`` seconds for the threads; later results are discarded."""
         self._closed = True
         self._loads.close(min(wait_s, LOADS_S))
         self._computations.close(min(wait_s, COMPUTATIONS_S))

@@ -1,4 +1,4 @@
-"""The public names of `lfcal_gui`: each is loaded when it is asked for."""
+"""The public names of `lfcal_gui`: each is loaded on first access."""
 
 from __future__ import annotations
 

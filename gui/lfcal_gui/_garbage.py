@@ -69,7 +69,7 @@ class Collector(QObject):
         self._worked_s = time.thread_time()
 
     def close(self) -> None:
-        """Leave collection to Python again."""
+        """Restore Python's automatic collection."""
         self._timer.stop()
         if self._was_on:
             gc.enable()

@@ -1,4 +1,4 @@
-"""The header: the menus, the project, what comes next in a sentence, and the one button that does it."""
+"""The header: menus, name of the project, and the next step as a sentence with a button."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ of the check (ms)."""
 
 
 class NextLine(QWidget):
-    """Shows a `Step`, and a second button for an optional one.
+    """Display of a `Step`, with a second button for an optional step.
 
     While the user is about to press a button, a step with other buttons waits, with its sentence.
     """
@@ -25,7 +25,7 @@ class NextLine(QWidget):
     pressed = Signal(str, arguments=["action"])
     """The button, or Stop next to it, was pressed."""
     declined = Signal(str, str, arguments=["action", "place"])
-    """The user leaves out an optional step."""
+    """The user declined an optional step."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -64,7 +64,7 @@ class NextLine(QWidget):
         self._settle()
 
     def press(self) -> None:
-        """Do what the button says."""
+        """Emit the action of the button."""
         if self.step is not None:
             self.pressed.emit(self.step.action)
 
@@ -74,7 +74,7 @@ class NextLine(QWidget):
             self.declined.emit(optional.action, optional.place)
 
     def _settle(self) -> None:
-        """Change sentence and buttons, unless the user is about to press one."""
+        """Update sentence and buttons, unless the user is about to press one."""
         step, shown = self._wanted, self.step
         if step is None:
             return
@@ -107,7 +107,7 @@ class NextLine(QWidget):
             self.other.setToolTip(f"Optional: {step.other.words} Del: skip this step for now")
 
     def _near(self) -> bool:
-        """Return whether the pointer is at the buttons."""
+        """Return whether the pointer is near the buttons."""
         if not self.isVisible():
             return False
         at = self.pointer()
@@ -119,7 +119,7 @@ class NextLine(QWidget):
 
     @staticmethod
     def pointer() -> QPoint:
-        """Return where the pointer is on the screen."""
+        """Return the position of the pointer on the screen."""
         return QCursor.pos()
 
 
@@ -128,16 +128,16 @@ def _button(step: Step) -> tuple[object, ...]:
 
 
 def _optional(step: Step | None) -> Step | None:
-    """Return the step that can be left out."""
+    """Return the optional step; None if there is none."""
     return step if step is None or step.optional else step.other
 
 
 HEIGHT, NAME = 54, 190
-"""Height of the header, and the most that the project's name takes (px)."""
+"""Height of the header, and largest width of the project's name (px)."""
 
 
 class HeaderBar(QFrame):
-    """Three lines that open the menus, name of the project, and room (``lead``) for what leads on."""
+    """Menu button, name of the project, and space (``lead``) for the next step."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -172,6 +172,6 @@ class HeaderBar(QFrame):
         row.addLayout(self.lead, 1)
 
     def say(self, name: str, *, unsaved: bool) -> None:
-        """Show the project's name, and whether all of it is in its file."""
+        """Show the project's name, and whether it has unsaved changes."""
         self.name.setText(name)
         self.saved.setText("not saved" if unsaved else "saved")

@@ -1,4 +1,4 @@
-"""What the help menu opens: shortcuts, versions, the check of the installation, and the manual."""
+"""Windows of the menu Help: shortcuts, versions, check of the installation, and manual."""
 
 from __future__ import annotations
 
@@ -81,7 +81,10 @@ SIZE = (640, 560)
 
 
 class DoctorDialog(QDialog):
-    """Show the report of ``lfcal doctor``. It is made in the background, so the dialog lives as long as its window."""
+    """Dialog with the report of ``lfcal doctor``, which is made in the background.
+
+    The dialog lives as long as its window.
+    """
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -91,7 +94,7 @@ class DoctorDialog(QDialog):
         self._found: dict[str, Any] = {}
         self.view = QTextBrowser()
         self.view.setAccessibleName("Report on this machine")
-        self.view.setPlainText("looking …")
+        self.view.setPlainText("Checking …")
         self.copy, close = QPushButton("Copy text"), QPushButton("Close")
         self.copy.setToolTip("Copy the report, for example for a bug report")
         close.setToolTip("Close this window. Help > Doctor opens it again")
@@ -104,7 +107,7 @@ class DoctorDialog(QDialog):
         self._jobs = jobs
 
     def look(self) -> None:
-        """Look what is there now."""
+        """Make the report again."""
         from lfcal.cli import examine
 
         self.setStyleSheet(style_sheet())
@@ -120,7 +123,7 @@ MANUAL_SIZE = (760, 560)
 
 
 class Manual(QDialog):
-    """Shows a page, or one section of it; links lead on within the manual."""
+    """Window that shows a page of the manual or a section of it; links open other pages of the manual."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -146,7 +149,7 @@ class Manual(QDialog):
         column.addLayout(buttons)
 
     def show_page(self, page: str = ATLAS, name: str = "") -> None:
-        """Show a page, or its section about ``name``; raises `LfcalError` where the manual is not installed."""
+        """Show a page, or its section about ``name``; raise `LfcalError` if the manual is not installed."""
         path = manual_folder() / page
         text, folder = read_text(path), path.parent
         shown = section_of(text, name) if name else text

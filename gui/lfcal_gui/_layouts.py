@@ -1,4 +1,4 @@
-"""Size, docks and borders of the window, kept for each page and each size of screen."""
+"""Size, docks and splitters of the window, stored for each page and each screen size."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from PySide6.QtWidgets import QDockWidget, QMainWindow, QPlainTextEdit, QSplitte
 
 
 class Layouts:
-    """Keeps and restores the splitters of pages."""
+    """Stores and restores the splitter positions of pages."""
 
     def __init__(self, settings: QSettings) -> None:
         self._settings = settings
         self._first: dict[str, tuple[QWidget, list[QByteArray]]] = {}
 
     def restore(self, key: str, page: QWidget) -> None:
-        """Give the splitters of a new page the sizes that were kept for this screen."""
+        """Restore the splitter positions of a new page that were stored for this screen size."""
         splitters = page.findChildren(QSplitter)
         self._first[key] = page, [splitter.saveState() for splitter in splitters]
         for k, splitter in enumerate(splitters):
@@ -23,13 +23,13 @@ class Layouts:
                 splitter.restoreState(kept)
 
     def keep(self) -> None:
-        """Keep the sizes of all pages for the next start."""
+        """Store the splitter positions of all pages for the next start."""
         for key, (page, _) in self._first.items():
             for k, splitter in enumerate(page.findChildren(QSplitter)):
                 self._settings.setValue(f"{_group(page)}/{key}/{k}", splitter.saveState())
 
     def reset(self) -> None:
-        """Give all splitters the sizes of the first start, on every screen."""
+        """Reset all splitters to their initial positions, for every screen size."""
         self._settings.remove("layout")
         for page, states in self._first.values():
             for splitter, state in zip(page.findChildren(QSplitter), states, strict=False):
@@ -42,11 +42,11 @@ def _group(page: QWidget) -> str:
 
 
 LINES = 2000
-"""The last lines that are kept."""
+"""Number of newest lines that are kept."""
 
 
 class LogView(QPlainTextEdit):
-    """Lines that are read, and copied, but not changed."""
+    """Read-only log, from which lines can be copied."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -57,7 +57,7 @@ class LogView(QPlainTextEdit):
 
 
 def add_dock(window: QMainWindow, title: str, content: QWidget) -> QDockWidget:
-    """Add a dock with ``content`` at the bottom of a window; it is kept between starts by its title."""
+    """Add a dock with ``content`` at the bottom of a window; its state is stored between starts under its title."""
     dock = QDockWidget(title, window)
     dock.setObjectName(title.lower())
     dock.setWidget(content)
@@ -68,19 +68,22 @@ def add_dock(window: QMainWindow, title: str, content: QWidget) -> QDockWidget:
 SIZE = (1280, 800)
 
 LEAST = 1000
-"""Width that all views fit into (px)."""
+"""Smallest width of the window at which all views fit (px)."""
 
 TITLE = 40
-"""Height of the title bar that the system puts over the window, at the most (px)."""
+"""Largest height of the system's title bar above the window (px)."""
 
 
 def size_within(room: tuple[int, int]) -> tuple[int, int]:
-    """Return the size of a new window on a screen with ``room`` for it; one narrower than `LEAST` holds none."""
+    """Return the size of a new window on a screen with the free size ``room`` (width, height).
+
+    It is the usual size if the screen is narrower than `LEAST`, because no smaller window would fit either.
+    """
     width, height = room
     return SIZE if width < LEAST else (min(SIZE[0], width), min(SIZE[1], height - TITLE))
 
 
 def fit_screen(window: QWidget) -> None:
-    """Give a window the usual size, less where its screen has no room for it under a title bar."""
+    """Give a window the usual size, or less if it would not fit on its screen together with the title bar."""
     room = window.screen().availableGeometry()
     window.resize(*size_within((room.width(), room.height())))

@@ -1,4 +1,4 @@
-"""What leads through a sitting: gathers what is known, shows the next step, and does it."""
+"""Guidance through the work: collect the current state, show the next step, and do it."""
 
 from __future__ import annotations
 
@@ -38,25 +38,25 @@ if TYPE_CHECKING:
     from lfcal.psf import PSFMatrix
 
 GATHER_MS, JUDGE_MS = 40, 1500
-"""Delay before a change is shown, because changes come in groups; and idle time before H is judged (ms)."""
+"""Delay before a change is shown, because changes come in groups, and idle time before H is judged (ms)."""
 
 ELSEWHERE_S = 10.0
 """For how long after a click another page stays in view when H is made."""
 
 MAKING = {"acquire", "frames"}
-"""Pages whose jobs make H; what they make is shown."""
+"""Pages whose jobs make H; the new H is shown."""
 
 SESSION, PACES = "session counts", "paces"
 
 
 def _iter_judged(project: ProjectState, fitted: FittedCamera | None) -> Work[Any]:
-    """Judge H as the page that judges does; what it needs is imported in the job's thread."""
+    """Judge H as the page H does; modules are imported in the job's thread."""
     judging = import_module(f"{PAGES.get('h').package}.model_checks")
     return (yield from judging.iter_judged(project, fitted))
 
 
 def _export_facts(project: ProjectState, H: PSFMatrix | None) -> dict[str, Any]:
-    """Return which export of H is offered, as the page that exports does."""
+    """Return which export of H is offered, as determined by the page that exports."""
     exporting = import_module(f"{PAGES.get('reconstruct').package}.export_model") if H is not None else None
     return {} if exporting is None else exporting.next_facts(project, H)
 
@@ -64,8 +64,8 @@ def _export_facts(project: ProjectState, H: PSFMatrix | None) -> dict[str, Any]:
 class Leading(QObject):
     """Connects a `NextLine` with the window.
 
-    ``page`` makes a page at its first call. ``shown`` returns key and place of the page that is looked at.
-    ``changed(sitting)`` is emitted when the `Sitting` is another.
+    ``page`` returns a page, which it makes at the first call. ``shown`` returns key and place of the current page.
+    ``changed(sitting)`` is emitted when the `Sitting` has changed.
     """
 
     changed = Signal(object)
@@ -85,7 +85,7 @@ class Leading(QObject):
         self._judging = 0
         context.paces = Paces.of(context.kept_texts(PACES))
         self.own: dict[str, Callable[[], object]] = {"h.leave_out": LeavingOut(context).begin}
-        """What a button of the line does that is no page's."""
+        """Actions of buttons that do not belong to a page."""
         self._pressed, self._watching = -ELSEWHERE_S, False
         self._gathering, self._judge = QTimer(self), QTimer(self)
         for timer, ms, action in (
@@ -108,7 +108,7 @@ class Leading(QObject):
 
     # -- gathering -------------------------------------------------------------------------------------
     def look(self) -> None:
-        """Gather soon: changes come in bursts."""
+        """Schedule `gather`; several changes in a short time cause only one call."""
         if not self._gathering.isActive():
             self._gathering.start()
 
@@ -126,14 +126,14 @@ class Leading(QObject):
         self.look()
 
     def _time(self, job: WindowJob) -> None:
-        """Correct later forecasts by how long a job took."""
+        """Correct later forecasts by the duration of a job."""
         forecast = self.context.reported.get(job.page, {}).get(FORECASTS.get(job.kind, ""))
         if job.state is JobState.DONE and isinstance(forecast, float):
             self.context.paces.take(job.kind, forecast, time.monotonic() - job.started)
             self.context.keep_texts(PACES, self.context.paces.texts())
 
     def _count(self) -> None:
-        """Count what the session's folder holds, in the background: a disk may hang."""
+        """Count the recorded positions of the session in the background, because a disk may not respond."""
         path, jobs = self.context.state.recording, self.context.jobs
         jobs.drop(SESSION)
         if path:
@@ -145,7 +145,7 @@ class Leading(QObject):
         self.context.report("session", **facts)
 
     def gather(self) -> None:
-        """Show what comes next now."""
+        """Collect the current state, and show the next step if the state has changed."""
         context = self.context
         state, (page, place) = context.state, self._shown()
         matrix, paces = context.matrix(state.psf), context.paces
@@ -160,7 +160,7 @@ class Leading(QObject):
 
     # -- doing -----------------------------------------------------------------------------------------
     def do(self, action: str) -> None:
-        """Do what a button of the line says: show the page, and let it act; or stop the jobs of a kind."""
+        """Do the action of a button: show the page and let it act, or stop the jobs of a kind."""
         page, _, name = action.partition(".")
         if page == "jobs":
             for job in self.context.jobs.jobs():
@@ -186,7 +186,7 @@ class Leading(QObject):
         return found.h and new and free and self.context.matrix(path) is not None
 
     def judge(self) -> None:
-        """Judge H in the background; what is computed for what is looked at goes first."""
+        """Judge H in the background, after running computations for the current page."""
         if not self._judge_wanted(self.sitting):
             return
         if self.context.jobs.computing:
@@ -215,18 +215,18 @@ class Leading(QObject):
 
     @property
     def due(self) -> bool:
-        """Whether the next step or the judgement of H is about to follow a change."""
+        """Whether the next step is about to be updated, or H is about to be judged."""
         return self._gathering.isActive() or self._judge.isActive()
 
     def _give_way(self) -> None:
-        """Judge H later where something that was asked for waits for it."""
+        """Postpone the judgement of H if a job of the user waits for it."""
         if self._judging and self.context.jobs.waiting() and self._judging not in self.context.jobs.waiting():
             number, self._judging, self._tried = self._judging, 0, None
             self.context.jobs.cancel(number)
 
     # -- arriving --------------------------------------------------------------------------------------
     def _show_made(self, page: str, payload: Any) -> None:
-        """Show the result, unless the user works elsewhere: then the rail marks its page."""
+        """Show the result, unless the user is working on another page; the rail then marks the page of the result."""
         if current_theme().red:  # in a dark lab the large buttons must not move away
             return
         shown, place = self._shown()
@@ -245,7 +245,7 @@ class Leading(QObject):
             (app.installEventFilter if making else app.removeEventFilter)(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Note when the window was last clicked or typed in."""
+        """Record the time of the last click or key press in the window."""
         if event.type() in (QEvent.Type.MouseButtonPress, QEvent.Type.KeyPress) and isinstance(watched, QWidget):
             if watched.window() is self._window:
                 self._pressed = time.monotonic()

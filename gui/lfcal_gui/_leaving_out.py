@@ -14,9 +14,9 @@ GROUP, PAGE = "leave out", "frames"
 
 
 class LeavingOut:
-    """Two jobs, one after the other: the fit of H, and H without the positions, with the settings of the H before.
+    """Two consecutive jobs: the fit of H, and H without the positions, with the settings of the previous H.
 
-    The H before keeps its file, and becomes the reference.
+    The file of the previous H is kept, and this H becomes the reference.
     """
 
     def __init__(self, context: Context) -> None:

@@ -82,20 +82,20 @@ class Matrices(QObject):
         self.changed.emit(path)
 
     def follow_orders(self) -> None:
-        """Open each file again for which the project states another order of axes than when it was opened."""
+        """Reopen each file whose stated order of axes has changed since it was opened."""
         for path, order in list(self._orders.items()):
             if order != self._order_of(path):
                 self.take(path)
 
     def cancel(self, path: str) -> None:
-        """Wait no longer for a file."""
+        """Cancel the opening of a file."""
         if self.opening(path):
             self._jobs.drop(_group(path))
             self._problems[path] = f"{Path(path).name} was not opened, because you stopped the job"
             self.changed.emit(path)
 
     def put(self, path: str, matrix: PSFMatrix) -> None:
-        """Hold an open matrix as that of ``path``; one held before is closed."""
+        """Store an open matrix as that of ``path``; a previous one is closed."""
         old = self._open.pop(path, None)
         if old is not None:
             old.close()
@@ -104,7 +104,7 @@ class Matrices(QObject):
         self.changed.emit(path)
 
     def forget(self, path: str) -> None:
-        """Close a matrix, so that its file may be replaced or is read again."""
+        """Close a matrix, so that its file can be replaced or read again."""
         self._jobs.drop(_group(path))
         self._problems.pop(path, None)
         self._orders.pop(path, None)
@@ -114,7 +114,7 @@ class Matrices(QObject):
             self.changed.emit(path)
 
     def close(self) -> None:
-        """Close all files; no more signals follow."""
+        """Close all files; no more signals are emitted."""
         self.blockSignals(True)
         for path in list(self._open):
             self.forget(path)

@@ -1,4 +1,4 @@
-"""The menus of the window: every action with its key."""
+"""The menus of the window, with all actions and their keys."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lfcal_gui.log import log_folder
 from lfcal_gui.models import ATLAS, PLACES, PageSpec, PageState
 
 VIEW_KEYS = 3
-"""Views of a place that have keys."""
+"""Number of views of a place that have keys."""
 
 OWN_KEYS = {"multiplex": "Ctrl+M"}
 """Keys of pages that open in a separate window."""
@@ -91,7 +91,7 @@ class WindowMenus:
         self._action(menu, "Reset the layout", window.reset_layout)
 
     def _more(self) -> None:
-        """Fill the menu at the foot of the rail: pages that open in a separate window, and the log."""
+        """Fill the menu at the bottom of the rail: pages that open in a separate window, and the log."""
         window = self._window
         menu = window.rail.menu
         self.own = {
@@ -134,7 +134,7 @@ class WindowMenus:
         return action
 
     def _act(self, text: str, slot: Any, key: Any = None) -> QAction:
-        """Return an action whose key works in the window, and in those of pages, whichever menu is seen."""
+        """Return an action whose key works in the main window and in the windows of pages."""
         action = QAction(text, self._window)
         if key is not None:
             action.setShortcut(QKeySequence(key))

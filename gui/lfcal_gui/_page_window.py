@@ -12,7 +12,7 @@ from lfcal_gui.theme import style_sheet
 
 
 class PageWindow(QMainWindow):
-    """Holds one page, with the actions of the main window, and is kept when it is closed."""
+    """Window of one page, with the actions of the main window. Closing it only hides it."""
 
     activated = Signal()
     """The window came to the front."""
@@ -35,17 +35,17 @@ class PageWindow(QMainWindow):
         return f"window/{self.page.spec.key}"
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use; the page follows the theme without this."""
+        """Apply the colours of the current theme to the window; the page does this itself."""
         self.statusBar().setStyleSheet(style_sheet())
 
     def event(self, event: QEvent) -> bool:
-        """Say that the window came to the front."""
+        """Report when the window comes to the front."""
         if event.type() == QEvent.Type.WindowActivate:
             self.activated.emit()
         return super().event(event)
 
     def keep(self) -> None:
-        """Keep size and place on the screen for the next start."""
+        """Store size and position on the screen for the next start."""
         self._settings.setValue(self._key, self.saveGeometry())
 
     def closeEvent(self, event: QCloseEvent) -> None:

@@ -1,4 +1,4 @@
-"""Opening, saving and leaving the window's project: dialogs, recent files, locks."""
+"""Open, save and close the project of the window: dialogs, recent files, locks."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ KIND = "lfcal projects (*.lfcal)"
 BUTTONS = QMessageBox.StandardButton
 
 Stake = tuple[ProjectState | None, frozenset[int]]
-"""A state that is not saved, None where it is; the numbers of jobs at work."""
+"""The unsaved state (None if it is saved), and the numbers of the running jobs."""
 
 LISTED = 8
-"""Jobs that are named before the user is asked whether to stop them."""
+"""Number of jobs that are listed by name in the question whether to stop them."""
 
 
 def stop_words(jobs: Jobs) -> str:
@@ -52,14 +52,17 @@ def stop_words(jobs: Jobs) -> str:
 
 
 class ProjectFiles(QObject):
-    """What the menu does with project files; ``folder`` keeps recent projects and copies of unsaved work."""
+    """Actions of the menu on project files.
+
+    ``folder`` contains the list of recent projects and copies of unsaved work.
+    """
 
     message = Signal(str, arguments=["text"])
-    """A line for the log."""
+    """A line of text for the log."""
     saved = Signal()
-    """The project has no unsaved changes any more."""
+    """The project was saved."""
     begun = Signal()
-    """An empty project was begun."""
+    """An empty project was started."""
 
     def __init__(self, project: Project, jobs: Jobs, folder: Path, window: QWidget) -> None:
         super().__init__(window)
@@ -72,7 +75,7 @@ class ProjectFiles(QObject):
 
     # -- beginning -------------------------------------------------------------------------------------
     def begin(self, path: Path | None = None) -> None:
-        """Open the project the program was started with, and offer unsaved work of windows that are gone."""
+        """Open the project given at the start, and offer unsaved work of windows that ended unexpectedly."""
         if path is None:
             self.rescue.look()
         else:
@@ -85,7 +88,7 @@ class ProjectFiles(QObject):
             self.begun.emit()
 
     def open(self, path: Path | None = None) -> None:
-        """Open a project file, after asking about unsaved work; asks for its name where none is given."""
+        """Open a project file after asking about unsaved work; without a name, ask for it."""
         if path is None:
             name = QFileDialog.getOpenFileName(self._window, "Open project", "", KIND)[0]
             if not name:
@@ -95,9 +98,9 @@ class ProjectFiles(QObject):
             self._open(path)
 
     def _open(self, path: Path, then: Callable[[], None] | None = None) -> None:
-        """Read a project in the background; what is open now, and its jobs, stay until the new one is known to be good.
+        """Read a project in the background. The open project and its jobs stay until the new one is known to be valid.
 
-        What is at stake now was asked about.
+        The user was already asked about unsaved work and running jobs.
         """
         asked = self._at_stake()
 
@@ -138,7 +141,7 @@ class ProjectFiles(QObject):
         self.message.emit(f"opened {path}")
 
     def start_with(self, state: ProjectState) -> None:
-        """Start with a project that has no file. The open project is closed: ask with `may_leave` first."""
+        """Start a project that has no file. The open project is closed, so ask with `may_leave` first."""
         self._start(state, None, None)
 
     def _start(
@@ -164,7 +167,7 @@ class ProjectFiles(QObject):
 
     # -- locks -----------------------------------------------------------------------------------------
     def _claim(self, path: Path) -> FileLock | None:
-        """Return the lock of a project file, None where another window has it."""
+        """Return the lock of a project file; None if another window has it."""
         if self._lock is not None and self._lock.path == path:
             return self._lock
         lock = FileLock(path)
@@ -176,7 +179,10 @@ class ProjectFiles(QObject):
         self._lock = lock
 
     def _ask_about(self, path: Path) -> tuple[FileLock | None, bool]:
-        """Ask what to do with a project that is open elsewhere; return its lock if taken over, and whether to copy."""
+        """Ask what to do with a project that is open elsewhere.
+
+        Return its lock if it was taken over, and whether to open a copy.
+        """
         lock = FileLock(path)
         who, away = lock.holder()
         box = QMessageBox(self._window)
@@ -244,12 +250,12 @@ class ProjectFiles(QObject):
         return True
 
     def _refuse(self, title: str, words: str) -> None:
-        """Say in a box and in the log why something failed."""
+        """Report in a dialog and in the log why something failed."""
         self.message.emit(words)
         QMessageBox.warning(self._window, title, words)
 
     def fill_recent(self, menu: QMenu) -> None:
-        """Put the projects opened lately into a menu."""
+        """Fill a menu with the recent projects."""
         menu.clear()
         for path in self.recent.paths():
             action = QAction(str(path), menu)
@@ -267,7 +273,7 @@ class ProjectFiles(QObject):
         return True
 
     def _at_stake(self) -> Stake:
-        """Return what is lost where another project is begun: the state that is not saved, and jobs at work."""
+        """Return what would be lost if another project were opened: the unsaved state, and the running jobs."""
         jobs = frozenset(job.number for job in self.jobs.jobs() if job.active)
         return self.project.state if self.project.unsaved else None, jobs
 
@@ -291,6 +297,6 @@ class ProjectFiles(QObject):
         return answer == BUTTONS.Discard
 
     def close(self, *, answered: bool) -> None:
-        """Let the files go; ``answered``: the user was asked about unsaved work, else a copy of it stays."""
+        """Release the files. Unless the user was asked about unsaved work (``answered``), a copy of it stays."""
         self.rescue.close(keep=not answered)
         self._hold(None)

@@ -1,4 +1,4 @@
-"""The rail: the four places with their state in a word, and the menu *More*."""
+"""The rail: the four places, each with a word on its state, and the menu *More*."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ WIDTH, BUTTON, ICON = 89, (83, 84), 22
 """Width of the rail, size of its buttons with words in two lines, and side of an icon (px)."""
 
 BAR = 3
-"""Width of the bar at the left of the place that is shown (px)."""
+"""Width of the bar to the left of the current place (px)."""
 
 MARKS = {"good": "✓ ", "fair": "▲ ", "bad": "▲ "}
 """Sign before a word, so that its meaning does not depend on colour alone."""
 
 
 class Rail(QFrame):
-    """Buttons of the places, one of them checked."""
+    """Buttons of the places, of which one is checked."""
 
     chosen = Signal(str, arguments=["place"])
     """Key of a place that was clicked."""
@@ -55,27 +55,27 @@ class Rail(QFrame):
         self.menu.popup(corner)
 
     def show_place(self, place: str) -> None:
-        """Check the button of a place; none for an unknown one."""
+        """Check the button of a place; for an unknown place, check none."""
         for key, button in self._buttons.items():
             button.setChecked(key == place)
         self.apply_theme()
 
     def say(self, place: str, word: str, mark: str = "") -> None:
-        """Show the state of a place in a word, marked ``"good"``, ``"fair"``, ``"bad"`` or not at all."""
+        """Show the state of a place as a word with the mark ``"good"``, ``"fair"``, ``"bad"`` or none."""
         self._buttons[place].say(word, mark)
 
     def word(self, place: str) -> str:
-        """Return the word that stands below a place."""
+        """Return the word below a place."""
         return self._buttons[place].word.text()
 
     def apply_theme(self) -> None:
-        """Draw the icons in the colours of the theme in use."""
+        """Draw the icons in the colours of the current theme."""
         for button in (*self._buttons.values(), self.more):
             button.apply_theme()
 
 
 class RailButton(QPushButton):
-    """An icon, a title, and a word below it."""
+    """Button with an icon, a title, and a word below it."""
 
     def __init__(self, title: str, draw: Callable[[QPainter], None], parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -100,7 +100,7 @@ class RailButton(QPushButton):
         column.setStretchFactor(self.word, 1)
 
     def nextCheckState(self) -> None:
-        """Stay as it is: the window says which place is shown."""
+        """Do nothing on a click, because the window sets the checked button."""
 
     def say(self, word: str, mark: str) -> None:
         """Show ``word``."""

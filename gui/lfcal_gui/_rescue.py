@@ -1,4 +1,4 @@
-"""The window's own copy of unsaved work, and the copies that dead windows left."""
+"""Copy of the window's unsaved work, and copies left by windows that ended unexpectedly."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ WIDTH = 540
 
 
 class RestoreDialog(QDialog):
-    """Names the project, the copy's time and what it holds; closing it means later."""
+    """Dialog that offers to restore a copy of unsaved work. Closing it postpones the decision."""
 
     restore_asked, discard_asked, later_asked = Signal(), Signal(), Signal()
-    """One of them, once."""
+    """Exactly one of them is emitted."""
 
     def __init__(self, kept: UnsavedCopy, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -79,11 +79,11 @@ class RestoreDialog(QDialog):
             signal.emit()  # type: ignore[attr-defined]
 
     def reject(self) -> None:
-        """Leave it for later when Escape is pressed."""
+        """Postpone the decision when Escape is pressed."""
         self._answer(self.later_asked)
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Leave it for later."""
+        """Postpone the decision."""
         event.accept()
         self._answer(self.later_asked)
 
@@ -92,12 +92,12 @@ AUTOSAVE_MS = 30_000
 
 
 class Rescue(QObject):
-    """Keep a copy of unsaved work in ``folder``; offer those of windows that ended without being closed."""
+    """Store a copy of unsaved work in ``folder``, and offer copies of windows that ended unexpectedly."""
 
     message = Signal(str, arguments=["text"])
     """A line for the log."""
     restored = Signal(object, arguments=["kept"])
-    """The user wants this copy back; `finish` ends what is done with it."""
+    """The user chose to restore this copy; call `finish` afterwards."""
 
     def __init__(self, project: Project, jobs: Jobs, folder: Path, window: QWidget) -> None:
         super().__init__(window)
@@ -113,7 +113,7 @@ class Rescue(QObject):
 
     # -- the own copy ----------------------------------------------------------------------------------
     def keep(self) -> str:
-        """Keep a copy of unsaved work and return its name; empty: there is nothing to keep, or it failed."""
+        """Store a copy of unsaved work and return its path; empty if there is none or storing it failed."""
         if not self.project.unsaved:
             self.forget()
             return ""
@@ -127,15 +127,15 @@ class Rescue(QObject):
         return str(self.file)
 
     def forget(self) -> None:
-        """Remove the copy: there is nothing that is not saved."""
+        """Remove the copy, because the project is saved."""
         self.file.unlink(missing_ok=True)
         self._lock.release()
 
     # -- copies of others ------------------------------------------------------------------------------
     def look(self, of: Path | None = None, *, asked: bool = False) -> None:
-        """Find unsaved copies and offer them: all, or those of the project ``of``.
+        """Find copies of unsaved work and offer them: all, or those of the project ``of``.
 
-        With ``asked`` a message says if there are none.
+        With ``asked``, a message reports if there are none.
         """
         self._release()
         folder = self.folder
@@ -170,18 +170,21 @@ class Rescue(QObject):
         self.dialog.open()
 
     def _end(self, kept: UnsavedCopy, action: Callable[[], None]) -> None:
-        """Do ``action`` with the copy asked about, and ask about the next."""
+        """Do ``action`` with the offered copy, and offer the next one."""
         action()
         _let_go([entry for entry in self._waiting if entry[0] is kept])
         self._waiting = [entry for entry in self._waiting if entry[0] is not kept]
         self._ask()
 
     def later(self, kept: UnsavedCopy) -> None:
-        """Leave the copy to the next start."""
+        """Keep the copy, to be offered at the next start."""
         self._end(kept, lambda: None)
 
     def finish(self, kept: UnsavedCopy) -> None:
-        """Keep the copy as this window's own work, and only then remove it; others wait for later."""
+        """Store the restored work as a copy of this window, and then remove the old copy.
+
+        Other copies are kept for later.
+        """
         if self.keep() or not self.project.unsaved:
             kept.file.unlink(missing_ok=True)
         if len(self._waiting) > 1:
@@ -193,7 +196,7 @@ class Rescue(QObject):
         self._waiting = []
 
     def close(self, *, keep: bool) -> None:
-        """Stop; ``keep``: unsaved work waits for the next window, else it was saved or is not wanted."""
+        """Stop. With ``keep``, a copy of unsaved work is kept for the next start; otherwise it is removed."""
         self._timer.stop()
         self._release()
         if self.dialog is not None:

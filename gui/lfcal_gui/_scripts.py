@@ -1,4 +1,4 @@
-"""What was done in the window, and what a page does, as scripts: on the clipboard or in a file."""
+"""Scripts of the steps done in the window, or of the current page, for the clipboard or a file."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ NONE_YET = "no step so far corresponds to a command"
 
 
 class Scripts:
-    """Copies and saves for a `lfcal_gui.window.MainWindow`."""
+    """Copies and saves scripts for a `lfcal_gui.window.MainWindow`."""
 
     def __init__(self, window: Any) -> None:
         self._window = window
 
     def copy_step(self, *, python: bool = False) -> None:
-        """Put what the page does on the clipboard, as a command or as Python; say what it lacks."""
+        """Copy the step of the page to the clipboard as a command or as Python code, or report what is missing."""
         window = self._window
         spec, part = window.shown.spec, window.shown.part
         try:
@@ -33,7 +33,7 @@ class Scripts:
         window.log(f"{spec.title} copied as {'Python' if python else 'a command'}")
 
     def copy_history(self) -> None:
-        """Put what was done in this window on the clipboard, as a script for a shell."""
+        """Copy the steps done in this window to the clipboard as a shell script."""
         history = self._window.context.history
         if not history.taken:
             self._window.log(f"nothing copied; {NONE_YET}")
@@ -42,7 +42,7 @@ class Scripts:
         self._window.log(f"steps copied as a script: {len(history.taken)}")
 
     def save_history(self, path: str = "") -> None:
-        """Write what was done in this window as a script for a shell, or for Python."""
+        """Save the steps done in this window as a shell script or a Python script."""
         window, history = self._window, self._window.context.history
         if not history.taken:
             window.log(f"nothing saved; {NONE_YET}")

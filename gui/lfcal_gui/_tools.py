@@ -1,4 +1,4 @@
-"""What belongs to no page: welcome, sample session, verify, doctor, preferences."""
+"""Dialogs that belong to no page: welcome, sample session, verify, doctor, preferences."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lfcal_gui.preferences import Preferences, welcome_wanted
 
 
 class Tools(QObject):
-    """Dialogs of a `lfcal_gui.window.MainWindow`; ``dialog`` is the one that was opened last."""
+    """Dialogs of a `lfcal_gui.window.MainWindow`; ``dialog`` is the one opened last."""
 
     def __init__(self, window: Any, folder: Path) -> None:
         super().__init__(window)
@@ -31,7 +31,7 @@ class Tools(QObject):
         return dialog
 
     def verify(self) -> VerifyDialog:
-        """Check a session or an H file."""
+        """Open the dialog that checks a session or an H file."""
         if self._verify is None:
             self._verify = VerifyDialog(self._window.context, self._window)
         self._verify.offer()
@@ -47,7 +47,7 @@ class Tools(QObject):
         return self._doctor
 
     def preferences(self) -> Preferences:
-        """Show what is kept between starts."""
+        """Open the preferences."""
         dialog = Preferences(self._window.settings, self._window)
         dialog.theme_asked.connect(self._window.set_theme)
         dialog.layout_reset.connect(self._window.reset_layout)
@@ -56,12 +56,12 @@ class Tools(QObject):
 
     # -- beginning -------------------------------------------------------------------------------------
     def begin(self) -> None:
-        """Welcome who is here for the first time, or wants it."""
+        """Show the welcome dialog at the first start, or if the preferences say so."""
         if welcome_wanted(self._window.settings):
             self.welcome()
 
     def welcome(self) -> Welcome:
-        """Show how to begin."""
+        """Show the welcome dialog."""
         window = self._window
         dialog = Welcome(window.files.recent.paths(), welcome_wanted(window.settings), window)
         dialog.chosen.connect(self._chosen)
@@ -75,7 +75,7 @@ class Tools(QObject):
         actions[key]()
 
     def sample(self) -> None:
-        """Open the sample session, its H assembled as a job the first time."""
+        """Open the sample session; its H is assembled as a job the first time."""
         from lfcal_gui._welcome import iter_demo
 
         window = self._window

@@ -1,4 +1,4 @@
-"""Verify: whether a session or an H file still is what was written."""
+"""Dialog Verify: check whether a session or an H file is unchanged since it was written."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class VerifyDialog(QDialog):
     Parameters
     ----------
     context
-        Whose jobs and project; the project's recording, else its H, is offered.
+        Context of the window. The recording of its project, or else its H, is offered.
     """
 
     def __init__(self, context: Context, parent: QWidget | None = None) -> None:
@@ -69,14 +69,14 @@ class VerifyDialog(QDialog):
         self._enable()
 
     def offer(self) -> None:
-        """Offer what the project has, unless something is named already."""
+        """Fill in the recording or H of the project, unless a path is given already."""
         self.setStyleSheet(style_sheet())
         if not self.path.text().strip():
             self.path.setText(self.context.state.recording or self.context.state.psf)
         self._enable()
 
     def check(self) -> None:
-        """Check what is named, as a job."""
+        """Check the given path as a job."""
         text = self.path.text().strip()
         if self._number or not text:
             return

@@ -1,4 +1,4 @@
-"""Welcome: how to begin, and the sample project."""
+"""Welcome dialog, and the project of the sample session."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ SIZE = (560, 420)
 
 
 class Welcome(QDialog):
-    """Choices to start with, and recent projects."""
+    """Dialog with ways to start, and recent projects."""
 
     chosen = Signal(str, arguments=["key"])
     """One of `STARTS`."""
     project_chosen = Signal(str, arguments=["path"])
     """A recent project was chosen."""
     kept = Signal(bool, arguments=["on"])
-    """Whether to show this dialog at the next start."""
+    """The user chose whether to show this dialog at the next start."""
 
     def __init__(self, recent: list[Path], shown: bool, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -91,7 +91,7 @@ class Welcome(QDialog):
 
 
 def iter_demo(folder: Path) -> Work[ProjectState]:
-    """Return a project of the sample session with H assembled, which ``folder`` keeps for the next start."""
+    """Return a project of the sample session with its H, which is kept in ``folder`` for the next start."""
     from lfcal.simulate import sample_session
     from lfcal_gui.pages.frames import FrameSettings
 

@@ -1,4 +1,4 @@
-"""Start the workstation: ``lfcal-gui [PROJECT] [--demo]``."""
+"""Start the window: ``lfcal-gui [PROJECT] [--demo]``."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the window until it is closed; return the exit code."""
+    """Run the window until it is closed, and return the exit code."""
     options = parse(sys.argv[1:] if arguments is None else arguments)
     lacking = _lacking()
     if lacking:
@@ -64,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _refused(message: str) -> int:
-    """Report why no window opens, and return the exit code."""
+    """Report why the window cannot open, and return the exit code."""
     if sys.stderr is None and sys.platform == "win32":  # a program without a console
         import ctypes
 
@@ -76,7 +76,7 @@ def _refused(message: str) -> int:
 
 
 def _lacking() -> str:
-    """Return what no window opens without, and the remedy; empty where all is there."""
+    """Return which requirement of the window is missing, with the remedy; empty if none is."""
     from lfcal.base import ON_X11, missing_libraries, shows_on_x11, why_no_window, without
 
     try:
@@ -89,9 +89,9 @@ def _lacking() -> str:
 
 
 def make_window(app: object, options: argparse.Namespace, *, folder: Path | None = None) -> MainWindow:
-    """Return the window; ``folder`` keeps recent projects and copies of unsaved work.
+    """Return the window; ``folder`` contains the list of recent projects and copies of unsaved work.
 
-    What was asked for is opened by `begin`.
+    Call `begin` to open the requested project.
     """
     from platformdirs import user_state_path
     from PySide6.QtCore import QSettings
@@ -114,7 +114,7 @@ def make_window(app: object, options: argparse.Namespace, *, folder: Path | None
 
 
 def begin(window: MainWindow, options: argparse.Namespace) -> None:
-    """Open what was asked for in the background of a window that is there; else welcome who wants it."""
+    """Open the requested project in the background, or show the welcome dialog."""
     window.files.begin(options.project)
     if options.project is None:
         (window.tools.sample if options.demo else window.tools.begin)()
@@ -122,7 +122,7 @@ def begin(window: MainWindow, options: argparse.Namespace) -> None:
 
 
 def safe_now(window: MainWindow) -> Sequence[str]:
-    """Keep a copy of unsaved work and return what is safe, a sentence each."""
+    """Store a copy of unsaved work, and return sentences that state which data are safe."""
     from lfcal_gui.models import safe_words
 
     project, at_work = window.project, [job for job in window.jobs.jobs() if job.active]
@@ -136,7 +136,7 @@ def safe_now(window: MainWindow) -> Sequence[str]:
 
 
 def _end_on_signals(window: MainWindow) -> None:
-    """End properly on a signal of the system: stop recordings, release devices, keep unsaved work."""
+    """Close properly on a signal of the system: stop recordings, release devices, store a copy of unsaved work."""
     from PySide6.QtWidgets import QApplication
 
     def end(number: int, _: object) -> None:

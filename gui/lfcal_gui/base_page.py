@@ -1,4 +1,4 @@
-"""What all pages have: title, hint, body, empty state."""
+"""Base class of all pages: title, hint, body, empty state."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from lfcal_gui.theme import current_theme, style_sheet
 from lfcal_gui.widgets import INSPECTOR, ElidedLabel, WrappedLabel, button, column_of, toggle_in, whole_page
 
 Deed = tuple[str, Callable[[], object] | Mapping[str, Callable[[], object]]]
-"""What a button of an empty state does: when one would press it (its tip), and the action, or a menu of actions."""
+"""Tooltip of a button of an empty state, and its action or a menu of actions."""
 
 
 HEADER = 28
-"""Height of a header, also of one without buttons (px)."""
+"""Height of a header, even without buttons (px)."""
 
 MARKS = {PageState.RUNNING: " …", PageState.ATTENTION: " ▲"}
 """Marks after the name of a view."""
@@ -32,7 +32,7 @@ NO_LONGER = "Stop waiting for this file. It stays in the project and can be open
 
 
 class EmptyState(QWidget):
-    """What is shown where there is nothing yet: what to do next, and the button that does it."""
+    """Placeholder of an empty page: what to do next, and buttons that do it."""
 
     def __init__(self, text: str, buttons: dict[str, Deed] | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -57,10 +57,10 @@ class EmptyState(QWidget):
 
 
 class BasePage(QWidget):
-    """A page: a header with title, hint and tools, and a body that is replaced by an empty state if need be."""
+    """Base of a page: a header with views, hint and tools, and a body that an empty state can replace."""
 
     theme_changed = Signal()
-    """Colours changed, and the page is seen; plots redraw."""
+    """The theme changed, and the page is visible; plots redraw."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__()
@@ -101,7 +101,7 @@ class BasePage(QWidget):
         return header
 
     def set_views(self, views: Sequence[PageSpec]) -> None:
-        """Offer the views of the place that this page is one of, at the left of the header."""
+        """Show buttons for the views of this page's place at the left of the header."""
         for number, spec in enumerate(views if len(views) > 1 else (), 1):
             one = QPushButton(spec.title)
             one.setProperty("role", "segment")
@@ -116,7 +116,7 @@ class BasePage(QWidget):
             self.segments.insertSpacing(len(self.views), 12)  # the views of the page
 
     def mark_views(self, states: Mapping[str, PageState]) -> None:
-        """Show at the names of the views which are at work, or need to be looked at."""
+        """Mark the names of views that have a running job or need attention."""
         for spec, one in self.views.items():
             one.setText(spec.title + MARKS.get(states[spec.key], ""))
 
@@ -126,9 +126,9 @@ class BasePage(QWidget):
             self.take_theme()
 
     def take_theme(self) -> None:
-        """Take the colours of the theme in use, once: a page that is not seen does so when it is.
+        """Apply the colours of the current theme. A hidden page does so when it is shown.
 
-        A page is styled as a whole: a styled page would style each of its parts again whenever one is added.
+        The style sheet is set on the page as a whole; otherwise, Qt would style all parts again whenever one is added.
         """
         theme = current_theme()
         if self.styleSheet() != style_sheet():
@@ -138,7 +138,7 @@ class BasePage(QWidget):
             self.theme_changed.emit()
 
     def showEvent(self, event: QShowEvent) -> None:
-        """Follow a change of the theme that came while the page was not seen."""
+        """Apply a theme that changed while the page was hidden."""
         self.take_theme()
         super().showEvent(event)
 
@@ -150,7 +150,7 @@ class BasePage(QWidget):
         self._stack.setCurrentWidget(self.empty)
 
     def lead(self, key: str, tip: str) -> Deed:
-        """Return what a button does that leads to the page ``key``; ``tip``: what is done there."""
+        """Return the action of a button that opens the page ``key``; ``tip`` is its tooltip."""
         return tip, lambda: self.context.go.emit(key, None)
 
     def show_body(self) -> None:
@@ -162,7 +162,7 @@ class BasePage(QWidget):
             self.empty = None
 
     def show_no_matrix(self, path: str, text: str, buttons: dict[str, Deed]) -> None:
-        """Show that the H of ``path`` is being opened, or why it cannot be; or ``text`` where neither is so."""
+        """Show that the H at ``path`` is being opened or why this failed; without a path, show ``text``."""
         matrices = self.context.matrices
         if matrices.opening(path):
             self.show_empty(f"Opening {Path(path).name} …", {"Cancel": (NO_LONGER, lambda: matrices.cancel(path))})
@@ -175,12 +175,12 @@ class BasePage(QWidget):
             self.show_empty(text, buttons)
 
     def refuse(self, words: str) -> None:
-        """Say on the page and in the log why something was refused."""
+        """Show on the page and in the log why something was refused."""
         self.notice.refuse(words)
         self.context.message.emit(words)
 
     def _say_refused(self, words: str) -> None:
-        """Say on the page that is looked at why the project did not change."""
+        """Show on the visible page why the project did not change."""
         if self.isVisible():
             self.notice.refuse(words)
 
@@ -194,7 +194,7 @@ class BasePage(QWidget):
     ) -> None:
         """Open ``what`` in the background. The page keeps its content until that succeeds.
 
-        Any error is shown on the page, or passed to ``on_error``. The user may stop waiting; a result that arrives
+        Any error is shown on the page, or passed to ``on_error``. The user can cancel; a result that arrives
         later is passed to ``discard``.
         """
         group = self._imports
@@ -209,7 +209,7 @@ class BasePage(QWidget):
 
     @property
     def _imports(self) -> str:
-        """What the page opens for the project."""
+        """Group of the requests with which the page opens files; see `load`."""
         return f"{self.spec.key} import"
 
     def tool_button(self, text: str, tip: str, action: Any) -> QPushButton:
@@ -219,7 +219,7 @@ class BasePage(QWidget):
         return one
 
     def stop_tool(self, tip: str) -> QPushButton:
-        """Add the button Stop (Esc): it stops every job of this page, and can be pressed while there is one."""
+        """Add the button Stop (Esc), which stops all jobs of this page; it is enabled while there are any."""
         one, jobs = self.tool_button("Stop", f"{tip} (Esc)", self.stop), self.context.jobs
         one.setEnabled(False)
         jobs.changed.connect(lambda _: self._show_stop(one))
@@ -227,14 +227,14 @@ class BasePage(QWidget):
         return one
 
     def _show_stop(self, one: QPushButton) -> None:
-        """Show on the button immediately that the running job was asked to stop."""
+        """Enable the button while there is a job, and show on it that a stop was requested."""
         active = [job for job in self.context.jobs.jobs() if job.active and job.page == self.spec.key]
         stopping = bool(active) and all(job.stopping for job in active)
         one.setEnabled(bool(active))
         one.setText("Stopping …" if stopping else "Stop")
 
     def stop(self) -> None:
-        """Stop every job of this page; what they made so far stays."""
+        """Stop all jobs of this page; their partial results are kept."""
         for job in self.context.jobs.jobs():
             if job.active and job.page == self.spec.key:
                 self.context.jobs.cancel(job.number)
@@ -244,13 +244,13 @@ class BasePage(QWidget):
         column_of(panel, of=self.body)
 
     def shortcut(self, keys: str, action: Callable[[], object]) -> None:
-        """Do ``action`` when ``keys`` are pressed while the page is looked at."""
+        """Call ``action`` when ``keys`` are pressed in this page."""
         shortcut = QShortcut(QKeySequence(keys), self)
         shortcut.setContext(Qt.ShortcutContext.WidgetWithChildrenShortcut)
         shortcut.activated.connect(action)
 
     def set_automatic_contrast(self) -> None:
-        """Let the pictures that are seen fill the colours, all but the darkest and brightest pixels."""
+        """Set the contrast of all visible pictures automatically, ignoring the darkest and brightest pixels."""
         from lfcal_gui.widgets import Contrast
 
         for one in self.findChildren(Contrast):
@@ -258,7 +258,7 @@ class BasePage(QWidget):
                 one.leave_out_tails()
 
     def toggle_inspector(self) -> None:
-        """Hide what stands right of the pictures, or show it again."""
+        """Hide or show the inspector to the right of the pictures."""
         areas = [one for one in self.findChildren(QWidget) if one.property(INSPECTOR)]
         shown = any(not one.isHidden() for one in areas)
         for one in areas:
@@ -267,12 +267,15 @@ class BasePage(QWidget):
             self.hold_keyboard()
 
     def hold_keyboard(self) -> None:
-        """Take the keyboard before what has it goes grey: shortcuts of a page work while it is in the page."""
+        """Move the keyboard focus to the page before the focused widget is disabled or hidden.
+
+        Shortcuts of a page work only while it has the focus.
+        """
         if self.isVisible():
             self.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def do(self, name: str) -> bool:
-        """Do what a button of the next step says; False where the page knows no such deed."""
+        """Do the action ``name`` of the next step; return False if the page does not have it."""
         deed = self.deeds().get(name)
         if deed is not None:
             deed()
@@ -291,20 +294,20 @@ class BasePage(QWidget):
     # -- what pages override -----------------------------------------------------------------------------
     @property
     def part(self) -> str:
-        """Which of several commands of the page is copied: the name of a part of it, empty where there is one."""
+        """Name of the part of the page whose command is copied; empty if the page has only one command."""
         return ""
 
     def let_go(self) -> None:
         """Release what belongs to the previous project. `state_changed` with the new project follows."""
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Follow a change of the project."""
+        """Update the page after a change of the project."""
 
     def entered(self) -> None:
-        """Prepare what is costly when the page is first looked at."""
+        """Do expensive preparations when the page is shown."""
 
     def deeds(self) -> dict[str, Callable[[], object]]:
-        """Return what the next step may ask this page to do, by names."""
+        """Return the actions that the next step may request, by name."""
         return {}
 
     def receive(self, payload: Any) -> None:
@@ -315,11 +318,11 @@ class BasePage(QWidget):
         """Import what the page imports at first use; called in a background thread soon after the start."""
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Take dropped files; False: not for this page."""
+        """Accept dropped files; return False if they are not for this page."""
         return False
 
 
 def page_class(spec: PageSpec) -> type[BasePage]:
-    """Return the class of a page; imported only now, so that widgets and libraries of pages do not slow the start."""
+    """Return the class of a page, which is imported only now to keep the start of the window fast."""
     found: type[BasePage] = importlib.import_module(f"{spec.package}.page").Page
     return found

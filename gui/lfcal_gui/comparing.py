@@ -1,4 +1,4 @@
-"""Two H compared as a job, and looked at position by position: what the place H and the gallery of sessions share."""
+"""Comparison of two H as a job, for the place H and the gallery of sessions."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Comparing:
     Parameters
     ----------
     panel, context
-        What shows it, and the window.
+        Panel that shows the comparison, and context of the window.
     page
         Key of the page.
     """
@@ -62,15 +62,15 @@ class Comparing:
 
     # -- what is compared ------------------------------------------------------------------------------
     def request(self) -> CompareRequest | None:
-        """Return what would be compared now; None where one of the two is missing."""
+        """Return the request for the current comparison; None if a file is missing."""
         raise NotImplementedError
 
     def pairing_chosen(self, by_number: bool) -> None:
-        """Pair planes by their numbers, or by their depths."""
+        """Pair planes by number or by depth, as chosen."""
         raise NotImplementedError
 
     def follow(self) -> None:
-        """Discard the comparison if other files are chosen now."""
+        """Discard the comparison if other files have been chosen."""
         now = self.request()
         if now != self._asked:
             self.release()
@@ -83,7 +83,7 @@ class Comparing:
         raise NotImplementedError
 
     def release(self) -> None:
-        """Forget what was compared, and stop what is at work."""
+        """Discard the comparison, and stop a running one."""
         number, self._job = self._job, 0
         if number:
             self._context.jobs.cancel(number)
@@ -95,7 +95,7 @@ class Comparing:
 
     # -- comparing -------------------------------------------------------------------------------------
     def compare(self) -> None:
-        """Compare both as a job."""
+        """Compare both files as a job."""
         self.follow()
         asked = self._asked
         if asked is None or self._job:
@@ -132,7 +132,7 @@ class Comparing:
         self._show_buttons()
 
     def write_report(self, folder: str = "") -> None:
-        """Write the comparison as a page, as a job; without a folder it is asked for."""
+        """Write the report of the comparison as a job; without a folder, ask for one."""
         found, asked = self.found, self._asked
         if found is None or asked is None:
             return
@@ -176,5 +176,5 @@ class Comparing:
             self.show_place((plane, *self._place[1:]))
 
     def show_place(self, place: Place) -> None:
-        """Show a position of both, and where it is."""
+        """Show a position of both H."""
         raise NotImplementedError

@@ -1,4 +1,4 @@
-"""What a page may use of the window: the project, the jobs, messages, and going to another page."""
+"""Interface between a page and the window: project, jobs, messages, and requests for other pages."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ if TYPE_CHECKING:
     from lfcal_gui.widgets import FoldedForm
 
 MOST_NAMES = 10_000
-"""Numbers that are tried for a name."""
+"""Largest number that is tried to make a name unused."""
 
 
 def results() -> Path:
-    """Return the folder for what is made in a project without a file and without data."""
+    """Return the output folder of a project without a file and without data."""
     return Path(QStandardPaths.writableLocation(QStandardPaths.StandardLocation.DocumentsLocation)) / "lfcal"
 
 
 class Context(QObject):
-    """Handed to every page; the only thing pages share."""
+    """Context of all pages: everything that they share."""
 
     state_changed = Signal(object, object, arguments=["old", "new"])
     """The project changed (`lfcal_gui.models.project.ProjectState` before and after)."""
@@ -52,24 +52,24 @@ class Context(QObject):
     files_offered = Signal(object, arguments=["paths"])
     """Files to open in the page that accepts them, as if they were dropped."""
     help_asked = Signal(str, str, arguments=["page", "name"])
-    """A page of the manual is wanted, such as ``faults.md``, or its section about ``name``."""
+    """Request for a page of the manual, such as ``faults.md``, or its section about ``name``."""
     message = Signal(str, arguments=["text"])
     """A line for the log and the status bar."""
     refused = Signal(str, arguments=["text"])
     """Why a change of the project was refused; the current page shows it, too."""
     attention = Signal(str, bool, arguments=["page", "flag"])
-    """A page found something that needs the user."""
+    """A page needs the attention of the user."""
     theme_asked = Signal(str, arguments=["name"])
-    """A page wants another theme."""
+    """Request for another theme."""
     theme_changed = Signal()
-    """Colours changed; plots redraw."""
+    """The theme changed; plots redraw."""
     frame_seen = Signal(object, object, arguments=["frame", "first"])
     """A frame of the camera is shown: ``(rows, columns)``, not to be changed, and which of the sensor's pixels (row,
     column) its first one is."""
     sample_asked = Signal()
-    """A page offers the sample session, and the user wants it."""
+    """Request for the sample session."""
     made = Signal(str, object, arguments=["page", "payload"])
-    """Something was made that page ``page`` shows; the window goes there unless the person is at work elsewhere."""
+    """A result was made that page ``page`` shows; the window goes there unless the user is working on another page."""
     reported_changed = Signal()
     """A page reported a change for the next step."""
     fitted_changed = Signal()
@@ -81,16 +81,16 @@ class Context(QObject):
         self.matrices = Matrices(jobs, lambda path: stated_order(self.state, path), self)
         self.matrices.failed.connect(self.message.emit)
         self.preferences: QSettings | None = None
-        """What is kept between starts. None: nothing is."""
+        """Settings stored between starts; None: nothing is stored."""
         self._closers: list[Callable[[], None]] = []
         self._fitted: FittedCamera | None = None
         self.history = History()
         self.curves = MeasuredCurves()
         self.paces = Paces()
         self.judged: Any = None
-        """The judgement of H that was made in the background, as the page that judges takes it over."""
+        """Judgement of H made in the background, which the page H takes over."""
         self.reported: dict[str, dict[str, Any]] = {}
-        """What each page reported about the sitting."""
+        """Fields of `Sitting` reported by each page."""
         self._reported_of = project.begun
         jobs.finished.connect(self._remember)
         project.listen(lambda old, new: self.matrices.follow_orders())
@@ -104,25 +104,25 @@ class Context(QObject):
         return self.project.state
 
     def kept_texts(self, name: str) -> list[str]:
-        """Return texts that `keep_texts` kept, at an earlier start too."""
+        """Return the texts stored by `keep_texts`, possibly at an earlier start."""
         kept = None if self.preferences is None else self.preferences.value(name)
         texts = kept if isinstance(kept, list) else [kept]  # a list of one text is stored as the text
         return [one for one in texts if isinstance(one, str) and one]
 
     def keep_texts(self, name: str, texts: Sequence[str]) -> None:
-        """Keep texts for later starts."""
+        """Store texts for later starts."""
         if self.preferences is not None:
             self.preferences.setValue(name, list(texts))
 
     @property
     def fitted(self) -> FittedCamera | None:
-        """The camera that a fit of this window found last."""
+        """Camera found by the last fit in this window; None if there is none."""
         return self._fitted
 
     def own_path(self, name: str) -> str:
-        """Return a new file or folder ``name`` for what is made: next to the project or its data, else in `results`.
+        """Return an unused path for an output called ``name``: next to the project or its data, else in `results`.
 
-        Empty where nothing can be written there: then the user is asked.
+        It is empty if nothing can be written there; the user is then asked.
         """
         near = next(filter(None, (self.project.path, self.state.frames, self.state.recording, self.state.psf)), None)
         folder, wanted = results() if near is None else Path(near).parent, Path(name)
@@ -136,12 +136,12 @@ class Context(QObject):
         return str(found) if found is not None and os.access(folder, os.W_OK) else ""
 
     def edit(self, settings: PageSettings, key: str, value: Any, label: str = "change of") -> None:
-        """Change one field of a page's settings; ``label``, with the field's name, is what undo offers."""
+        """Change one field of a page's settings; ``label`` and the name of the field name the undo step."""
         changed = settings.changed(key, value)
         self.project.merge(f"{label} {key.replace('_', ' ')}", settings=changed.into(self.state))
 
     def let_edit(self, form: FoldedForm, settings: Callable[[], PageSettings], label: str = "change of") -> None:
-        """Let a form edit the settings of a page, and mark values that they refuse; ``label``: as in `edit`."""
+        """Connect a form with the settings of a page, and mark values that are refused; ``label`` is as in `edit`."""
         form.check = lambda key, value: settings().why_not(key, value)
         form.edited.connect(lambda key, value: self.edit(settings(), key, value, label))
 
@@ -152,13 +152,13 @@ class Context(QObject):
             self.fitted_changed.emit()
 
     def _forget_reported(self) -> None:
-        """Forget what pages reported about another project."""
+        """Discard the reports of pages on the previous project."""
         if self._reported_of != self.project.begun:
             self._reported_of = self.project.begun
             self.reported.clear()
 
     def report(self, page: str, **facts: Any) -> None:
-        """Report what ``page`` knows about the sitting: fields of `Sitting`, valid until its next report."""
+        """Report fields of `Sitting` known to ``page``; they are valid until its next report."""
         if self.reported.get(page) != facts:
             self.reported[page] = facts
             self.reported_changed.emit()
@@ -168,7 +168,7 @@ class Context(QObject):
         return self.matrices.get(path)
 
     def forget(self, path: str) -> None:
-        """Close a PSF matrix, so that its file may be replaced or is read again."""
+        """Close a PSF matrix, so that its file can be replaced or read again."""
         self.matrices.forget(path)
 
     def start_writing(
@@ -254,7 +254,7 @@ class Context(QObject):
         self._closers.append(closer)
 
     def close(self) -> None:
-        """Close what pages hold, and all files."""
+        """Call all closers, and close all files."""
         while self._closers:
             self._closers.pop()()
         self.matrices.close()

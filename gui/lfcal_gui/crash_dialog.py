@@ -1,4 +1,4 @@
-"""Unexpected errors of every thread: into the log, and to the user in one dialog that says what is safe."""
+"""Report unexpected errors of all threads in the log, and in one dialog that states which data are safe."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def open_folder(folder: Path) -> None:
 
 
 class CrashDialog(QDialog):
-    """One for all errors; it does not block the window."""
+    """Dialog for all unexpected errors; it does not block the window."""
 
     def __init__(self, log: Path | None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -91,7 +91,7 @@ class CrashDialog(QDialog):
         return row
 
     def show_mishaps(self, mishaps: Sequence[Mishap], safe: Sequence[str] | None) -> None:
-        """Show these errors, the newest last, and what is safe (None: as before)."""
+        """Show these errors, the newest last, and which data are safe (None: unchanged)."""
         self._mishaps = list(mishaps)
         self.words.setText("\n".join(mishap.title() for mishap in self._mishaps[-3:]))
         if safe is not None:
@@ -102,12 +102,12 @@ class CrashDialog(QDialog):
             self.show()
 
     def text(self) -> str:
-        """Return what a report of the error should hold."""
+        """Return the text of an error report."""
         parts = [system_line(), *(f"{m.title()}\nin {m.thread}\n{m.trace}" for m in self._mishaps)]
         return "\n\n".join(parts)
 
     def copy_text(self) -> None:
-        """Put it on the clipboard."""
+        """Copy the report to the clipboard."""
         QApplication.clipboard().setText(self.text())
         self.copy.setText("Copied")
 
@@ -143,8 +143,8 @@ _LEVELS = {
 class CrashGuard(QObject):
     """Report unexpected errors between `install` and `close`, and keep the window open.
 
-    ``log`` is the log file, None if there is none. At an error of a new kind ``safe`` is called: it saves what it can
-    and returns what is safe, a sentence each.
+    ``log`` is the log file; None if there is none. At an error of a new kind, ``safe`` is called: it stores a copy of
+    unsaved work, and returns sentences that state which data are safe.
     """
 
     def __init__(self, window: QWidget, log: Path | None, safe: Callable[[], Sequence[str]]) -> None:
@@ -158,14 +158,14 @@ class CrashGuard(QObject):
         self._timer.timeout.connect(self.show_raised)
 
     def install(self) -> None:
-        """Take the hooks of Python and Qt."""
+        """Install the exception hooks of Python and the message handler of Qt."""
         before = qInstallMessageHandler(_from_qt)
         self._hooks = (sys.excepthook, threading.excepthook, before)
         sys.excepthook, threading.excepthook = self._raised, self._raised_in_thread
         self._timer.start()
 
     def close(self) -> None:
-        """Give the hooks back."""
+        """Restore the previous hooks."""
         self._timer.stop()
         if self._hooks is not None:
             sys.excepthook, threading.excepthook, before = self._hooks
@@ -195,7 +195,7 @@ class CrashGuard(QObject):
 
     # -- the window's thread ---------------------------------------------------------------------------
     def show_raised(self) -> None:
-        """Show what was raised: a kind not seen yet opens the dialog, others are counted where it is open."""
+        """Show an error: a new kind opens the dialog; others are only counted."""
         if not self._more.is_set():
             return
         self._more.clear()

@@ -1,4 +1,4 @@
-"""Jobs in the window: a line in the status bar, and the list of all of them with their logs, and runs in units."""
+"""Jobs in the window: a line in the status bar, and the list of all jobs with their logs and runs in units."""
 
 from __future__ import annotations
 
@@ -35,19 +35,21 @@ from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import HeadedCard, RowsTable, WrappedLabel, button, line, lines_px, set_role
 
 LOOK_MS = 1000
-"""Between two looks at the journal of a run (ms)."""
+"""Interval between two readings of the journal of a run (ms)."""
 
 UNITS_PX = 160
-"""Of the table (pixels)."""
+"""Height of the table of units (px)."""
 
 
 def look(run: Path) -> RunTable:
-    """Return where the run of a folder, or of the file it makes, stands; one that is over and gone says so.
+    """Return the progress of the run in a folder, or of the run that makes a file.
+
+    A run that was completed and removed is reported as complete if its file exists.
 
     Raises
     ------
     InputError
-        If there is no run, and nothing that one made.
+        If there is neither a run nor a file that it made.
     """
     named = run.suffix == ".parts" or not run.name or (run / JOURNAL).exists()
     folder = run if named else parts_folder(run)
@@ -57,7 +59,7 @@ def look(run: Path) -> RunTable:
 
 
 class RunView(HeadedCard):
-    """One run, looked at every second until it is dismissed."""
+    """View of one run, updated every second until it is closed."""
 
     def __init__(self, jobs: Jobs, run: Path, parent: QWidget | None = None) -> None:
         super().__init__(run.name, parent)
@@ -80,7 +82,7 @@ class RunView(HeadedCard):
         self.refresh()
 
     def refresh(self) -> None:
-        """Look at the journal, in the background."""
+        """Read the journal in the background."""
         self._jobs.compute(f"run {self._run}", lambda: look(self._run), self.show_table, self._lost)
 
     def show_table(self, found: RunTable) -> None:
@@ -107,7 +109,7 @@ class RunView(HeadedCard):
 
 
 LOG_MS = 500
-"""Between two looks at a log that may grow (ms)."""
+"""Interval between two updates of a log (ms)."""
 
 LOG_SIZE = (820, 460)
 
@@ -139,7 +141,7 @@ class JobLogView(QDialog):
         self._timer.timeout.connect(self.refresh)
 
     def showEvent(self, event: QShowEvent) -> None:
-        """Follow the job while the log is seen."""
+        """Update the log while it is visible."""
         self.setStyleSheet(style_sheet())
         first = not self._shown
         self.refresh()
@@ -150,12 +152,12 @@ class JobLogView(QDialog):
         super().showEvent(event)
 
     def hideEvent(self, event: QHideEvent) -> None:
-        """Look no more."""
+        """Stop updating."""
         self._timer.stop()
         super().hideEvent(event)
 
     def refresh(self) -> None:
-        """Show what was said since the last look; the place that is read stays, unless that is the end."""
+        """Add new lines of the log. The view scrolls only if it shows the end."""
         text = self._log.text()
         if text == self._shown:
             return
@@ -166,7 +168,7 @@ class JobLogView(QDialog):
         bar.setValue(bar.maximum() if at_end else place)
 
     def save(self, path: str = "") -> None:
-        """Write the log; asks for the file unless it is given."""
+        """Write the log to a file; without a path, ask for one."""
         name = re.sub(r"[^\w.-]+", "_", self._log.title).strip("_")
         path = path or ask_target(self, "Save log", f"{name}.txt", "text (*.txt)")
         if path:
@@ -183,10 +185,10 @@ BAR = 150
 
 
 class JobRow(HeadedCard):
-    """A job that waits, runs, or has ended."""
+    """Row of a job that is queued, running or finished."""
 
     gone = Signal(int)
-    """The user wants to see it no longer; its number."""
+    """The user closed the row; the number of the job."""
 
     def __init__(self, jobs: Jobs, job: WindowJob) -> None:
         super().__init__(job.title)
@@ -214,11 +216,11 @@ class JobRow(HeadedCard):
 
     @property
     def job(self) -> WindowJob:
-        """The job as it was shown last."""
+        """The job as last shown."""
         return self._job
 
     def show_job(self, job: WindowJob) -> None:
-        """Show the job as it is now."""
+        """Show the state of the job."""
         self._job = job if job.active else job.remembered()
         record, place = job.progress, self._place()
         self.bar.setVisible(job.active and not place)
@@ -235,7 +237,7 @@ class JobRow(HeadedCard):
         self.error.setVisible(bool(job.error))
 
     def _place(self) -> int:
-        """Return the job's place among those that wait, from 1; 0 where it does not."""
+        """Return the job's position in the queue, from 1; 0 if it is not queued."""
         waiting = self._jobs.waiting()
         return waiting.index(self._job.number) + 1 if self._job.number in waiting else 0
 
@@ -260,7 +262,7 @@ class JobRow(HeadedCard):
         return "" if not count else f", {count} warning{'s' if count > 1 else ''}: see its log"
 
     def _show_button(self) -> None:
-        """Name the last button by what it does now."""
+        """Set the text of the last button to its current action."""
         job = self._job
         text, tip = "Dismiss", "Remove this job from the list"
         if job.active:
@@ -273,7 +275,7 @@ class JobRow(HeadedCard):
         self.button.setEnabled(not (job.active and job.stopping))
 
     def show_log(self) -> JobLogView:
-        """Show its log in a separate window."""
+        """Show the log of the job in a separate window."""
         if self._view is None:
             self._view = JobLogView(self._jobs.log(self._job.number), self.window())
         self._view.show()
@@ -292,14 +294,14 @@ class JobRow(HeadedCard):
 
 
 KEPT = 20
-"""Jobs that have ended and are still listed."""
+"""Number of finished jobs that are listed."""
 
 ROWS = 2
-"""Jobs that are seen whole in the lowest window; the others scroll."""
+"""Number of jobs that are visible in the lowest window; the others scroll."""
 
 
 class JobPanel(QWidget):
-    """All jobs: those at work, those that wait in their order, those that have ended, newest first."""
+    """List of all jobs: running ones, queued ones in their order, then finished ones, newest first."""
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -342,12 +344,12 @@ class JobPanel(QWidget):
         jobs.queued.connect(self._show_queue)
 
     def minimumSizeHint(self) -> QSize:
-        """Return room for `ROWS` jobs."""
+        """Return a size with room for `ROWS` jobs."""
         height = self.fontMetrics().height() + 28
         return QSize(super().minimumSizeHint().width(), ROWS * height)
 
     def watch(self, run: Path) -> RunView:
-        """Show the units of a run (``H.h5.parts``, or what it makes) until they are dismissed."""
+        """Show the units of a run (its folder ``H.h5.parts``, or its output) until the view is closed."""
         view = RunView(self._jobs, run)
         self._runs.insertWidget(0, view)
         return view
@@ -379,7 +381,7 @@ class JobPanel(QWidget):
         self._empty.setVisible(not self._rows)
 
     def _show_queue(self) -> None:
-        """Show the order in which jobs wait."""
+        """Show the order of the queued jobs."""
         self._arrange()
         for number in self._jobs.waiting():
             self._rows[number].show_job(self._rows[number].job)
@@ -404,7 +406,7 @@ class JobPanel(QWidget):
                 self._column.insertWidget(at, row)
 
     def _trim(self) -> None:
-        """Take out the oldest that have ended and left nothing."""
+        """Remove the oldest finished jobs without partial results."""
         over = sorted(number for number, row in self._rows.items() if not row.job.active and not row.job.kept)
         for number in over[: max(0, len(self._rows) - KEPT)]:
             self._take_out(number)
@@ -419,14 +421,14 @@ SHORT_BAR, LINE_PX = 90, 17
 """Width of the bar, and height of the text: the status bar is as low as without it (px)."""
 
 SHEET = (900, 300)
-"""Greatest size of the sheet (px)."""
+"""Largest size of the list (px)."""
 
 NAMED, LONGEST = 2, 44
-"""Jobs that the line names, and letters of the longest name that is not cut: messages need the room."""
+"""Largest number of jobs named in the line, and of letters of a name that is not shortened."""
 
 
 def shortened(title: str, most: int) -> str:
-    """Return a title whose middle is left out where it has more than ``most`` letters."""
+    """Return a title; if it has more than ``most`` letters, its middle is replaced by an ellipsis."""
     half = (most - 1) // 2
     return title if len(title) <= most else f"{title[:half]}…{title[-half:]}"
 
@@ -447,9 +449,9 @@ def jobs_words(active: list[WindowJob], failed: list[WindowJob]) -> str:
 
 
 class JobsLine(QWidget):
-    """Progress bar and text; a click opens the list.
+    """Progress bar and text in the status bar; a click opens the list of jobs.
 
-    A failed job stays in red until the list is opened, the same job succeeds, or another project begins.
+    A failed job stays in red until the list is opened, the same job succeeds, or another project is opened.
     """
 
     def __init__(self, jobs: Jobs, window: QMainWindow) -> None:
@@ -480,12 +482,12 @@ class JobsLine(QWidget):
         self.forget_failed()
 
     def forget_failed(self) -> None:
-        """Show no failed jobs: they were read, or belong to another project."""
+        """Show no failed jobs, because the user has seen them, or another project was opened."""
         self._failed.clear()
         self.refresh()
 
     def refresh(self) -> None:
-        """Show which jobs run now."""
+        """Show the running jobs."""
         active = [job for job in self._jobs.jobs() if job.active]
         active.sort(key=lambda job: job.state is JobState.WAITING)
         words = jobs_words(active, self._failed)
@@ -527,13 +529,13 @@ class JobsSheet(QFrame):
         self.hide()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Stay above the status bar."""
+        """Keep the list above the status bar when the window changes."""
         if event.type() == QEvent.Type.Resize and self.isVisible():
             self._place()
         return False
 
     def showEvent(self, event: Any) -> None:
-        """Take its place and the keyboard."""
+        """Move to its place, and take the keyboard focus."""
         self._place()
         self.raise_()
         self.setFocus(Qt.FocusReason.OtherFocusReason)
@@ -546,7 +548,7 @@ class JobsSheet(QFrame):
         self.setGeometry(self._window.width() - width - 8, above.y() - height - 4, width, height)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Close it at Esc."""
+        """Close the list when Escape is pressed."""
         if event.key() == Qt.Key.Key_Escape:
             self.hide()
         else:

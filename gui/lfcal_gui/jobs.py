@@ -24,12 +24,12 @@ from lfcal_gui.workers import keep, wait_for, words_of
 
 
 class Line:
-    """Numbers of the waiting jobs, and of the running one.
+    """Queue of jobs by their numbers.
 
     Attributes
     ----------
     at_work
-        The job whose turn it is, None if there is none.
+        The running job of the queue; None if there is none.
     """
 
     def __init__(self) -> None:
@@ -38,29 +38,29 @@ class Line:
 
     @property
     def waiting(self) -> tuple[int, ...]:
-        """Jobs that wait, the next one first."""
+        """The queued jobs, the next one first."""
         return tuple(self._waiting)
 
     def add(self, number: int) -> None:
-        """Let a job wait at the end."""
+        """Add a job at the end of the queue."""
         self._waiting.append(number)
 
     def next(self) -> int | None:
-        """Return the next job, None if one is running or none waits."""
+        """Return the next job to start; None if a job is running or none is queued."""
         if self.at_work is not None or not self._waiting:
             return None
         self.at_work = self._waiting.pop(0)
         return self.at_work
 
     def leave(self, number: int) -> None:
-        """Forget a job that has ended, or waits no longer."""
+        """Remove a job that has ended, or that no longer has to run."""
         if number == self.at_work:
             self.at_work = None
         elif number in self._waiting:
             self._waiting.remove(number)
 
     def move(self, number: int, by: int) -> bool:
-        """Move a job that waits by so many places, later where positive; return whether that changed the order."""
+        """Move a queued job ``by`` places, later if positive; return whether this changed the order."""
         if number not in self._waiting:
             return False
         at = self._waiting.index(number)
@@ -71,7 +71,7 @@ class Line:
 
 @dataclass(frozen=True)
 class JobRequest:
-    """The request of a job. The job starts from it, and resumes from it after a stop.
+    """Request of a job, from which it starts, and resumes after a stop.
 
     ``work`` returns the work, and is called in the job's thread. ``on_done`` gets the result, ``on_failed`` and
     ``on_end`` get the job. ``before`` is called in the window's thread right before the job begins. ``needs`` are files
@@ -90,7 +90,7 @@ class JobRequest:
     needs: tuple[Stamp, ...] = field(default=())
 
     def check(self) -> None:
-        """Raise `InputError` where a file is no longer what it was when the job was asked for."""
+        """Raise `InputError` if a file has changed since the job was requested."""
         for stamp in self.needs:
             if stamp_of(stamp[0]) != stamp:
                 name = Path(stamp[0]).name
@@ -103,7 +103,7 @@ class JobRequest:
 
     @staticmethod
     def stamps(paths: Iterable[str]) -> tuple[Stamp, ...]:
-        """Return files as they are now; those that are not there are left to the work to refuse."""
+        """Return the stamps of files. Missing files are omitted, because the work itself reports them."""
         return tuple(found for path in paths if (found := stamp_of(path)) is not None)
 
 
@@ -124,11 +124,11 @@ class JobThread:
         self.thread = threading.Thread(target=self._run, name=f"lfcal-job-{number}", daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self.thread.start()
 
     def take(self) -> Progress | None:
-        """Return the newest record, once."""
+        """Return the newest progress record; None if it was already returned."""
         try:
             return self._newest.pop()
         except IndexError:
@@ -167,7 +167,7 @@ class JobThread:
             running.close()
 
     def _kept(self) -> str:
-        """Return what is kept of the work, once it has cleaned up behind itself."""
+        """Return a description of the partial results that the work has left; empty if there are none."""
         try:
             return "" if self.asked.keeping is None else self.asked.keeping.look()
         except (LfcalError, OSError) as error:
@@ -176,17 +176,17 @@ class JobThread:
 
 
 TELL_S = 0.03
-"""Least time between two reported records of a job (s)."""
+"""Shortest time between two reported progress records of a job (s)."""
 
 JOBS_S = 30.0
-"""How long closing waits for jobs, which clean up behind themselves (s)."""
+"""Longest time that closing waits for jobs to clean up (s)."""
 
 WAITS = "waiting for other jobs; Jobs shows the order"
-"""What a page says of its job that waits."""
+"""Status shown for a queued job."""
 
 
 class Jobs(BackgroundThreads):
-    """Run `lfcal.base.progress.Work` in threads; report in the window's thread."""
+    """Run `lfcal.base.progress.Work` in threads, and report in the window's thread."""
 
     changed = Signal(object)
     """A `WindowJob`, whenever one of its fields changes."""
@@ -195,7 +195,7 @@ class Jobs(BackgroundThreads):
     """A `WindowJob` that is done, stopped or failed."""
 
     queued = Signal()
-    """Other jobs wait than before, or in another order."""
+    """The queue has changed."""
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -241,7 +241,7 @@ class Jobs(BackgroundThreads):
         at_once
             Whether it skips the queue: it is short, or uses devices that do not wait.
         keeping
-            What is kept of its work if it ends early.
+            Its partial results if it ends early.
         needs
             Files that it reads. If one has changed when its turn comes, the job fails.
         taken
@@ -260,7 +260,7 @@ class Jobs(BackgroundThreads):
         return number
 
     def _enter(self, number: int) -> None:
-        """Let a job begin, or wait for its turn."""
+        """Start a job, or add it to the queue."""
         if self._leaving:
             self._end(number, state=JobState.CANCELLED)
             return
@@ -274,7 +274,7 @@ class Jobs(BackgroundThreads):
         self.queued.emit()
 
     def _advance(self) -> None:
-        """Begin the next job of the queue if none is at work."""
+        """Start the next job of the queue if none is running."""
         number = None if self._closed or self._leaving else self._line.next()
         if number is not None:
             self._begin(number)
@@ -290,11 +290,11 @@ class Jobs(BackgroundThreads):
         self._change(number, state=JobState.RUNNING, started=time.monotonic())
 
     def log(self, number: int) -> JobLog:
-        """Return what a job did and said so far."""
+        """Return the log of a job."""
         return self._logs[number]
 
     def cancel(self, number: int) -> None:
-        """Ask a job to stop, which cleans up behind itself; one that waits does so no longer. Of none (0): nothing."""
+        """Ask a running job to stop and clean up, or remove a queued one. Unknown numbers, such as 0, are ignored."""
         if number not in self._jobs or not self._jobs[number].active:
             return
         running = self._running.get(number)
@@ -314,7 +314,7 @@ class Jobs(BackgroundThreads):
             self._change(number, stopping=True)
 
     def cancel_all(self) -> None:
-        """Ask all jobs to stop; those that wait first, or the next would begin."""
+        """Ask all jobs to stop, first the queued ones, because otherwise the next of them would start."""
         for number in (*self._line.waiting, *self._running):
             self.cancel(number)
 
@@ -323,32 +323,32 @@ class Jobs(BackgroundThreads):
         return sorted(self._jobs.values(), key=lambda job: -job.number)
 
     def running_pages(self) -> set[str]:
-        """Return the keys of the pages that have a job at work."""
+        """Return the keys of the pages that have a running or queued job."""
         return {job.page for job in self._jobs.values() if job.active}
 
     @property
     def busy(self) -> bool:
-        """Whether a job or a computation is at work, or its result waits to be shown."""
+        """Whether there is a running or queued job, or a computation whose result has not been delivered yet."""
         return super().busy or any(job.active for job in self._jobs.values())
 
     # -- the queue -------------------------------------------------------------------------------------
     def waiting(self) -> tuple[int, ...]:
-        """Return the numbers of the jobs that wait, the next one first."""
+        """Return the numbers of the queued jobs, the next one first."""
         return self._line.waiting
 
     def move(self, number: int, by: int) -> None:
-        """Let a job that waits be done so many places later, or earlier where negative."""
+        """Move a queued job ``by`` places, later if positive."""
         if self._line.move(number, by):
             self.queued.emit()
 
     # -- what is kept of jobs that ended early ---------------------------------------------------------
     def keeps(self, number: int) -> bool:
-        """Return whether a job that is at work or waits keeps what it made where it ends early."""
+        """Return whether a running or queued job keeps partial results if it ends early."""
         asked = self._asked.get(number)
         return asked is not None and asked.keeping is not None
 
     def go_on(self, number: int) -> None:
-        """Resume a job that ended early, with its first request, when its turn comes."""
+        """Queue a job that ended early again, to resume from its original request."""
         if number not in self._asked or not self._jobs[number].kept:
             return
         self._logs[number].go_on()
@@ -357,7 +357,7 @@ class Jobs(BackgroundThreads):
         self._enter(number)
 
     def discard(self, number: int) -> None:
-        """Free what is kept of a job that ended early; where that fails, the job says why."""
+        """Delete the partial results of a job that ended early; if this fails, the job shows the reason."""
         asked = self._asked.get(number)
         if asked is None or asked.keeping is None or not self._jobs[number].kept:
             return
@@ -372,7 +372,7 @@ class Jobs(BackgroundThreads):
         self.compute(f"discard {number}", asked.keeping.discard, gone, refused)
 
     def _take_over(self, keeping: Keeping) -> None:
-        """Let earlier jobs that made the same forget what they kept: it is the new one's."""
+        """Hand the partial results of earlier jobs with the same output over to a new job."""
         for number, asked in list(self._asked.items()):
             if asked.keeping is not None and asked.keeping.out == keeping.out and self._jobs[number].kept:
                 self._forget_kept(number)
@@ -395,7 +395,7 @@ class Jobs(BackgroundThreads):
             self._change(running.number, progress=record)
 
     def _ended(self, number: int, changes: dict[str, Any]) -> None:
-        """Take how a job ended from its thread."""
+        """Pass the end of a job from its thread to the window's thread."""
 
         def take() -> None:
             running = self._running.get(number)
@@ -449,12 +449,12 @@ class Jobs(BackgroundThreads):
         log.end(job.ended_words(), job.details)
 
     def leave(self) -> None:
-        """Ask everything to stop, and begin nothing any more: `waits_for` says how long that is worth waiting for."""
+        """Ask all jobs to stop, and start no others. `waits_for` returns whether to wait for them."""
         super().leave()
         self.cancel_all()
 
     def waits_for(self, seconds: float) -> bool:
-        """Return whether something is at work that is waited for so many ``seconds`` after `leave`."""
+        """Return whether closing should still wait for running work, ``seconds`` after `leave`."""
         left = self._loads.alive or any(thread.is_alive() for thread in self._abandoned)
         return (
             (bool(self.running_pages()) and seconds < JOBS_S)
@@ -463,7 +463,7 @@ class Jobs(BackgroundThreads):
         )
 
     def close(self, wait_s: float = JOBS_S) -> None:
-        """Stop everything and wait for the threads, for jobs at most ``wait_s``; nothing reports afterwards."""
+        """Stop all jobs, and wait at most ``wait_s`` seconds for their threads; later results are discarded."""
         self._closed = True
         running = list(self._running.values())
         for one in running:

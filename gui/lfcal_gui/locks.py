@@ -1,4 +1,4 @@
-"""Which window uses a file: a lock file in its folder names the process. Locks of dead processes are ignored."""
+"""Locks of project files: a lock file in the same folder names the process. Locks of ended processes are ignored."""
 
 from __future__ import annotations
 
@@ -22,19 +22,22 @@ class FileLock:
         self._lock.setStaleLockTime(0)  # age says nothing: windows stay open for days
 
     def take(self) -> bool:
-        """Return whether the file is this window's now, or cannot be locked at all."""
+        """Lock the file; return False if another window has it.
+
+        If the folder cannot be written, the file is not locked, and the result is True.
+        """
         if self._lock.isLocked() or self._lock.tryLock(0):
             return True
         return self._lock.error() != QLockFile.LockError.LockFailedError
 
     def take_over(self) -> bool:
-        """Take the lock from its present owner, on request of the user; return whether this window has it now."""
+        """Take the lock from its owner at the user's request; return whether this succeeded."""
         with suppress(PermissionError):  # Windows removes no file that is open, on another machine too
             self._name.unlink(missing_ok=True)
         return self.take()
 
     def holder(self) -> tuple[str, bool]:
-        """Return who has the lock in words, and whether it is a process of another machine."""
+        """Return a description of the owner of the lock, and whether it is a process on another machine."""
         process, host, _ = self._lock.getLockInfo() or (0, "", "")
         if not process:
             return "another program", False
@@ -42,5 +45,5 @@ class FileLock:
         return (f"process {process} on {host}" if away else f"another window (process {process})"), away
 
     def release(self) -> None:
-        """Let others have the file."""
+        """Release the lock."""
         self._lock.unlock()

@@ -1,4 +1,4 @@
-"""The window's log: rotated files that begin with version and system, and one for crashes of the process. No Qt."""
+"""The log of the window: rotating files that begin with versions and system, and a file for crashes. No Qt."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FORMAT = "%(asctime)s %(process)d %(levelname)s %(name)s: %(message)s"
 
 
 def log_folder() -> Path:
-    """Return where the system keeps logs of programs; it need not be there yet."""
+    """Return the folder for logs of programs on this system, which may not exist yet."""
     from platformdirs import user_log_path
 
     return user_log_path("lfcal", appauthor=False)
@@ -36,7 +36,7 @@ def system_line() -> str:
 
 
 class _Handler(RotatingFileHandler):
-    """Begins every file, and every start of the program, with `system_line`."""
+    """Handler that writes `system_line` at the beginning of each file and at each start of the program."""
 
     def _open(self) -> IO[str]:  # type: ignore[override]
         stream = super()._open()
@@ -52,14 +52,14 @@ class _Handler(RotatingFileHandler):
 
 
 class Log:
-    """The log while the window lives.
+    """Log of the window.
 
     Parameters
     ----------
     folder
-        Where the files are; made if need be.
+        Folder of the files, which is created if necessary.
     faults
-        Whether crashes of the process itself (a segmentation fault, an abort) leave the threads' traces.
+        Whether the threads' tracebacks are written if the process crashes (segmentation fault, abort).
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Log:
             logging.getLogger("py.warnings").addHandler(self._handler)
 
     def close(self) -> None:
-        """Let the files go."""
+        """Close the files."""
         if self._handler is not None:
             for logger in (self._logger, logging.getLogger("py.warnings")):
                 logger.removeHandler(self._handler)

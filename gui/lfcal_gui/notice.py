@@ -1,4 +1,4 @@
-"""The line of a page in the status bar: what it is waiting for, or why something was refused, until it is dismissed."""
+"""Notice of a page in the status bar: what the page waits for, or why something was refused, until it is dismissed."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from lfcal_gui.theme import style_sheet
 from lfcal_gui.widgets import ElidedLabel, WrappedLabel, button, column_of, set_role
 
 WAIT_MS = 300
-"""Work that is done sooner is not announced."""
+"""Time after which waiting is announced (ms)."""
 
 HEIGHT = 20
-"""Of the buttons: a status bar is as low as without them (px)."""
+"""Height of the buttons, which does not increase that of the status bar (px)."""
 
 LONG = re.compile(r"\S{2,}(\S{23})")
-"""A path, and its end: where the line has no room for the message, the reason matters more than the whole path."""
+"""A path and its end: in a line that is too short, the reason matters more than the whole path."""
 
 WIDEST = 560
-"""Width of a message that is shown whole (px)."""
+"""Width of a message that is shown in full (px)."""
 
 DISMISS = "Hide this message. The log keeps it"
 UNCHANGED = "Hide this message without any change"
 
 
 class Notice(QFrame):
-    """One line with one button, or two where it offers something; hidden where there is nothing to say.
+    """A line of text with one or two buttons; hidden if there is no notice.
 
-    A button opens the whole message where the line has no room for it.
+    If the message is too long for the line, a button shows all of it.
     """
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -60,14 +60,14 @@ class Notice(QFrame):
         self.hide()
 
     def wait(self, text: str, cancel: Callable[[], None]) -> None:
-        """Say what is being waited for, when it takes a while, with a button to wait no longer."""
+        """Show what the page waits for if it takes long, with a button to cancel."""
         self._say(text, "Cancel", "hint", "Stop waiting. The page keeps its content")
         self._cancel = cancel
         self.hide()
         self._timer.start()
 
     def refuse(self, text: str) -> None:
-        """Say why something was refused."""
+        """Show why something was refused."""
         self._say(text, "Dismiss", "error")
         self._cancel = None
         self._refused = True
@@ -84,7 +84,7 @@ class Notice(QFrame):
         stay: str = "Leave as it is",
         stay_tip: str = UNCHANGED,
     ) -> None:
-        """Say what was noticed, with a button that does something about it and one (``stay``) that leaves it.
+        """Show a notice with a button that does something about it, and one (``stay``) that dismisses it.
 
         ``tip`` and ``stay_tip`` state what each button does.
         """
@@ -102,7 +102,7 @@ class Notice(QFrame):
         self.show()
 
     def show_whole(self) -> WrappedLabel:
-        """Show the whole message above the line, until a click elsewhere; return the label."""
+        """Show the whole message above the line until the user clicks elsewhere; return its label."""
         sheet, words = QFrame(self, Qt.WindowType.Popup), WrappedLabel(self.label.text())
         sheet.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         sheet.setProperty("role", "card")
@@ -116,7 +116,7 @@ class Notice(QFrame):
         return words
 
     def clear(self) -> None:
-        """Say nothing."""
+        """Hide the notice."""
         self._refused = False
         self._timer.stop()
         self._cancel = self._left = None

@@ -1,4 +1,4 @@
-"""The command palette: everything that can be done now, found by a part of its name."""
+"""Command palette: search all available actions by name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STEPS = {Qt.Key.Key_Down: 1, Qt.Key.Key_Up: -1}
 
 @dataclass(frozen=True)
 class PaletteEntry:
-    """One thing to do: its name, its key if it has one, the call, and whether it can be done now."""
+    """Entry of the palette: name, key (if any), function, and whether it is enabled."""
 
     name: str
     key: str
@@ -28,12 +28,12 @@ class PaletteEntry:
     can_be_done: Callable[[], bool]
 
     def matches(self, typed: str) -> bool:
-        """Return whether the name has every word of ``typed`` in it."""
+        """Return whether the name contains every word of ``typed``."""
         return all(word in self.name.lower() for word in typed.lower().split())
 
 
 def doable(bar: QMenuBar, page: QWidget, title: str) -> list[PaletteEntry]:
-    """Return the buttons of ``page``, which is called ``title``, and the actions of the menus that can be used now."""
+    """Return entries for the enabled buttons of ``page``, which has the ``title``, and for the enabled menu actions."""
     # an entry may be gone when it is chosen: a job's row, a file of the menu
     entries = [
         PaletteEntry(f"{title}: {name}", "", button.click, partial(_pressable, button, page))
@@ -50,7 +50,7 @@ def doable(bar: QMenuBar, page: QWidget, title: str) -> list[PaletteEntry]:
 
 
 def _name_of(button: QPushButton) -> str:
-    """Return what a button does: its text, or, where that is no word, its accessible name or tooltip."""
+    """Return the name of a button: its text or, if this is not a word, its accessible name or tooltip."""
     names = (button.text().replace("&", ""), button.accessibleName(), button.toolTip())
     return next((name for name in names if any(letter.isalpha() for letter in name)), "")
 
@@ -64,7 +64,7 @@ def _triggerable(action: QAction) -> bool:
 
 
 class Palette(QDialog):
-    """A line to type in and what matches it; Enter does the marked one."""
+    """Input line with the list of matching entries; Enter runs the selected one."""
 
     def __init__(self, parent: QWidget, entries: Sequence[PaletteEntry]) -> None:
         super().__init__(parent)
@@ -91,7 +91,7 @@ class Palette(QDialog):
 
     @property
     def shown(self) -> list[PaletteEntry]:
-        """What matches the line."""
+        """The entries that match the input."""
         return [entry for entry in self._entries if entry.matches(self.line.text())]
 
     def _show(self, _: str) -> None:
@@ -112,7 +112,7 @@ class Palette(QDialog):
         shown[row].do()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Move in the list by the arrow keys while the line is typed in."""
+        """Move the selection with the arrow keys while the input line has the focus."""
         if event.type() == QEvent.Type.KeyPress and isinstance(event, QKeyEvent):
             step = STEPS.get(Qt.Key(event.key()))
             if step is not None:

@@ -1,4 +1,4 @@
-"""Preferences: what is kept between starts, and everything as it was at first."""
+"""Preferences: settings stored between starts, and a reset to the defaults."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ THEMES = (("light", "light"), ("dark", "dark"), ("night", "red on black, for a d
 
 
 def welcome_wanted(settings: QSettings) -> bool:
-    """Return whether the welcome is shown at the start."""
+    """Return whether the welcome dialog is shown at the start."""
     return bool(settings.value("welcome", True, type=bool))
 
 
 def apply_threads(settings: QSettings) -> None:
-    """Let work use as many threads as were chosen, unless the environment says so already."""
+    """Set the number of threads to the stored value, unless an environment variable sets it."""
     chosen = settings.value("threads", 0, type=int)
     if isinstance(chosen, int) and chosen > 0:
         os.environ.setdefault(WORKERS, str(chosen))
 
 
 class Preferences(QDialog):
-    """Theme, threads, welcome; and a button for what they were at first, with the window's layout."""
+    """Dialog with theme, number of threads and welcome; a button resets them and the layout of the window."""
 
     theme_asked = Signal(str, arguments=["name"])
-    """Of one of the themes."""
+    """Request for a theme, by name."""
     layout_reset = Signal()
-    """Docks and size as at first."""
+    """Request to reset docks and size of the window."""
 
     def __init__(self, settings: QSettings, parent: QWidget | None = None) -> None:
         super().__init__(parent)

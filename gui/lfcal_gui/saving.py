@@ -1,4 +1,4 @@
-"""Where something is written: no existing file is replaced before the user said so."""
+"""Choice of files to write; existing files are replaced only with the user's consent."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def with_suffix(path: str, kind: str) -> str:
 
 
 def write_file(parent: QWidget, path: str, write: Callable[[Path], object]) -> bool:
-    """Let ``write`` fill a scratch file that takes the place of ``path`` when it is whole; say why if that fails."""
+    """Write ``path`` with ``write`` via a temporary file that replaces it when complete; report a failure."""
     try:
         with replace_whole(path) as part:
             write(part)
@@ -67,7 +67,7 @@ def write_file(parent: QWidget, path: str, write: Callable[[Path], object]) -> b
 
 
 def write_picture(widget: QWidget, path: str) -> bool:
-    """Write what a widget shows as PNG; say why if that fails."""
+    """Save an image of a widget as PNG; report a failure."""
 
     def write(part: Path) -> None:
         if not widget.grab().save(str(part), "PNG"):
@@ -79,7 +79,7 @@ def write_picture(widget: QWidget, path: str) -> bool:
 
 
 def may_replace(parent: QWidget, paths: Iterable[Path]) -> bool:
-    """Return whether the files may be written: none is there, or the user agrees to lose what they hold."""
+    """Return whether the files may be written: none exists, or the user agrees to replace them."""
     there = [path for path in paths if path.exists()]
     if not there:
         return True

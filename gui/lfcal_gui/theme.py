@@ -202,23 +202,23 @@ NIGHT = Theme(
     canvas_text="#e05a4b",
     red=True,
 )
-"""For a dark lab: nothing but red, which eyes that are used to the dark hardly see as light."""
+"""Theme for a dark lab: only red on black, which affects dark-adapted eyes least."""
 
 THEMES = {theme.name: theme for theme in (LIGHT, DARK, NIGHT)}
 
 TYPE_COLOURS = ("#2a8fc4", "#d9772b", "#2aa37b")
-"""Of the lens types, in both themes."""
+"""Colours of the lens types, in both themes."""
 
 _current = [LIGHT]
 
 
 def current_theme() -> Theme:
-    """Return the theme in use."""
+    """Return the current theme."""
     return _current[0]
 
 
 def canvas_fair() -> str:
-    """Return the colour of a warning on the black of a picture, which is the same in the light theme."""
+    """Return the colour of a warning on the black background of a picture: that of the dark or the red theme."""
     return (current_theme() if current_theme().red else DARK).fair
 
 
@@ -229,7 +229,7 @@ STYLED = "lfcal_styled"
 
 
 def style_sheet() -> str:
-    """Return the style sheet of the theme in use.
+    """Return the style sheet of the current theme.
 
     Set it on parts of a window, never on the application. That would also style thousands of widgets in plot menus
     that are never shown, which takes 2.5 s of processor time for each change.
@@ -241,15 +241,15 @@ def style_sheet() -> str:
 
 @runtime_checkable
 class Themed(Protocol):
-    """A widget that draws with the theme's colours, which no style sheet sets."""
+    """A widget that draws with colours of the theme itself, because a style sheet does not apply to its drawing."""
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         ...
 
 
 def _set_fields(palette: QPalette, theme: Theme) -> None:
-    """Give spin boxes and lists the edges of ``theme``; Fusion draws them 1.4 times darker than the window's colour."""
+    """Give spin boxes and lists the edge colour of ``theme``; Fusion draws edges 1.4 times darker than the window."""
     roles, off = QPalette.ColorRole, QPalette.ColorGroup.Disabled
     palette.setColor(roles.Window, QColor(theme.edge).lighter(140))
     palette.setColor(off, roles.Window, QColor(theme.line).lighter(140))
@@ -260,9 +260,9 @@ def _set_fields(palette: QPalette, theme: Theme) -> None:
 
 
 def apply_theme(app: QApplication, theme: Theme) -> None:
-    """Give the whole application the palette of ``theme``; its style sheet is taken by the parts of a window.
+    """Set the palette of the application to that of ``theme``. Windows and pages set their style sheets themselves.
 
-    The theme it has already costs nothing.
+    Nothing is done if the theme is in use already.
     """
     _current[0] = theme
     styled = app.property(STYLED)

@@ -1,4 +1,4 @@
-"""The main window: header, rail, the views of four places, docks and menus only."""
+"""The main window: header, rail, the views of the four places, docks and menus."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ from lfcal_gui.widgets import ElidedLabel, column_of, name_controls, row_of, set
 from lfcal_gui.workers import LOG
 
 LOOK_MS = 20
-"""Between two looks whether the window can close (ms)."""
+"""Interval between two checks whether the window can close (ms)."""
 
 
 class Leaving(QTimer):
-    """Calls ``done`` once nothing is at work that is worth waiting for, with whether something still is."""
+    """Call ``done`` as soon as closing no longer has to wait; its argument is whether work is still running."""
 
     def __init__(self, jobs: Jobs, done: Callable[[bool], None], parent: QObject) -> None:
         super().__init__(parent)
@@ -62,10 +62,10 @@ class Leaving(QTimer):
 INI = QSettings.Format.IniFormat
 
 IMPORT_MS = 400
-"""When the pages are imported after the window was shown (ms)."""
+"""Delay of the import of the pages after the window is shown (ms)."""
 
 LEAST_LOG = 28
-"""Least height of the log: a line in the smallest window (px)."""
+"""Smallest height of the log: one line (px)."""
 
 LOW, LOG_SIZE = 680, (720, 240)
 """Height of a window in which the log has only a line, and size of the separate log (px)."""
@@ -74,11 +74,11 @@ STATUS = 28
 """Height of the status bar (px): with a notice or without one."""
 
 MESSAGE_MS = 8000
-"""How long a line of the log is shown in the status bar (ms)."""
+"""Time for which a line of the log is shown in the status bar (ms)."""
 
 
 class MainWindow(QMainWindow):
-    """One window, one project."""
+    """The main window, which has one project."""
 
     def __init__(
         self,
@@ -175,11 +175,11 @@ class MainWindow(QMainWindow):
     # -- pages -----------------------------------------------------------------------------------------
     @property
     def shown(self) -> BasePage:
-        """The page in front: a view of the place shown, or a page in a separate window."""
+        """The current page: a view of the current place, or a page in a separate window."""
         return self.page(self._front)
 
     def spec(self, key: str) -> PageSpec | None:
-        """Return the page called ``key``, None where this installation has none."""
+        """Return the description of the page ``key``; None if it is not installed."""
         return next((spec for spec in self.specs if spec.key == key), None)
 
     def views(self, place: str) -> tuple[PageSpec, ...]:
@@ -187,7 +187,7 @@ class MainWindow(QMainWindow):
         return tuple(spec for spec in self.specs if spec.place == place)
 
     def page(self, key: str) -> BasePage:
-        """Return the page called ``key``, made at the first call."""
+        """Return the page ``key``, which is made at the first call."""
         if key not in self._pages:
             spec = next(spec for spec in self.specs if spec.key == key)
             made = self._pages[key] = page_class(spec)(spec, self.context)
@@ -204,7 +204,7 @@ class MainWindow(QMainWindow):
         return self._pages[key]
 
     def import_pages(self) -> None:
-        """Import the pages and what they need later in the background, so that a first look only builds widgets."""
+        """Import the pages and their libraries in the background, so that opening a page only has to build widgets."""
 
         def load() -> None:
             self.jobs.load("pages", lambda: [page_class(spec).prepare() for spec in self.specs], lambda _: None)
@@ -215,25 +215,25 @@ class MainWindow(QMainWindow):
         later.start(IMPORT_MS)
 
     def go_place(self, place: str) -> None:
-        """Show a place as it was left."""
+        """Show a place with the view that was shown last."""
         views = self.views(place)
         if views:
             self.go(self._last.get(place, views[0].key))
 
     def go_view(self, number: int) -> None:
-        """Show a view of the place that is shown, counted from 0."""
+        """Show the view with a number, from 0, of the current place."""
         spec = self.spec(self._front)
         views = self.views(spec.place) if spec is not None and spec.place else ()
         if number < len(views):
             self.go(views[number].key)
 
     def _looked_at(self) -> tuple[str, str]:
-        """Return the keys of the page and of the place that are looked at."""
+        """Return the keys of the current page and place."""
         page = self.stack.currentWidget()
         return self._front, page.spec.place if isinstance(page, BasePage) else ""
 
     def go(self, key: str, payload: object = None) -> None:
-        """Show a page, and hand it what another page sent."""
+        """Show a page, and pass it the object that another page sent."""
         spec = self.spec(key)
         if spec is None:
             self.log(f"the page {key} is not part of this installation")
@@ -263,7 +263,7 @@ class MainWindow(QMainWindow):
         self._front = key
 
     def event(self, event: QEvent) -> bool:
-        """Follow a user who comes back from a page's separate window."""
+        """Update the current page when the user returns from a separate window."""
         if event.type() == QEvent.Type.WindowActivate and isinstance(page := self.stack.currentWidget(), BasePage):
             self._to_front(page.spec.key)
         return super().event(event)
@@ -297,7 +297,7 @@ class MainWindow(QMainWindow):
             self._refresh()
 
     def _refresh(self) -> None:
-        """Show what follows from the state: rail, title, undo."""
+        """Update rail, title and undo actions from the state."""
         state = self.project.state
         states = page_states(state, self.specs, self.jobs.running_pages(), self._attention)
         for page in self._pages.values():
@@ -318,7 +318,7 @@ class MainWindow(QMainWindow):
             self.rail.say(place, said.words, said.mark)
 
     def log(self, text: str, *, role: str = "hint") -> None:
-        """Add a line to the log and show it in the status bar, in the look of a role."""
+        """Add a line to the log and show it in the status bar, in the style of a role."""
         line = " ".join(str(text).split())
         self.log_view.appendPlainText(f"{datetime.now():%H:%M:%S}  {line}")
         self.message.setText(line)
@@ -332,7 +332,7 @@ class MainWindow(QMainWindow):
         self.set_theme("light" if current_theme() is DARK else "dark")
 
     def set_theme(self, name: str) -> None:
-        """Use a theme by its name, ``"light"``, ``"dark"`` or ``"night"``, also from the next start on."""
+        """Set the theme ``"light"``, ``"dark"`` or ``"night"``, and store it for later starts."""
         self._use_theme(name)
         self.settings.setValue("theme", name)
 
@@ -345,7 +345,7 @@ class MainWindow(QMainWindow):
         self._refresh()
 
     def _style(self) -> None:
-        """Style the parts around the pages. Each page styles itself when it is first shown."""
+        """Apply the style sheet to the parts around the pages. Each page applies it when it is shown."""
         dialogs = (dialog for dialog in self.findChildren(QDialog) if dialog.styleSheet())  # others follow their page
         parts = self.log_dock, self.job_line.sheet, self.rail.menu, self.header.menu, *self.menus.menus
         for part in (self.menuBar(), self.header, self.statusBar(), self.rail, *parts, self._manual, *dialogs):
@@ -357,17 +357,17 @@ class MainWindow(QMainWindow):
             window.apply_theme()
 
     def copy_page(self) -> None:
-        """Put a picture of the page on the clipboard."""
+        """Copy an image of the page to the clipboard."""
         QApplication.clipboard().setPixmap(self.shown.grab())
         self.log("image of the page copied")
 
     def enlarge_picture(self) -> None:
-        """Enlarge the picture under the pointer, else the largest one of the page, or put it back."""
+        """Enlarge the picture under the pointer or else the largest one of the page, or restore an enlarged one."""
         if not toggle_in(self.shown):
             self.log("this page shows no image yet")
 
     def show_palette(self) -> None:
-        """Offer everything that can be done here by its name."""
+        """Open the command palette."""
         page = self.shown
         Palette(page.window(), doable(self.menuBar(), page, page.spec.title)).open()
 
@@ -377,12 +377,12 @@ class MainWindow(QMainWindow):
             event.acceptProposedAction()
 
     def dropEvent(self, event: QDropEvent) -> None:
-        """Offer dropped files to the pages."""
+        """Open dropped files."""
         paths = [url.toLocalFile() for url in event.mimeData().urls() if url.isLocalFile()]
         self.take_files(paths)
 
     def take_files(self, paths: list[str]) -> None:
-        """Open projects here; offer anything else to the page shown, then to the others."""
+        """Open project files; offer other files to the current page, then to the other pages."""
         if len(paths) == 1 and paths[0].endswith(".lfcal"):
             self.files.open(Path(paths[0]))
             return
@@ -401,7 +401,7 @@ class MainWindow(QMainWindow):
         self.log(f"no page can open {', '.join(Path(p).name for p in paths)}")
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Ask about unsaved work, keep the window's state, stop the threads: the window lives until jobs have ended."""
+        """Ask about unsaved work, stop the jobs, and close the window when they have ended."""
         if not self._stopped:
             if not self._leaving and not self.files.may_leave():
                 event.ignore()
@@ -416,7 +416,7 @@ class MainWindow(QMainWindow):
         event.accept()
 
     def _leave_later(self) -> None:
-        """Close when the jobs, which were asked to stop, have cleaned up, and no computation runs."""
+        """Close as soon as the stopped jobs have cleaned up and no computation is running."""
         if self._leaving:
             return
         self._leaving = True
@@ -426,14 +426,14 @@ class MainWindow(QMainWindow):
         Leaving(self.jobs, self._leave_now, self)
 
     def _leave_now(self, overdue: bool) -> None:
-        """Close, ``overdue``: whatever is still at work."""
+        """Close the window; ``overdue`` states whether work is still running."""
         self._overdue = overdue
         self.close()
 
     def shut_down(self, *, asked: bool = False) -> None:
-        """Stop timers, jobs and threads; keep the window's state, and what is not saved unless the user was ``asked``.
+        """Stop timers, jobs and threads, and store the window's state.
 
-        Closing asks nothing afterwards.
+        Unless the user was ``asked``, a copy of unsaved work is kept. Closing the window afterwards asks no questions.
         """
         if self._stopped:
             return
@@ -449,7 +449,7 @@ class MainWindow(QMainWindow):
         self.files.close(answered=asked)
 
     def reset_layout(self) -> None:
-        """Give the window its size, docks and borders of the first start."""
+        """Reset size, docks and splitters of the window to their initial state."""
         self.log_dock.setFloating(False)
         self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.log_dock)
         self.log_dock.hide()
@@ -476,7 +476,7 @@ class MainWindow(QMainWindow):
 
 
 def _held(notice: QWidget) -> QWidget:
-    """Return ``notice`` in a widget that a stack may show, while the notice is hidden."""
+    """Return a widget with ``notice`` for a stack, which may show it even if the notice is hidden."""
     holder = QWidget()
     row_of(notice, of=holder)
     return holder

@@ -14,7 +14,7 @@ from lfcal.base import LfcalError, storage_words
 from lfcal_gui.models import said_in_window
 
 LOG = logging.getLogger("lfcal.gui")
-"""Where the window keeps what happened; `lfcal_gui.log` gives it a file."""
+"""Logger of the window; `lfcal_gui.log` writes it to a file."""
 
 MAX_WORDS = 500
 _numbers = itertools.count(1)
@@ -43,7 +43,7 @@ def keep(what: str, error: BaseException) -> None:
 
 
 class Workers:
-    """A few threads that work calls off in their order.
+    """A few threads that run queued calls in order.
 
     They are daemons: unlike those of an executor, one whose call never returns does not keep the program from ending.
     """
@@ -58,7 +58,7 @@ class Workers:
             thread.start()
 
     def submit(self, call: Callable[[], Any]) -> None:
-        """Do ``call``, which must not raise, when a thread is free."""
+        """Run ``call``, which must not raise, as soon as a thread is free."""
         self._calls.put(call)
 
     def _work(self) -> None:
@@ -67,7 +67,7 @@ class Workers:
                 call()
 
     def close(self, timeout_s: float) -> None:
-        """Drop what waits and wait for what is under way, at most ``timeout_s`` seconds for all of it."""
+        """Drop queued calls, and wait at most ``timeout_s`` seconds in total for the running ones."""
         self._closing.set()
         for _ in self._threads:
             self._calls.put(None)

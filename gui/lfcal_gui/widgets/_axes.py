@@ -1,4 +1,4 @@
-"""Plots as pyqtgraph draws them, without its menus: a box between two axes, and the axes."""
+"""Plots drawn with pyqtgraph, without its menus: a view box with two axes."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets.words import shortened
 
 GRID = 38
-"""Opacity of the lines of a grid, of 255."""
+"""Opacity of grid lines, from 0 to 255."""
 
 
 def _lines(name: str, metrics: QFontMetricsF, room: float, most: int) -> list[str]:
-    """Return the name of an axis in at most ``most`` lines, as much as there is room for (px)."""
+    """Return the name of an axis wrapped into at most ``most`` lines, shortened to the available length (px)."""
     words = name.split(" ")
     if most == 1 or len(words) == 1 or metrics.horizontalAdvance(name) <= room:
         return [shortened(name, metrics, room)]
@@ -29,22 +29,22 @@ def _lines(name: str, metrics: QFontMetricsF, room: float, most: int) -> list[st
 
 
 class Axis(pg.AxisItem):
-    """An axis whose numbers are the values themselves.
+    """An axis whose tick labels are the values themselves, without SI prefixes.
 
-    A name that is longer than an upright axis has two lines; one that needs more is shortened before its unit.
+    A name that is longer than a vertical axis is wrapped into two lines; a longer one is shortened before its unit.
     """
 
     def updateAutoSIPrefix(self) -> None:
-        """Draw the numbers of the new range; make up no prefix for a unit."""
+        """Redraw the tick labels for the new range, without an SI prefix."""
         self.picture = None
         self.update()
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
-        """Return the numbers of ticks, with minus signs."""
+        """Return the tick labels, with minus signs."""
         return [minus(words) for words in super().tickStrings(values, scale, spacing)]
 
     def labelString(self) -> str:
-        """Return the name as rich text, as much as there is room for."""
+        """Return the name as rich text, shortened to the available length."""
         name = self.labelText
         room = self.size().height() if self.orientation in ("left", "right") else self.size().width()
         lines = [name]
@@ -60,7 +60,7 @@ class Axis(pg.AxisItem):
         return shown
 
     def _updateWidth(self) -> None:
-        """Keep a name of two lines off the numbers."""
+        """Reserve enough width for a name of two lines."""
         super()._updateWidth()
         if self.fixedWidth is None and "\n" in self.label.toPlainText():
             width = self.maximumWidth() + 4
@@ -68,7 +68,7 @@ class Axis(pg.AxisItem):
             self.setMinimumWidth(width)
 
     def resizeEvent(self, event: QGraphicsSceneResizeEvent | None = None) -> None:
-        """Show as much of the name as there is room for now."""
+        """Fit the name to the new size."""
         if self.label is not None and self.label.isVisible():  # None once it is closed
             self.label.setHtml(self.labelString())
             if self.orientation == "left":
@@ -77,22 +77,22 @@ class Axis(pg.AxisItem):
 
 
 ROOM = 14.0
-"""Screen pixels from one number to the next, one above the other."""
+"""Vertical distance between tick labels (screen px)."""
 
 DIGIT, BETWEEN = 7.0, 8.0
-"""Width of a digit, and least gap between neighbouring numbers (px)."""
+"""Width of a digit, and smallest gap between neighbouring tick labels (px)."""
 
 ABOVE = 6
-"""Room above an axis for the upper half of a number at its end (px)."""
+"""Space above an axis for the upper half of the last tick label (px)."""
 
 
 class PixelAxis(Axis):
-    """An axis of pixels or positions: no ticks between them, nor beyond the first and the last."""
+    """An axis of pixels or positions, with ticks only at whole numbers in its range."""
 
     span: tuple[float, float] | None = None
 
     def cover(self, first: float, count: int, step: float = 1.0) -> None:
-        """Count ``count`` pixels from ``first``; where they are no whole numbers the axis is as any other."""
+        """Show ticks for ``count`` pixels from ``first``; with fractional positions, show the usual ticks."""
         whole = step == 1 and float(first).is_integer()
         span = (first, first + count - 1) if whole else None
         if span != self.span:
@@ -101,7 +101,7 @@ class PixelAxis(Axis):
             self.update()
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
-        """Return where ticks are: pairs of their distance and their places."""
+        """Return the ticks as pairs of spacing and positions."""
         found: list[tuple[float, list[float]]] = super().tickValues(minVal, maxVal, size)
         if self.span is None:
             return found
@@ -122,18 +122,21 @@ class PixelAxis(Axis):
 
 
 FEW, MOST = 2.5, 8
-"""Decades up to which numbers between them are shown, and decades shown at most."""
+"""Largest number of decades with labels between them, and largest number of labelled decades."""
 
 
 NUMBERS = ((1, 2, 5), *(tuple(k / n for k in range(n, 10 * n)) for n in (1, 2, 10)))
-"""Numbers of a decade that are shown, the more of them the less of it is seen."""
+"""Labelled numbers of a decade; the fewer decades are visible, the more numbers are labelled."""
 
 
 class DecadeAxis(Axis):
-    """An axis of decimal logarithms with the numbers themselves: 1, 2 and 5, or decades where there are many."""
+    """An axis of decimal logarithms, labelled with the numbers themselves.
+
+    The labels are 1, 2 and 5 times powers of ten, or only powers of ten if there are many.
+    """
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
-        """Return where ticks are: pairs of their distance and their places."""
+        """Return the ticks as pairs of spacing and positions."""
         low, high = math.floor(minVal), math.ceil(maxVal)
         seen: list[float] = []
         if maxVal - minVal <= FEW:
@@ -148,19 +151,19 @@ class DecadeAxis(Axis):
         return [(1.0, seen)]
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
-        """Return the numbers."""
+        """Return the tick labels."""
         return [f"{10**value:g}" for value in values]
 
 
 NUMBER_PX = 12.5
-"""Room from one number to the next, one above the other (px)."""
+"""Vertical distance between tick labels (px)."""
 
 
 class UprightAxis(Axis):
-    """An upright axis whose numbers do not lie over each other, however low it is."""
+    """A vertical axis whose tick labels do not overlap, even if it is short."""
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
-        """Return where ticks are: pairs of their distance and their places."""
+        """Return the ticks as pairs of spacing and positions."""
         found: list[tuple[float, list[float]]] = super().tickValues(minVal, maxVal, size)
         evenly = found[:1] if self.logMode else found
         places = sorted(value for _, values in evenly for value in values)
@@ -186,14 +189,14 @@ class UprightAxis(Axis):
 
 
 class Plot(pg.GraphicsWidget):
-    """A box with an axis on its left and one below; a `pyqtgraph.PlotItem` takes several times as long to make.
+    """A view box with an axis on the left and one below, which is created much faster than a `pyqtgraph.PlotItem`.
 
     Parameters
     ----------
     box
-        What is drawn into, if not a new one.
+        The view box; by default a new one.
     left, bottom
-        The axes, if not those of numbers.
+        The axes; by default axes of numbers.
     margin, top
         Room round the box and its axes, and above them (px).
     """
@@ -225,7 +228,7 @@ class Plot(pg.GraphicsWidget):
 
     # -- axes ------------------------------------------------------------------------------------------
     def set_axes(self, *axes: Axis) -> None:
-        """Put other axes in the places of those there."""
+        """Replace the axes."""
         for axis in axes:
             side = axis.orientation
             old = self._axes.get(side)
@@ -254,13 +257,13 @@ class Plot(pg.GraphicsWidget):
             self._axes[side].resizeEvent()  # else the new label stays where the old one was centred
 
     def show_grid(self) -> None:
-        """Draw the lines of a grid."""
+        """Show grid lines."""
         self._grid = True
         for axis in self._axes.values():
             axis.setGrid(GRID)
 
     def set_log(self, *, x: bool, y: bool) -> None:
-        """Draw the decimal logarithms of curves."""
+        """Set whether decimal logarithms of the curves are drawn."""
         self._log = x, y
         for one in (*self.items, *self._axes.values()):
             if hasattr(one, "setLogMode"):
@@ -269,7 +272,7 @@ class Plot(pg.GraphicsWidget):
 
     # -- content ---------------------------------------------------------------------------------------
     def addItem(self, item: Any, *, ignoreBounds: bool = False) -> None:
-        """Draw an item; ``ignoreBounds``: the range does not follow it."""
+        """Add an item; with ``ignoreBounds``, it does not affect the range of the axes."""
         self.items.append(item)
         self.vb.addItem(item, ignoreBounds=ignoreBounds)
         if hasattr(item, "setLogMode"):
@@ -278,25 +281,25 @@ class Plot(pg.GraphicsWidget):
             self.legend.addItem(item, item.name())
 
     def removeItem(self, item: Any) -> None:
-        """Draw an item no longer."""
+        """Remove an item."""
         self.items.remove(item)
         self.vb.removeItem(item)
         if self.legend is not None:
             self.legend.removeItem(item)
 
     def curve(self, *values: Any, **options: Any) -> pg.PlotDataItem:
-        """Draw a curve, with the options of `pyqtgraph.PlotDataItem`."""
+        """Add a curve with the options of `pyqtgraph.PlotDataItem`."""
         item = pg.PlotDataItem(*values, **options)
         self.addItem(item)
         return item
 
     def add_legend(self) -> None:
-        """Name the curves that follow, in a corner."""
+        """Add a legend for the curves added later."""
         self.legend = pg.LegendItem(offset=(-8, 8))
         self.legend.setParentItem(self.vb)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         theme = current_theme()
         font = QFont()
         font.setPointSizeF(8.5)
@@ -314,7 +317,7 @@ class Plot(pg.GraphicsWidget):
 def count_pixels(
     plot: Plot, shape: tuple[int, ...], origin: tuple[float, float] = (0.0, 0.0), step: float = 1.0
 ) -> None:
-    """Let the axes of ``plot`` count the pixels of a picture ``(rows, columns)`` whose first is at ``origin``."""
+    """Label the axes of ``plot`` with the pixels of a picture of a given shape whose first pixel is at ``origin``."""
     for side, first, count in (("left", origin[0], shape[0]), ("bottom", origin[1], shape[1])):
         axis = plot.getAxis(side)
         assert isinstance(axis, PixelAxis)

@@ -1,4 +1,4 @@
-"""What stands where a picture or a plot has nothing to show: a line, and no made-up numbers at its axes."""
+"""Message of an empty picture or plot, whose axes then have no tick labels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NOTHING = "Nothing to show yet."
 
 
 class Blank(QLabel):
-    """A line in the middle of ``box`` on ``graphics``; ``words`` may be changed to the next step.
+    """A line of text in the middle of ``box`` on ``graphics``; ``words`` can be changed.
 
     Where the box is that of a ``plot``, its axes have no numbers meanwhile; ``dark``: it lies on a picture's ground.
 
@@ -35,7 +35,7 @@ class Blank(QLabel):
 
     @property
     def words(self) -> str:
-        """What is said while nothing is under way."""
+        """The message shown if no picture is being read or made."""
         return self._words
 
     @words.setter
@@ -44,17 +44,17 @@ class Blank(QLabel):
         self.setText(words)
 
     def wait(self, words: str) -> None:
-        """Say what is under way, until there is a picture or other words are set; empty: it has ended."""
+        """Show what is being read or made, until there is a picture or other words are set; empty: no longer."""
         self._waits = words
         self.setText(words or self._words)
 
     @property
     def shown(self) -> bool:
-        """Whether there is nothing to show."""
+        """Whether the message is shown."""
         return self._shown
 
     def show_blank(self, blank: bool) -> None:
-        """Show the line and no numbers, or neither."""
+        """Show the message and hide the tick labels, or the reverse."""
         if blank == self._shown:
             return
         self._shown = blank
@@ -69,14 +69,14 @@ class Blank(QLabel):
         self._fill()
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         theme = current_theme()
         colours = self.palette()
         colours.setColor(QPalette.ColorRole.WindowText, QColor(theme.canvas_text if self._dark else theme.muted))
         self.setPalette(colours)
 
     def _fill(self) -> None:
-        """Lie over the inside of the plot; where nothing is seen it is not worth laying the plot out for."""
+        """Cover the inside of the plot, unless the plot is hidden."""
         if not self._shown:
             return
         inside = self._graphics.mapFromScene(self._box.sceneBoundingRect()).boundingRect()

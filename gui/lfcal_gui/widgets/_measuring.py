@@ -1,4 +1,4 @@
-"""Measure in a picture: contrast, values along a line, numbers of a region."""
+"""Measurements in a picture: contrast, profile along a line, statistics of a region."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from lfcal_gui.widgets.plots import LinePlot
 LINE, REGION = "#ffb000", "#56b4e9"
 SIZE = (430, 560)
 WAIT_MS = 30
-"""Pictures that change faster are measured at this pace."""
+"""Shortest interval between two measurements of a changing picture (ms)."""
 
 
 class Measuring(QDialog):
-    """A dialog for a picture: its contrast, and a line and a rectangle that are dragged in the picture.
+    """Dialog with the contrast of a picture, and with measurements along a line and in a rectangle that the user drags.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Measuring(QDialog):
         column.addWidget(self.region_words)
 
     def _add_tools(self) -> None:
-        """Put line and rectangle into the middle of what is seen of the picture."""
+        """Place line and rectangle in the middle of the visible part of the picture."""
         (left, right), (top, bottom) = self.view.box.viewRange()
         width, height = right - left, bottom - top
         middle = (top + bottom) / 2
@@ -77,7 +77,7 @@ class Measuring(QDialog):
 
     # -- measuring -------------------------------------------------------------------------------------
     def measure(self) -> None:
-        """Measure the picture that is shown now."""
+        """Measure the current picture."""
         image = self.view.values
         if image is None:
             self.profile.clear()
@@ -98,16 +98,16 @@ class Measuring(QDialog):
         self.region_words.setText(minus(words))
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.profile.apply_theme()
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Take line and rectangle from the picture."""
+        """Remove line and rectangle from the picture."""
         self._take_away()
         super().closeEvent(event)
 
     def reject(self) -> None:
-        """Close by Escape."""
+        """Close when Escape is pressed."""
         self._take_away()
         super().reject()
 

@@ -1,4 +1,4 @@
-"""Arrows over a picture: which way a move of the stage moves the image, and which way the sensor counts."""
+"""Arrows over a picture: directions in which the stage axes move the image, and directions of the sensor's axes."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from lfcal_gui.theme import current_theme
 
 WIDTH, HEIGHT, MARGIN = 184, 132, 14
 MIDDLE, LENGTH = QPointF(82, 82), 24.0
-"""Where the stage's arrows start from, and how long they are."""
+"""Start and length of the stage's arrows (px)."""
 
 STAGE, SENSOR, GROUND = QColor("#ffb000"), QColor("#d0d4dc"), QColor(0, 0, 0, 205)
 """Colours that are distinct on any picture. The background is dark in every theme, as frames are."""
 
 
 class AxisArrows(QWidget):
-    """Arrows of a fixed size in the corner of another widget, which keeps its mouse.
+    """Arrows of a fixed size in the corner of another widget, which still receives all mouse events.
 
     The arrows of the sensor's row and column start in the corner, at its first pixel. The arrows of the stage start in
     the middle; each points where the image moves when that axis moves in the positive direction.
@@ -36,20 +36,20 @@ class AxisArrows(QWidget):
         return QSize(WIDTH, HEIGHT)
 
     def eventFilter(self, parent: QObject, event: QEvent) -> bool:
-        """Stay in the lower right corner: numbers are written in the upper one."""
+        """Keep the arrows in the lower right corner when the widget is resized."""
         if event.type() == QEvent.Type.Resize and isinstance(parent, QWidget):
             self.move(parent.width() - WIDTH - MARGIN, parent.height() - HEIGHT - MARGIN)
         return False
 
     def set_arrows(self, arrows: tuple[tuple[str, float, float], ...]) -> None:
-        """Show the stage's arrows: words, and the direction (down, right) of the image's move."""
+        """Show the arrows of the stage: labels, and directions (down, right) in which the image moves."""
         self.arrows = arrows
         words = [f"stage {text} moves the image {sense(down, right)}" for text, down, right in arrows]
         self.setAccessibleDescription("; ".join(words))
         self.update()
 
     def paintEvent(self, _: QPaintEvent) -> None:
-        """Draw ground, sensor axes and stage axes."""
+        """Draw background, sensor axes and stage axes."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setPen(Qt.PenStyle.NoPen)
@@ -68,14 +68,14 @@ class AxisArrows(QWidget):
 
 
 def sense(down: float, right: float) -> str:
-    """Return a direction on the screen in a word."""
+    """Return the word for a direction on the screen."""
     if abs(right) >= abs(down):
         return "right" if right > 0 else "left"
     return "down" if down > 0 else "up"
 
 
 def _arrow(painter: QPainter, start: QPointF, direction: tuple[float, float], colour: QColor, words: str) -> None:
-    """Draw an arrow (down, right) from ``start`` with words behind its end."""
+    """Draw an arrow (down, right) from ``start`` with its label at the tip."""
     down, right = direction
     along, across = QPointF(right, down), QPointF(-down, right)
     end = start + along * LENGTH

@@ -23,13 +23,13 @@ from PySide6.QtWidgets import (
 from lfcal_gui.widgets.words import ElidedLabel, WrappedLabel, set_look, set_role
 
 INSPECTOR = "inspector"
-"""Property of what stands right of the pictures of a page: it can be hidden."""
+"""Property of the inspector to the right of the pictures of a page, which can be hidden."""
 
 NARROW, WIDE, ROOMY = 304, 368, 1380
-"""Two widths of an inspector, and the least width of its panel for the wider one (px)."""
+"""Two widths of an inspector, and smallest width of its panel for the wider one (px)."""
 
 SPACING = 5
-"""Between the parts of a card (px)."""
+"""Space between the parts of a card (px)."""
 
 Box = TypeVar("Box", QVBoxLayout, QHBoxLayout)
 
@@ -78,7 +78,7 @@ def column_area(width: int, *cards: QWidget, dense: bool = False) -> QScrollArea
 
 
 def scrolling(inner: QWidget) -> QScrollArea:
-    """Return a widget in an area that scrolls up and down where the window is low."""
+    """Return a widget in an area that scrolls vertically in a low window."""
     area = QScrollArea(widgetResizable=True)
     area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
     area.setWidget(inner)
@@ -86,7 +86,7 @@ def scrolling(inner: QWidget) -> QScrollArea:
 
 
 def choice_box(choices: Sequence[tuple[str, str]], tip: str = "", name: str = "") -> QComboBox:
-    """Return a list to choose from: pairs of value (the data of an item) and shown text; ``name``: accessible name."""
+    """Return a combo box of pairs of value (item data) and displayed text; ``name`` is its accessible name."""
     box = QComboBox()
     box.setAccessibleName(name)
     for value, text in choices:
@@ -96,7 +96,7 @@ def choice_box(choices: Sequence[tuple[str, str]], tip: str = "", name: str = ""
 
 
 def button(text: str, tip: str, action: Callable[[], object] | None = None, role: str = "") -> QPushButton:
-    """Return a button in the look of a role that does ``action`` when it is clicked."""
+    """Return a button with the style of a role that calls ``action`` when it is clicked."""
     made = QPushButton(text)
     made.setToolTip(tip)
     if role:
@@ -107,7 +107,7 @@ def button(text: str, tip: str, action: Callable[[], object] | None = None, role
 
 
 def segment(text: str, tip: str, action: Callable[[], object], *, on: bool = False) -> QPushButton:
-    """Return a button of several of which one is chosen; ``on``: this one, and the others are its siblings."""
+    """Return a button of an exclusive group, made of its siblings; ``on`` states whether it is checked."""
     made = button(text, tip, action, "segment")
     made.setCheckable(True)
     made.setChecked(on)
@@ -115,12 +115,12 @@ def segment(text: str, tip: str, action: Callable[[], object], *, on: bool = Fal
 
 
 def wrapped(role: str = "hint", text: str = "") -> QLabel:
-    """Return a label whose words are wrapped, in the look of a role."""
+    """Return a wrapped label with the style of a role."""
     return WrappedLabel(text, rich=True, role=role)
 
 
 def told_or_shown(words: str, content: QWidget) -> tuple[QLabel, QStackedWidget]:
-    """Return a label with ``words``, and the stack that shows it until there is something in ``content``."""
+    """Return a label with ``words``, and a stack of the label and ``content`` that shows the label first."""
     message = wrapped("hint", words)
     message.setAlignment(Qt.AlignmentFlag.AlignCenter)
     stack = QStackedWidget()
@@ -132,24 +132,24 @@ def told_or_shown(words: str, content: QWidget) -> tuple[QLabel, QStackedWidget]
 def column_of(
     *parts: QWidget | QLayout, of: QWidget | None = None, spacing: int = SPACING, stretch: int = -1
 ) -> QVBoxLayout:
-    """Return parts below each other, without margins.
+    """Return a layout of parts below each other, without margins.
 
     Parameters
     ----------
     parts
-        From the top.
+        The parts, from the top.
     of
-        The widget that they fill.
+        The widget whose layout this becomes. None: none.
     spacing
-        Between them (px).
+        Space between the parts (px).
     stretch
-        Number of the part that takes the room that is left; -1: none does.
+        Index of the part that takes the remaining space; -1: none does.
     """
     return _filled(QVBoxLayout() if of is None else QVBoxLayout(of), parts, spacing, stretch)
 
 
 def row_of(*parts: QWidget | QLayout, of: QWidget, spacing: int = SPACING, stretch: int = -1) -> QHBoxLayout:
-    """Return parts side by side, without margins, as `column_of` those below each other."""
+    """Return a layout of parts side by side, without margins; see `column_of`."""
     return _filled(QHBoxLayout(of), parts, spacing, stretch)
 
 
@@ -165,7 +165,7 @@ def _filled(made: Box, parts: Sequence[QWidget | QLayout], spacing: int, stretch
 
 
 def line(*parts: QWidget | str, stretch: int = -1) -> QHBoxLayout:
-    """Return widgets and words side by side; the one numbered ``stretch`` takes the room that is left."""
+    """Return a row of widgets and texts; the one with index ``stretch`` takes the remaining space."""
     row = QHBoxLayout()
     row.setSpacing(6)
     for k, part in enumerate(parts):
@@ -177,7 +177,7 @@ def line(*parts: QWidget | str, stretch: int = -1) -> QHBoxLayout:
 
 
 def clear(area: QScrollArea) -> None:
-    """Let what lies behind a scroll area show through it, such as a card."""
+    """Make a scroll area transparent, so that the card behind it is visible."""
     area.viewport().setAutoFillBackground(False)
     inner = area.widget()
     if inner is not None:
@@ -185,7 +185,7 @@ def clear(area: QScrollArea) -> None:
 
 
 class HeadedCard(QFrame):
-    """A low card; `column` takes what stands below the head."""
+    """A card with a head; its content is added to `column`."""
 
     def __init__(self, title: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -203,13 +203,13 @@ class HeadedCard(QFrame):
         self.column.addLayout(self.head)
 
     def add_button(self, text: str, tip: str, action: Callable[[], object]) -> QPushButton:
-        """Add a button at the end of the head."""
+        """Add a button to the end of the head."""
         made = button(text, tip, action)
         self.head.addWidget(made)
         return made
 
     def leave(self) -> None:
-        """Go away."""
+        """Remove the card."""
         self.setParent(None)
         self.deleteLater()
 
@@ -249,18 +249,18 @@ def _widget(part: QWidget | QLayout) -> QWidget:
 
 
 HEADS = {"good": "✓ Good", "fair": "▲ Fair", "bad": "▲ Bad", "unknown": "Not fully judged", "": "Not judged yet"}
-"""Headline for a merit; its mark repeats what the colour says."""
+"""Headline for each merit, with a mark that means the same as the colour."""
 
 
 LONGEST = 200
-"""Characters of a verdict from which only its first sentence is shown."""
+"""Number of characters above which only the first sentence of a verdict is shown."""
 
 
 class VerdictCard(QFrame):
-    """Whether something is good: mark, colour and sentence. A tooltip has the rest of a long one."""
+    """A card with a verdict: mark, colour and sentence. The tooltip contains all of a long verdict."""
 
     why_asked = Signal()
-    """The reasons are wanted."""
+    """The user asks for the reasons."""
 
     def __init__(self, why: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -280,7 +280,7 @@ class VerdictCard(QFrame):
         self.show_verdict("", "")
 
     def show_verdict(self, merit: str, sentence: str, head: str = "") -> None:
-        """Show a verdict of merit ``"good"``, ``"fair"``, ``"bad"``, ``"unknown"``, or that there is none (empty)."""
+        """Show a verdict of merit ``"good"``, ``"fair"``, ``"bad"`` or ``"unknown"``; empty: there is none."""
         self.head.setText(head or HEADS[merit])
         first, end, _ = sentence.partition(". ")
         short = f"{first}{end.strip()}" if len(sentence) > LONGEST else sentence

@@ -1,4 +1,4 @@
-"""Colours of pictures in the theme in use."""
+"""Colours of pictures in the current theme."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lfcal_gui.theme import current_theme
 
 
 def theme_table(colour_map: str) -> NDArray[np.uint8]:
-    """Return the colours ``(256, 4)`` of a picture in the theme in use: in the dark of a lab from black to red."""
+    """Return the colours ``(256, 4)`` of a picture in the current theme: in the dark-lab theme from black to red."""
     return colour_table(colour_map, red=current_theme().red)
 
 

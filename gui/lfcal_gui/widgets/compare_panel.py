@@ -1,4 +1,4 @@
-"""Two H side by side: linked patterns, their numbers, and where they differ."""
+"""Comparison of two H: linked patterns, numbers, and positions that differ."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ SPARE = (1, 2, 4, 5)
 
 
 _SEEN = {"side": (True, True, True), "blink": (True, False, False), "difference": (False, False, True)}
-"""Which of the three pictures each mode shows."""
+"""Pictures that each mode shows."""
 
 
 class ComparedNumbers(QWidget):
-    """Which H is compared, the result in words, the positions that differ most, and numbers: a narrow column.
+    """Narrow column with the name of the second H, the verdict, the positions that differ most, and a table of numbers.
 
     Parameters
     ----------
@@ -56,13 +56,13 @@ class ComparedNumbers(QWidget):
     """
 
     choose_asked, compare_asked, report_asked = Signal(), Signal(), Signal()
-    """A second H is wanted; compare them; write what was found."""
+    """The user asks to choose a second H, to compare, or to write the report."""
     pairing_chosen = Signal(bool, arguments=["by_number"])
-    """How planes belong together."""
+    """The user chose how planes are paired."""
     row_chosen = Signal(int, arguments=["row"])
-    """A row of the table of numbers is looked at."""
+    """A row of the table of numbers was selected."""
     place_chosen = Signal(tuple, arguments=["place"])
-    """A position is looked at."""
+    """A position was selected."""
 
     def __init__(self, *, whole: bool = True) -> None:
         super().__init__()
@@ -117,13 +117,13 @@ class ComparedNumbers(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_second(self, name: str, *, by_number: bool) -> None:
-        """Show which H is the second; empty: none."""
+        """Show the name of the second H; empty: there is none."""
         self.second.setText(f"Second H: {name or 'none'}")
         with QSignalBlocker(self.pairing):
             self.pairing.setCurrentIndex(int(by_number))
 
     def show_message(self, words: str) -> None:
-        """Show words in place of a comparison: what to do, how far it is, or why there is none."""
+        """Show a message in place of a comparison: what to do, the progress, or why there is none."""
         self.message.setText(words)
         self.stack.setCurrentIndex(0)
 
@@ -135,7 +135,7 @@ class ComparedNumbers(QWidget):
         numbers: Sequence[tuple[float, ...]],
         worst: Sequence[tuple[str, Place]],
     ) -> None:
-        """Show the numbers of a comparison; ``words`` are its verdict and what was left out."""
+        """Show the numbers of a comparison; ``words`` are its verdict and what was omitted."""
         self.verdict.setText(words[0])
         self.notes.setText(words[1])
         with QSignalBlocker(self.table):
@@ -147,7 +147,7 @@ class ComparedNumbers(QWidget):
         self.stack.setCurrentIndex(1)
 
     def show_worst(self, place: Place) -> None:
-        """Show that a position is looked at, if it is one of those that differ most."""
+        """Select the displayed position in the list of those that differ most, if it is in the list."""
         at = self.worst.findData(place)
         if at >= 0:
             self.worst.setCurrentIndex(at)
@@ -159,7 +159,7 @@ class ComparedNumbers(QWidget):
 
 
 class ComparePanel(ComparedNumbers):
-    """Numbers and pictures of two H."""
+    """Numbers and pictures of the comparison of two H."""
 
     def __init__(self) -> None:
         self._both: Both | None = None
@@ -246,7 +246,7 @@ class ComparePanel(ComparedNumbers):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_message(self, words: str) -> None:
-        """Show words in place of a comparison: what to do, how far it is, or why there is none."""
+        """Show a message in place of a comparison: what to do, the progress, or why there is none."""
         self._timer.stop()
         self._both = None
         super().show_message(words)
@@ -259,7 +259,7 @@ class ComparePanel(ComparedNumbers):
         numbers: Sequence[tuple[float, ...]],
         worst: Sequence[tuple[str, Place]],
     ) -> None:
-        """Show a comparison's numbers; ``words`` are its verdict and what was left out."""
+        """Show the numbers of a comparison; ``words`` are its verdict and what was omitted."""
         self._names, self._both = names, None
         self._timer.stop()
         for view in (*self.views, self.map):  # empty until the new ones are read
@@ -280,7 +280,7 @@ class ComparePanel(ComparedNumbers):
         self.map.set_shot(shot if known.any() else None)
 
     def show_both(self, both: Both, where: str) -> None:
-        """Show a position of both."""
+        """Show a position of both H."""
         self._both = both
         self.map.set_cross(*both.place[1:])
         first, second = self._names
@@ -313,7 +313,7 @@ class ComparePanel(ComparedNumbers):
         self._show_mode()
 
     def _blink(self) -> None:
-        """Show the other of the two in the same place."""
+        """Switch between the two patterns."""
         if self._both is None:
             return
         self._second = not self._second
@@ -324,7 +324,7 @@ class ComparePanel(ComparedNumbers):
         self.views[0].set_shot(Shot(getattr(both, name), name=name, levels=both.levels))
 
     def hideEvent(self, event: QHideEvent) -> None:
-        """Blink only where it is seen."""
+        """Stop blinking while the panel is hidden."""
         self._timer.stop()
         super().hideEvent(event)
 
@@ -337,6 +337,6 @@ class ComparePanel(ComparedNumbers):
         self.readout.setText(f"t {t}, s {s}: {a:.5g}, {b:.5g}, difference {a - b:+.4g}")
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for view in (*self.views, self.map):
             view.apply_theme()

@@ -1,4 +1,4 @@
-"""Contrast of pictures: their histogram over the colours, and two handles."""
+"""Contrast of pictures: histogram and colour scale with two handles."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from lfcal_gui.theme import current_theme
 from lfcal_gui.widgets.colours import ramp
 
 SCALINGS = (("linear", "linear"), ("log", "log, 4 decades"), ("gamma", "gamma 0.5"))
-"""How values become colours, and its words."""
+"""Pairs of scaling and displayed name."""
 
 MARGIN, STRIP, NUMBERS, HEIGHT = 10, 8, 16, 58
 """Margin left and right of the colours, height of colours, numbers and widget (px)."""
 
 REACH = 8
-"""Distance at which a handle is taken (px)."""
+"""Largest distance at which a handle is grabbed (px)."""
 
 TAIL = 0.001
-"""Share of the values that lie beyond each handle where they are set by shares."""
+"""Fraction of the values beyond each handle if they are set automatically."""
 
 WAIT_MS = 30
-"""Pictures that change faster are counted at this pace."""
+"""Shortest interval between two histograms of a changing picture (ms)."""
 
 STEP = 0.01
 
@@ -68,11 +68,11 @@ class Contrast(QWidget):
         self._count()
 
     def sizeHint(self) -> QSize:
-        """Return the size it would like."""
+        """Return the preferred size."""
         return QSize(240, HEIGHT)
 
     def minimumSizeHint(self) -> QSize:
-        """Return the least size."""
+        """Return the smallest size."""
         return QSize(120, HEIGHT)
 
     @property
@@ -89,14 +89,14 @@ class Contrast(QWidget):
         return (low, high) if high > low else (low, low + 1)
 
     def set_levels(self, levels: Levels | None) -> None:
-        """Show these values. None: what the pictures say."""
+        """Set the levels. None: use those of the pictures."""
         if levels is not None and not levels[1] > levels[0]:
             return
         self.picture.set_contrast(levels)
         self.update()
 
     def leave_out_tails(self) -> None:
-        """Put the handles where a thousandth of the values lies beyond each."""
+        """Place each handle such that a thousandth of the values lies beyond it."""
         values = self.picture.values
         if values is None:
             return
@@ -107,7 +107,7 @@ class Contrast(QWidget):
             self.set_levels((low, high if high > low else levels_of(values)[1]))
 
     def clipped(self) -> tuple[float, float]:
-        """Return the shares of the values below the low and above the high handle."""
+        """Return the fractions of the values below the low and above the high handle."""
         total = self._counts.sum()
         if not total:
             return (0.0, 0.0)
@@ -200,7 +200,7 @@ class Contrast(QWidget):
             painter.drawText(QRectF(left, strip.bottom(), wide, NUMBERS), Qt.AlignmentFlag.AlignVCenter, words)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.update()
 
     # -- choosing --------------------------------------------------------------------------------------
@@ -210,7 +210,7 @@ class Contrast(QWidget):
         return nearest if distances[nearest] <= REACH else None
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Take a handle, or the nearer one where none is under the pointer."""
+        """Grab the handle under the pointer, or else the nearer one."""
         if event.button() != Qt.MouseButton.LeftButton or self.picture.values is None:
             return
         x = event.position().x()
@@ -226,7 +226,7 @@ class Contrast(QWidget):
             self._drag(event.position().x())
 
     def mouseReleaseEvent(self, _: QMouseEvent) -> None:
-        """Leave the handle."""
+        """Release the handle."""
         self._held = None
 
     def _drag(self, x: float) -> None:
@@ -258,7 +258,7 @@ class Contrast(QWidget):
             self._move(handle, value)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Move a handle by a hundredth (left, right), change to the other one (space), or choose by shares (A)."""
+        """Move a handle by a hundredth (Left, Right), change to the other one (Space), or set both (A)."""
         moves = {Qt.Key.Key_Left: -1, Qt.Key.Key_Right: 1}
         if event.key() in moves and self.picture.values is not None:
             low, high = self.span

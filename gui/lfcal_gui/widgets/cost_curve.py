@@ -1,4 +1,4 @@
-"""What accuracy costs: measured points, the efficient ones joined, and the error asked for as a line to drag."""
+"""Chart of error against cost: measured points, a curve through the efficient ones, and a draggable target error."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from lfcal_gui.widgets.plots import LinePlot, line_px
 from lfcal_gui.widgets.words import ElidedLabel
 
 MOST_NAMED = 60
-"""Number of points above which only the chosen and the used point are named: more names take seconds to place."""
+"""Number of points above which only the chosen and the used point are labelled: placing more labels takes seconds."""
 
 SIZE, RING = 10, 20
 """Diameter of a point, and of the ring around the one in use (px)."""
 
 NUMBERS = 42
-"""Width of the numbers of errors (px): they change while it is measured, the chart is not to jump."""
+"""Fixed width of the tick labels of errors (px), so that the chart does not move during the measurement."""
 
 LEAST, MOST = -2.0, 2.0
 """Decimal logarithms of the errors (%) between which the line is dragged."""
 
 STEP = 0.05
-"""Decades that the line moves by a key."""
+"""Decades by which a key moves the line."""
 
 NOT_MEASURED = "Measure to see error and cost of each setting."
 
 SIDES = ((1, -1), (-1, 1), (1, 1), (-1, -1), (1, 0), (-1, 0), (0, -1), (0, 1))
-"""Directions from a point to its name, best first: right above, left below, right below, left above, and between."""
+"""Directions from a point to its label, best first: right above, left below, right below, left above, and between."""
 
 MARGIN = 4
-"""Room round the words of a name (px)."""
+"""Space around the text of a label (px)."""
 
 CROSSED = 10.0
-"""Area of another name or point that is as bad to cover as the curve (px²)."""
+"""Covered area of another label or point that is as bad as covering the curve (px²)."""
 
 BOUNDED = QLineF.IntersectionType.BoundedIntersection
 PLACES = ((0.02, (0.0, 1.0)), (0.98, (1.0, 1.0)), (0.02, (0.0, 0.0)), (0.98, (1.0, 0.0)))
@@ -51,12 +51,12 @@ PLACES = ((0.02, (0.0, 1.0)), (0.98, (1.0, 1.0)), (0.02, (0.0, 0.0)), (0.98, (1.
 
 
 def _rank(point: ChartPoint) -> tuple[bool, bool, bool]:
-    """Return the order in which points are named."""
+    """Return the sort key of the order in which points are labelled."""
     return not point.picked, not point.in_use, not point.efficient
 
 
 def _areas(at: QPointF, wide: float, high: float, reach: float) -> Iterator[QRectF]:
-    """Yield areas of a name next to its point, best first; ``reach``: radius of the point or its ring (px)."""
+    """Yield possible areas of a label, best first; ``reach`` is the radius of the point or its ring (px)."""
     for across, down in SIDES:
         x = at.x() + across * (max(SIZE / 2, reach - MARGIN / 2) if down else reach) + (across - 1) / 2 * wide
         y = at.y() + down * (2 if across else reach - MARGIN) + (down - 1) / 2 * high
@@ -64,14 +64,14 @@ def _areas(at: QPointF, wide: float, high: float, reach: float) -> Iterator[QRec
 
 
 def _distance(area: QRectF, point: QPointF) -> float:
-    """Return how far a point is from the words in an area (px)."""
+    """Return the distance of a point from the text in an area (px)."""
     words = area.adjusted(MARGIN, MARGIN, -MARGIN, -MARGIN)
     across = max(words.left() - point.x(), 0.0, point.x() - words.right())
     return math.hypot(across, max(words.top() - point.y(), 0.0, point.y() - words.bottom()))
 
 
 def _crossed(area: QRectF, lines: Sequence[QLineF]) -> bool:
-    """Return whether a line crosses the words in an area, and with them a diagonal, or ends there."""
+    """Return whether a line crosses or ends in the text of an area, and thus crosses a diagonal of the area."""
     words = area.adjusted(MARGIN, MARGIN, -MARGIN, -MARGIN)
     diagonals = QLineF(words.topLeft(), words.bottomRight()), QLineF(words.topRight(), words.bottomLeft())
     return any(one.intersects(other)[0] == BOUNDED for one, other in product(lines, diagonals))
@@ -80,16 +80,16 @@ def _crossed(area: QRectF, lines: Sequence[QLineF]) -> bool:
 class CostCurve(LinePlot):
     """Error against cost, both logarithmic. A ring marks the chosen point, and a square the one in use.
 
-    A click on a point uses its setting; the line is the error asked for. By keyboard: Left and Right go from point to
+    A click on a point uses its setting; the line is the target error. By keyboard: Left and Right go from point to
     point, Return uses the one reached, Up and Down move the line.
     """
 
     chosen = Signal(int, arguments=["number"])
-    """Use the point of this number."""
+    """The user chose the point with this number."""
     moved = Signal(float, arguments=["error"])
-    """Another error is asked for (a share)."""
+    """The user moved the target error (a fraction)."""
     measure_asked = Signal()
-    """Measure, or measure again."""
+    """The user asks for a measurement."""
 
     def __init__(self) -> None:
         super().__init__("cost", "error (%)")
@@ -138,7 +138,7 @@ class CostCurve(LinePlot):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_points(self, points: Sequence[ChartPoint], log_percent: float, asked: str = "tolerance") -> None:
-        """Show points, and what is ``asked`` for as a line at the decimal logarithm of an error in per cent."""
+        """Show points, and the target error as a line at ``asked``, the decimal logarithm of an error in per cent."""
         if len(points) != len(self._points):
             self._reached = None
         self._points = tuple(points)
@@ -155,7 +155,7 @@ class CostCurve(LinePlot):
         self._place_names()
 
     def show_status(self, words: str, button: str = "Measure") -> None:
-        """Say how it was measured, and what the button does; empty: it is being measured."""
+        """Show how the curve was measured, and set the text of the button; an empty text: it is being measured."""
         self.status.setText(words)
         self.measure_button.setText(button or "Measuring …")
         self.measure_button.setEnabled(bool(button))
@@ -189,7 +189,7 @@ class CostCurve(LinePlot):
         )
 
     def _fit(self, log_percent: float) -> None:
-        """Show all points and the line, with at least a decade along each axis: one point alone has no range."""
+        """Fit the axes to all points and the line, with at least one decade along each axis."""
         xs, ys = [p.x for p in self._points], [*(p.y for p in self._points), log_percent]
         for values, name in ((xs, "x"), (ys, "y")):
             middle, half = (min(values) + max(values)) / 2, max(0.5, (max(values) - min(values)) / 2)
@@ -197,7 +197,7 @@ class CostCurve(LinePlot):
             self.plot.vb.setRange(**{f"{name}Range": bounds}, padding=0.02)
 
     def _place_names(self) -> None:
-        """Write names where they cover nothing, next to their own point; the chosen and the used point have one."""
+        """Place labels next to their points where they cover nothing; the chosen and the used point always have one."""
         for item in self.names:
             self.plot.removeItem(item)
         self.names = []
@@ -226,7 +226,7 @@ class CostCurve(LinePlot):
     def _area_of(
         self, k: int, at: Sequence[QPointF], reach: float, taken: Sequence[QRectF], curve: Sequence[QLineF]
     ) -> tuple[float, QRectF]:
-        """Return the best area for the name of a point, and what it covers there (px²)."""
+        """Return the best area for the label of a point, and the area that it covers there (px²)."""
         metrics, inside = self.fontMetrics(), self.plot.vb.sceneBoundingRect()
         wide = metrics.horizontalAdvance(self._points[k].name) + 2 * MARGIN
         found = []
@@ -249,9 +249,9 @@ class CostCurve(LinePlot):
         self.names.append(item)
 
     def _place_label(self, taken: Sequence[QRectF], curve: Sequence[QLineF]) -> QRectF:
-        """Write the label of the line where neither names, points nor the curve cross it, and return its area.
+        """Place the label of the line where it overlaps no other label, no point and no curve; return its area.
 
-        Where there is no room for its words, the number alone is shown.
+        If there is not enough space, only the number is shown.
         """
         label, area = self.limit.label, QRectF()
         self.limit.boundingRect()  # computes the ends of the line, which place its label
@@ -265,7 +265,7 @@ class CostCurve(LinePlot):
         return area
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         super().apply_theme()
         theme = current_theme()
         if hasattr(self, "names"):
@@ -305,17 +305,17 @@ class CostCurve(LinePlot):
             super().keyPressEvent(event)
 
     def focusInEvent(self, event: QFocusEvent) -> None:
-        """Show the point that the keyboard reached."""
+        """Mark the point selected by keyboard."""
         super().focusInEvent(event)
         self._draw()
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
-        """Show it no longer."""
+        """Remove this mark."""
         super().focusOutEvent(event)
         self._draw()
 
     def table_lines(self, between: str) -> Iterator[str]:
-        """Yield every point."""
+        """Yield all points as table lines."""
         yield "# cost, error (%), chosen, in use, efficient, point\n"
         for point in self._points:
             marks = (f"{int(mark)}" for mark in (point.picked, point.in_use, point.efficient))

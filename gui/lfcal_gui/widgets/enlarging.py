@@ -1,4 +1,4 @@
-"""A picture or plot over the whole of its page, for as long as it is looked at closely."""
+"""Enlarge a picture or plot to the size of its page."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QSplitter, QVBo
 from lfcal_gui.widgets.cards import button
 
 PICTURE, PAGE = "picture", "page"
-"""Properties of widgets: can be enlarged; is filled by what is enlarged in it."""
+"""Properties of widgets that can be enlarged, and of widgets that an enlarged picture fills."""
 
 UNLIMITED = 16_777_215
 
 
 def can_be_enlarged(widget: QWidget) -> None:
-    """Say that ``widget`` is a picture or plot."""
+    """Mark ``widget`` as a picture or plot that can be enlarged."""
     widget.setProperty(PICTURE, True)
 
 
 def whole_page(widget: QWidget) -> None:
-    """Say that ``widget`` is filled by whatever is enlarged in it; a dialog needs not say so."""
+    """Mark ``widget`` as the area that an enlarged picture fills; dialogs need no mark."""
     widget.setProperty(PAGE, True)
 
 
 class _Kept(QWidget):
-    """Keeps the place of what is enlarged: as large as it is now where there is room, and as small as it can be."""
+    """Placeholder of an enlarged part, with its current size as preferred size and its minimum size."""
 
     def __init__(self, part: QWidget) -> None:
         super().__init__()
@@ -36,12 +36,12 @@ class _Kept(QWidget):
         self.setMinimumSize(part.minimumSizeHint().expandedTo(part.minimumSize()))
 
     def sizeHint(self) -> QSize:
-        """Return the size that the part had."""
+        """Return the original size of the part."""
         return self._size
 
 
 class Enlarged(QFrame):
-    """Cover a page with one enlarged part of it, which stays active. Esc or a button puts it back.
+    """Cover a page with one enlarged part of it, which stays active. Esc or a button restores it.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Enlarged(QFrame):
         self.setFocus(Qt.FocusReason.OtherFocusReason)
 
     def put_back(self) -> None:
-        """Put the picture back."""
+        """Return the picture to its place."""
         self._page.removeEventFilter(self)
         layout = self.layout()
         if layout is not None:
@@ -93,13 +93,13 @@ class Enlarged(QFrame):
         self.deleteLater()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Stay as large as the page."""
+        """Follow the size of the page."""
         if watched is self._page and event.type() == QEvent.Type.Resize:
             self.setGeometry(self._page.rect())
         return False
 
     def event(self, event: QEvent) -> bool:
-        """Take Esc before a shortcut of the page does."""
+        """Handle Esc before the shortcuts of the page."""
         if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
             if event.key() == Qt.Key.Key_Escape:
                 event.accept()
@@ -107,7 +107,7 @@ class Enlarged(QFrame):
         return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Put the picture back at Esc; all other keys are the page's."""
+        """Return the picture to its place when Escape is pressed; the page handles all other keys."""
         if event.key() == Qt.Key.Key_Escape:
             self.put_back()
         else:
@@ -115,7 +115,7 @@ class Enlarged(QFrame):
 
 
 def _exchange(old: QWidget, new: QWidget) -> None:
-    """Put ``new`` where ``old`` is."""
+    """Replace ``old`` in its layout by ``new``."""
     parent = old.parentWidget()
     if isinstance(parent, QSplitter):
         parent.replaceWidget(parent.indexOf(old), new)
@@ -134,14 +134,14 @@ def _above(widget: QWidget) -> Iterator[QWidget]:
 
 
 def enlarged_of(picture: QWidget) -> Enlarged | None:
-    """Return what holds ``picture`` while it is enlarged, or None."""
+    """Return the `Enlarged` that contains ``picture``; None if it is not enlarged."""
     return next((one for one in _above(picture) if isinstance(one, Enlarged)), None)
 
 
 def enlarge(picture: QWidget) -> Enlarged | None:
-    """Enlarge ``picture`` to its whole page or dialog, or put it back; return what holds it.
+    """Enlarge ``picture`` to its whole page or dialog, or restore it; return its `Enlarged`, if any.
 
-    A card that has no other picture is enlarged with it: its title and what it says stay with it.
+    A card without other pictures is enlarged together with its title and texts.
     """
     holder = enlarged_of(picture)
     if holder is not None:
@@ -160,12 +160,12 @@ def pictures_in(widget: QWidget) -> list[QWidget]:
 
 
 def toggle_in(page: QWidget) -> bool:
-    """Enlarge the picture of ``page`` under the pointer, else the largest; put back what is enlarged.
+    """Enlarge the picture of ``page`` under the pointer or else the largest one, or restore an enlarged one.
 
     Returns
     -------
     bool
-        Whether there was one.
+        Whether there was a picture.
     """
     for holder in page.findChildren(Enlarged):
         if holder.isVisible():

@@ -35,19 +35,19 @@ CLOSED, OPENED = "▸", "▾"
 
 
 class FoldHead(QPushButton):
-    """A title on the left, and a few words on what is folded on the right.
+    """A title on the left, and a short summary of the folded content on the right.
 
     Parameters
     ----------
     title
-        Name of what is folded.
+        Name of the folded content.
     tip
-        What is folded.
+        Description of the folded content.
 
     Attributes
     ----------
     words
-        The few words.
+        The summary.
     """
 
     def __init__(self, title: str, tip: str, parent: QWidget | None = None) -> None:
@@ -66,28 +66,28 @@ class FoldHead(QPushButton):
         self.name(title)
 
     def name(self, title: str) -> None:
-        """Change the title."""
+        """Set the title."""
         self.setText(title)
         self.say(self.words)
 
     def say(self, words: str) -> None:
-        """Say something of what is folded."""
+        """Set the summary of the folded content."""
         self.words = words
         self._right.setText(f"{words} {OPENED if self.isChecked() else CLOSED}")
         self.setAccessibleName(f"{self.text()}: {words}" if words else self.text())
 
 
 class Folded(QFrame):
-    """A card that shows its title alone until it is opened.
+    """A card that shows only its title until it is opened.
 
     Parameters
     ----------
     title
-        Always seen.
+        Title, which is always visible.
     tip
-        When one would open it.
+        Tooltip that states when to open it.
     framed
-        Whether it is a card; inside another card it is not.
+        Whether it is drawn as a card. False inside another card.
     """
 
     def __init__(self, title: str, tip: str, *, framed: bool = True) -> None:
@@ -107,43 +107,43 @@ class Folded(QFrame):
         self.body.hide()
 
     def open(self) -> None:
-        """Show what is below the title."""
+        """Show or hide the content below the title."""
         self.head.setChecked(True)
 
 
 SHORTEST = 5
-"""Letters of a choice that are seen in any case."""
+"""Number of letters of a choice that are always visible."""
 
 LEAST = 52
-"""Least width of a field (px)."""
+"""Smallest width of a field (px)."""
 
 LONGEST = 16
-"""Letters of the longest label or unit that is not wrapped."""
+"""Number of letters of the longest label or unit that is not wrapped."""
 
 LONG_EMPTY = 20
-"""Letters of the meaning of an empty field that needs a line below its label."""
+"""Number of letters of the placeholder above which a field gets its own line below the label."""
 
 SEARCHED = 12
-"""Folded fields from which they can be searched."""
+"""Number of folded fields from which a search line is shown."""
 
 SMALL = 18
 """Side of the buttons next to a field (px)."""
 
 UNIT_PX = 26
-"""Room for a short unit (px): fields of forms above each other end at one edge."""
+"""Width reserved for a short unit (px), so that the fields of all forms are aligned."""
 
 MARKS = {"stated": "✓", "measured": "✓", "assumed": "✓", "derived": "="}
-"""What is shown of where a value comes from."""
+"""Displayed mark for each source of a value."""
 
 LABEL, EDITOR, UNIT, MARK, RESET = range(5)
 """Columns of the grid."""
 
 LINES = 3
-"""Rows of the grid for each field: label and editor, a long editor, and why a value is refused."""
+"""Number of grid rows of each field: label and editor, a long editor, and the reason of a refusal."""
 
 
 class _ChoiceBox(QComboBox):
-    """A choice that the wheel leaves alone, as it scrolls the column, and whose list is as wide as its words."""
+    """A combo box that ignores the mouse wheel without the focus, and whose list is as wide as its texts."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -152,20 +152,20 @@ class _ChoiceBox(QComboBox):
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        """Leave the wheel to the column, unless the choice has the keyboard."""
+        """Ignore the wheel, so that it scrolls the column, unless the box has the focus."""
         if self.hasFocus():
             super().wheelEvent(event)
         else:
             event.ignore()
 
     def showPopup(self) -> None:
-        """Show whole words."""
+        """Show the list wide enough for its texts."""
         self.view().setMinimumWidth(self.view().sizeHintForColumn(0) + 2 * SMALL)
         super().showPopup()
 
 
 class _NumberEdit(QLineEdit):
-    """Shows a long number rounded until it has the keyboard; `text`, what is copied and the tip are exact."""
+    """Line edit that shows a long number rounded unless it has the focus; `text`, copied text and tooltip are exact."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -176,7 +176,7 @@ class _NumberEdit(QLineEdit):
         self._exact = ""
 
     def setText(self, text: str) -> None:
-        """Show a text; signals may be blocked meanwhile."""
+        """Set the text, even while signals are blocked."""
         self._forget()
         super().setText(text)
         if not self.hasFocus():
@@ -201,13 +201,13 @@ class _NumberEdit(QLineEdit):
         super().focusInEvent(event)
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
-        """Round again, unless the focus comes back: it is in a menu or another window."""
+        """Show the number rounded again, unless the focus is only in a menu or another window."""
         super().focusOutEvent(event)
         if event.reason() not in (Qt.FocusReason.PopupFocusReason, Qt.FocusReason.ActiveWindowFocusReason):
             self._round()
 
     def event(self, event: QEvent) -> bool:
-        """Put the exact number into the tip."""
+        """Show the exact number in the tooltip."""
         if event.type() == QEvent.Type.ToolTip and self._exact and isinstance(event, QHelpEvent):
             QToolTip.showText(event.globalPos(), f"{self._exact}: {self.toolTip()}", self)
             return True
@@ -232,13 +232,13 @@ class _Row:
         return [one for one in (self.label, self.editor, self.unit, self.mark) if one is not None]
 
     def found(self, words: Sequence[str]) -> bool:
-        """Return whether each of the words is in what is said of the field."""
+        """Return whether each of the words occurs in the texts of the field."""
         said = f"{self.field.label} {self.field.unit} {self.field.group} {self.field.tip}".casefold()
         return all(word in said for word in words)
 
 
 class FoldedForm(QFrame):
-    """Labels, fields and units in columns; what is rarely needed is folded.
+    """Form with labels, fields and units in columns; rarely needed fields are folded.
 
     The row of the fold says what differs from the defaults. A changed value is bold and can be reset; buttons for that
     are shown while the pointer or the focus is in the form. The tick of an assumed value (`set_marks`) confirms it.
@@ -261,7 +261,7 @@ class FoldedForm(QFrame):
     """
 
     edited = Signal(str, object, arguments=["key", "value"])
-    """The user changed a value, and it passes."""
+    """The user changed a value, which is valid."""
     confirmed = Signal(str, arguments=["key"])
     """The user confirms an assumed value."""
 
@@ -390,7 +390,7 @@ class FoldedForm(QFrame):
         return edit
 
     def own_line(self, key: str) -> None:
-        """Give the field of a long text a line below its label, which then names the unit."""
+        """Place the field of a long text on a line below its label, which then contains the unit."""
         row = self._rows[key]
         self._grid.addWidget(row.editor, row.line + 1, LABEL, 1, RESET + 1)
         if row.unit is not None:
@@ -402,7 +402,7 @@ class FoldedForm(QFrame):
             row.unit = None
 
     def fold_line(self, *parts: QWidget, above: bool = False) -> None:
-        """Add widgets side by side to the fold, below or ``above`` its fields."""
+        """Add widgets side by side to the folded part, below or ``above`` its fields."""
         holder = QWidget()
         row = line(*parts)
         row.setContentsMargins(0, 2, 0, 2)
@@ -429,7 +429,7 @@ class FoldedForm(QFrame):
             self._report()
 
     def set_folded(self, key: str, folded: bool) -> None:
-        """Move one field into the fold, or out of it."""
+        """Move one field into the folded part, or out of it."""
         if self._rows[key].rare != folded:
             self._rows[key].rare = folded
             self._show_rows()
@@ -464,7 +464,7 @@ class FoldedForm(QFrame):
 
     # -- marks -----------------------------------------------------------------------------------------
     def set_marks(self, marks: Mapping[str, tuple[str, str]]) -> None:
-        """Show where values come from: a word of `MARKS`, and a tip. The tick of an assumed value confirms it."""
+        """Show the sources of values, as words of `MARKS` with tooltips. Ticking an assumed value confirms it."""
         for key, (word, tip) in marks.items():
             row = self._rows[key]
             assumed = word == "assumed"
@@ -480,7 +480,7 @@ class FoldedForm(QFrame):
         self._report()
 
     def _make_mark(self, row: _Row, assumed: bool) -> None:
-        """Make the tick of an assumed value, which is a button, or of another one."""
+        """Make the mark of a value; that of an assumed value is a button."""
         if row.mark is not None:
             row.mark.hide()
             row.mark.deleteLater()
@@ -496,14 +496,14 @@ class FoldedForm(QFrame):
         row.mark.setVisible(not row.label.isHidden())
 
     def mark(self, key: str) -> QToolButton | QLabel:
-        """Return what shows where the value of a field comes from; its property ``mark`` is the word."""
+        """Return the widget that shows the source of a value; its property ``mark`` is the word of `MARKS`."""
         found = self._rows[key].mark
         assert found is not None
         return found
 
     # -- defaults --------------------------------------------------------------------------------------
     def set_defaults(self, defaults: Mapping[str, Any]) -> None:
-        """Change what values are compared with, and reset to; `UNKNOWN`: nothing."""
+        """Set the defaults, with which values are compared and to which they are reset; `UNKNOWN`: no default."""
         for key, value in defaults.items():
             if key in self.fields:
                 self._defaults[key] = value
@@ -517,12 +517,12 @@ class FoldedForm(QFrame):
         return tuple(row.field.key for row in self._rows.values() if row.shown and self._differs(row))
 
     def enterEvent(self, event: QEnterEvent) -> None:
-        """Show what resets values."""
+        """Show the reset buttons."""
         super().enterEvent(event)
         self._attend(True)
 
     def leaveEvent(self, event: QEvent) -> None:
-        """Hide what resets values, unless the focus is here."""
+        """Hide the reset buttons, unless the form has the focus."""
         super().leaveEvent(event)
         self._focus_moved(None, QApplication.focusWidget())
 
@@ -559,7 +559,7 @@ class FoldedForm(QFrame):
         self.head.setFocus()
 
     def _report(self) -> None:
-        """Show which values are changed, and say it in the row of the fold."""
+        """Mark changed values, and show their number in the head of the folded part."""
         changed = set(self.changed)
         for key, row in self._rows.items():
             differs = key in changed
@@ -601,9 +601,9 @@ class FoldedForm(QFrame):
         return self._rows[key].editor
 
     def set_values(self, values: Mapping[str, Any]) -> None:
-        """Show values without reporting them; a field being typed in keeps its text if it means the same.
+        """Show values without reporting them; a field that is being edited keeps its text if it means the same.
 
-        Values without a field are left out.
+        Values without a field are ignored.
         """
         for key, value in values.items():
             if key not in self._rows:
@@ -623,7 +623,7 @@ class FoldedForm(QFrame):
         self._report()
 
     def set_choices(self, key: str, choices: tuple[tuple[Any, str], ...]) -> None:
-        """Offer other choices of a field."""
+        """Set the choices of a field."""
         editor = self._rows[key].editor
         assert isinstance(editor, QComboBox)
         with QSignalBlocker(editor):
@@ -644,7 +644,7 @@ class FoldedForm(QFrame):
         self._mark(editor, "")
 
     def set_enabled(self, key: str, enabled: bool, why: str = "") -> None:
-        """Enable or disable one field with its label; ``why`` it is disabled is said in its tip meanwhile."""
+        """Enable or disable one field with its label; while it is disabled, its tooltip contains the reason ``why``."""
         row = self._rows[key]
         if not enabled and isinstance(row.editor, QLineEdit) and row.editor.property("reason"):
             self._mark(row.editor, "")
@@ -664,7 +664,7 @@ class FoldedForm(QFrame):
 
     # -- typing ----------------------------------------------------------------------------------------
     def _select(self, key: str, editor: QLineEdit) -> None:
-        """Remember a text that is selected whole: what is typed over it is a new beginning."""
+        """Record whether all of the text is selected: typing then starts a new value."""
         if editor.selectedText() and editor.selectedText() == editor.text():
             self._selected[key] = editor.text()
 
@@ -676,7 +676,7 @@ class FoldedForm(QFrame):
         self._untouched.pop(key, None)
 
     def _read(self, key: str) -> tuple[Any, str]:
-        """Return what a field says, and why that is refused."""
+        """Return the value of a field, and why it is refused (empty: accepted)."""
         editor, field = self._rows[key].editor, self.fields[key]
         if isinstance(editor, QComboBox):
             return editor.currentData(), ""
@@ -728,12 +728,12 @@ class FoldedForm(QFrame):
 
     @property
     def error(self) -> str:
-        """The reason shown, or empty."""
+        """The displayed reason; empty if there is none."""
         return self._error.text() if not self._error.isHidden() else ""
 
 
 def add_chooser(edit: QLineEdit, name: str, tip: str) -> SignalInstance:
-    """Add a button to the field of a path that Alt+Down also presses; return the signal that it was pressed."""
+    """Add a button to the field of a path; Alt+Down also presses it. Return its signal."""
     icon = edit.style().standardIcon(QStyle.StandardPixmap.SP_DirOpenIcon)
     browse = edit.addAction(icon, QLineEdit.ActionPosition.TrailingPosition)
     browse.setText(name)
@@ -755,7 +755,7 @@ def _small(text: str, role: str, name: str, tip: str) -> QToolButton:
 
 
 def _lines(text: str) -> str:
-    """Return a long label in two lines."""
+    """Return a long label, wrapped into two lines."""
     if len(text) <= LONGEST or " " not in text:
         return text
     middle = min((k for k, letter in enumerate(text) if letter == " "), key=lambda k: abs(2 * k - len(text)))

@@ -28,7 +28,7 @@ CONTROLS = (
     QSlider,
     pg.GraphicsView,
 )
-"""What a screen reader must be able to name."""
+"""Types of widgets that need a name for screen readers."""
 
 LONGEST = 60
 
@@ -57,7 +57,7 @@ def name_controls(root: QWidget) -> None:
 
 
 def controls(root: QWidget) -> list[QWidget]:
-    """Return the controls in ``root``, without the parts of which other controls are made."""
+    """Return the controls in ``root``, without the internal parts of other controls."""
     found: list[QWidget] = []
     for kind in CONTROLS:
         found += root.findChildren(kind)
@@ -80,7 +80,7 @@ def _own_words(widget: QWidget) -> str:
 
 
 def _first(tip: str) -> str:
-    """Return the first clause of a tip."""
+    """Return the first clause of a tooltip."""
     for end in (". ", "; ", ": ", "\n"):
         tip = tip.partition(end)[0]
     return tip.strip(" .")

@@ -19,25 +19,25 @@ from lfcal_gui.widgets.picture_menu import table_entries
 
 MISSING, CROSSED = "#ff5a5f", 50
 SIZES = {"x": 5, "o": 11, "s": 9}
-"""Of symbols (px)."""
+"""Sizes of symbols (px)."""
 UNKNOWN = "#222831"
-"""What is drawn where there is no value."""
+"""Colour of positions without a value."""
 
 
 class PeriodMap(Picture):
     """Show one value per source position ``(ny, nx)`` and let the user drag over it."""
 
     chosen = Signal(int, int, arguments=["y", "x"])
-    """The pointer is held on another position."""
+    """The user dragged the pointer to another position."""
 
     def __init__(self, quantity: str = "value", parent: QWidget | None = None) -> None:
         axes = "position x (px)", "position y (px)"
         super().__init__(quantity, axes=axes, steered=True, legend=False, colour_map="cividis", parent=parent)
         self._position: tuple[int, int] | None = None
         self.pointed = True
-        """Whether the position that is looked at is pointed out."""
+        """Whether the current position is marked."""
         self.lines: Callable[[str], Iterable[str]] | None = None
-        """Yields the lines of a table that is copied and saved in place of the values."""
+        """Function that yields the table that is copied and saved instead of the values."""
         self.box.setMouseEnabled(False, False)
         self.steered_to.connect(self.chosen.emit)
         self.setToolTip("Drag, or use the arrow keys, to choose the source position")
@@ -52,7 +52,7 @@ class PeriodMap(Picture):
     ) -> None:
         """Show ``values`` ``(ny, nx)``; positions with ``recorded`` 0 have none, and a few of them are crossed out.
 
-        ``marks`` are more positions (y, x) ``(n, 2)`` by their symbol, ``more`` fields of `Shot`.
+        ``marks`` contains further positions (y, x) ``(n, 2)`` by their symbol, and ``more`` contains fields of `Shot`.
         """
         values, missing = np.array(values, float), np.zeros((0, 2))
         if recorded is not None:
@@ -65,24 +65,24 @@ class PeriodMap(Picture):
         self.set_shot(Shot(values, **shown))
 
     def entries(self) -> list[tuple[str, Callable[[], Any]]]:
-        """Return what a menu offers."""
+        """Return the entries of the context menu."""
         if self.values is None or self.lines is None:
             return super().entries()
         return table_entries(self, self.file_name, self.lines)
 
     def clear(self) -> None:
-        """Show no values."""
+        """Remove all values."""
         self.lines = None
         self.set_shot(None)
 
     def set_position(self, y: int, x: int) -> None:
-        """Point out a position without reporting it."""
+        """Mark a position without reporting it."""
         self._position = (y, x)
         if self._cross is not None:
             self.set_cross(y, x)
 
     def _put(self, shot: Shot, picture: NDArray[np.uint8], place: QRectF, levels: Levels) -> None:
-        """Draw positions of which nothing is known in a grey that no colour map has."""
+        """Draw positions without a value in a grey that does not occur in any colour map."""
         unknown = None if shot.values is None else np.isnan(shot.values)
         if picture.ndim == 2 and unknown is not None and unknown.any():
             picture = theme_table(self.display.colour_map)[picture]

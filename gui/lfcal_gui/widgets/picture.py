@@ -1,4 +1,4 @@
-"""The widget for 2-D arrays of any size: values, overlays and caption always belong together."""
+"""Widget for 2-D arrays of any size, whose values, overlays and caption are always drawn together."""
 
 from __future__ import annotations
 
@@ -55,27 +55,27 @@ from lfcal_gui.widgets.colours import outline_pen, ramp, row_of, theme_table
 from lfcal_gui.widgets.picture_menu import copy_picture, offer_menu, save_picture, save_values
 
 LARGE = 1 << 18
-"""Pixels above which a picture is drawn in the background, and only what is seen of it."""
+"""Number of pixels above which a picture is drawn in the background, and only its visible part."""
 
 COPIED = 1 << 18
-"""Pixels that a spreadsheet can take from the clipboard at most."""
+"""Largest number of pixels that can be copied as a table."""
 
 REDRAW_MS = 12
 
 PILL, GAP, LINE = QColor(8, 10, 13, 205), 8, 15
-"""Ground of words over a picture, room about them, height of a line (px)."""
+"""Background of texts over a picture, space around them, and height of a line (px)."""
 
 RIM = QColor(0, 0, 0)
 """Colour around marks that lie on bright pixels."""
 
 RAMP, SCALE = 120, 140
-"""Greatest length of the colours in a legend, and of a scale bar (px)."""
+"""Largest length of the colour bar of a legend, and of a scale bar (px)."""
 
 SHORT = 40
-"""Length of the colours in a legend where its quantity needs the room (px)."""
+"""Length of the colour bar of a legend if its quantity needs the space (px)."""
 
 ARROWS = {Qt.Key.Key_Up: (-1, 0), Qt.Key.Key_Down: (1, 0), Qt.Key.Key_Left: (0, -1), Qt.Key.Key_Right: (0, 1)}
-"""Rows and columns that a key moves the grip by."""
+"""Rows and columns by which a key moves the grip."""
 
 _numbers = count()
 
@@ -102,17 +102,17 @@ class Picture(QWidget):
     """
 
     hovered = Signal(int, int, float, arguments=["row", "column", "value"])
-    """The pixel under the pointer, emitted again when the picture changes; row -1 when it left."""
+    """The pixel under the pointer, also emitted when the picture changes; row -1: the pointer left."""
     clicked = Signal(int, int, arguments=["row", "column"])
     """A pixel was clicked."""
     steered_to = Signal(int, int, arguments=["row", "column"])
-    """The pointer is held on a pixel, the nearest one where it is outside."""
+    """The pointer was dragged to a pixel; outside the picture, to the nearest one."""
     dragged = Signal(int, int, arguments=["rows", "columns"])
-    """The `grip` was moved by so many pixels since this was emitted last: by the pointer, or by arrow keys."""
+    """The grip was moved by so many pixels since the last signal, with the pointer or the arrow keys."""
     changed = Signal()
-    """Another picture is on the screen, or none."""
+    """Another picture is displayed, or none."""
     readout_clicked = Signal()
-    """The numbers in the upper right corner were clicked."""
+    """The readout in the upper right corner was clicked."""
     moved = Signal()
     """The user panned, zoomed or asked for the whole picture."""
 
@@ -147,7 +147,7 @@ class Picture(QWidget):
         self.contrast: Levels | None = None
         """Levels that the user chose. None: those of the picture."""
         self.sharing: tuple[Picture, ...] = (self,)
-        """Pictures that have one contrast."""
+        """Pictures that share one contrast."""
         self._steered, self._held = steered, False
         self._grip: QRectF | None = None
         self._dragged_from: QPointF | None = None
@@ -191,9 +191,9 @@ class Picture(QWidget):
 
     # -- content ---------------------------------------------------------------------------------------
     def set_shot(self, shot: Shot | None, *, keep_view: bool = True) -> None:
-        """Show all of ``shot`` together, a large one as soon as it is drawn; None shows nothing.
+        """Show ``shot``; a large one is drawn in the background first. None: show nothing.
 
-        Pan and zoom stay, if ``keep_view`` and its place and size are those of the picture before.
+        With ``keep_view``, pan and zoom are kept if place and size are those of the previous picture.
         """
         shot = shot or Shot()
         before, self._wanted = self._wanted, shot
@@ -208,12 +208,12 @@ class Picture(QWidget):
 
     @property
     def shot(self) -> Shot:
-        """What is on the screen."""
+        """The displayed shot; None if there is none."""
         return self._shot
 
     @property
     def values(self) -> NDArray[Any] | None:
-        """The values on the screen; of colours their mean."""
+        """The displayed values; for RGB, their mean."""
         return self._shot.measured
 
     @property
@@ -222,32 +222,32 @@ class Picture(QWidget):
         return _display_of(self._shot, self._display)
 
     def set_display(self, display: DisplaySettings) -> None:
-        """Change scaling, colour map and levels; signed values keep theirs."""
+        """Set scaling, colour map and levels; those of signed values are fixed."""
         if display != self._display:
             self._display = display
             self._redraw()
 
     def set_contrast(self, levels: Levels | None) -> None:
-        """Show these values in this and the next pictures, and in those that share them. None: what pictures say."""
+        """Set the levels of this and later pictures, and of those that share them. None: those of the pictures."""
         for picture in self.sharing:
             if levels != picture.contrast:
                 picture.contrast = levels
                 picture._redraw()
 
     def set_overlays(self, *overlays: Overlay) -> None:
-        """Draw ``overlays`` over the picture besides those that come with it, until others are set."""
+        """Set ``overlays`` that are drawn in addition to those of the picture."""
         self._later = overlays
         self.graphics.viewport().update()
 
     def set_note(self, words: str, colour: str = "") -> None:
-        """Write a line below the readout, which does not belong to the picture but to the moment."""
+        """Set a line below the readout that does not belong to the picture, such as a temporary status."""
         if (words, colour) != self._note:
             self._note = words, colour
             self.graphics.viewport().update()
 
     @property
     def note(self) -> tuple[str, str]:
-        """The line below the readout, and its colour; empty: as the readout."""
+        """The line below the readout, and its colour; an empty colour is that of the readout."""
         return self._note
 
     def set_lattice(self, camera: Camera | None, origin: tuple[int, int] = (0, 0)) -> None:
@@ -257,7 +257,7 @@ class Picture(QWidget):
         self.graphics.viewport().update()
 
     def set_cross(self, row: float | None, column: float | None = None) -> None:
-        """Point out a pixel of the picture that is shown. None: none."""
+        """Mark a pixel of the displayed picture. None: none."""
         nowhere = row is None or column is None or self._wanted.values is None
         cross = None if nowhere else (row, column)
         self._wanted, self._shot = replace(self._wanted, cross=cross), replace(self._shot, cross=cross)
@@ -271,33 +271,33 @@ class Picture(QWidget):
 
     @property
     def overlays(self) -> tuple[Overlay, ...]:
-        """Everything that is drawn over the picture."""
+        """All overlays that are drawn over the picture."""
         return (*self._lattice, *self._shot.overlays, *self._later)
 
     @property
     def quantity(self) -> str:
-        """What the values are, with the unit."""
+        """The quantity of the values, with its unit."""
         return self._shot.quantity or self._quantity
 
     @property
     def file_name(self) -> str:
-        """What the picture is called in files."""
+        """The name of the picture for files."""
         return self._name
 
     @property
     def levels(self) -> Levels:
-        """The values at the ends of the colours."""
+        """The values at the ends of the colour scale."""
         return self._levels
 
     # -- the part that is seen -------------------------------------------------------------------------
     def show_all(self) -> None:
-        """Zoom so that the whole picture is seen."""
+        """Zoom such that the whole picture is visible."""
         if self._wanted.values is not None:
             self._show_extent(self._wanted)
             self.moved.emit()
 
     def show_part(self, row: float, column: float, height: float, width: float, *, padding: float = 0.05) -> None:
-        """Zoom to a part of it, in its units."""
+        """Zoom to a part of the picture, given in its units."""
         self.box.setRange(QRectF(column, row, width, height), padding=padding)
 
     def _show_extent(self, shot: Shot) -> None:
@@ -310,7 +310,7 @@ class Picture(QWidget):
     # -- drawing ---------------------------------------------------------------------------------------
     @property
     def _tinted(self) -> bool:
-        """Whether pixels have other colours than those of their values: not where all is red."""
+        """Whether pixels are tinted; not in the red theme."""
         return self._wanted.tint is not None and not current_theme().red
 
     @property
@@ -353,7 +353,7 @@ class Picture(QWidget):
         self._jobs.compute(self._group, render, lambda found: self._drawn(shot, *found), self._not_drawn)
 
     def _drawn(self, shot: Shot, picture: NDArray[np.uint8], place: QRectF, levels: Levels) -> None:
-        """Show a picture that was drawn in the background, though a newer one is wanted by now: it is whole."""
+        """Show a picture that was drawn in the background, even if a newer one has been requested meanwhile."""
         self._drawing = False
         if self._in_background:
             self._put(shot, picture, place, levels)
@@ -391,7 +391,7 @@ class Picture(QWidget):
         self._report_view()
 
     def _report_view(self) -> None:
-        """Report another picture, and the value under a pointer that does not move."""
+        """Report a new picture, and the value under the pointer even if it does not move."""
         self.blank.show_blank(self._shot.values is None)
         self.graphics.viewport().update()
         if self.legend is not None:
@@ -402,7 +402,7 @@ class Picture(QWidget):
         self.changed.emit()
 
     def _find_lattice(self) -> None:
-        """Find the micro-images in view."""
+        """Find the visible micro-images."""
         if self._camera is None or self._wanted.values is None:
             self._lattice = ()
             return
@@ -415,7 +415,7 @@ class Picture(QWidget):
         )
 
     def paint_over(self, painter: QPainter) -> None:
-        """Draw overlays, caption, legend and scale bar, all in points of the screen."""
+        """Draw overlays, caption, legend and scale bar in screen coordinates."""
         shot = self._shot
         if shot.values is None:
             return
@@ -448,7 +448,7 @@ class Picture(QWidget):
         painter.drawLine(pill.bottomLeft() + QPointF(GAP, -4), pill.bottomLeft() + QPointF(GAP + length, -4))
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         theme = current_theme()
         self.graphics.setBackground(theme.canvas if self.plot is None else theme.panel)
         self.box.setBackgroundColor(theme.canvas)
@@ -463,7 +463,7 @@ class Picture(QWidget):
 
     # -- pointer ---------------------------------------------------------------------------------------
     def pixel_at(self, place: QPointF) -> tuple[int, int] | None:
-        """Return the pixel (row, column) at a place of the scene, None outside the picture."""
+        """Return the pixel (row, column) at a position in the scene; None outside the picture."""
         if not self.box.sceneBoundingRect().contains(place):
             return None
         point = self.box.mapSceneToView(place)
@@ -478,13 +478,13 @@ class Picture(QWidget):
             self.hovered.emit(*pixel, self._shot.value_at(pixel))
 
     def leaveEvent(self, event: QEvent) -> None:
-        """Report that the pointer left."""
+        """Report that the pointer left the picture."""
         self._pointer = None
         self.hovered.emit(-1, -1, math.nan)
         super().leaveEvent(event)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Follow the pointer while its button is held, where that points at a place or drags the grip."""
+        """Follow the pointer while its button is pressed, to select positions or to drag the grip."""
         kind = event.type()
         if not isinstance(event, QMouseEvent) or not (self._steered or self._grip is not None):
             return super().eventFilter(watched, event)
@@ -501,7 +501,7 @@ class Picture(QWidget):
         return super().eventFilter(watched, event)
 
     def set_grip(self, area: tuple[float, float, float, float] | None) -> None:
-        """Let a drag that begins within ``area``, first row and column, height and width, report how far it goes."""
+        """Report drags that begin within ``area`` (first row and column, height, width)."""
         self._grip = None if area is None else QRectF(area[1] - 0.5, area[0] - 0.5, area[3], area[2])
 
     def _drag(self, place: QPointF) -> None:
@@ -547,7 +547,7 @@ class Picture(QWidget):
         return [("Show all", self.show_all), *self.entries()]
 
     def entries(self) -> list[tuple[str, Callable[[], Any]]]:
-        """Return what a menu offers for the picture; nothing where there is none."""
+        """Return the entries of the context menu; none if there is no picture."""
         if self.values is None:
             return []
         automatic = [] if self.contrast is None else [("Automatic contrast", lambda: self.set_contrast(None))]
@@ -560,25 +560,25 @@ class Picture(QWidget):
         ]
 
     def measure(self) -> Measuring:
-        """Open the window that measures in this picture."""
+        """Open the window for measurements in this picture."""
         self.measuring = Measuring(self)
         self.measuring.show()
         return self.measuring
 
     def copy_data(self) -> None:
-        """Put the values on the clipboard, for a spreadsheet."""
+        """Copy the values to the clipboard, for a spreadsheet."""
         values = self.values
         if values is not None and values.size <= COPIED:
             rows = ("\t".join(f"{value:.7g}" for value in row) for row in values)
             QApplication.clipboard().setText("\n".join(rows))
 
     def save_data(self, path: str = "") -> None:
-        """Write the values as ``.npy``, or as text with ``.csv``."""
+        """Save the values as ``.npy``, or as text (``.csv``)."""
         if self.values is not None:
             save_values(self, np.asarray(self.values), self.file_name, path)
 
     def save_picture(self, path: str = "") -> None:
-        """Write the picture, with what is drawn over it, as PNG or SVG."""
+        """Save the picture with its overlays as PNG or SVG."""
         save_picture(self, self.file_name, path)
 
 
@@ -595,13 +595,13 @@ def link(*pictures: Picture) -> None:
 
 
 def share_contrast(*pictures: Picture) -> None:
-    """Let ``pictures`` have one contrast, whichever of them it is chosen in."""
+    """Let ``pictures`` share one contrast, which can be set in any of them."""
     for picture in pictures:
         picture.sharing = pictures
 
 
 class _Legend(QWidget):
-    """Colours between the values at their ends, and what the values are."""
+    """Colour bar with the values at its ends, and the quantity."""
 
     def __init__(self, picture: Picture) -> None:
         super().__init__(picture)
@@ -609,7 +609,7 @@ class _Legend(QWidget):
         self.setFixedHeight(LINE + 3)
 
     def paintEvent(self, _: QPaintEvent) -> None:
-        """Draw both values, the colours between them, and the quantity if there is room."""
+        """Draw both values, the colours between them, and the quantity if there is enough space."""
         picture = self._picture
         if picture.values is None or picture.shot.coloured:
             return
@@ -645,14 +645,14 @@ class _Legend(QWidget):
 
 
 class _Image(pg.ImageItem):
-    """Averages pixels that share a pixel of the screen: with every second one left out, fine patterns would beat."""
+    """Image item that averages pixels that share a screen pixel, because subsampling would cause moiré patterns."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self._shrunk: tuple[object, QImage | None] = None, None
 
     def paint(self, painter: QPainter, *arguments: Any) -> None:
-        """Draw the image, enlarged pixels with sharp edges."""
+        """Draw the image; enlarged pixels have sharp edges."""
         area = self.boundingRect()
         seen = painter.deviceTransform().mapRect(area).size()
         if self.image is None or (seen.width() >= area.width() and seen.height() >= area.height()):
@@ -669,7 +669,7 @@ class _Image(pg.ImageItem):
 
 
 class _Canvas(pg.GraphicsView):
-    """Paints what lies over the picture in the same turn as the picture."""
+    """View that paints the overlays together with the picture."""
 
     def __init__(self, picture: Picture) -> None:
         super().__init__()
@@ -677,7 +677,7 @@ class _Canvas(pg.GraphicsView):
         self.setMinimumSize(120, 90)
 
     def drawForeground(self, painter: QPainter, rect: QRectF) -> None:
-        """Draw overlays and words in points of the screen."""
+        """Draw overlays and texts in screen coordinates."""
         painter.save()
         painter.resetTransform()
         self._picture.paint_over(painter)
@@ -754,7 +754,7 @@ def _paint_symbol(painter: QPainter, symbol: str, at: QPointF, half: float) -> N
 
 
 def _paint_cross(painter: QPainter, shot: Shot, to_screen: QTransform) -> None:
-    """Draw a square about a pixel, or lines to it where it is too small for one."""
+    """Draw a square around a pixel, or lines to it if the pixel is too small."""
     assert shot.cross is not None
     (row, column), half = shot.cross, shot.step / 2
     around = to_screen.mapRect(QRectF(column - half, row - half, shot.step, shot.step))
@@ -779,7 +779,7 @@ def _paint_pill(painter: QPainter, area: QRectF) -> None:
 
 
 def _paint_lines(painter: QPainter, lines: Sequence[tuple[str, str]], area: QRectF, *, right: bool = False) -> QRectF:
-    """Write words with their colours in an upper corner, as far as there is room; return where."""
+    """Draw coloured texts in an upper corner if there is enough space; return their area."""
     _paint_pill(painter, QRectF())
     metrics, room = painter.fontMetrics(), round(area.width() - 4 * GAP)
     shown = [(metrics.elidedText(minus(words), Qt.TextElideMode.ElideRight, room), colour) for words, colour in lines]
@@ -795,7 +795,7 @@ def _paint_lines(painter: QPainter, lines: Sequence[tuple[str, str]], area: QRec
 
 
 def _paint_tints(painter: QPainter, ends: tuple[str, str], area: QRectF) -> None:
-    """Draw the colours of depths in the lower right corner, as far as there is room."""
+    """Draw the colours of depths in the lower right corner if there is enough space."""
     _paint_pill(painter, QRectF())
     wide = max(RAMP, painter.fontMetrics().horizontalAdvance("    ".join(ends)))
     if wide > area.width() - min(SCALE, area.width() / 3) - 6 * GAP:

@@ -1,4 +1,4 @@
-"""What a right click on a picture or a plot offers: copy and save, as pixels, as drawing, as values."""
+"""Context menu of a picture or plot: copy and save as an image, as a drawing, or as values."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def offer_menu(
     entries: Callable[[], Sequence[Entry]] = lambda: (),
     at: Callable[[QPoint], Sequence[Entry]] = lambda _: (),
 ) -> None:
-    """Give ``widget`` a menu: ``entries``, then enlarging it, copying it and saving it under ``name()``.
+    """Give ``widget`` a context menu: ``entries``, then enlarge, copy, and save under ``name()``.
 
     ``at`` returns more entries for a point of the widget.
     """
@@ -52,12 +52,12 @@ def offer_menu(
 
 
 def copy_picture(widget: QWidget) -> None:
-    """Put what a widget shows on the clipboard."""
+    """Copy an image of a widget to the clipboard."""
     QApplication.clipboard().setPixmap(widget.grab())
 
 
 def save_picture(widget: QWidget, name: str, path: str = "") -> None:
-    """Write what a widget shows, as PNG or, where the name ends so, as SVG; asks for the file unless it is given."""
+    """Save an image of a widget as PNG or SVG, according to the suffix; without a path, ask for one."""
     path = path or ask_target(widget, "Save image", f"{name}.png", PICTURES)
     if path.lower().endswith(".svg"):
         write_svg(widget, path)
@@ -66,7 +66,7 @@ def save_picture(widget: QWidget, name: str, path: str = "") -> None:
 
 
 def table_entries(widget: QWidget, name: str, lines: Callable[[str], Iterable[str]]) -> list[Entry]:
-    """Return entries that copy a table and save it as text; ``lines(between)`` has ``between`` its columns."""
+    """Return entries that copy and save a table; ``lines(between)`` yields its lines with ``between`` as separator."""
 
     def save() -> None:
         path = ask_target(widget, "Save data", f"{name}.csv", "Text (*.csv)")
@@ -80,7 +80,7 @@ def table_entries(widget: QWidget, name: str, lines: Callable[[str], Iterable[st
 
 
 def save_values(widget: QWidget, values: NDArray[Any], name: str, path: str = "") -> None:
-    """Write a picture's values as ``.npy``, or as text with ``.csv``; asks for the file unless it is given."""
+    """Save the values of a picture as ``.npy``, or as text (``.csv``); without a path, ask for one."""
     path = path or ask_target(widget, "Save data", f"{name}.npy", "numpy (*.npy);;text (*.csv)")
     if path:
         write_file(widget, path, lambda part: _write_values(part, values, text=path.endswith(".csv")))
@@ -96,7 +96,7 @@ def _write_values(part: Path, image: NDArray[Any], *, text: bool) -> None:
 
 
 def write_svg(widget: QWidget, path: str) -> bool:
-    """Write what a widget shows as a drawing; say why if that fails."""
+    """Save a widget as SVG; report a failure."""
     from PySide6.QtSvg import QSvgGenerator
 
     def write(part: Path) -> None:

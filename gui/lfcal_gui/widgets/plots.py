@@ -1,4 +1,4 @@
-"""Line plots in the house style: labelled axes with units, theme colours, copy and save."""
+"""Line plots with a common style: labelled axes with units, theme colours, copy and save."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from lfcal_gui.widgets._blank import Blank
 from lfcal_gui.widgets.picture_menu import offer_menu, save_picture
 
 LINES = ("#2a8fc4", "#d9772b", "#2aa37b", "#c76aa0", "#8b97a8", "#c9a227")
-"""Line colours that stay apart for colour-blind readers, on light and on dark."""
+"""Line colours that colour-blind readers can distinguish, on light and dark backgrounds."""
 
 RED_LINES = ("#ff5a45", "#a83a2c", "#ff8a5c", "#c9301c", "#7d2a20", "#ff2010")
-"""The same where all is red."""
+"""The same in the red theme."""
 
 
 def shown_tone(tone: str) -> str:
-    """Return the colour in which a line of ``tone`` is drawn: one of red where all is red."""
+    """Return the colour of a line of ``tone``; in the red theme, a shade of red."""
     if not current_theme().red:
         return tone
     return RED_LINES[LINES.index(tone)] if tone in LINES else RED_LINES[0]
 
 
 def line_px(width: float) -> float:
-    """Return how many pixels of the screen a line of ``width`` has: pyqtgraph's pens do not grow with its scale."""
+    """Return the width of a line in screen pixels, because the pens of pyqtgraph do not scale with the screen."""
     screen = QGuiApplication.primaryScreen()
     return width * (1.0 if screen is None else screen.devicePixelRatio())
 
 
 MANY = 10**9
-"""More things than are ever counted."""
+"""Upper limit of counts on an axis."""
 
 MARGIN = 10
-"""Room around a plot (px)."""
+"""Margin around a plot (px)."""
 
 
 class LinePlot(QWidget):
-    """Curves over a common x; clicking and saving are built in. With ``counted`` x is a number of things, from 0."""
+    """Plot of curves over a common x, which can be clicked and saved. With ``counted``, x is a count from 0."""
 
     def __init__(
         self, xlabel: str, ylabel: str, *, legend: bool = False, counted: bool = False, parent: QWidget | None = None
@@ -86,7 +86,7 @@ class LinePlot(QWidget):
         dashed: bool = False,
         line: bool = True,
     ) -> None:
-        """Draw or replace a curve, of what is known of it; without ``line`` only its symbols."""
+        """Draw or replace a curve; NaN leaves a gap. Without ``line``, only symbols are drawn."""
         values = np.asarray(x, float), np.asarray(y, float)
         known = bool((np.isfinite(values[0]) & np.isfinite(values[1])).any())
         if not known:  # pyqtgraph fails on data without finite values
@@ -113,14 +113,14 @@ class LinePlot(QWidget):
             self._paint(name)
 
     def set_decades(self, *, x: bool = False, y: bool = False) -> None:
-        """Make axes logarithmic, with the numbers themselves."""
+        """Make axes logarithmic, labelled with the numbers themselves."""
         sides = [side for side, decades in (("bottom", x), ("left", y)) if decades]
         self.plot.set_axes(*map(DecadeAxis, sides))
         self.plot.set_log(x=x, y=y)
         self.set_labels(*self._labels)
 
     def set_labels(self, xlabel: str, ylabel: str) -> None:
-        """Name both quantities, with their units."""
+        """Label both axes with quantity and unit."""
         self._name_axes(xlabel, ylabel)
         self.apply_theme()
 
@@ -130,7 +130,7 @@ class LinePlot(QWidget):
         self.graphics.setAccessibleName(" over ".join(filter(None, (ylabel, xlabel))))
 
     def remove_curve(self, name: str) -> None:
-        """Take a curve away."""
+        """Remove a curve."""
         curve = self._curves.pop(name, None)
         if curve is not None:
             self.plot.removeItem(curve)
@@ -138,12 +138,12 @@ class LinePlot(QWidget):
             self.blank.show_blank(not self._known)
 
     def clear(self) -> None:
-        """Take all curves away."""
+        """Remove all curves."""
         for name in list(self._curves):
             self.remove_curve(name)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.graphics.setBackground(current_theme().panel)
         self.plot.apply_theme()
         self.blank.apply_theme()
@@ -153,7 +153,7 @@ class LinePlot(QWidget):
                 self._paint(name)
 
     def _paint(self, name: str) -> None:
-        """Give a curve the tone it was asked for, or one of red where all is red."""
+        """Draw a curve in its requested colour; in the red theme, in a shade of red."""
         tone, curve = shown_tone(self._tones[name]), self._curves[name]
         if curve.opts["pen"] is not None:
             pen = pg.mkPen(curve.opts["pen"])
@@ -169,21 +169,21 @@ class LinePlot(QWidget):
         ]
 
     def save_picture(self, path: str = "") -> None:
-        """Write the plot as PNG or SVG."""
+        """Save the plot as PNG or SVG."""
         save_picture(self, "plot", path)
 
     def copy_data(self) -> None:
-        """Put all curves on the clipboard, for a spreadsheet."""
+        """Copy all curves to the clipboard, for a spreadsheet."""
         QApplication.clipboard().setText("".join(self.table_lines("\t")))
 
     def save_data(self, path: str = "") -> None:
-        """Write all curves as text: columns x and y of each."""
+        """Save all curves as text with the columns x and y of each."""
         path = path or ask_target(self, "Save data", "plot.csv", "Text (*.csv)")
         if path:
             write_file(self, path, lambda part: part.write_text("".join(self.table_lines(",")), encoding="utf-8"))
 
     def table_lines(self, between: str) -> Iterator[str]:
-        """Yield every curve as lines of x and y, with what stands ``between`` columns."""
+        """Yield the curves as table lines of x and y, with ``between`` as the column separator."""
         for name, curve in self._curves.items():
             yield f"# {name}: {self._labels[0]}, {self._labels[1]}\n"
             # the values, not their logarithms on a logarithmic axis

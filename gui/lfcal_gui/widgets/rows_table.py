@@ -1,4 +1,4 @@
-"""Rows of text that are sorted by their numbers, and copied as spreadsheets take them."""
+"""Table of texts that can be sorted by numbers, and copied to spreadsheets."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lfcal_gui.models import minus
 from lfcal_gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
 
 ROW_PX, ROOMY_PX = 26, 480
-"""Height of a row, and least width of a table that shows all columns (px)."""
+"""Height of a row, and smallest width of a table that shows all columns (px)."""
 
 NUMBER, ROW = Qt.ItemDataRole.UserRole, Qt.ItemDataRole.UserRole + 1
 
@@ -31,10 +31,10 @@ RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
 class Cell(QTableWidgetItem):
-    """A cell that sorts by its number, or by its text where it has none."""
+    """A cell that is sorted by its number or, without one, by its text."""
 
     def __lt__(self, other: QTableWidgetItem) -> bool:
-        """Return whether this cell comes first; cells without a number come last among numbers."""
+        """Return whether this cell is sorted before another one; cells without a number come after those with one."""
         one, two = self.data(NUMBER), other.data(NUMBER)
         if one is None or two is None:
             return self.text().lower() < other.text().lower()
@@ -42,30 +42,30 @@ class Cell(QTableWidgetItem):
 
 
 class MinusSigns(QStyledItemDelegate):
-    """Draws negative numbers with minus signs; copied cells keep their hyphens."""
+    """Delegate that draws negative numbers with minus signs; copied cells contain hyphens."""
 
     def displayText(self, value: object, locale: QLocale | QLocale.Language) -> str:
-        """Return what is drawn for the text of a cell."""
+        """Return the displayed text of a cell."""
         return minus(super().displayText(value, locale))
 
 
 class RowsTable(QTableWidget):
-    """A table of rows; a click on a header sorts, Ctrl+C copies the rows that are selected, or all.
+    """A table of rows. A click on a header sorts; Ctrl+C copies the selected rows, or all if none is selected.
 
     Parameters
     ----------
     header
         Titles of the columns.
     wide
-        The column that takes the room that is left.
+        The column that takes the remaining width.
     sizes
-        Numbers of the columns that hold numbers.
+        Indices of the columns that contain numbers.
     brief
-        Numbers of the columns whose texts are given in full next to the table and in tips: they may be cut.
+        Indices of the columns whose texts may be cut, because they are shown elsewhere and in tooltips.
     spare
-        Numbers of the columns that a table narrower than ``roomy`` (px) hides; it can be enlarged, and copies all.
+        Indices of the columns that are hidden if the table is narrower than ``roomy`` (px). They are still copied.
     whole
-        Whether it is as high as its rows: it lies in an area that scrolls.
+        Whether the table is as high as its rows, for use in a scroll area.
     """
 
     def __init__(
@@ -104,14 +104,14 @@ class RowsTable(QTableWidget):
             can_be_enlarged(self)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Hide spare columns where there is no room for them."""
+        """Hide the spare columns if there is not enough space."""
         for column in self._spare:
             self.setColumnHidden(column, self.width() < self._roomy)
         super().resizeEvent(event)
         self._fit_height()
 
     def _fit_height(self) -> None:
-        """Be as high as all rows, unless the table is enlarged: then it scrolls."""
+        """Set the height to that of all rows, unless the table is enlarged; it then scrolls."""
         if not self._whole:
             return
         inside = enlarged_of(self) is None
@@ -129,7 +129,7 @@ class RowsTable(QTableWidget):
         numbers: Sequence[tuple[float, ...]] = (),
         colour: Callable[[int, int], str] = lambda row, column: "",
     ) -> None:
-        """Show rows in their order; ``numbers`` are what they are sorted by, ``colour`` is that of (row, column)."""
+        """Show rows in their order, with the sort keys ``numbers``; ``colour`` returns the colour of (row, column)."""
         self.setSortingEnabled(False)
         self.setRowCount(len(rows))
         for k, row in enumerate(rows):
@@ -148,29 +148,29 @@ class RowsTable(QTableWidget):
         self._fit_height()
 
     def number_of(self, row: int) -> int:
-        """Return the index of the given row that a row of the table shows, in any sorting; -1: none."""
+        """Return the original index of the row that is displayed in a row of the table; -1: none."""
         item = self.item(row, 0)
         return -1 if item is None else int(item.data(ROW))
 
     def chosen(self) -> int:
-        """Return which of the rows that were given is selected, the first of several; -1: none."""
+        """Return the original index of the selected row, or of the first selected one; -1: none."""
         return min((self.number_of(index.row()) for index in self.selectedIndexes()), default=-1)
 
     def choose(self, number: int) -> None:
-        """Select one of the rows that were given; nothing happens where there is none of that number."""
+        """Select a row by its original index; unknown indices are ignored."""
         for row in range(self.rowCount()):
             if self.number_of(row) == number:
                 self.selectRow(row)
 
     def text(self) -> str:
-        """Return the selected rows, or all, with the header: columns are parted by tabs."""
+        """Return the selected rows, or all, with the header, as text separated by tabs."""
         chosen = sorted({index.row() for index in self.selectedIndexes()}) or range(self.rowCount())
         cells = [[self.item(k, c) for c in range(self.columnCount())] for k in chosen]
         rows = [self._header, *(tuple("" if cell is None else cell.text() for cell in row) for row in cells)]
         return "\n".join("\t".join(row) for row in rows) + "\n"
 
     def copy(self) -> None:
-        """Put the selected rows, or all, on the clipboard."""
+        """Copy the selected rows, or all, to the clipboard."""
         QApplication.clipboard().setText(self.text())
 
     def keyPressEvent(self, event: QKeyEvent) -> None:

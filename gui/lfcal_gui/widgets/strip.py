@@ -22,30 +22,30 @@ if TYPE_CHECKING:
     from lfcal.psf.aperture import Aperture
 
 FITTED, EXPECTED = "#39d353", "#56b4e9"
-"""Colours of the outlines, which no colour of a picture comes near."""
+"""Colours of the outlines, which differ from all colours of pictures."""
 
 RED_FITTED, RED_EXPECTED = "#ff8a5c", "#7d2a20"
 """The same where all is red."""
 
 
 def outline_tones() -> tuple[str, str]:
-    """Return the colours of what is fitted and what is expected, in the theme in use."""
+    """Return the colours of fitted and expected outlines in the current theme."""
     return (RED_FITTED, RED_EXPECTED) if current_theme().red else (FITTED, EXPECTED)
 
 
 def legend_words(between: str = "<br>") -> str:
-    """Return what the outlines mean, as rich text."""
+    """Return the meaning of the outlines as rich text."""
     fitted, expected = outline_tones()
     return f"<span style='color:{fitted}'>━</span> fit{between}<span style='color:{expected}'>┅</span> expected"
 
 
 LEAST, WORD = 84, 16
-"""Least width of a tile with its depth, and height of the word below it (px)."""
+"""Smallest width of a tile with its depth, and height of the word below it (px)."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneTile:
-    """What is known of a plane: its depth (µm), its sum ``(nt, ns)``, and its apertures.
+    """Data of a plane: depth (µm), depth-plane sum ``(nt, ns)``, and apertures.
 
     The ``shape`` is that of the cutout, where only what is expected is shown. Of a plane that is being recorded there
     are a ``word``, the share that is done (``progress``), and the ``merit`` once it was judged.
@@ -61,14 +61,14 @@ class PlaneTile:
     merit: str = ""
 
     def outlines(self) -> tuple[tuple[str, Qt.PenStyle, NDArray[np.float64]], ...]:
-        """Return colour, pen and points (row, column) of what is drawn over the sum."""
+        """Return colour, pen and points (row, column) of the outlines over the sum."""
         fitted, expected = outline_tones()
         pens = ((fitted, Qt.PenStyle.SolidLine, self.fitted), (expected, Qt.PenStyle.DashLine, self.expected))
         # an outline is unknown if the sum is too dim or too small
         return tuple((colour, pen, one.outline()) for colour, pen, one in pens if one is not None and one.seen)
 
     def picture(self, side: int, ratio: float = 1.0) -> QPixmap:
-        """Return a square picture of ``side`` points, each of ``ratio`` pixels of the screen."""
+        """Return a square pixmap with a side of ``side`` points, each of ``ratio`` screen pixels."""
         pixels = round(side * ratio)
         shape = self.shape if self.image is None else self.image.shape
         found = QPixmap(pixels, pixels) if self.image is None else to_pixmap(self.image, pixels)
@@ -82,7 +82,7 @@ class PlaneTile:
         return found
 
     def _draw_state(self, on: QPixmap, ratio: float) -> None:
-        """Draw how much is recorded as a bar, and the merit as a dot: filled where it is good, else a ring."""
+        """Draw the recorded fraction as a bar, and the merit as a dot: filled if good, otherwise a ring."""
         theme, painter = current_theme(), QPainter(on)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if self.progress is not None:
@@ -108,7 +108,7 @@ class PlaneTile:
 
 
 def expected_apertures(plan: ScanPlan) -> list[Aperture | None]:
-    """Return the apertures that are expected in the planes of a plan, for `Strip.show_expected`.
+    """Return the expected apertures of the planes of a plan, for `Strip.show_expected`.
 
     Call it in the background: the first outline loads a compiled function.
     """
@@ -122,7 +122,7 @@ def expected_apertures(plan: ScanPlan) -> list[Aperture | None]:
 
 
 def to_pixmap(image: NDArray[Any], side: int, colour_map: str = "magma") -> QPixmap:
-    """Return ``image`` as a square picture of ``side`` points."""
+    """Return ``image`` as a square pixmap with a side of ``side`` points."""
     data = to_uint8(image, DisplaySettings(), levels_of(image))
     rgba = np.ascontiguousarray(theme_table(colour_map)[data])
     picture = QImage(rgba.data, rgba.shape[1], rgba.shape[0], 4 * rgba.shape[1], QImage.Format.Format_RGBA8888)
@@ -132,18 +132,18 @@ def to_pixmap(image: NDArray[Any], side: int, colour_map: str = "magma") -> QPix
 
 
 class Strip(QListWidget):
-    """A row of small pictures with the depth under each.
+    """A row of small pictures of planes, with the depth below each.
 
     Parameters
     ----------
     tip
-        Returns what is known of a plane: its index, its tile, the number of planes.
+        Function that returns the tooltip of a plane from its index, its tile and the number of planes.
     side
-        Of a picture (px).
+        Side of a picture (px).
     wrapping
-        Whether there are several rows.
+        Whether the pictures are arranged in several rows.
     worded
-        Whether there is a word of the state below each depth.
+        Whether a word on the state is shown below each depth.
     """
 
     chosen = Signal(int, arguments=["z"])
@@ -172,23 +172,23 @@ class Strip(QListWidget):
         self.currentRowChanged.connect(self._changed)
 
     def offer(self, depths_um: Sequence[float], shape: tuple[int, int]) -> None:
-        """Offer planes (µm) of cutouts of a shape; the one that was chosen stays chosen."""
+        """Show planes at these depths (µm), with cutouts of a shape; the selected plane stays selected."""
         tiles, z = [PlaneTile(depth, shape=shape) for depth in depths_um], self.currentRow()
         if [(one.depth_um, one.shape) for one in self.tiles] != [(one.depth_um, one.shape) for one in tiles]:
             self.show_tiles(tiles)
             self.set_current(min(z, len(tiles) - 1))
 
     def show_expected(self, apertures: Sequence[Aperture | None]) -> None:
-        """Draw the apertures that are expected in the planes. None: in focus, or not to be seen."""
+        """Draw the expected apertures of the planes. None: the plane is in focus, or its aperture is not visible."""
         for z, one in enumerate(apertures):
             self.set_tile(z, expected=one)
 
     def set_planes(self, depths: NDArray[np.float64]) -> None:
-        """Make one empty place per plane."""
+        """Make an empty tile for each plane."""
         self.show_tiles([PlaneTile(float(depth)) for depth in depths])
 
     def show_tiles(self, tiles: list[PlaneTile]) -> None:
-        """Show what is known of every plane."""
+        """Show the data of all planes."""
         self.blockSignals(True)
         self.clear()
         self.tiles = []
@@ -200,7 +200,7 @@ class Strip(QListWidget):
         self._fit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Make room for the scroll bar where there are more planes than fit."""
+        """Reserve space for the scroll bar if not all planes fit."""
         super().resizeEvent(event)
         self._fit()
 
@@ -211,7 +211,7 @@ class Strip(QListWidget):
             self.setFixedHeight(self._height + bar)
 
     def set_tile(self, z: int, **known: Any) -> None:
-        """Show more of plane ``z``: fields of `PlaneTile`."""
+        """Update fields of the `PlaneTile` of plane ``z``."""
         if z < len(self.tiles):
             tile = replace(self.tiles[z], **known)
             # drawing a tile is slow, and usually nothing changed
@@ -229,12 +229,12 @@ class Strip(QListWidget):
         item.setToolTip(self._tip(z, tile, count))
 
     def apply_theme(self) -> None:
-        """Redraw all pictures in the colours of the theme in use."""
+        """Redraw all pictures in the colours of the current theme."""
         for z in range(len(self.tiles)):
             self._show(z, count=len(self.tiles))
 
     def set_current(self, z: int) -> None:
-        """Mark a plane without reporting it."""
+        """Select a plane without reporting it."""
         self.blockSignals(True)
         self.setCurrentRow(z)
         self.blockSignals(False)

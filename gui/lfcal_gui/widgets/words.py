@@ -1,6 +1,6 @@
-"""Labels for texts that may not fit: cut to a single line, or wrapped.
+"""Labels for texts that may not fit: shortened or wrapped.
 
-Texts about files contain names, which may be long. No name makes a window wider, or is cut without notice.
+File names in texts may be long. They never make a window wider, and are never cut without an ellipsis.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from PySide6.QtWidgets import QApplication, QLabel, QMenu, QPlainTextEdit, QWidg
 from lfcal_gui.models import SPACE, minus, unbroken
 
 BREAK = "\u200b"
-"""Is not seen, and a line may end there."""
+"""Invisible character at which a line may be broken."""
 
 JOINTS = re.compile(r"(?<=[/\\_.,:=-])(?=[^\s/\\_.,:=-])")
 RUNS = re.compile(r"(\S{24})(?=\S)")
 LONGEST = 24
-"""Letters of a word that is left whole."""
+"""Number of letters of the longest word that is not broken."""
 
 
 def breakable(text: str) -> str:
-    """Return ``text`` with places in its long words where a line may end: at their joints, or else anywhere."""
+    """Return ``text`` with invisible line-break positions in long words: at separators, or else anywhere."""
 
     def broken(word: str) -> str:
         if len(word) <= LONGEST:
@@ -34,12 +34,12 @@ def breakable(text: str) -> str:
 
 
 def set_role(widget: QWidget, role: str) -> None:
-    """Give a widget the look of a role, which follows the theme: of ``"error"``, ``"hint"``, or ``""`` of none."""
+    """Give a widget the style of a role in the theme: ``"error"``, ``"hint"``, or ``""`` for none."""
     set_look(widget, "role", role)
 
 
 def set_look(widget: QWidget, name: str, value: object) -> None:
-    """Set a property that the style sheet uses, and apply the style again, since Qt does not."""
+    """Set a property that the style sheet uses, and apply the style again, because Qt does not."""
     if (widget.property(name) or None) != (value or None):
         widget.setProperty(name, value)
         widget.style().unpolish(widget)
@@ -47,7 +47,7 @@ def set_look(widget: QWidget, name: str, value: object) -> None:
 
 
 def shortened(name: str, metrics: QFontMetricsF | QFontMetrics, room: float) -> str:
-    """Return as much of the name of a quantity as there is room for (px); its unit in brackets stays."""
+    """Return the name of a quantity shortened to a width (px); its unit in brackets is kept."""
     words, bracket, unit = name.rpartition(" (")
     if not bracket or metrics.horizontalAdvance(name) <= room:
         return metrics.elidedText(name, Qt.TextElideMode.ElideRight, int(room))
@@ -57,16 +57,16 @@ def shortened(name: str, metrics: QFontMetricsF | QFontMetrics, room: float) -> 
 
 
 class WrappedLabel(QLabel):
-    """Text, wrapped. A long name is broken at the end of a line, but copied unchanged.
+    """A wrapped text. Long names are broken at the end of a line, but copied unchanged.
 
     Parameters
     ----------
     text
         What is shown.
     rich
-        Whether a text may be HTML, which is shown as it is.
+        Whether the text may be rich text (HTML).
     role
-        Its look.
+        Role that determines its style.
     """
 
     def __init__(
@@ -90,19 +90,19 @@ class WrappedLabel(QLabel):
         return self._whole
 
     def copy(self) -> None:
-        """Put what is selected on the clipboard, or all."""
+        """Copy the selected text, or all, to the clipboard."""
         chosen = self.selectedText().replace(BREAK, "").replace(SPACE, " ").replace("−", "-") or self._whole
         QApplication.clipboard().setText(chosen)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Copy a name whole."""
+        """Copy names without the invisible line breaks."""
         if event.matches(QKeySequence.StandardKey.Copy):
             self.copy()
             return
         super().keyPressEvent(event)
 
     def contextMenuEvent(self, event: QContextMenuEvent) -> None:
-        """Offer to copy where text can be selected."""
+        """Offer to copy if text can be selected."""
         if not self.textInteractionFlags() & Qt.TextInteractionFlag.TextSelectableByMouse:
             super().contextMenuEvent(event)
             return
@@ -113,22 +113,22 @@ class WrappedLabel(QLabel):
 
 
 class ElidedLabel(QLabel):
-    """Text of one or two lines. If it does not fit, a part is left out, and the tooltip shows all of it.
+    """A text of one or two lines. If it does not fit, it is shortened, and the tooltip shows all of it.
 
     Parameters
     ----------
     text
         A name, or a sentence.
     sentence
-        Whether the end is left out, as of a sentence, and not the middle, as of a name.
+        Whether the end is omitted, as for a sentence; otherwise the middle, as for a name.
     lines
-        Most lines.
+        Largest number of lines.
     role
-        Its look.
+        Role that determines its style.
     """
 
     elided = Signal(bool, arguments=["part"])
-    """Whether a part is left out now."""
+    """Whether the text is shortened."""
 
     def __init__(
         self,
@@ -147,7 +147,7 @@ class ElidedLabel(QLabel):
         self.setText(text)
 
     def setText(self, text: str, brief: str = "") -> None:
-        """Show ``text``, as much as there is room for; ``brief`` in its place where not all of it fits."""
+        """Show ``text``, shortened if necessary; if ``brief`` is given, show this instead of a shortened text."""
         self._whole, self._brief = text, brief
         self.updateGeometry()
         self._fit()
@@ -163,11 +163,11 @@ class ElidedLabel(QLabel):
         return QSize(across, super().sizeHint().height())
 
     def minimumSizeHint(self) -> QSize:
-        """Return that no word needs room."""
+        """Return a minimal width, so that the text never makes the window wider."""
         return QSize(0, super().minimumSizeHint().height())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Leave out more, or less."""
+        """Shorten the text for the new size."""
         super().resizeEvent(event)
         self._fit()
 
@@ -193,11 +193,11 @@ BESIDE = 42
 """Width of margins, frame and a vertical scroll bar next to text (px)."""
 
 WIDEST = 1180
-"""Width of text in a window that is no wider than the smallest one of the program (px)."""
+"""Width of text in the smallest window of the program (px)."""
 
 
 def lines_px(view: QPlainTextEdit) -> int:
-    """Return the width that ``view`` needs for its longest line, up to that of a small window (px)."""
+    """Return the width that ``view`` needs for its longest line (px), at most that of a small window."""
     view.ensurePolished()
     metrics = view.fontMetrics()
     longest = max((metrics.horizontalAdvance(line) for line in view.toPlainText().splitlines()), default=0)

@@ -119,7 +119,7 @@ class AccuracyPanel(QWidget):
         self.used.setVisible(bool(words))
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.chart.apply_theme()
 
     def _part_changed(self, item: QListWidgetItem | None) -> None:

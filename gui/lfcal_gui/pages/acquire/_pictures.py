@@ -111,7 +111,7 @@ class ErrorView(LinePlot):
         self.plot.vb.setXRange(0.0, 1.08 * max([FEW, *curve.positions]), padding=0)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         super().apply_theme()
         if self.curve is not None:
             self.show_curve(self.curve)
@@ -234,7 +234,7 @@ class RecordPictures(QWidget):
         self.third_title.setText(summed if self.third.currentWidget() is self.depth_sum else TITLE)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for view in (self.depth_sum, *self.curves.values()):
             view.apply_theme()
         if "error" in vars(self):

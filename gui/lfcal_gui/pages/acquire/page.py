@@ -56,7 +56,7 @@ class Page(BasePage):
         self.record.let_go()
 
     def deeds(self) -> dict[str, Callable[[], object]]:
-        """Return what the next step may ask for."""
+        """Return the actions that the next step may request, by name."""
         setup, record = self.setup, self.record
         tabs: dict[QWidget, dict[str, Callable[[], object]]] = {
             self.panel.setup: {
@@ -190,7 +190,7 @@ class Page(BasePage):
         return False
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Take a dropped session folder."""
+        """Accept a dropped session folder."""
         if len(paths) == 1 and takes(paths[0]):
             self.record.folder_choice.take(paths[0])
             self.panel.setCurrentWidget(self.panel.record)

@@ -50,7 +50,7 @@ class AcquirePanel(QWidget):
         return QSize(least.width() - self.inspector.width() + inspector_width(0), least.height())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the inspector more room in a large window."""
+        """Widen the inspector in a large window."""
         super().resizeEvent(event)
         self.inspector.setFixedWidth(inspector_width(self.width()))
 
@@ -84,6 +84,6 @@ class AcquirePanel(QWidget):
             stack.setCurrentIndex(k)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.setup.apply_theme()
         self.record.apply_theme()

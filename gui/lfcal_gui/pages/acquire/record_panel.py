@@ -326,7 +326,7 @@ class RecordPanel(QWidget):
         return self._last_curve
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.strip.apply_theme()
         for name in ("map", "pictures"):
             if name in vars(self):

@@ -311,7 +311,7 @@ class SetupPanel(QWidget):
         self.results_changed.emit()
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for widget in (self.view, self.contrast, self.seen, self.predicted):
             widget.apply_theme()
         for key, (words, good) in tuple(self._said.items()):

@@ -70,7 +70,7 @@ class Page(BasePage):
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> DepthSettings:
-        """What the user chose."""
+        """The user's settings."""
         return DepthSettings.of(self.context.state)
 
     def let_go(self) -> None:
@@ -131,7 +131,7 @@ class Page(BasePage):
         self.load(Path(path).name, lambda: model.frame_picture(path), read)
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Take a dropped image."""
+        """Accept a dropped image."""
         if len(paths) == 1 and model.takes(paths[0]):
             self.open_frame(paths[0])
             return True

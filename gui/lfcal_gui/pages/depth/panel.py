@@ -83,7 +83,7 @@ class DepthPanel(QWidget):
         self.show_facts(())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the inspector more room in a large window."""
+        """Widen the inspector in a large window."""
         super().resizeEvent(event)
         self.area.setFixedWidth(WIDE if self.width() >= ROOMY else NARROW)
 
@@ -206,7 +206,7 @@ class DepthPanel(QWidget):
         self.quantity.blockSignals(False)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for widget in (self.view, self.contrast):
             widget.apply_theme()
         self.show_facts(self._facts)  # their colours are the theme's

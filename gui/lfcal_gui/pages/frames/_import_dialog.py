@@ -163,7 +163,7 @@ class ImportPreviews(QWidget):
             view.set_shot(Shot(loaded.raw, name="frame", overlays=cutout), keep_view=False)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for view in self.views:
             view.apply_theme()
 
@@ -415,7 +415,7 @@ class ImportDialog(QDialog):
         return offered if self.choice.channel else ()
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.previews.apply_theme()
 
     def _take(self) -> None:

@@ -105,7 +105,7 @@ class Page(BasePage):
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> FrameSettings:
-        """What the user chose."""
+        """The user's settings."""
         return FrameSettings.of(self.context.state)
 
     def let_go(self) -> None:
@@ -126,7 +126,7 @@ class Page(BasePage):
         self._report()
 
     def deeds(self) -> dict[str, Callable[[], object]]:
-        """Return what the next step may ask for."""
+        """Return the actions that the next step may request, by name."""
         return {
             "import": self.choose_folder,
             "columns": lambda: self.start_import(self._unread[0]),
@@ -224,7 +224,7 @@ class Page(BasePage):
             self._open()
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Take a dropped folder of frames, or the list of some."""
+        """Accept a dropped folder of frames, or the list of some."""
         if len(paths) == 1 and Path(paths[0]).is_dir():
             self.open_folder(paths[0])
             return True

@@ -244,7 +244,7 @@ class FramesPanel(QWidget):
         self.show_display(replace(display, scale="linear" if display.scale == scale else scale))
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for widget in (*self.view.sharing, self.map, self.contrast):
             widget.apply_theme()
         self._count(self._counted)  # its colours are the theme's

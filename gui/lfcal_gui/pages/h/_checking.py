@@ -80,7 +80,7 @@ class Checking:
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> QualitySettings:
-        """What the user chose."""
+        """The user's settings."""
         return QualitySettings.of(self.context.state)
 
     @property
@@ -273,7 +273,7 @@ class Checking:
 
     # -- doing -----------------------------------------------------------------------------------------
     def deeds(self) -> dict[str, Callable[[], object]]:
-        """Return what the next step may ask for."""
+        """Return the actions that the next step may request, by name."""
         return {"judge": lambda: self.measure(force=True), "why": self.show_worst, "worst": self.show_worst}
 
     def show_worst(self) -> None:
@@ -310,7 +310,7 @@ class Checking:
         self._show_buttons()
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         if self.view is not None:
             self.view.apply_theme()
             if not self._job:

@@ -176,7 +176,7 @@ class Fitting:
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> FitSettings:
-        """What the user chose."""
+        """The user's settings."""
         return FitSettings.of(self.context.state)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
@@ -369,5 +369,5 @@ class Fitting:
         self.follow()
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.view.apply_theme()

@@ -170,7 +170,7 @@ class ChecksView(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: QualitySettings) -> None:
-        """Show what the user chose."""
+        """Show the settings."""
         self.form.set_choices("camera", camera_choices(settings))
         self.form.set_values({key: getattr(settings, key) for key in self.form.fields})
 
@@ -216,7 +216,7 @@ class ChecksView(QWidget):
             self.pictures.setCurrentWidget(self.image)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for plot in (self.image, self.curve):
             plot.apply_theme()
 

@@ -297,7 +297,7 @@ class FitPictures(QWidget):
         self.residual.set_note(f"t {row}, s {column}: measured {a:.5g}, model {b:.5g} {found.unit}; {off}")
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for widget in (*self.views, self.contrast):
             widget.apply_theme()
 
@@ -389,7 +389,7 @@ class RoundsView(QWidget):
         self.words.setText(" ".join(parts))
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.error.apply_theme()
         self.chi2.apply_theme()
         self.show_rounds(self._rounds)
@@ -530,7 +530,7 @@ class FitView(QWidget):
                 self.place_asked.emit(place)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         if "rounds" in self.__dict__:
             self.rounds.apply_theme()
         if self._found is not None:

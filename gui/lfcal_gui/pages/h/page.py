@@ -199,7 +199,7 @@ class Page(BasePage):
 
     # -- files -----------------------------------------------------------------------------------------
     def deeds(self) -> dict[str, Callable[[], object]]:
-        """Return what the next step may ask for."""
+        """Return the actions that the next step may request, by name."""
         return self.checking.deeds()
 
     def let_go(self) -> None:
@@ -399,7 +399,7 @@ class Page(BasePage):
         self.context.matrices.take(path, opened, self.refuse)
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Take a dropped H file."""
+        """Accept a dropped H file."""
         if len(paths) == 1 and takes(paths[0]):
             self.open_file(paths[0])
             return True

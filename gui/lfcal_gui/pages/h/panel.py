@@ -101,7 +101,7 @@ class Apertures(QDialog):
         self.apply_theme()
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.setStyleSheet(style_sheet())
         self.legend.setText(legend_words(" &nbsp; "))
         self.grid.apply_theme()
@@ -310,7 +310,7 @@ class HPanel(QWidget):
         self.row_holder.setVisible(not name)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the inspector more room in a large window."""
+        """Widen the inspector in a large window."""
         super().resizeEvent(event)
         self.inspector.setFixedWidth(inspector_width(self.width()))
         height = max(least for least in SIZES if self.height() >= least)
@@ -501,7 +501,7 @@ class HPanel(QWidget):
         self.display_asked.emit({"scale": chosen})
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for widget in (
             self.main_view,
             self.linked_view,
@@ -518,7 +518,7 @@ class HPanel(QWidget):
         self._colour()
 
     def _colour(self) -> None:
-        """Give outlines, and the words about lines, the colours of the theme in use."""
+        """Give outlines, and the words about lines, the colours of the current theme."""
         self._show_outlines(*self._outlines)
         self.legend.setText(legend_words(" "))
         self.profile_title.setText(_profile_words())

@@ -172,7 +172,7 @@ class MultiplexPictures(QWidget):
         self.readout.setText(f"row {row}, column {column}: {', '.join(parts)}")
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for view in self.views if "views" in self.__dict__ else ():
             view.apply_theme()
 

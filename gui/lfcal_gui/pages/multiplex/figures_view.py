@@ -224,7 +224,7 @@ class FiguresView(QWidget):
         self.legends[k].setText(f"{' &nbsp; '.join(named)}<br>┆ {camera}, χ² = {chi2:.3g}")
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         if self.stack.count() == 0:
             return
         for view in (*self.views, *self.curves, self.map):

@@ -70,7 +70,7 @@ class Page(BasePage):
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> MultiplexSettings:
-        """What the user chose."""
+        """The user's settings."""
         return MultiplexSettings.of(self.context.state)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
@@ -174,7 +174,7 @@ class Page(BasePage):
         self.load(Path(path).name, lambda: opened(path), read)
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Take a dropped image."""
+        """Accept a dropped image."""
         if len(paths) == 1 and takes(paths[0]):
             self.open_image(paths[0])
             return True

@@ -328,7 +328,7 @@ class MultiplexPanel(QWidget):
         self.curve_hint.setText(f"{' &nbsp; '.join(named)}{self._below}")
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         if "views" in self.__dict__:
             for plot in (*self.views, self.curve):
                 plot.apply_theme()

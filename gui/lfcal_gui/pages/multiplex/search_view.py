@@ -121,7 +121,7 @@ class SearchView(QWidget):
                 self.words.addWidget(label, k, column)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         if "view" in self.__dict__:
             self.view.apply_theme()
 

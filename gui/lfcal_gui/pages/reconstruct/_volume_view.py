@@ -458,7 +458,7 @@ class VolumeView(QWidget):
         return [self.slice, *(p for look in self.looks for p in (look.solid, *look.pictures.values()))]
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for part in (*self._volumes(), self.light_field, *self.contrasts, self.strip):
             part.apply_theme()
         self.looking.setStyleSheet(f"QWidget#looks {{ background: {current_theme().canvas}; }}")

@@ -90,7 +90,7 @@ class Page(BasePage):
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> ReconstructSettings:
-        """What the user chose."""
+        """The user's settings."""
         return ReconstructSettings.of(self.context.state)
 
     def let_go(self) -> None:
@@ -118,7 +118,7 @@ class Page(BasePage):
                 self._load_volume()
 
     def deeds(self) -> dict[str, Callable[[], object]]:
-        """Return what the next step may ask for."""
+        """Return the actions that the next step may request, by name."""
         return {"start": self.start, "export": self.exporting.ask_usual, "folder": self.exporting.show_folder}
 
     def _matrix_changed(self, path: str) -> None:
@@ -228,7 +228,7 @@ class Page(BasePage):
         self.load(Path(path).name, lambda: light_field(path), read)
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Take a dropped image."""
+        """Accept a dropped image."""
         if len(paths) == 1 and takes(paths[0]):
             self.open_light_field(paths[0])
             return True

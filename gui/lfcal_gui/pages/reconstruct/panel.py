@@ -116,7 +116,7 @@ class ReconstructPanel(QWidget):
         self.phantoms.popup(QCursor.pos() if self.isActiveWindow() else self.mapToGlobal(QPoint(0, 0)))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the inspector more room in a large window."""
+        """Widen the inspector in a large window."""
         super().resizeEvent(event)
         self.area.setFixedWidth(inspector_width(self.width()))
 
@@ -308,7 +308,7 @@ class ReconstructPanel(QWidget):
             self.bar.setValue(round(1000 * fraction))
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         curve = self.__dict__.get("curve")
         for widget in (self.view, *self._plots, *(() if curve is None else (curve,))):
             widget.apply_theme()

@@ -93,7 +93,7 @@ class Page(BasePage):
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> SessionsSettings:
-        """What the user chose."""
+        """The user's settings."""
         return SessionsSettings.of(self.context.state)
 
     @property

@@ -171,7 +171,7 @@ class SessionsPanel(QTabWidget):
         self.setCurrentWidget(self.pair_stack)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         if "compare" in self.__dict__:
             self.compare.apply_theme()
         self.trend.apply_theme()

@@ -117,7 +117,7 @@ class TrendPanel(QWidget):
             self.curve.plot.vb.setYRange(0.0, 1.05 * every.max() or 1.0, padding=0.02)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.curve.apply_theme()
 
     def _chosen(self) -> None:

@@ -116,7 +116,7 @@ class CheckDialog(QDialog):
         )
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.image.apply_theme()
         self.map.apply_theme()
         self._fill()

@@ -286,7 +286,7 @@ class TargetDialog(QDialog):
         )
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.graphics.setBackground(current_theme().panel)
         self.plot.apply_theme()
         self.map.apply_theme()

@@ -133,7 +133,7 @@ class Page(BasePage):
         deeds[name]()
 
     def deeds(self) -> dict[str, Callable[[], object]]:
-        """Return what the next step may ask for."""
+        """Return the actions that the next step may request, by name."""
         return {
             "import": self.import_file,
             "assumed": self.panel.inspector.values.open,
@@ -401,7 +401,7 @@ class Page(BasePage):
             self.context.message.emit(f"camera saved as {path}")
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Take a dropped plan or camera; text files, and JSON of other kinds, only where this page is looked at."""
+        """Accept a dropped plan or camera; text files, and JSON of other kinds, only where this page is looked at."""
         if len(paths) != 1 or not (takes(paths[0]) or Path(paths[0]).suffix.lower() in _suffixes()):
             return False
         if _is_plan(paths[0]):

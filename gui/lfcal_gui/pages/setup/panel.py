@@ -263,7 +263,7 @@ class PlanningPanel(QWidget):
         return area
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the inspector more room in a large window."""
+        """Widen the inspector in a large window."""
         super().resizeEvent(event)
         self.area.setFixedWidth(inspector_width(self.width()))
 
@@ -361,7 +361,7 @@ class PlanningPanel(QWidget):
         self.picture.show_part(*view, padding=0)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for part in (self.picture, self.optics, self.strip):
             part.apply_theme()
 

@@ -357,7 +357,7 @@ class InfluenceView(QWidget):
             picture.set_shot(shot)
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         for picture in self.pictures:
             picture.apply_theme()
 

@@ -111,7 +111,7 @@ class Page(BasePage):
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> SimulateSettings:
-        """What the user chose."""
+        """The user's settings."""
         return SimulateSettings.of(self.context.state)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
@@ -127,7 +127,7 @@ class Page(BasePage):
             self._show(new)
 
     def deeds(self) -> dict[str, Callable[[], object]]:
-        """Return what the next step may ask for."""
+        """Return the actions that the next step may request, by name."""
         return {"compute": lambda: self.simulate(self.context.own_path("simulated.h5"))}
 
     def _forget_frame(self) -> None:

@@ -317,7 +317,7 @@ class SimulatePanel(QWidget):
         self.better.setVisible(bool(self.better.text()))
 
     def apply_theme(self) -> None:
-        """Take the colours of the theme in use."""
+        """Apply the colours of the current theme."""
         self.view.apply_theme()
         self.curve.apply_theme()
         for part, name in ((self.effect, "influence"), (self.frame, "view")):
