@@ -41,8 +41,8 @@ def unnamed(root: QWidget) -> list[QWidget]:
 def name_controls(root: QWidget) -> None:
     """Name the controls in ``root`` that have no name: by their label, else by the start of their tooltip.
 
-    Pictures and plots have the names of their axes. An area that scrolls to the control with the keyboard is no stop
-    for the Tab key.
+    Pictures and plots are named after their axes. A scroll area that follows the focused control is skipped by the Tab
+    key.
     """
     buddies = {label.buddy(): label.text() for label in root.findChildren(QLabel) if label.buddy() is not None}
     for widget in unnamed(root):

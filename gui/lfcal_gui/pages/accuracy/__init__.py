@@ -1,4 +1,4 @@
-"""Accuracy: what it costs in each step of the work, and settings that you apply from the chart.
+"""Accuracy: error against cost in each step of the work; a click in the chart applies a setting.
 
 - ``page``, ``panel``: the parts, and the curve of one
 - ``model``: settings, measurements, words, and what a point changes in the project

@@ -1,4 +1,4 @@
-"""Accuracy: what it costs in each step. The chart fills during the measurement; a click applies a setting."""
+"""Accuracy: error against cost in each step. The chart fills during the measurement; a click applies a setting."""
 
 from __future__ import annotations
 
@@ -49,23 +49,23 @@ class Page(BasePage):
 
     @staticmethod
     def prepare() -> None:
-        """Find the parts."""
+        """Find the installed parts."""
         PARTS.names()
 
     # -- project ---------------------------------------------------------------------------------------
     @property
     def settings(self) -> AccuracySettings:
-        """What the user chose; what the project does not have is not measured."""
+        """The user's settings; a subject that the project lacks is replaced by one that it has."""
         settings, there = AccuracySettings.of(self.context.state), subjects(self.context.state)
         return settings if settings.subject in there or not there else replace(settings, subject=there[0])
 
     @property
     def curve(self) -> Curve | None:
-        """The curve of the part looked at, as far as it is measured."""
+        """The measured curve of the selected part; None if there is none."""
         return self.kept.of(self._key).get(self.settings.part)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Follow settings, plan and H."""
+        """Update the page if settings, plan or H changed."""
         changed = (old.plan, old.psf) != (new.plan, new.psf)
         if changed or AccuracySettings.of(old) != AccuracySettings.of(new):
             self._show(new)
@@ -105,13 +105,13 @@ class Page(BasePage):
         self.panel.show_used(words if part == settings.part else "")
 
     def _running(self) -> str:
-        """Return the part that is measured now; the last one begun."""
+        """Return the part that is being measured: the one started last."""
         begun = list(self.kept.of(self._key))
         return (begun[-1] if begun else self.settings.part) if self._job else ""
 
     # -- measuring -------------------------------------------------------------------------------------
     def measure(self, parts: Sequence[str] = ()) -> None:
-        """Measure parts as a job; by default the one that is looked at."""
+        """Measure parts as a job; by default the selected part."""
         state, settings = self.context.state, self.settings
         chosen = tuple(parts) or (settings.part,)
         if self._job or not subjects(state) or settings.part not in PARTS:

@@ -1,4 +1,4 @@
-"""Accuracy: parts and settings on the left; the chart, what an error would cost, and the point used on the right."""
+"""Accuracy: parts and settings on the left; chart, cost of the target error, and used point on the right."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class AccuracyPanel(QWidget):
     """The page's widgets."""
 
     part_asked = Signal(str, arguments=["name"])
-    """Another part is looked at."""
+    """Another part was selected."""
     point_chosen = Signal(int, arguments=["number"])
-    """Use the point of this number."""
+    """The user chose the point with this number."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -77,7 +77,7 @@ class AccuracyPanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: AccuracySettings, open_to: Collection[str]) -> None:
-        """Show what the user chose; subjects that are not in ``open_to`` cannot be."""
+        """Show the settings; subjects that are not in ``open_to`` cannot be selected."""
         self.form.set_values({field.key: getattr(settings, field.key) for field in FIELDS})
         box = self.form.editor("subject")
         if isinstance(box, QComboBox):
@@ -101,7 +101,7 @@ class AccuracyPanel(QWidget):
     def show_curve(
         self, curve: Curve | None, settings: AccuracySettings, took: str, used: CostPoint | None, *, running: bool
     ) -> None:
-        """Show a curve as far as it is measured, its duration ``took``, and the point that the project uses."""
+        """Show the measured part of a curve, the duration ``took`` of its measurement, and the point in use."""
         answer, how = words_of(curve, settings.error, running=running, in_use=used)
         self.answer.setText(answer)
         self.how.setText(how)
@@ -114,7 +114,7 @@ class AccuracyPanel(QWidget):
         self.chart.show_status(took, "" if running else "Measure again" if took else "Measure")
 
     def show_used(self, words: str) -> None:
-        """Show what a point changed, or nothing."""
+        """Show what the use of a point changed, or nothing."""
         self.used.setText(words)
         self.used.setVisible(bool(words))
 

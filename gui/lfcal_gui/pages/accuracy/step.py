@@ -7,7 +7,7 @@ from lfcal_gui.pages.accuracy.model import AccuracySettings
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the part that is looked at is measured."""
+    """Return the step that measures the selected part."""
     chosen = AccuracySettings.of(project)
     by_plan = chosen.subject == "plan"
     name = PLAN_FILE if by_plan else needed_file(project.psf, "H", "H")

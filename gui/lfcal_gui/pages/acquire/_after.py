@@ -22,7 +22,7 @@ Place = tuple[int, int, int]
 
 
 class Afterwards:
-    """Jobs on the session of a project; dialogs belong to ``panel``, which shows H as it fills."""
+    """Jobs on the session of a project; ``panel`` is the parent of dialogs, and shows H during its assembly."""
 
     def __init__(self, context: Context, panel: RecordPanel, recording: Callable[[], bool]) -> None:
         self.context, self.panel = context, panel
@@ -30,7 +30,7 @@ class Afterwards:
         context.jobs.changed.connect(self._fill)
 
     def _fill(self, job: WindowJob) -> None:
-        """Show H as it fills, unless the map is that of a session that is being recorded."""
+        """Show H during its assembly, unless the map shows a running recording."""
         if job.page != "acquire" or not self.filling.follows(job.number, job.progress):
             return
         if not job.active or self._recording():
@@ -54,21 +54,21 @@ class Afterwards:
             self._assemble(Path(path))
 
     def assemble_own(self) -> None:
-        """Assemble the file H.h5 of the session's folder, unless it is there and not the project's H."""
+        """Assemble the file H.h5 in the session's folder, unless this file exists and is not the project's H."""
         out = Path(self.context.state.recording) / "H.h5"
         if str(out) == self.context.state.psf or not out.exists():
             self._assemble(out)
 
     def fit(self, found: Any) -> None:
-        """Assemble H and show its fit, with what was ``found`` while it was recorded, if anything."""
+        """Assemble H and show its fit, which is the one ``found`` during the recording if there is one."""
         out = Path(self.context.state.recording) / "H.h5"
         if may_replace(self.panel, [out]):
             self._assemble(out, sent=found or "fit")
 
     def remake(self, places: Sequence[Place]) -> None:
-        """Make the project's H again, of a session of which ``places`` were recorded again, into a new file.
+        """Assemble the project's H again in a new file, after ``places`` of its session were recorded again.
 
-        The H before stays where it is and becomes the reference, so that the place H shows the difference.
+        The previous H is kept and becomes the reference, so that the place H shows the difference.
         """
         folder, before = Path(self.context.state.recording), Path(self.context.state.psf)
         recipe = recipe_of(folder)

@@ -1,4 +1,4 @@
-"""The folder of a session, and the plan of a target that is recorded in the place of the scan."""
+"""The folder of a session, and the plan of a target that is recorded instead of the scan."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class FolderChoice:
     Parameters
     ----------
     context, edit
-        Of the page, and where the folder stands.
+        Context of the page, and the line that contains the folder.
     seen
-        Called with what the project's folder holds.
+        Called with the state of the project's folder.
     refused
-        Called with why one is not taken.
+        Called with the reason if a folder is refused.
     """
 
     def __init__(
@@ -45,13 +45,13 @@ class FolderChoice:
         self._seen, self._refused = seen, refused
 
     def ask(self, then: Callable[[], None] | None = None) -> None:
-        """Ask for a folder, and do ``then`` once it is taken."""
+        """Ask for a folder, and call ``then`` after it was accepted."""
         path = QFileDialog.getExistingDirectory(self.edit, "Folder of the session")
         if path:
             self.take(path, then)
 
     def take(self, path: str, then: Callable[[], None] | None = None) -> None:
-        """Record into another folder, or continue the session in it. A damaged folder is refused."""
+        """Use another folder for the recording, or for resuming its session. A damaged folder is refused."""
 
         def seen(found: FolderState) -> None:
             if found.problem:
@@ -66,7 +66,7 @@ class FolderChoice:
         self.context.jobs.load(CHOSEN, lambda: folder_state(path), seen, self._refused)
 
     def look(self) -> None:
-        """Look into the project's folder."""
+        """Read the state of the project's folder."""
         path = self.context.state.recording
         self.context.jobs.drop(LOOKED_INTO)  # an earlier read may hang on a slow disk
         self.context.jobs.load(LOOKED_INTO, lambda: folder_state(path), self._seen)
@@ -81,14 +81,14 @@ GROUP = "acquire target"
 
 
 class TargetChoice:
-    """The target's plan of the project's settings, read when they name another file.
+    """The plan of the target in the project's settings, which is read when they name another file.
 
     Parameters
     ----------
     context
-        Of the page.
+        Context of the page.
     read
-        Called when the plan was read, with an empty string, or with why it cannot be.
+        Called after reading: with an empty string, or with the reason if the plan cannot be read.
     """
 
     def __init__(self, context: Context, read: Callable[[str], None]) -> None:
@@ -97,14 +97,14 @@ class TargetChoice:
         self._path = ""
 
     def ask(self, parent: QWidget) -> None:
-        """Choose a target's plan, or go back to the single point."""
+        """Choose the plan of a target, or return to the single point."""
         if AcquireSettings.of(self.context.state).target:
             self.clear()
         elif path := QFileDialog.getOpenFileName(parent, "Plan of a target", "", "Plans (*.json)")[0]:
             self.take(path)
 
     def take(self, path: str) -> None:
-        """Record the target of a plan file; the project takes over the scan and the camera of that plan."""
+        """Use the target of a plan file; the project takes over the scan and the camera of this plan."""
 
         def seen(plan: TargetPlan) -> None:
             self.plan, self._path = plan, path
@@ -121,12 +121,12 @@ class TargetChoice:
         self.context.jobs.load(GROUP, lambda: _read_target_plan(path), seen, self._read)
 
     def clear(self) -> None:
-        """Record the scan of a single point again."""
+        """Return to the scan of a single point."""
         settings = replace(AcquireSettings.of(self.context.state), target="")
         self.context.project.update("single point", settings=settings.into(self.context.state))
 
     def follow(self, path: str) -> None:
-        """Read the plan that the settings name, unless it is read already."""
+        """Read the plan that the settings name, unless it was read already."""
         if path == self._path:
             return
         self.plan, self._path = None, path
@@ -139,25 +139,25 @@ class TargetChoice:
         self._read("")
 
     def shown(self, scan: ScanPlan, folder: FolderState) -> ScanPlan | TargetPlan:
-        """Return the plan whose recording is shown: that of the folder, or else of the choice."""
+        """Return the plan whose recording is shown: that of the folder or, without one, the chosen plan."""
         if folder.target is not None:
             return folder.target
         found = self._moved(scan)
         return found if found is not None and found.scan == scan and folder.there is None else scan
 
     def _moved(self, scan: ScanPlan) -> TargetPlan | None:
-        """Return the target's plan with the stage where that of the scan is."""
+        """Return the target's plan with the stage axes and origin of the project's scan."""
         if self.plan is None:
             return None
         return replace(self.plan, scan=moved(self.plan.scan, scan.stage.origin_um))
 
     def to_record(self, scan: ScanPlan, folder: FolderState) -> ScanPlan | TargetPlan:
-        """Return the plan that is recorded into a folder.
+        """Return the plan to record into a folder.
 
         Raises
         ------
         InputError
-            If the target's plan is not read, is of another scan, or the folder holds another session.
+            If the target's plan was not read or belongs to another scan, or the folder contains another session.
         """
         remedy = "choose another folder, or the source of that session"
         if not self._path:
@@ -182,7 +182,7 @@ class TargetChoice:
 
 
 def _read_target_plan(path: str) -> TargetPlan:
-    """Return the plan of a target in a file; raises `LfcalError` where there is none."""
+    """Return the plan of a target in a file; raise `LfcalError` if there is none."""
     from lfcal.targets import TargetPlan  # here: a page is shown before simulators are loaded
 
     return TargetPlan.from_json(read_text(Path(path)))

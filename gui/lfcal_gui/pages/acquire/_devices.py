@@ -1,4 +1,4 @@
-"""Which devices to use, their options, and the faults of the simulated ones."""
+"""Choice of devices and their options, and faults of the simulated devices."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ COUNTED = {
     **dict.fromkeys(CAMERA_FAULTS, "frame"),
     **dict.fromkeys(GAUGE_FAULTS, "reading"),
 }
-"""What the calls of each kind of fault are."""
+"""Meaning of the calls that are counted for each kind of fault."""
 
 KINDS = tuple((kind, _SAID.get(kind, kind)) for kind in FAULTS)
 """Pairs of kind and words, for a list."""
 
 
 def fault_words(fault: DeviceFault, *, now: bool = False) -> str:
-    """Return a one-line description of a fault; ``now``: its calls are counted from now."""
+    """Return a one-line description of a fault; with ``now``, its calls are counted from now on."""
     counted = COUNTED[fault.kind]
     last = f" to {fault.at + fault.times - 1}" if fault.times > 1 else ""
     after = " from now" if now else ""
@@ -62,16 +62,16 @@ def fault_words(fault: DeviceFault, *, now: bool = False) -> str:
 
 CONNECT = "Connect camera and stage, to see live frames and to record; nothing moves yet"
 SHORT = re.compile(r"[.;,(\[@]| of the | after | the image| separated ")
-"""Where the label of an option ends in its description; the tip has the whole description."""
+"""End of the label of an option within its description; the tooltip contains the whole description."""
 OPTIONS = "Settings of this driver; empty: default"
 LET_GO = "Release camera and stage, for another program or other settings; the stage does not move"
 
 
 class DevicePanel(QWidget):
-    """Choose a backend and connect."""
+    """Choice of the backend, and button to connect."""
 
     connect_asked, disconnect_asked = Signal(), Signal()
-    """A button was pressed; the choice is in the project by then."""
+    """A button was pressed; the choice was already stored in the project."""
     edited = Signal(str, object, str, arguments=["backend", "options", "stage"])
     """The choice changed: name, pairs of name and text, name of the stage's backend or empty."""
 
@@ -108,7 +108,7 @@ class DevicePanel(QWidget):
     def set_backends(
         self, findings: Sequence[Any], options: Mapping[str, Mapping[str, str]], has_stage: Mapping[str, bool]
     ) -> None:
-        """Show what was found: `lfcal.devices.registry.BackendStatus` records, and the options of each backend."""
+        """Set the found backends, as `lfcal.devices.registry.BackendStatus` records, and the options of each."""
         self._options, self._has_stage = dict(options), dict(has_stage)
         self._reasons = {f.name: f.reason for f in findings}
         self.backend.clear()
@@ -133,7 +133,7 @@ class DevicePanel(QWidget):
         self._show_reason()
 
     def set_connected(self, words: str, *, connected: bool, busy: bool = False) -> None:
-        """Show whether devices are connected, with their names or what went wrong."""
+        """Show whether devices are connected, with their names or the error."""
         self._connected = connected
         self.button.setText("Disconnect" if connected else "Connecting …" if busy else "Connect")
         self.button.setToolTip(LET_GO if connected else CONNECT)

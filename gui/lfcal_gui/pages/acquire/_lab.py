@@ -1,4 +1,4 @@
-"""A dark lab: large buttons, red on black, and one button for the next step."""
+"""Mode for a dark lab: large buttons in red on black, and one button for the next step."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ class Standing:
     Attributes
     ----------
     connected
-        Whether there are devices.
+        Whether devices are connected.
     running
-        What uses or opens them now, in words; empty: nothing.
+        Current activity of the devices in words; empty if there is none.
     found
-        What was measured by moving: ``"stage"``, ``"exposure"``.
+        Completed measurements: ``"stage"``, ``"exposure"``.
     begun, complete
-        Whether the folder has a recording, and whether that is whole.
+        Whether the folder contains a recording, and whether it is complete.
     redo
-        Positions to be recorded again.
+        Number of positions to record again.
     dark, white
-        Whether those frames are there.
+        Whether the folder contains these frames.
     """
 
     connected: bool = False
@@ -88,7 +88,7 @@ TIPS = {
 
 
 class Lab(QWidget):
-    """The page, and below it, in a dark lab, its status and its buttons in large."""
+    """The page with, in a dark lab, its status and large buttons below it."""
 
     def __init__(
         self, context: Context, tabs: AcquirePanel, setup: SetupTab, record: RecordTab, toggle: QPushButton
@@ -128,12 +128,12 @@ class Lab(QWidget):
         return row
 
     def press(self, key: str) -> None:
-        """Press a button by its key, where it is shown and can be pressed."""
+        """Press the button of a key if it is visible and enabled."""
         if self.bar.isVisible():
             self.buttons[key].click()
 
     def _switch(self, on: bool) -> None:
-        """Show the buttons and turn everything red, or go back to the colours before."""
+        """Switch to the dark-lab mode with its buttons and red theme, or back to the previous theme."""
         if on and current_theme() is not NIGHT:
             self._before = current_theme().name
             self.context.theme_asked.emit(NIGHT.name)
@@ -144,7 +144,7 @@ class Lab(QWidget):
 
     @property
     def _running(self) -> str:
-        """What uses or opens the devices now, in words."""
+        """Current activity of the devices in words."""
         setup, recorder = self.setup, self.record.recorder
         if self.record.recording:
             return "Paused" if recorder is not None and recorder.control.pausing else "Recording …"
@@ -152,7 +152,7 @@ class Lab(QWidget):
 
     @property
     def standing(self) -> Standing:
-        """State of the session, from which the next step follows."""
+        """State of the session, which determines the next step."""
         setup, record, state = self.setup, self.record, self.context.state
         folder = Path(state.recording) if state.recording else None
         dark, white = (
@@ -171,7 +171,7 @@ class Lab(QWidget):
         )
 
     def show_controls(self) -> None:
-        """Show on each button what it does now."""
+        """Set the current action of each button."""
         if self.context.state.plan is None or not self.toggle.isChecked():
             return
         key, words = next_step(self.standing)

@@ -32,22 +32,22 @@ ASKED = {
     "not, change the exposure.",
     "dark": "Cover the lens, and do not change the exposure.",
 }
-"""What the user must do before such frames."""
+"""Instructions for the user before these frames are recorded."""
 
 
 class SetupMeasuring(QObject):
-    """Runs the measurements of a `SetupPanel`, and keeps their results.
+    """Run the measurements of a `SetupPanel`, and store their results.
 
     Parameters
     ----------
     context, panel
-        Where it is measured in the background, and shown.
+        Context for jobs, and panel that shows the results.
     station
-        Returns the devices, None while they are not connected, or at work.
+        Function that returns the devices; None if they are not connected or in use.
     """
 
     changed = Signal()
-    """The devices were taken or given back."""
+    """The devices were reserved or released."""
 
     def __init__(
         self, context: Context, panel: SetupPanel, station: Callable[[], Station | None], parent: QObject | None = None
@@ -62,17 +62,17 @@ class SetupMeasuring(QObject):
 
     @property
     def busy(self) -> bool:
-        """Whether something is being measured."""
+        """Whether a measurement is running."""
         return bool(self._job)
 
     def forget(self, *keys: str) -> None:
-        """Forget what was found."""
+        """Discard results."""
         for key in keys:
             self.found.pop(key, None)
             self.panel.show_result(key, "")
 
     def follow(self, plan: ScanPlan) -> None:
-        """Forget results for other optics or planes; the axes of the stage hold for all of them."""
+        """Discard results for other optics or planes; the axes of the stage remain valid."""
         scene = _scene(plan)
         if self._scene not in (None, scene):
             self.forget("axis", "exposure")
@@ -97,7 +97,7 @@ class SetupMeasuring(QObject):
         self._start(key, lambda: station.use(works[key]()), lambda found: self._found(key, found, plan))
 
     def _start(self, key: str, work: Callable[[], Any], done: Callable[[Any], None]) -> None:
-        """Use the devices for a job; its result is shown below its button."""
+        """Run a job with the devices; its result is shown below its button."""
         title = {name: text for name, text, _ in (*FINDINGS, *STILLS)}[key]
         self.panel.show_result(key, MEASURING)
         self._job = self.context.jobs.start(
@@ -155,7 +155,7 @@ class SetupMeasuring(QObject):
             self.panel.show_result(key, words, done=True)
 
     def _take(self, what: str, plan: ScanPlan) -> str:
-        """Change the plan by the result, and return a sentence that says so; empty if nothing changed."""
+        """Use the result in the plan, and return a sentence that states this; empty if nothing changed."""
         taken = self.context.project.update(what, plan=plan)
         return "<br>The plan now uses these values; undo (Ctrl+Z) restores the previous ones." if taken else ""
 
@@ -171,12 +171,12 @@ class SetupMeasuring(QObject):
 
 
 def _scene(plan: ScanPlan) -> tuple[Any, ...]:
-    """Return what exposures and the optical axis are found for."""
+    """Return the data for which exposures and optical axis are valid."""
     return plan.camera, plan.depths_um
 
 
 def still_taker(station: Station, plan: ScanPlan, exposure_s: float, kind: str) -> Callable[[int], NDArray[Any]]:
-    """Return what takes frame ``k``; the simulator's source is a point, so its white scene is simulated as a whole."""
+    """Return a function that records frame ``k``, or that simulates a white scene with the simulated devices."""
     if station.name == "sim" and kind == "white":
         from lfcal.simulate import SimulatedCamera
 

@@ -1,4 +1,4 @@
-"""The session as it grows: sum of a plane, error of H, curves in scan order."""
+"""Pictures of a running session: depth-plane sum, error of H, curves in scan order."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from lfcal_gui.widgets import (
 )
 
 LEAST = 1e-3
-"""Least error that is drawn (%): a logarithm has no zero."""
+"""Smallest error that is drawn on the logarithmic axis (%)."""
 
 FEW = 24
-"""Positions that the axis spans at least."""
+"""Smallest number of positions spanned by the axis."""
 
 STATED, ASIDE = LINES[0], LINES[1]
 
@@ -36,7 +36,7 @@ TITLE = (
     f"Error of H <span style='font-weight: normal'> <span style='color: {STATED}'>●</span> "
     f"estimated <span style='color: {ASIDE}'>◆</span> held out</span>"
 )
-"""Title of a card with the plot: in a narrow one a legend would hide what it is about."""
+"""Title of the card with the plot, which replaces a legend that would cover a narrow plot."""
 
 
 class ErrorView(LinePlot):
@@ -80,7 +80,7 @@ class ErrorView(LinePlot):
         self.apply_theme()
 
     def show_curve(self, curve: ErrorCurve) -> None:
-        """Show what is known after the fits that are done."""
+        """Show the error curve of the completed fits."""
         self.curve = curve
         self.blank.show_blank(False)
         x = np.array(curve.positions, float)
@@ -117,7 +117,7 @@ class ErrorView(LinePlot):
             self.show_curve(self.curve)
 
     def table_lines(self, between: str) -> Iterator[str]:
-        """Yield what is known after each fit."""
+        """Yield the results of each fit as table lines."""
         curve = self.curve
         rows = [] if curve is None else zip(curve.positions, curve.stated, curve.aside, curve.above, strict=True)
         yield "# positions recorded, estimated error of H (%), error at held-out positions (%), ± (%); 0: a limit\n"
@@ -136,14 +136,14 @@ NO_SUM = "Each frame of a target shows many positions. The sum is available afte
 
 CURVES = {"energy": "Energy (counts)", "residual": "Residual (px)", "saturated": "Saturated (px)"}
 LOW, GAP = 80, 8
-"""Least height of a curve, and room between the pictures (px)."""
+"""Smallest height of a curve, and space between the pictures (px)."""
 
 FLOORS = {"energy": 1.0, "residual": 0.1, "saturated": 1.0}
-"""The least the curves' axes span, so that noise about zero is not blown up."""
+"""Smallest spans of the curves' axes, so that noise about zero is not enlarged."""
 
 
 class RecordPictures(QWidget):
-    """The sum of a plane, or the error of H, above three curves, for which a low window has no room."""
+    """The depth-plane sum or the error of H, above three curves, which are hidden in a low window."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -191,7 +191,7 @@ class RecordPictures(QWidget):
         return QSize(super().minimumSizeHint().width(), self.upper.minimumSizeHint().height())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Show the curves where there is room for them."""
+        """Show the curves if there is enough space."""
         least = self.upper.minimumSizeHint().height() + GAP + self.below[0].minimumSizeHint().height()
         room = event.size().height() >= least
         for panel in self.below:
@@ -201,7 +201,7 @@ class RecordPictures(QWidget):
 
     @cached_property
     def error(self) -> ErrorView:
-        """The error of H; made for a session that ends by it."""
+        """Plot of the error of H, for a session that ends at a target error."""
         view = ErrorView()
         name_controls(view)
         view.graphics.setMinimumSize(120, 90)
@@ -222,14 +222,14 @@ class RecordPictures(QWidget):
             self.curves[key].plot.vb.setYRange(0.0, 1.05 * max(top, FLOORS[key]), padding=0)
 
     def show_error(self, curve: ErrorCurve | None) -> None:
-        """Show the error of H in the place of the depth-plane sum, or that again."""
+        """Show the error of H instead of the depth-plane sum; None: show the sum."""
         self.third.setCurrentWidget(self.depth_sum if curve is None else self.error)
         self._title_sum()
         if curve is not None and curve != self.error.curve:
             self.error.show_curve(curve)
 
     def _title_sum(self) -> None:
-        """Say how much of the sum is read where it is not all of it."""
+        """State in the title how much of the sum was read, if it is incomplete."""
         summed = f"{SUM}: {self._reading}" if self._reading else SUM
         self.third_title.setText(summed if self.third.currentWidget() is self.depth_sum else TITLE)
 

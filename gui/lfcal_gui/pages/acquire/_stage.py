@@ -1,4 +1,4 @@
-"""Where the stage is, and its moves: by steps, to a typed place, to a depth plane."""
+"""Position of the stage, and moves by steps, to a typed position, or to a depth plane."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from lfcal_gui.widgets import button, column_of, heading, line, wrapped
 Limits = tuple[tuple[float, float], ...]
 HOW = "Type a position and press Return, or press ↑ and ↓ in a field. Esc stops."
 FARTHEST_UM = 1e9
-"""What can be typed (µm); limits of the stage are checked when it is asked to move. The least shows a dash."""
+"""Largest position that can be typed (µm). Limits of the stage are checked at each move; the smallest value is a dash."""
 
 
 class _AxisField(QDoubleSpinBox):
-    """Position of one axis (µm): arrows move by a step, Return goes to what is typed."""
+    """Position of one axis (µm): arrows move by a step, Return moves to the typed position."""
 
     stepped, asked = Signal(int, arguments=["steps"]), Signal(float, arguments=["um"])
-    """Move by so many steps; go there."""
+    """Requests to move by a number of steps, and to move to a position."""
 
     def __init__(self, name: str) -> None:
         super().__init__()
@@ -43,17 +43,17 @@ class _AxisField(QDoubleSpinBox):
         self._typed = True
 
     def show_position(self, um: float) -> None:
-        """Show where the axis is, unless another place is being typed; NaN: not known."""
+        """Show the position of the axis, unless another one is being typed; NaN: unknown."""
         self._um = self.minimum() if math.isnan(um) else um
         if not self._typed:
             self.setValue(self._um)
 
     def stepBy(self, steps: int) -> None:
-        """Move by steps of the stage, not of the last digit."""
+        """Move by steps of the stage instead of changing the last digit."""
         self.stepped.emit(steps)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Go to what is typed (Return), or forget it (Esc)."""
+        """Move to the typed position (Return), or discard it (Esc)."""
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
             self.interpretText()
             self._typed = False
@@ -65,12 +65,12 @@ class _AxisField(QDoubleSpinBox):
         super().keyPressEvent(event)
 
     def focusOutEvent(self, event: QFocusEvent) -> None:
-        """Discard text that was not confirmed with Return: a click elsewhere never moves the stage."""
+        """Discard text that was not confirmed with Return, so that a click elsewhere never moves the stage."""
         super().focusOutEvent(event)
         self._forget()
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        """Leave the stage where it is."""
+        """Ignore the mouse wheel, so that it never moves the stage."""
         event.ignore()
 
     def _forget(self) -> None:
@@ -79,14 +79,14 @@ class _AxisField(QDoubleSpinBox):
 
 
 class StagePanel(QWidget):
-    """Position, limits, and moves."""
+    """Panel with position, limits and moves of the stage."""
 
     jogged = Signal(int, float, arguments=["axis", "um"])
-    """Move axis 0, 1, 2 (x, y, z) by so many µm."""
+    """Request to move axis 0, 1 or 2 (x, y, z) by a distance (µm)."""
     target_asked = Signal(str, arguments=["words"])
-    """Go to the position that was typed."""
+    """Request to move to the typed position."""
     stop_asked = Signal()
-    """Stop the move under way."""
+    """Request to stop the running move."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -131,23 +131,23 @@ class StagePanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def set_limits(self, limits: Limits | None) -> None:
-        """Say the travel of each axis (µm). None: not known."""
+        """Show the travel of each axis (µm). None: unknown."""
         for k, (name, field) in enumerate(zip("xyz", self.fields, strict=True)):
             travel = "" if limits is None else f", {format_length(limits[k][0])} to {format_length(limits[k][1])}"
             field.setToolTip(f"Position {name}{travel}. Type a value and press Return, or move by a step with ↑ and ↓")
 
     def set_position(self, stage_um: tuple[float, float, float]) -> None:
-        """Show where the stage is (µm); NaN: not known."""
+        """Show the position of the stage (µm); NaN: unknown."""
         for field, value in zip(self.fields, stage_um, strict=True):
             field.show_position(value)
 
     def show_motion(self, words: str, *, moving: bool = False) -> None:
-        """Show what the stage does; while it moves it can be stopped."""
+        """Show the state of the stage, and enable the stop button while it moves."""
         self.motion.setText(words)
         self.stop.setVisible(moving)
 
     def say(self, words: str) -> None:
-        """Show why the stage does not move to the position asked for; empty: it does."""
+        """Show why the stage does not move to the requested position; empty: it does."""
         self.refusal.setText(words)
         self.refusal.setVisible(bool(words))
 
@@ -162,7 +162,7 @@ class StagePanel(QWidget):
         self.fields[0].selectAll()
 
     def set_free(self, free: bool) -> None:
-        """Allow moving, or not."""
+        """Enable or disable moves."""
         for field in self.fields:
             field.setEnabled(free)
         self.hint.setVisible(free)
@@ -174,22 +174,22 @@ WAITS, MOVES, REST, USED = "waiting for the current frame …", "moving …", "a
 
 
 class StageMoves(QObject):
-    """Makes the moves that a `StagePanel` asks for.
+    """Make the moves that a `StagePanel` requests.
 
     Parameters
     ----------
     context, panel
-        Where moves are made in the background, and shown.
+        Context for background work, and panel that shows the position.
     station
-        Returns the devices, None while they are not connected.
+        Function that returns the devices; None if they are not connected.
     """
 
     refused = Signal(str, arguments=["words"])
-    """Why a move was not made, or not to its end."""
+    """Why a move was refused or ended early."""
     plane_reached = Signal(int, arguments=["z"])
-    """The way to the middle of a depth plane was begun."""
+    """A move to the middle of a depth plane has started."""
     placed = Signal(object, arguments=["stage_um"])
-    """The position (um) was read."""
+    """The position (µm) was read."""
 
     def __init__(
         self, context: Context, panel: StagePanel, station: Callable[[], Station | None], parent: QObject | None = None
@@ -205,7 +205,7 @@ class StageMoves(QObject):
         panel.stop_asked.connect(self.stop)
 
     def follow(self, on: bool, *, free: bool = True) -> None:
-        """Read the position several times a second, or not; ``free``: nothing but the live view uses the stage."""
+        """Start or stop reading the position several times a second; ``free``: only the live view uses the stage."""
         self._free = free
         if on and not self.poll_timer.isActive():
             self.poll_timer.start()
@@ -228,14 +228,14 @@ class StageMoves(QObject):
             self._show_position(stage_um)
 
     def _show_position(self, stage_um: Point) -> None:
-        """Show where the stage is, unless it was released meanwhile."""
+        """Show the position of the stage, unless it was released meanwhile."""
         if self._station() is not None:
             self._panel.set_position(stage_um)
             self.placed.emit(stage_um)
 
     @property
     def moving(self) -> bool:
-        """Whether a move is under way, or waits."""
+        """Whether a move is running or queued."""
         return self._moving
 
     def jog(self, axis: int, by_um: float) -> None:
@@ -266,7 +266,7 @@ class StageMoves(QObject):
             self.plane_reached.emit(z)
 
     def stop(self) -> None:
-        """Stop the move under way, and forget those that wait."""
+        """Stop the running move, and drop queued ones."""
         self._moves.clear()
         station = self._station()
         if station is not None:

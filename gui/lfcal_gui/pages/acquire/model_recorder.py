@@ -138,7 +138,7 @@ class Recorder:
         self.plan = plan.scan
         self.redo = tuple(Position(*p) for p in redo)
         self.goal = task.goal if isinstance(task, AcquireUntil) else None
-        """The error of H that ends it, positions being chosen on the way. None: it ends with the last of the plan."""
+        """Target error of H that ends the recording of chosen positions. None: all positions are recorded."""
         self.ended = ""
         self.steps: list[AdaptiveStep] = []
         self.fit: Fit | None = None
@@ -147,7 +147,7 @@ class Recorder:
         self.quality = _watching(plan, options)
         self.earlier = EarlierFrames(self.folder, self.quality, known)
         self.taken = 0
-        """Positions, or frames of a target, of this run so far."""
+        """Number of positions, or of frames of a target, recorded by this run so far."""
         positions = coarse_order(self.plan) if options.order == "coarse" else self.plan.order_indices()
         self.order = np.ravel_multi_index(tuple(positions.T), self.plan.shape[:3])
         self.started = time.monotonic()

@@ -74,7 +74,7 @@ class Station:
         self._seen: Point | None = None
         self._under_way = False
         self.moving = Control()
-        """Asked to stop a move that is under way."""
+        """Request to stop the running move."""
 
     # -- facts -----------------------------------------------------------------------------------------
     @property

@@ -28,13 +28,13 @@ JOGS = (
     ("Ctrl+Shift+Down", 2, -1),
     ("Ctrl+Shift+Up", 2, 1),
 )
-"""Keys, the axis that they move by a step, and its sense."""
+"""Axis and direction of the step that each key makes."""
 
 FOLLOWED = ("plan", "camera", "recording", "redo")
 
 
 class Page(BasePage):
-    """One set of devices, what they see, and the session that is recorded with them."""
+    """Page with the devices, their live view, and the session that is recorded with them."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
@@ -51,7 +51,7 @@ class Page(BasePage):
         self._show(context.state, folder=True)
 
     def let_go(self) -> None:
-        """Forget frames, results and requests of the previous project; a running recording is shown until it ends."""
+        """Discard frames, results and requests of the previous project; a running recording is shown until it ends."""
         self.setup.let_go()
         self.record.let_go()
 
@@ -82,7 +82,7 @@ class Page(BasePage):
         self.record.start()
 
     def _assemble(self) -> None:
-        """Make H of the session in its folder; ask for another file where there is one."""
+        """Assemble H of the session in its folder; if the file exists, ask for another one."""
         own = Path(self.context.state.recording) / "H.h5"
         self.record.after.assemble("" if own.exists() else str(own))
 
@@ -97,7 +97,7 @@ class Page(BasePage):
         deed()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Follow plan, settings, recording and the list of positions to redo."""
+        """Update the page if plan, settings, recording or the positions to record again changed."""
         same = AcquireSettings.of(old) == AcquireSettings.of(new)
         if not same or any(getattr(old, key) != getattr(new, key) for key in FOLLOWED):
             self._show(new, folder=old.recording != new.recording)
@@ -144,21 +144,21 @@ class Page(BasePage):
             self.shortcut(shortcut, lambda key=key: self.lab.press(key))
 
     def entered(self) -> None:
-        """Look for devices the first time, and whether another program has recorded into the session's folder."""
+        """Search for devices at the first visit, and check whether another program has changed the session's folder."""
         self.setup.entered()
         self.record.refresh()
         if self.context.state.recording and not self.record.recording:
             self.record.folder_choice.look()
 
     def receive(self, payload: Any) -> None:
-        """Record positions again where another page asks for it (``"redo"``)."""
+        """Record positions again if another page requests it (``"redo"``)."""
         if payload == "redo":
             self.redo()
 
     def redo(self) -> bool:
-        """Record the project's list of positions and make its H again; return whether that began.
+        """Record the project's list of positions again and assemble H again; return whether this started.
 
-        Where no devices are connected, it asks for them and continues once they are.
+        If no devices are connected, the page asks for them, and continues when they are connected.
         """
         state, count = self.context.state, len(self.context.state.redo)
         if not count or state.plan is None:

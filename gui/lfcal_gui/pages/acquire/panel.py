@@ -1,4 +1,4 @@
-"""Record > Rig: what the camera sees, or the session as it grows, above the planes; the inspector at the right."""
+"""Record > Rig: live view or recording, above the planes; the inspector at the right."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SESSION = "Progress of the session: depth-plane sum, error of H, curves"
 
 
 class AcquirePanel(QWidget):
-    """The picture with the planes below it, and the inspector."""
+    """Panel with a picture, the planes below it, and the inspector."""
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""A recording: its settings and buttons, its planes, and the session as it grows."""
+"""Widgets of a recording: settings, buttons, planes, and pictures of the session."""
 
 from __future__ import annotations
 
@@ -78,18 +78,18 @@ EXTENT_TIP = (
 )
 
 SIDE, MAP, LEAST_MAP = 52, 104, 90
-"""Side of a tile of the strip, and height and least width of the map (px)."""
+"""Side of a tile of the strip, and height and smallest width of the map (px)."""
 
 
 class RecordPanel(QWidget):
-    """The session as it grows; ``strip``, ``progress``, ``map_box`` and ``how`` are placed next to it."""
+    """Panel with the pictures of a session; ``strip``, ``progress``, ``map_box`` and ``how`` are placed next to it."""
 
     pressed = Signal(str, arguments=["key"])
     """One of `BUTTONS`."""
     folder_edited, folder_asked = Signal(str, arguments=["path"]), Signal()
-    """Another session folder; the dialog to choose one."""
+    """The user typed another session folder, or asks for the dialog to choose one."""
     view_changed = Signal()
-    """Show another plane or quantity."""
+    """Another plane or quantity was selected."""
     noted = Signal()
     """Status, details, alarms or values changed."""
 
@@ -126,23 +126,23 @@ class RecordPanel(QWidget):
 
     @property
     def z(self) -> int:
-        """The plane that is looked at."""
+        """Index of the selected plane."""
         return max(0, self.strip.currentRow())
 
     def showEvent(self, event: QShowEvent) -> None:
-        """Make the pictures, and ask for what they show."""
+        """Create the pictures, and request their content."""
         self.pictures.show()
         super().showEvent(event)
         self.view_changed.emit()
 
     def say_of_folder(self, words: str) -> None:
-        """Say what is in the session's folder; without words there is no room for them."""
+        """Show a description of the session's folder; without a text, the line is hidden."""
         self.folder_words.setText(words)
         self.folder_words.setVisible(bool(words))
 
     # -- building --------------------------------------------------------------------------------------
     def _progress(self) -> QWidget:
-        """Make the progress display: progress, why a recording cannot start, how it ended. Hidden without a text."""
+        """Create the progress display, with the reason why a recording cannot start or how it ended."""
         self.status, self.detail, self.alarms = _words("heading"), _words("hint"), _words("error")
         self.bar = QProgressBar(textVisible=False)
         self.alarms.hide()
@@ -152,7 +152,7 @@ class RecordPanel(QWidget):
         return widget
 
     def _map_box(self) -> QWidget:
-        """Make the map of the plane that is looked at, with what it shows as its title."""
+        """Create the map of the selected plane, with the choice of its quantity as title."""
         self.quantity = choice_box(QUANTITIES, "Quantity that the map shows for each position", "quantity of the map")
         self.quantity.currentIndexChanged.connect(lambda _: self.view_changed.emit())
         self.map_words = ElidedLabel(role="hint")
@@ -167,7 +167,7 @@ class RecordPanel(QWidget):
 
     @cached_property
     def map(self) -> PeriodMap:
-        """The map, made when there is something to show in it."""
+        """The map, which is created when there is content for it."""
         made = PeriodMap()
         made.setToolTip("Positions of one period in this plane; empty: not recorded")
         made.pointed = False
@@ -197,7 +197,7 @@ class RecordPanel(QWidget):
         return grid
 
     def show_buttons(self, *, startable: bool) -> None:
-        """Show the buttons that can be pressed now, and Start also where it only waits for the devices."""
+        """Show the enabled buttons, and also Start if only the devices are missing."""
         for key, one in self.buttons.items():
             one.setVisible(one.isEnabled() or (key == "start" and startable))
 
@@ -224,7 +224,7 @@ class RecordPanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_target(self, name: str) -> None:
-        """Say which target's plan is recorded; an empty name: the scan of a single point."""
+        """Show the name of the target plan to record; empty: the scan of a single point."""
         self.source.setText(name or SINGLE)
         self.choose_target.setText("Single point" if name else "Target …")
         self.choose_target.setToolTip(
@@ -234,7 +234,7 @@ class RecordPanel(QWidget):
         )
 
     def set_values(self, values: Mapping[str, Any], extent: str) -> None:
-        """Show the settings; the goal of the error of H only if the recording ends by it."""
+        """Show the settings; the target error of H only if it ends the recording."""
         with QSignalBlocker(self.extent):
             self.extent.setCurrentIndex([key for key, _ in EXTENTS].index(extent))
         for form in self.forms:
@@ -243,7 +243,7 @@ class RecordPanel(QWidget):
         self.noted.emit()
 
     def show_merits(self, merits: Sequence[str]) -> None:
-        """Show how good each plane is by the checks of H; empty: not judged."""
+        """Show the merit of each plane according to the checks of H; empty: not judged."""
         for z in range(len(self.strip.tiles)):
             self.strip.set_tile(z, merit=merits[z] if z < len(merits) else "")
 
@@ -252,7 +252,7 @@ class RecordPanel(QWidget):
         self.strip.set_current(z)
 
     def show_status(self, words: str, detail: str, fraction: float | None) -> None:
-        """Show how far the session is. None: not known; no words: nothing is recorded."""
+        """Show status, details and completed fraction (None: unknown); without a status, the display is hidden."""
         self.status.setText(words)
         self.detail.setText(detail)
         self.detail.setVisible(bool(detail))
@@ -280,9 +280,9 @@ class RecordPanel(QWidget):
         self._show_planes(picture)
 
     def _show_planes(self, picture: RecordPicture) -> None:
-        """Say of each plane how much of it is recorded, and show the sum of the one that is looked at.
+        """Show the recorded fraction of each plane, and the depth-plane sum of the selected one.
 
-        A target covers a part of the phases even when it is complete, so that part is no progress: the map states it.
+        For a target, the fraction is not shown as progress, because even a complete recording covers only some phases.
         """
         known = any(picture.planes) and not picture.covered
         for z, share in enumerate(picture.planes):
@@ -310,7 +310,7 @@ class RecordPanel(QWidget):
             self.map.set_values(picture.values if known else np.where(picture.recorded, 1.0, np.nan))
 
     def show_filling(self, light: NDArray[np.float64] | None, words: str = "") -> None:
-        """Show H in the place of the map while it is assembled. None: what was recorded again."""
+        """Show H instead of the map during its assembly. None: show the map of the recording again."""
         self._light = light
         self.map_words.setText(words)
         self._show_map()
@@ -322,7 +322,7 @@ class RecordPanel(QWidget):
             self._drawn.show_error(curve)
 
     def error_curve(self) -> ErrorCurve | None:
-        """Return the error of H that was shown last."""
+        """Return the error curve that was shown last."""
         return self._last_curve
 
     def apply_theme(self) -> None:
@@ -334,7 +334,7 @@ class RecordPanel(QWidget):
 
 
 def _words(role: str) -> QLabel:
-    """Return a label whose words never make the window wider."""
+    """Return a label whose text never makes the window wider."""
     label = wrapped(role)
     label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
     return label

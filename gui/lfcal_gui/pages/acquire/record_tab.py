@@ -1,4 +1,4 @@
-"""Record: a session run, followed, and assembled."""
+"""Record: run a session, monitor it, and assemble its H."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ HELD = "a session is being recorded: camera, plan and devices cannot change unti
 
 
 class RecordTab(QObject):
-    """Run sessions on the devices of a `SetupTab`; frames and quality are fetched by a timer, never pushed."""
+    """Run sessions with the devices of a `SetupTab`; frames and quality data are polled by a timer."""
 
     ended = Signal()
-    """A recording ended, in whatever way."""
+    """A recording ended for any reason."""
     shown = Signal()
-    """What can be pressed, or the advice, is another."""
+    """The enabled buttons or the advice changed."""
     asked = Signal(str, arguments=["words"])
-    """A person is asked to do something before the recording continues; empty: no longer."""
+    """Request to the user that must be met before the recording continues; empty: no longer."""
 
     _alarms: tuple[str, ...] = ()
-    """Alarms of the recording that last until now."""
+    """Current alarms of the recording."""
 
     def __init__(self, context: Context, setup: SetupTab, panel: RecordPanel, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.context, self.setup, self.panel = context, setup, panel
         self.recorder: Recorder | None = None
         self._opened: Recorder | None = None
-        """What the folder holds, while nothing is recorded."""
+        """Recorder that describes the folder while no recording is running."""
         self._reading: EarlierFrames | None = None
         self.folder = FolderState()
         self.after = Afterwards(context, panel, lambda: self.recording)
@@ -61,7 +61,7 @@ class RecordTab(QObject):
         self.folder_choice = FolderChoice(context, panel.folder, self._folder_seen, self._refuse)
         self._job, self._lamp, self._refused, self._asked = 0, "", False, ""
         self._stopped, self._plane, self._follows = "", 0, True
-        """Why the last recording stopped before its end, and the plane that was recorded last."""
+        """Why the last recording ended early, its last plane, and whether the display follows the recording."""
         self._expected_of: tuple[Any, ...] = ()
         """Camera, depths and cutout whose apertures are shown."""
         self._under_way: WindowJob | None = None  # the recording as it was reported last
@@ -95,7 +95,7 @@ class RecordTab(QObject):
         return bool(self._job)
 
     def show_state(self, state: ProjectState, *, folder: bool) -> None:
-        """Show plan, settings and folder; ``folder``: it changed."""
+        """Show plan, settings and folder; ``folder`` states whether the folder changed."""
         self.panel.folder.setText(state.recording)
         self._refused = False  # the refusal is out of date: its context has changed
         if folder:
@@ -114,7 +114,7 @@ class RecordTab(QObject):
             self.refresh()
 
     def _show_planes(self, plan: ScanPlan) -> None:
-        """Offer the planes of a plan, with the apertures that are expected in them."""
+        """Show the planes of a plan with their expected apertures."""
         strip = self.panel.strip
         strip.offer(plan.depths_um, plan.cutout)
         self._set_plane(self.panel.z)
@@ -123,7 +123,7 @@ class RecordTab(QObject):
             self.context.jobs.compute("acquire apertures", lambda: expected_apertures(plan), strip.show_expected)
 
     def _show_merits(self, planes: int) -> None:
-        """Show how good each plane is, where H of this session was judged."""
+        """Show the merit of each plane if the H of this session was judged."""
         state, merits = self.context.state, [""] * planes
         verdict = kept_verdict(state) if self.folder.there is not None else None
         if verdict is not None and Path(state.psf).parent == Path(state.recording):
@@ -136,7 +136,7 @@ class RecordTab(QObject):
         self.panel.set_plane(z)
 
     def _plane_chosen(self, z: int) -> None:
-        """Look at another plane, and no longer at the one that is being recorded; that one is followed again."""
+        """Show the selected plane. If it is the one being recorded, the display follows the recording again."""
         self._follows = not self.recording or z == self._plane
         self._set_plane(z)
         self.refresh()
@@ -152,7 +152,7 @@ class RecordTab(QObject):
             self.context.jobs.drop(group)
 
     def _forget(self) -> None:
-        """Release the earlier recording, which belongs to another folder."""
+        """Discard the earlier recording, which belongs to another folder."""
         self.context.jobs.drop(EARLIER)
         self.recorder, self._opened, self.folder, self._lamp = None, None, FolderState(), ""
         self._stopped, self._alarms = "", ()
@@ -194,7 +194,7 @@ class RecordTab(QObject):
             self.refresh()
 
     def show_controls(self) -> None:
-        """Enable what can be pressed now, and say what comes next."""
+        """Enable the buttons that apply, and show advice on the next step."""
         buttons, state, recording = self.panel.buttons, self.context.state, self.recording
         there, complete, many = self.folder.there is not None, self.folder.complete, self.folder.target is not None
         # a session of chosen positions can be continued to a smaller error
@@ -255,7 +255,7 @@ class RecordTab(QObject):
         self.context.report("session", done=done, total=total)
 
     def resume(self) -> None:
-        """Resume a recording that is held, or a session that is not complete."""
+        """Resume a paused recording or an incomplete session."""
         (self.pause if self.recording else self.start)()
 
     # -- recording -------------------------------------------------------------------------------------
@@ -319,7 +319,7 @@ class RecordTab(QObject):
         self.frame_timer.start()
 
     def _recorder(self, now: FolderState, station: Station, *, redo: bool) -> Recorder:
-        """Return what records into the folder; raises `LfcalError` where that is refused."""
+        """Return the recorder for the folder; raise `LfcalError` if recording is refused."""
         state, folder = self.context.state, Path(self.context.state.recording)
         assert state.plan is not None
         if now.problem:  # what is damaged is not recorded over
@@ -360,7 +360,7 @@ class RecordTab(QObject):
             self.show_controls()
 
     def stop(self) -> None:
-        """End the recording once the position under way is safe."""
+        """End the recording when the current position is saved."""
         self._ask("stop")
 
     def _ask(self, what: str) -> None:
@@ -370,7 +370,7 @@ class RecordTab(QObject):
             self._show_progress()
 
     def _poll(self) -> None:
-        """Show the newest frame and the quality; the thread of the recording never waits for this."""
+        """Show the newest frame and the quality data, without delaying the recording."""
         if self.recorder is None:
             return
         self.poll_timer.setInterval(POLL_MS if self.panel.strip.isVisible() else HIDDEN_MS)
@@ -400,7 +400,7 @@ class RecordTab(QObject):
             self._show_progress()
 
     def _shown(self) -> Recorder | None:
-        """Return the run, or what the folder holds where this window recorded nothing; None without a plan."""
+        """Return the current run, or else a recorder that describes the folder; None without a plan."""
         plan = self.folder.plan or self.context.state.plan
         if self.recorder is not None or plan is None:
             return self.recorder
@@ -413,7 +413,7 @@ class RecordTab(QObject):
         return self._opened
 
     def refresh(self) -> None:
-        """Show the session as it is now."""
+        """Show the current state of the session."""
         made, earlier = self._shown(), self.folder.there
         if made is None:
             return
@@ -466,7 +466,7 @@ class RecordTab(QObject):
             self._report()
 
     def _show_progress(self) -> None:
-        """Show the progress. A request to pause or stop is shown before the present position ends."""
+        """Show the progress. A request to pause or stop is shown immediately."""
         job, recorder = self._under_way, self.recorder
         if job is None or recorder is None or not self.recording:
             return
@@ -487,7 +487,7 @@ class RecordTab(QObject):
         )
 
     def _fit_of_folder(self) -> Any:
-        """Return the last fit of the session in the folder, None where this window made none."""
+        """Return the last fit of the session in the folder; None if this window made none."""
         recorder = self.recorder
         own = recorder is not None and recorder.folder == Path(self.context.state.recording)
         return recorder.fit if own and recorder is not None else None
@@ -511,7 +511,7 @@ class RecordTab(QObject):
         self._attend()
 
     def _attend(self) -> None:
-        """Mark the page while something of the recording needs the user."""
+        """Mark the page while the recording needs the attention of the user."""
         self.context.attention.emit("acquire", bool(self._alarms or self._asked or self._stopped))
 
     def _job_finished(self, job: WindowJob) -> None:

@@ -1,4 +1,4 @@
-"""The live view with its numbers; for the inspector: devices, stage, what a few moves find."""
+"""The live view with its readout, and parts of the inspector: devices, stage, measurements."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from lfcal_gui.widgets import (
 )
 
 EXPOSURE, PAIR = 104, 104
-"""Least width of the box of the exposure, and height of the two small pictures (px)."""
+"""Smallest width of the exposure field, and height of the two small pictures (px)."""
 
 FINDINGS = (
     (
@@ -48,13 +48,13 @@ FINDINGS = (
         "Find for each plane the exposure that uses 70 % of the camera's range without saturation",
     ),
 )
-"""Key, title and meaning of what can be found."""
+"""Key, title and tooltip of each measurement."""
 
 STILLS = (
     ("white", "White image", "Frames of uniform light, to measure the lattice and the relative brightness"),
     ("dark", "Dark frames", "Frames of the whole sensor without light, subtracted from the white image"),
 )
-"""Key, title and meaning of what can be taken."""
+"""Key, title and tooltip of the frames that can be recorded."""
 
 OVERLAYS = (
     ("lattice", "Lattice", "Micro-image centres of the described camera, coloured by lens type"),
@@ -67,10 +67,10 @@ CONNECTS = (
     ("Choose devices …", "Choose the drivers of camera and stage, to record with real devices"),
     ("Use the simulated rig", "Practise with a simulated camera and stage: same frames, noise and faults"),
 )
-"""Title and meaning of the buttons that connect, or lead to the devices while only the simulated ones are chosen."""
+"""Title and tooltip of the buttons that connect, or that lead to the choice of devices."""
 
 AGREE = 0.9
-"""Correlation from which what is seen agrees with what is expected."""
+"""Correlation above which measured and expected light agree."""
 
 WAITING = "Waiting for the first frame …"
 NO_FRAME, NO_REFERENCE = "No frame yet.", "While recording, this needs a reference H."
@@ -81,15 +81,15 @@ class SetupPanel(QWidget):
     """The live view; ``devices``, ``stage``, ``faults``, ``pair`` and ``adjust`` are parts of the inspector."""
 
     plane_asked = Signal(int, arguments=["z"])
-    """Go to a plane of the plan, where something is expected."""
+    """Request to move to a plane of the plan."""
     find_asked = Signal(str, arguments=["key"])
-    """Measure one of `FINDINGS`, or record one of `STILLS`."""
+    """Request to measure one of `FINDINGS`, or to record one of `STILLS`."""
     connect_asked = Signal(bool, arguments=["simulated"])
-    """Connect the chosen devices, or the simulated ones."""
+    """Request to connect the chosen devices, or the simulated ones."""
     devices_asked = Signal()
-    """Show the devices to choose from."""
+    """Request to show the choice of devices."""
     results_changed = Signal()
-    """Something was found or forgotten, connected or released."""
+    """Results or the connection changed."""
 
     def __init__(self, jobs: Jobs, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -105,7 +105,7 @@ class SetupPanel(QWidget):
         self.done: set[str] = set()
         """Keys of `FINDINGS` and `STILLS` that are done."""
         self.z = 0
-        """Plane that is looked at, which what is measured in one plane is measured in."""
+        """Selected plane, in which measurements of a single plane are made."""
         self._last: tuple[LivePicture, ScanPlan] | None = None
         self.tools = self._tools()
         column_of(self.view, self.contrast, of=self, spacing=4, stretch=0)
@@ -158,7 +158,7 @@ class SetupPanel(QWidget):
         return made
 
     def _pair(self) -> QWidget:
-        """Make the two pictures that are compared, and what is known of the light."""
+        """Create the two pictures that are compared, and the text on the measured light."""
         self.seen = Picture("counts above background", legend=False)
         self.predicted = Picture("fraction of the light", legend=False)
         pictures = QHBoxLayout()
@@ -211,7 +211,7 @@ class SetupPanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def set_connected(self, connected: bool, *, free: bool = True) -> None:
-        """Enable what needs devices; ``free``: nothing but the live view uses them now."""
+        """Enable the controls that need devices; ``free``: only the live view uses the devices."""
         self.connected = connected
         for widget in (*self.find_buttons.values(), self.go):
             widget.setEnabled(connected and free)
@@ -233,7 +233,7 @@ class SetupPanel(QWidget):
             self.exposure.setValue(1e3 * seconds)
 
     def show_live(self, picture: LivePicture, plan: ScanPlan, note: str = "") -> None:
-        """Show a frame with all that belongs to it; ``note`` is put after the correlation."""
+        """Show a frame with its overlays and readout; ``note`` is added after the correlation."""
         if picture.frame is None:
             self.numbers.setText(picture.numbers)
             return
@@ -259,7 +259,7 @@ class SetupPanel(QWidget):
             self._zoom()
 
     def show_age(self, now_s: float, stage_um: tuple[float, float, float]) -> None:
-        """Show how old the frame is; in the colour of a warning where it is late, or the stage has left its place."""
+        """Show the age of the frame, in the warning colour if it is late or the stage has moved since."""
         if self._last is None:
             self.view.set_note("")
             return
@@ -269,7 +269,7 @@ class SetupPanel(QWidget):
         self.view.set_note(words, canvas_fair() if moved or age > picture.due_s else "")
 
     def _show_overlays(self) -> None:
-        """Draw what is switched on over the frame, also where no frame follows."""
+        """Draw the enabled overlays over the frame, even if no further frame arrives."""
         self.arrows.setVisible(self.overlays["axes"].isChecked())
         if self._last is not None:
             picture, plan = self._last
@@ -287,7 +287,7 @@ class SetupPanel(QWidget):
         return Shot(picture.frame, picture.caption, name="frame", overlays=overlays, readout=picture.readout)
 
     def show_nothing(self) -> None:
-        """Show no frame, and nothing of one."""
+        """Clear the frame and everything that belongs to it."""
         self._last = None
         self.view.set_note("")
         self.view.set_lattice(None)
@@ -301,7 +301,7 @@ class SetupPanel(QWidget):
         self.near_words.hide()
 
     def show_result(self, key: str, words: str, *, good: bool = True, done: bool = False) -> None:
-        """Show what was found; what is bad is red. ``done``: it was measured, or recorded."""
+        """Show a result, in red if it is bad. ``done`` states whether the measurement or recording is complete."""
         self._said[key] = (words, good)
         (self.done.add if done else self.done.discard)(key)
         label = self.results[key]
@@ -325,7 +325,7 @@ class SetupPanel(QWidget):
             self._zoom()
 
     def _zoom(self) -> None:
-        """Show the cutout, or the whole frame where that is wanted or none is known."""
+        """Zoom to the cutout, or to the whole frame if this is chosen or the cutout is unknown."""
         if self._last is None or self._last[0].window is None or not self.near.isChecked():
             return
         (top, left), (row, column, nt, ns) = self._last[0].first, self._last[0].window

@@ -30,17 +30,17 @@ if TYPE_CHECKING:
     from lfcal.targets import TargetPlan
 
 LIVE_MS, HIDDEN_MS, AGAIN_MS = 30, 1000, 1000
-"""Between two live frames, while other pages are looked at, and after one that failed (ms)."""
+"""Intervals between live frames: normally, while another page is shown, and after a failed frame (ms)."""
 RELEASE_S = 5.0
 """How long closing the window waits for devices to be released (s)."""
 QUICK = "the simulator's quick pattern has no lenslets: set optics=auto under Options"
 
 
 class SetupTab(QObject):
-    """Own the devices, and show what they see."""
+    """Owner of the connected devices, which shows their live view."""
 
     changed = Signal()
-    """Devices were connected, released, taken or given back."""
+    """Devices were connected, disconnected, reserved or released."""
 
     def __init__(self, context: Context, panel: SetupPanel, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -73,7 +73,7 @@ class SetupTab(QObject):
         context.on_close(self._close_station)
 
     def entered(self) -> None:
-        """Look for devices the first time."""
+        """Search for devices at the first visit."""
         if not self._looked_for:
             self._looked_for = True
             self.context.jobs.compute("acquire backends", _backends, self._backends_found, self.context.message.emit)
@@ -93,7 +93,7 @@ class SetupTab(QObject):
         self._check_station()
 
     def let_go(self) -> None:
-        """Forget frames and results of the previous project, and actions that wait for a connection."""
+        """Discard frames and results of the previous project, and actions that wait for a connection."""
         self._then = None
         self.measuring.forget(*self.panel.results)
         self.panel.show_nothing()
@@ -113,11 +113,11 @@ class SetupTab(QObject):
 
     @property
     def free(self) -> bool:
-        """Whether nothing but the live view uses the devices."""
+        """Whether only the live view uses the devices."""
         return not (self.measuring.busy or self.reserved)
 
     def show_controls(self) -> None:
-        """Enable what can be used now."""
+        """Enable the controls that apply."""
         self._check_station()
         connected = self.station is not None
         self.panel.set_connected(connected, free=self.free)
@@ -159,7 +159,7 @@ class SetupTab(QObject):
         self.connect_devices()
 
     def connect_devices(self, then: Callable[[], object] | None = None) -> None:
-        """Open the chosen devices in the background, show what they see, and do ``then``."""
+        """Open the chosen devices in the background, start the live view, and call ``then``."""
         plan, chosen = self.context.state.plan, AcquireSettings.of(self.context.state)
         if plan is None or self.station is not None or self.connecting:
             return
@@ -174,7 +174,7 @@ class SetupTab(QObject):
         )
 
     def when_connected(self, then: Callable[[], object] | None) -> None:
-        """Do ``then`` once devices are connected. None: nothing."""
+        """Call ``then`` as soon as devices are connected. None: cancel this."""
         self._then = then
 
     def _connected(self, station: Station) -> None:
@@ -207,14 +207,14 @@ class SetupTab(QObject):
         self._changed()
 
     def _close_station(self) -> None:
-        """Release the devices when the window closes; a device that does not answer does not keep it open."""
+        """Release the devices when the window closes, without waiting for a device that does not respond."""
         if self.station is not None:
             wait_for([start_thread(self.station.close, "lfcal-release")], RELEASE_S)
             self.station = None
 
     # -- live view -------------------------------------------------------------------------------------
     def _look(self) -> None:
-        """Grab frames while nothing records; fewer while other pages are looked at."""
+        """Grab frames while nothing is recorded, fewer while another page is shown."""
         station, plan = self.station, self.context.state.plan
         if station is None or plan is None or not self.free:
             return
@@ -249,7 +249,7 @@ class SetupTab(QObject):
         )
 
     def _reference(self) -> PSFMatrix | None:
-        """Return the H that frames are compared with, as soon as it is open."""
+        """Return the H with which frames are compared; None until it is open."""
         state = self.context.state
         for path in (state.reference, state.psf):
             self.context.matrices.want(path)
@@ -274,7 +274,7 @@ class SetupTab(QObject):
             self.context.frame_seen.emit(picture.frame, picture.first)
 
     def _placed(self, stage_um: tuple[float, float, float]) -> None:
-        """Show how old the frame is, which counts up where none comes, and whether the stage has moved since."""
+        """Show the age of the frame, and whether the stage has moved since."""
         self.panel.show_age(time.monotonic(), stage_um)
 
     def _refused(self, words: str) -> None:
@@ -299,7 +299,7 @@ class SetupTab(QObject):
 
 
 def _backends() -> tuple[Any, dict[str, Any], dict[str, bool]]:
-    """Return what was found, the options of each backend, and whether it brings a stage."""
+    """Return the found backends, the options of each, and whether it provides a stage."""
     from lfcal.devices import find_backends, get_backend
 
     findings = find_backends()

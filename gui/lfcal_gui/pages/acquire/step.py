@@ -78,7 +78,7 @@ def remade(folder: Path, psf: Path, out: Path, recipe: CorrectionRecipe) -> Asse
 def step(
     project: ProjectState, out: str = "", *, resume: bool = False, redo: Sequence[tuple[int, int, int]] = ()
 ) -> CommandStep:
-    """Return how the session is recorded, continued, or of which positions again."""
+    """Return the step that records or resumes the session, or that records positions again."""
     plan, chosen = needed_plan(project), AcquireSettings.of(project)
     begun, listed = resume or bool(redo), REDO_FILE if redo else ""
     out = out or project.recording or "session"
