@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from lfcal_gui.scenes import Capture, Stage
 
 SIZES = ("1280x800", "1920x1080", "3840x2160@2")
-"""Pixels of the window's picture; ``@2``: on a screen with two of them to a length that is one on the others."""
+"""Sizes of the pictures (px); ``@2``: on a screen with twice the pixel density."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -42,7 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _apart(size: str, options: argparse.Namespace) -> int:
-    """Take the pictures of a size with a scale in a separate process."""
+    """Take the pictures of a size with a screen scale in a separate process."""
     scale = size.partition("@")[2]
     if os.environ.get("QT_SCALE_FACTOR") == scale:
         return _play(options, [size])

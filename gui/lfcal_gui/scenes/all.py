@@ -1,4 +1,4 @@
-"""All scenes by their names, in the order in which they are played."""
+"""All scenes by name, in their order."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from lfcal_gui.widgets import toggle_in
 
 
 def parts(stage: Stage) -> Iterator[Capture]:
-    """Go through them with the sample session."""
+    """Yield the states of these parts with the sample session."""
     open_sample(stage)
     yield from _multiplexing(stage)
     yield from _pictures(stage)
@@ -89,13 +89,13 @@ def empty(stage: Stage) -> Iterator[Capture]:
 
 
 NAME = "R29_main_lens_100mm_f2.8_2026-03-16_second_alignment_after_cleaning"
-"""Long, as people call their files."""
+"""A long file name, as users choose them."""
 
 PITCH, CUTOUT = 27.6, 181
 
 
 def large(stage: Stage) -> Iterator[Capture]:
-    """Show PSF and scan of an R29, then one of its frames."""
+    """Show H and scan of an R29, then one of its frames."""
     window = stage.window
     window.project.update("R29", camera=preset("r29"), plan=None, frames="", psf="", reference="")
     page = stage.page("setup")
@@ -126,7 +126,7 @@ def large(stage: Stage) -> Iterator[Capture]:
 
 
 def _matrix() -> PSFMatrix:
-    """Return two planes that look like H of such a camera: blurred discs behind a hexagonal array, one row for all."""
+    """Return two planes that resemble H of such a camera, as blurred discs behind a hexagonal array."""
     ny, nx = 11, 19  # a fifth of the positions of the period: all take minutes to write and to judge
     planes = []
     for radius in (70.0, 45.0):

@@ -1,4 +1,4 @@
-"""A session recorded with the simulator: devices, live view, what is found, recording, the dark lab."""
+"""A session recorded with the simulator: devices, live view, measurements, recording, dark lab."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def recording(stage: Stage) -> Iterator[Capture]:
 
 
 def _begin(stage: Stage) -> Any:
-    """Begin a project of the sample's plan, to be recorded into a new folder; return its page."""
+    """Start a project with the sample's plan and a new session folder; return the page."""
     window, folder = stage.window, stage.folder / "session"
     shutil.rmtree(folder, ignore_errors=True)
     plan = ScanPlan.from_json((sample_session() / "plan.json").read_text(encoding="utf-8"))

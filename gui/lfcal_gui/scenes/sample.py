@@ -17,7 +17,7 @@ from lfcal_gui.scenes.stage import Capture, Stage
 
 
 def sample(stage: Stage) -> Iterator[Capture]:
-    """Go through all pages with the sample session."""
+    """Yield the states of all pages with the sample session."""
     open_sample(stage)
     for scene in (setup, frames, h, simulate, checks, fit, reconstruct, depth, multiplex, accuracy, sessions):
         yield from scene(stage)
@@ -84,7 +84,7 @@ def h(stage: Stage) -> Iterator[Capture]:
 
 
 def simulate(stage: Stage) -> Iterator[Capture]:
-    """Show what accuracy costs, measurements, an effect and a frame; then compare H with the simulation."""
+    """Show error against cost, measurements, an effect and a frame; then compare H with the simulation."""
     page = stage.page("simulate")
     page.measure()
     stage.done()
@@ -142,7 +142,7 @@ def _date(report: Path, day: str) -> None:
 
 
 def sessions(stage: Stage) -> Iterator[Capture]:
-    """Show the gallery of what was made, two H compared, and three reports over time."""
+    """Show the gallery of results, the comparison of two H, and three reports over time."""
     reports, judged = stage.folder / "reports", stage.window.page("h")
     for day in ("2026-03-02", "2026-03-09", "2026-03-16"):
         if not (reports / day).is_dir():
@@ -163,7 +163,7 @@ def sessions(stage: Stage) -> Iterator[Capture]:
 
 
 def fit(stage: Stage) -> Iterator[Capture]:
-    """Show the choices of a fit, and what it found."""
+    """Show the settings and the result of a fit."""
     page = stage.page("h")
     page.look_into("fit")
     stage.tidy()
@@ -261,7 +261,7 @@ def multiplex(stage: Stage) -> Iterator[Capture]:
 
 
 def accuracy(stage: Stage) -> Iterator[Capture]:
-    """Show what accuracy costs."""
+    """Show the page Accuracy."""
     page = stage.page("accuracy")
     for name in PARTS.names():
         page.measure((name,))

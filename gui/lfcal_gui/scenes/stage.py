@@ -1,4 +1,4 @@
-"""A window that is led from outside, and what waits for it."""
+"""A window controlled by scenes, with functions that wait for it."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from lfcal_gui.jobs import JobState
 from lfcal_gui.window import MainWindow
 
 LONGEST_S = 900.0
-"""Ends what hangs."""
+"""Longest waiting time (s)."""
 
 TURNS = 8
-"""Turns of the window's thread until what was asked for is laid out and drawn."""
+"""Number of event-loop iterations after which layout and drawing are complete."""
 
 
 @dataclass(frozen=True)
@@ -33,18 +33,18 @@ class Capture:
 
 
 Scene = Callable[["Stage"], Iterator[Capture]]
-"""Leads the window from one state to the next; each is looked at where it is yielded."""
+"""Generator that brings the window to one state after the other, and yields each of them."""
 
 
 class Stage:
-    """The window, a folder for what is made on the way, and waiting.
+    """The window, a folder for files that scenes make, and functions that wait.
 
     Parameters
     ----------
     app, window
         The application and its window, which is shown.
     folder
-        Files that take long to make are found here again.
+        Folder in which files that take long to make are kept.
     """
 
     def __init__(self, app: QApplication, window: MainWindow, folder: Path) -> None:
@@ -52,19 +52,19 @@ class Stage:
         folder.mkdir(parents=True, exist_ok=True)
 
     def page(self, key: str) -> Any:
-        """Show a page, wait for what it computes, and return it."""
+        """Show a page, wait for its computations, and return it."""
         self.window.go(key)
         self.settle()
         return self.window.page(key)
 
     def turn(self, turns: int = TURNS) -> None:
-        """Let the window work for a moment."""
+        """Process the events of the window for a moment."""
         for _ in range(turns):
             self.app.processEvents()
             time.sleep(0.005)
 
     def until(self, condition: Callable[[], object], what: str) -> None:
-        """Let the window work until ``condition`` holds; raise where it never does."""
+        """Process events until ``condition`` is true; raise an error after `LONGEST_S`."""
         end = time.monotonic() + LONGEST_S
         while not condition():
             if time.monotonic() > end:
@@ -73,11 +73,11 @@ class Stage:
 
     @property
     def busy(self) -> bool:
-        """Whether something is computed, or H is about to be judged."""
+        """Whether a computation is running, or H is about to be judged."""
         return self.window.jobs.busy or self.window.leading.due
 
     def settle(self) -> None:
-        """Wait until nothing is computed, and all is drawn."""
+        """Wait until all computations have ended and everything is drawn."""
         quiet = 0
         while quiet < TURNS:
             self.until(lambda: not self.busy, "jobs to end")
@@ -86,23 +86,23 @@ class Stage:
         self.turn()
 
     def done(self) -> None:
-        """Wait as `settle` does; raise where a job failed."""
+        """Wait as `settle` does; raise an error if a job failed."""
         self.settle()
         for job in self.window.jobs.jobs():
             if job.state is JobState.FAILED:
                 raise RuntimeError(f"{job.title}: {job.error}")
 
     def seen(self, capture: Capture) -> QWidget:
-        """Return what is looked at in a state: by default the window of the page in front."""
+        """Return the widget to capture in a state: by default, the window of the current page."""
         return capture.widget or self.window.shown.window()
 
     def resize(self, width: int, height: int) -> None:
-        """Give the window this size, and the one of the page in front, too."""
+        """Resize the main window and the window of the current page."""
         for one in (self.window, self.window.shown.window()):
             one.resize(width, height)
 
     def tidy(self) -> None:
-        """Let the line of the status bar and the jobs that have ended go."""
+        """Remove finished jobs and the text of the status bar."""
         self.window.message.setText("")
         self.window.job_line.sheet.hide()
         self.turn()

@@ -1,4 +1,4 @@
-"""Dialogs, and what goes wrong: damaged files, failed jobs, many jobs, long names, faults of devices."""
+"""Dialogs and problems: damaged files, failed jobs, many jobs, long names, faults of devices."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _jobs(stage: Stage) -> Iterator[Capture]:
 
 
 def dialogs(stage: Stage) -> Iterator[Capture]:
-    """Open one after the other."""
+    """Open the dialogs one after the other."""
     window = stage.window
     open_sample(stage)
     page = stage.page("frames")
@@ -119,7 +119,7 @@ def dialogs(stage: Stage) -> Iterator[Capture]:
 
 
 def faults(stage: Stage) -> Iterator[Capture]:
-    """Judge an H with misplaced, swapped and empty positions; then the dialogs of mishaps."""
+    """Judge an H with misplaced, swapped and empty positions; then show the dialogs of unexpected errors."""
     window = stage.window
     open_sample(stage)
     spoilt = stage.folder / "spoilt.h5"
@@ -146,7 +146,7 @@ def faults(stage: Stage) -> Iterator[Capture]:
 
 
 def _spoil(source: Path, target: Path) -> None:
-    """Write an H with faults: two patterns moved, two swapped, one that holds no light."""
+    """Write an H with faults: two displaced patterns, two swapped ones, and one without light."""
     with open_psf(source) as whole:
         data = np.stack([whole.plane(z) for z in range(len(whole))])
         data[0, 1, 2] = np.roll(data[0, 1, 2], 3, axis=-1)

@@ -19,7 +19,7 @@ from lfcal_gui.widgets import button, column_of, heading, line, wrapped
 Limits = tuple[tuple[float, float], ...]
 HOW = "Type a position and press Return, or press ↑ and ↓ in a field. Esc stops."
 FARTHEST_UM = 1e9
-"""Largest position that can be typed (µm). Limits of the stage are checked at each move; the smallest value is a dash."""
+"""Largest position that can be typed (µm); limits of the stage are checked at each move."""
 
 
 class _AxisField(QDoubleSpinBox):

@@ -9,7 +9,7 @@ from lfcal_gui.models import PageSpec, PageState, ProjectState, nothing
 
 
 def state(project: ProjectState) -> PageState:
-    """Return whether there is a frame."""
+    """Return the state of the page: whether there is a frame."""
     return PageState.READY if project.light_field else PageState.NOTHING
 
 

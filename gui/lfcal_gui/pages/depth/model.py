@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from lfcal.tasks import DepthForecast, MeasuredDepth
 
 HELD = frozenset({"frame", "out", "cloud", "camera", "psf"})
-"""Fields of the task with their own widgets: buttons for frame and files, ticks for camera and H of the project."""
+"""Fields of the task that have their own widgets: buttons for files, check boxes for camera and H of the project."""
 
 NO_CAMERA = (
     "No camera is described. Describe one in Set up, or choose a white image to measure slopes instead of depths"
@@ -61,12 +61,12 @@ FIELDS: tuple[Field, ...] = (
 )
 
 BASIC = ("use_camera", "use_h", "white", "dark")
-"""Entries that are always seen."""
+"""Keys of fields that are always visible."""
 
 
 @dataclass(frozen=True)
 class DepthSettings(PageSettings):
-    """What the user chose.
+    """Settings of the page.
 
     Attributes
     ----------
@@ -84,11 +84,11 @@ class DepthSettings(PageSettings):
 
     @property
     def option_values(self) -> dict[str, Any]:
-        """The other fields by their names, as the record has them."""
+        """Other fields of the task by name, as the record stores them."""
         return options_in(Depth, dict(self.options))
 
     def usable(self) -> None:
-        """Raise `InputError` if values do not fit together."""
+        """Raise `InputError` if values do not match."""
         parse_origin(str(self.option_values.get("origin", "")))
         from_flat(Depth, {"frame": "frame.tif", "out": "depth.tif", "camera": CAMERA_FILE, **self.option_values})
 
@@ -105,25 +105,25 @@ class DepthSettings(PageSettings):
 
 
 def camera_of(settings: DepthSettings, project: ProjectState) -> Camera | None:
-    """Return the camera that is used. None: none was described, or it is not wanted."""
+    """Return the camera of the project if it is used; None if it is not used or was not described."""
     return project.camera if settings.use_camera and described(project) else None
 
 
 def camera_files(project: ProjectState) -> tuple[tuple[str, str], ...]:
-    """Return the file with the camera that a command reads, if it reads one."""
+    """Return the camera file that a command reads; empty if it reads none."""
     camera = camera_of(DepthSettings.of(project), project)
     return () if camera is None else ((CAMERA_FILE, camera.to_json()),)
 
 
 def task_of(settings: DepthSettings, project: ProjectState, frame: str, out: str = "") -> Depth:
-    """Return how a frame becomes a depth map.
+    """Return the task that measures the depth map of a frame.
 
-    A map is written to ``out``; if that ends in ``.ply``, a point cloud as well.
+    The map is written to ``out``. If this ends in ``.ply``, a point cloud is also written.
 
     Raises
     ------
     InputError
-        If nothing gives the lattice, or values do not fit together.
+        If nothing determines the lattice, or values do not match.
     """
     path, options = Path(out or "depth.tif"), settings.option_values
     camera, psf = camera_of(settings, project), project.psf if settings.use_h else ""
@@ -141,14 +141,14 @@ def task_of(settings: DepthSettings, project: ProjectState, frame: str, out: str
 
 
 def takes(path: str) -> bool:
-    """Return whether a file may be a picture."""
+    """Return whether a file may be an image."""
     from lfcal.frames.formats import image_suffixes
 
     return Path(path).is_file() and Path(path).suffix.lower() in image_suffixes()
 
 
 def frame_picture(path: str) -> NDArray[Any]:
-    """Return what is shown of a frame ``(rows, columns)``: of several colours the mean."""
+    """Return the displayed image of a frame ``(rows, columns)``; for several colours, their mean."""
     from lfcal.frames import read_image
 
     image = read_image(Path(path))
@@ -156,13 +156,13 @@ def frame_picture(path: str) -> NDArray[Any]:
 
 
 def forecast_words(found: DepthForecast, workers: int) -> str:
-    """Return what a map takes, in words."""
+    """Return the forecast of a measurement as text."""
     threads = "1 thread" if workers == 1 else f"{workers} threads"
     return f"Takes {format_seconds(found.seconds)} of processor time on {threads}, and {format_bytes(found.memory)}."
 
 
 class Shade(NamedTuple):
-    """A quantity that colours show: its name, unit, values ``(rows, columns)`` and standard errors."""
+    """A quantity that is shown in colour: name, unit, values ``(rows, columns)`` and standard errors."""
 
     name: str
     unit: str
@@ -177,7 +177,7 @@ class Shade(NamedTuple):
 
 
 QUANTITIES = {"depth": "Depth", "slope": "Slope (virtual depth)", "disparity": "Disparity"}
-"""What colours can show."""
+"""Quantities that can be shown in colour."""
 
 
 def shades_of(found: DepthMap) -> dict[str, Shade]:
@@ -193,15 +193,15 @@ def shades_of(found: DepthMap) -> dict[str, Shade]:
 
 
 ENDS = (0.01, 0.99)
-"""Shares of the samples between which the colours run."""
+"""Quantiles of the samples at the ends of the colour scale."""
 
 
 BRIGHTER = 0.5
-"""Share of the light's range by which the darkest sample is above black, so that its colour is seen."""
+"""Fraction of the brightness range by which the darkest sample is raised, so that its colour is visible."""
 
 
 def shot_of(found: DepthMap, shade: Shade, least: float) -> Shot:
-    """Return the central view in the colours of a quantity; samples of less confidence than ``least`` are grey."""
+    """Return the central view in the colours of a quantity; samples with a confidence below ``least`` are grey."""
     values = np.where(found.confidence >= least, shade.values, np.nan)
     good = values[np.isfinite(values)]
     low, high = (float(v) for v in np.quantile(good, ENDS)) if good.size else (0.0, 1.0)
@@ -221,7 +221,7 @@ def shot_of(found: DepthMap, shade: Shade, least: float) -> Shot:
 
 
 def readout(found: DepthMap, shades: Mapping[str, Shade], row: int, column: int) -> str:
-    """Return what is known of a sample: every quantity with its standard error, and the confidence."""
+    """Return the results for a sample as text: every quantity with its standard error, and the confidence."""
     if not math.isfinite(found.slope[row, column]):
         return "depth unknown: no texture, or no agreement"
     parts = []
@@ -233,7 +233,7 @@ def readout(found: DepthMap, shades: Mapping[str, Shade], row: int, column: int)
 
 
 def fact_rows(made: MeasuredDepth) -> tuple[tuple[str, str], ...]:
-    """Return what was measured: names and values."""
+    """Return the results of the measurement as names and values."""
     facts: Mapping[str, Any] = made.to_dict()
     rows, columns = facts["shape"]
     shade = next(iter(shades_of(made.found).values()))
@@ -260,6 +260,6 @@ class Looked(NamedTuple):
 
 
 def iter_looked(task: Depth, camera: Camera | None) -> Work[Looked]:
-    """Measure a map and compute what is shown of it, so that the main thread stays free."""
+    """Measure a map and compute the displayed data in the same job, so that the window stays responsive."""
     made = yield from task.iter_measured(camera)
     return Looked(made, shades_of(made.found), fact_rows(made))

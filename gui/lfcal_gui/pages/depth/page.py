@@ -1,4 +1,4 @@
-"""Use > Depth: a light-field frame is matched as a job, looked at as a map, and saved as a map or as points."""
+"""Use > Depth: measure the depth map of a light-field frame as a job, show it, and save it as a map or points."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Page(BasePage):
         self.made: MeasuredDepth | None = None
         self._shades: dict[str, Shade] = {}
         self._of = context.state
-        """The project of which a map is, or is being made."""
+        """State of the project to which the map belongs."""
         self._opened = self._problem = ""
         self._ready: tuple[str, NDArray[Any]] | None = None  # read before the project changes
         self._job = self._turn = 0
@@ -74,13 +74,13 @@ class Page(BasePage):
         return DepthSettings.of(self.context.state)
 
     def let_go(self) -> None:
-        """Forget the map of the previous project, and stop measuring."""
+        """Discard the map of the previous project, and stop measuring."""
         number, self._job = self._job, 0
         self.context.jobs.cancel(number)
         self._show_map(None)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Follow frame, camera, H and settings."""
+        """Update the page if frame, camera, H or settings changed."""
         if old.light_field != new.light_field:
             self._show_map(None)
             self._show()
@@ -120,7 +120,7 @@ class Page(BasePage):
             self.open_frame(path)
 
     def open_frame(self, path: str) -> None:
-        """Take an image as the light field of the project, once it is known to be good."""
+        """Make an image the light field of the project after checking that it can be read."""
 
         def read(image: NDArray[Any]) -> None:
             self._ready = (path, image)
@@ -170,7 +170,7 @@ class Page(BasePage):
 
     # -- forecast --------------------------------------------------------------------------------------
     def _asked(self) -> tuple[Depth, Camera | None]:
-        """Return what is to be measured; raises `InputError` where something is missing."""
+        """Return the task for the measurement; raise `InputError` if something is missing."""
         state, settings = self.context.state, self.settings
         return model.task_of(settings, state, state.light_field), model.camera_of(settings, state)
 
@@ -207,7 +207,7 @@ class Page(BasePage):
         self._show_controls()
 
     def _refused(self, words: str) -> None:
-        """Say why the frame cannot be measured."""
+        """Show why the frame cannot be measured."""
         self._problem, self._seconds = said_in_window(words), None
         if not self._job:
             self.panel.show_took("")
@@ -299,7 +299,7 @@ class Page(BasePage):
             self.panel.readout.setText(f"row {row}, column {column}: {value:.5g} counts")
 
     def save(self, kind: str, path: str = "") -> None:
-        """Write the map, or the points; asks for a name where none is given."""
+        """Save the map or the points; without a path, ask for one."""
         made, state = self.made, self._of
         path = path or ("" if made is None else ask_target(self, *KINDS[kind]))
         if made is None or not path:

@@ -1,4 +1,4 @@
-"""Use > Depth: the frame or its depth map at the left; what is measured, shown and saved at the right."""
+"""Use > Depth: the frame or its depth map at the left; measurement, display and saving at the right."""
 
 from __future__ import annotations
 
@@ -43,18 +43,18 @@ VIEWS = (
     ("depth", "Depth map", "Depth as colour over the central view (V)"),
     ("frame", "Frame", "The frame itself (V)"),
 )
-"""What the picture can show."""
+"""Views of the picture."""
 
 FRAME, LIGHT = "sample value (counts)", "light"
 
 SHORT = 14
-"""Letters of the meaning of an empty field that fit next to its label."""
+"""Number of letters of a placeholder that fit next to the label of its field."""
 
 NARROW, WIDE, ROOMY = 304, 368, 1380
-"""Two widths of the inspector, and the least width of the panel for the wider one (px)."""
+"""Two widths of the inspector, and the smallest width of the panel for the wider one (px)."""
 
 USUAL = 50
-"""Confidence below which samples are grey at first (%)."""
+"""Default confidence below which samples are grey (%)."""
 
 
 class DepthPanel(QWidget):
@@ -63,7 +63,7 @@ class DepthPanel(QWidget):
     pressed = Signal(str, arguments=["key"])
     """A button: ``"open"``, ``"measure"``, ``"stop"``, ``"map"`` or ``"points"``."""
     chosen = Signal()
-    """Another view, quantity or confidence was chosen."""
+    """Another view, quantity or confidence was selected."""
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
@@ -151,7 +151,7 @@ class DepthPanel(QWidget):
     # -- showing ---------------------------------------------------------------------------------------
     @property
     def shows_map(self) -> bool:
-        """Whether the depth map is shown, not the frame."""
+        """Whether the depth map is shown instead of the frame."""
         return self.segments["depth"].isChecked()
 
     def show_map(self, on: bool) -> None:
@@ -164,19 +164,19 @@ class DepthPanel(QWidget):
         self.form.set_values({**shown, "use_camera": settings.use_camera, "use_h": settings.use_h})
 
     def show_go(self, *, running: bool, enabled: bool) -> None:
-        """Show what the button does."""
+        """Set the text of the main button to its current action."""
         self._go = "stop" if running else "measure"
         self.go.setText("Stop" if running else "Measure")
         self.go.setToolTip(STOP if running else MEASURE)
         self.go.setEnabled(running or enabled)
 
     def show_took(self, words: str, role: str = "hint") -> None:
-        """Say next to the title how long it will take, or took."""
+        """Show next to the title the forecast or measured duration."""
         self.took.setText(words)
         set_role(self.took, role)
 
     def show_status(self, words: str, fraction: float | None = None, *, bad: bool = False, busy: bool = False) -> None:
-        """Show words, or nothing, and how far it is while it is ``busy``. None: not known."""
+        """Show a text and, while ``busy``, the completed fraction (None: unknown)."""
         set_role(self.status, "error" if bad else "hint")
         self.status.setText(unbroken(words))
         self.status.setVisible(bool(words))
@@ -186,7 +186,7 @@ class DepthPanel(QWidget):
             self.bar.setValue(round(1000 * fraction))
 
     def show_facts(self, facts: Sequence[tuple[str, str]], quantities: Sequence[str] = ()) -> None:
-        """Show what was measured, and what its colours can show; nothing: there is no map."""
+        """Show the results and the quantities that can be shown in colour; empty if there is no map."""
         self._facts = facts
         muted = f"style='color:{current_theme().muted}'"
         rows = "".join(f"<tr><td {muted}><nobr>{a}&nbsp;&nbsp;</nobr></td><td>{escape(b)}</td></tr>" for a, b in facts)

@@ -7,6 +7,6 @@ from lfcal_gui.pages.depth.model import DepthSettings, camera_files, task_of
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the light field becomes a depth map; with a name that ends in ``.ply``, a point cloud as well."""
+    """Return the step that measures a depth map; for a path that ends in ``.ply``, it also makes a point cloud."""
     frame = needed_file(project.light_field, "light field", "Depth")
     return CommandStep.of(task_of(DepthSettings.of(project), project, frame, out), camera_files(project))

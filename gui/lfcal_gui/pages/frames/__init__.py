@@ -1,4 +1,4 @@
-"""Record > Folder: look at them, clean them, see the cutout move with the point, assemble H."""
+"""Record > Folder: view recorded frames with their cutouts, correct them, and assemble H."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def state(project: ProjectState) -> PageState:
-    """Return whether frames are imported."""
+    """Return the state of the page: whether frames are imported."""
     return file_state(project.frames, ready=True)
 
 

@@ -1,4 +1,4 @@
-"""Record > Folder: how they are corrected, how their positions are found, how they are cut."""
+"""Record > Folder: settings for corrections, positions and cutouts of the frames."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ class FrameChoices(FoldedForm):
         self.set_enabled("use_white", bool(settings.white), f"{WHITE_TIP}; no white frames were found")
 
     def show_positions(self, words: str) -> None:
-        """Say where positions come from while no manifest is named."""
+        """Show the source of the positions if no manifest is given."""
         manifest = self.editor("manifest")
         assert isinstance(manifest, QLineEdit)
         manifest.setPlaceholderText(words)
 
     def show_dark(self, words: str, *, wanted: bool) -> None:
-        """Show what is subtracted as dark signal; without a dark frame or black level the choice is disabled."""
+        """Show the dark signal that is subtracted; without a dark frame or black level, the choice is disabled."""
         box, there = self.editor("use_dark"), bool(words) or not wanted
         assert isinstance(box, QCheckBox)
         self._dark = there

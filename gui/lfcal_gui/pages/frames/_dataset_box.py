@@ -1,4 +1,4 @@
-"""Choice of the dataset in an HDF5 file that holds several stacks of frames."""
+"""Choice of the dataset in an HDF5 file that contains several stacks of frames."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class DatasetBox(QComboBox):
         grid.addWidget(self, row, 1)
 
     def offer(self, found: tuple[tuple[str, str], ...], frames: str) -> None:
-        """Show the datasets to choose from, each with its words; ``frames`` may be one of them."""
+        """Set the datasets to choose from, with their descriptions; the one in ``frames`` is selected."""
         with QSignalBlocker(self):
             self.clear()
             for path, words in found:

@@ -50,17 +50,17 @@ from lfcal_gui.widgets import (
 WORDS = {"": "unit inferred", "index": "position number"}
 NO_UNIT = (("", "no unit"),)
 SIZE = QSize(1120, 740)
-"""Of the dialog, in a window that is as large (px)."""
+"""Size of the dialog (px), if the window is large enough."""
 
 SHOWN_ROWS = 3
-"""Rows of the list that are shown."""
+"""Number of rows of the list that are shown."""
 
 
 class ColumnsTable(QTableWidget):
-    """A row of choices over a row of units over the first rows of the list."""
+    """Table with the first rows of the list, below a row of column meanings and a row of units."""
 
     changed = Signal(str, arguments=["text"])
-    """What the columns hold, as ``lfcal assemble --columns`` takes it."""
+    """Meaning of the columns, in the format of ``lfcal assemble --columns``."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -126,7 +126,7 @@ class ColumnsTable(QTableWidget):
 SHOWN = ("first frame", "middle frame", "last frame")
 NO_FRAME = "no frame yet"
 HEIGHT = 200
-"""Pixels on the screen, at least: lower ones show axes only."""
+"""Smallest height of a picture (px); lower ones would show only axes."""
 
 
 class ImportPreviews(QWidget):
@@ -174,7 +174,7 @@ LIST = "Choose the table of positions that the stage program wrote"
 WELCOME = "Choose a folder of frames, or the list that a stage program wrote."
 GROUP = "frames import survey"
 WORDS_HEIGHT = 92
-"""Pixels on the screen for what was found: five lines."""
+"""Height of the findings: five lines (px)."""
 LIES = (("", "checked"), *CHOICES[1:])
 FIRST = (("", "found"), ("0", "counted from 0"), ("1", "counted from 1"))
 ORDER = (

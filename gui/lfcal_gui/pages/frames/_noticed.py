@@ -15,20 +15,20 @@ LEFT = "Use the frames as they are, and do not check their orientation. Undo (Ct
 
 
 class Noticed:
-    """Shows notices on the page and in the log.
+    """Show notices on the page and in the log.
 
     Parameters
     ----------
     context, notice
-        Of the page.
+        Context and notice of the page.
     set_orientation
-        Takes another orientation of the frames.
+        Function that sets the orientation of the frames.
     """
 
     def __init__(self, context: Context, notice: Notice, set_orientation: Callable[[str], None]) -> None:
         self.context, self.notice, self._set = context, notice, set_orientation
         self._damage = ""
-        """What the notice says of a frame that cannot be read."""
+        """Text of the notice on a frame that cannot be read."""
 
     def offer_turn(self, opened: Opened | None, found: FoundOrientation | None, chosen: str, before: str = "") -> None:
         """Report the orientation of the frames if it is not the chosen one, and offer to turn them."""
@@ -73,7 +73,7 @@ class Noticed:
         self.notice.show_note(words)
 
     def tell_left_out(self, lines: tuple[str, ...]) -> None:
-        """Say which frames cannot be read and were left out, a line each."""
+        """Report the frames that cannot be read and were left out, one line each."""
         for line in lines:
             self.context.message.emit(f"left out: {line}")
         if lines:
@@ -87,7 +87,7 @@ class Noticed:
         self._damage = words
 
     def forget_damage(self) -> None:
-        """Remove the notice on damage: the frame that is shown now can be read."""
+        """Remove the notice on damage, because the current frame can be read."""
         if self._damage and self.notice.label.text() == self._damage:
             self.notice.clear()
         self._damage = ""

@@ -65,7 +65,7 @@ def check_ways(choice: ImportChoice) -> None:
 
 
 def list_of(choice: ImportChoice) -> Path | None:
-    """Return the list that is named, or the only list in the folder of the frames."""
+    """Return the list given by the user, or the only list in the folder of the frames."""
     if choice.listed:
         return Path(choice.listed)
     place = choice.place
@@ -92,7 +92,7 @@ def root_of(choice: ImportChoice) -> Path:
 
 
 def choices_of_dataset(frames: str) -> tuple[tuple[str, str], ...]:
-    """Return path and words of each dataset that may hold frames, if a file has several; else nothing."""
+    """Return path and description of each dataset that may contain frames, if a file has several; otherwise nothing."""
     found, file = datasets_in(frames), split_dataset(frames)[0]
     if len(found) < 2:
         return ()
@@ -105,19 +105,19 @@ HOLDS = (
     ("dy", "dy (px)"),
     ("dx", "dx (px)"),
 )
-"""What a column of a list can hold, with the words shown."""
+"""Meanings that a column of a list can have, with their displayed names."""
 LENGTH_UNITS = ("um", "mm", "nm", "m", "index")
 TIME_UNITS = ("s", "ms", "us")
 
 
 def units_of(role: str) -> tuple[str, ...]:
-    """Return the units that a column of ``role`` may have; empty: found."""
+    """Return the units that a column of ``role`` may have; an empty unit means that it is detected."""
     own = {"exposure": TIME_UNITS, **dict.fromkeys("xyz", LENGTH_UNITS)}
     return ("", *own.get(role, ()))
 
 
 def unit_shown(unit: str) -> str:
-    """Return the name of `units_of` of a unit as headers write it: um of microns."""
+    """Return the name in `units_of` of a unit as written in headers, such as um for microns."""
     for known, units in ((LENGTHS, LENGTH_UNITS), (TIMES, TIME_UNITS)):
         if unit in known:
             return next(name for name in units if known[name] == known[unit])
@@ -125,14 +125,14 @@ def unit_shown(unit: str) -> str:
 
 
 def columns_text(holds: dict[str, tuple[str, str]], without: Collection[str] = ()) -> str:
-    """Return ``--columns`` for what each column (by its number from 1) holds, with its unit.
+    """Return the value of ``--columns`` for the meaning and unit of each column (by its number from 1).
 
     Parameters
     ----------
     holds
-        Role and unit of each; empty: not used, and found.
+        Role and unit of each column; an empty role: not used; an empty unit: detected.
     without
-        Roles that no column is to hold.
+        Roles that no column may have.
     """
     parts = []
     for number, (role, unit) in holds.items():
@@ -181,7 +181,7 @@ BOXES = (
     ("name it as", "choose their Dataset above"),
     ("lfcal plan", "choose the camera, or make the plan of the scan, in Set up"),
 )
-"""Options of the command line that messages name, and what does the same in the window."""
+"""Command-line options in messages, with the corresponding controls of the window."""
 
 
 def said_in_dialog(problem: str) -> str:

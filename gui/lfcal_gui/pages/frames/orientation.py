@@ -16,7 +16,7 @@ CHOICES = (
     (AS_IS, "as is, unchecked"),
     *((one.name, one.words) for one in TURNS),
 )
-"""What may be said of the frames, with the words shown."""
+"""Orientations that can be chosen, with their displayed names."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,11 @@ class Advice:
     Attributes
     ----------
     words
-        How they lie.
+        Description of the orientation.
     apply
-        The orientation that makes them upright; empty where turning them is no help.
+        Orientation that makes the frames upright; empty if rotating them does not help.
     leave
-        What is chosen by leaving them; empty: what was chosen before.
+        Orientation that is set if the frames are left unchanged; empty: the previous choice.
     chosen
         Whether the user chose this orientation, so that no question is needed.
     """

@@ -1,4 +1,4 @@
-"""Record > Folder: look at them, clean them, see the cutout move with the point, assemble H."""
+"""Record > Folder: view recorded frames with their cutouts, correct them, and assemble H."""
 
 from __future__ import annotations
 
@@ -43,26 +43,26 @@ AGAIN = "Open the same folder again, for example after repairing a file or conne
 
 
 class Page(BasePage):
-    """The frame with its cutout; what was found, and how frames are read, on the right."""
+    """Page with a frame and its cutout; findings and settings for reading frames are on the right."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
         self.opened: Opened | None = None
         self.found: FoundOrientation | None = None
-        """Orientation of the frames, as soon as it is known."""
+        """Orientation of the frames; None until it is known."""
         self._ready: ImportedFrames | None = None
-        """Frames that are open already when the project takes them."""
+        """Frames that were opened before the project uses them."""
         self._seconds: float | None = None
-        """About how long H of the open frames takes, by a few of them."""
+        """Approximate duration of assembling H, measured with a few frames (s)."""
         self.loaded: Loaded | None = None
         self.dialog: ImportDialog | None = None
         self.position = Position(0, 0, 0)
         self.noticed = Noticed(context, self.notice, partial(self._edited, "orientation"))
         self.filling = Filling()
-        """H as it fills while it is assembled."""
+        """Progress of the assembly of H."""
         self._assembling = self._opening = self._again = self._fresh = False
         self._unread = ("", "")
-        """A folder whose frames are not understood, and why."""
+        """Folder whose frames cannot be imported, and the reason."""
         self.tool_button("Import any folder …", IMPORT, self.choose_folder)
         self.assemble_button = self.tool_button(
             "Assemble H", "Correct all frames, and assemble H from their cutouts", self.assemble
@@ -109,11 +109,11 @@ class Page(BasePage):
         return FrameSettings.of(self.context.state)
 
     def let_go(self) -> None:
-        """Forget what is known about the frames of the previous project."""
+        """Discard everything about the frames of the previous project."""
         self._unread, self._again, self._fresh = ("", ""), False, False
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Open what the project names now."""
+        """Open the frames of the project if they changed."""
         changed = old.frames != new.frames or old.plan != new.plan
         if old.frames != new.frames:
             self.context.attention.emit("frames", False)
@@ -224,7 +224,7 @@ class Page(BasePage):
             self._open()
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Accept a dropped folder of frames, or the list of some."""
+        """Accept a dropped folder of frames, or a list of frames."""
         if len(paths) == 1 and Path(paths[0]).is_dir():
             self.open_folder(paths[0])
             return True
@@ -394,7 +394,7 @@ class Page(BasePage):
             self.go_to(self.opened.step(self.position, dy, dx))
 
     def _show_map(self) -> None:
-        """Show the plane that is being assembled, and else the one that is looked at."""
+        """Show the plane that is being assembled, or else the selected plane."""
         if self.opened is not None:
             z = self.filling.plane if self._assembling and self.filling.plane is not None else self.position.z
             frames = self.opened.frames[z]
@@ -402,7 +402,7 @@ class Page(BasePage):
             self.panel.show_map(frames >= 0, self.filling.light(z), words)
 
     def _fill(self, job: WindowJob) -> None:
-        """Show H as it fills: each position as soon as its pattern is there."""
+        """Show H during its assembly: each position as soon as it has a pattern."""
         if job.page != self.spec.key or not self.filling.follows(job.number, job.progress):
             return
         self._assembling = job.active

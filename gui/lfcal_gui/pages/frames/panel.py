@@ -1,4 +1,4 @@
-"""Record > Folder: the frame with its cutout; what was found, position, cutout and settings on the right."""
+"""Record > Folder: the frame with its cutout; findings, position, cutout and settings on the right."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ LATTICE = (
     "is right, they coincide with the micro-images"
 )
 MAP, CROP = 112, 112
-"""Heights in the inspector (px)."""
+"""Heights of map and cutout in the inspector (px)."""
 
 
 class FramesPanel(QWidget):
     """The page's widgets."""
 
     three_toggled = Signal(bool, arguments=["on"])
-    """Show first, middle and last frame in place of one."""
+    """The user switched between one frame and the first, middle and last frame."""
 
     def __init__(self, jobs: Jobs) -> None:
         super().__init__()
@@ -99,7 +99,7 @@ class FramesPanel(QWidget):
 
     @cached_property
     def three(self) -> ImportPreviews:
-        """First, middle and last frame; made when they are wanted."""
+        """Pictures of the first, middle and last frame, which are created on demand."""
         made = ImportPreviews(self._jobs, legend=False)
         name_controls(made)
         share_contrast(self.view, self.crop, *made.views)
@@ -163,7 +163,7 @@ class FramesPanel(QWidget):
         self.three_toggled.emit(on)
 
     def show_found(self, mark: str, head: str, words: str, facts: Sequence[tuple[str, str, str]]) -> None:
-        """Show whether the frames are understood, and rows of name, number and remark about them."""
+        """Show whether the frames can be used, and facts about them as rows of name, number and remark."""
         self._found = mark, head, words, facts
         self.found.setText(_found_words(*self._found))
 
@@ -173,7 +173,7 @@ class FramesPanel(QWidget):
         self.plane_slider.setEnabled(count > 1)
 
     def show_position(self, z: int, y: int, x: int) -> None:
-        """Show which position is looked at."""
+        """Show the selected position."""
         with QSignalBlocker(self.plane_slider):
             self.plane_slider.setValue(z)
         self.map.set_position(y, x)
@@ -185,12 +185,12 @@ class FramesPanel(QWidget):
         self.map_words.setVisible(bool(words))
 
     def show_reading(self, words: str) -> None:
-        """Say in the pictures that are empty what is read for them."""
+        """Show in empty pictures what is being read."""
         for view in (self.view, self.crop):
             view.blank.wait(words)
 
     def show_missing(self, words: str, why: str = "No frame was recorded here.") -> None:
-        """Say that there is no frame, and in the pictures why."""
+        """Show that there is no frame, and why."""
         self.position_label.setText(words)
         self.view.set_shot(None)
         self._window = None
@@ -227,19 +227,19 @@ class FramesPanel(QWidget):
         self.crop_words.setText(words)
 
     def show_display(self, display: DisplaySettings) -> None:
-        """Use scaling and colours for all pictures."""
+        """Set scaling and colours of all pictures."""
         for view in self.view.sharing:
             view.set_display(display)
 
     def show_overlays(self, camera: Camera, loaded: Loaded | None) -> None:
-        """Show lattice, if chosen, and cutout."""
+        """Show the cutout and, if chosen, the lattice."""
         origin = (0, 0) if loaded is None else loaded.origin
         self.view.set_lattice(camera if self.lattice_box.isChecked() else None, origin)
         self._window = None if loaded is None else loaded.window
         self._zoom_cutout()
 
     def toggle_scale(self, scale: str) -> None:
-        """Change between ``scale`` and linear."""
+        """Switch between ``scale`` and linear."""
         display = self.view.display
         self.show_display(replace(display, scale="linear" if display.scale == scale else scale))
 

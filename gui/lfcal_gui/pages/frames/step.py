@@ -8,7 +8,7 @@ from lfcal_gui.pages.frames.model import FrameSettings, task_of
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how H is made of the frames."""
+    """Return the step that assembles H from the frames."""
     frames = needed_file(project.frames, "frames", "Folder")
     plan = needed_plan(project)
     task = task_of(FrameSettings.of(project), frames, out or "H.h5", PLAN_FILE)

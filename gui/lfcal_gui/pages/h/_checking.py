@@ -1,4 +1,4 @@
-"""The checks of H: judged as a job, and looked at one by one."""
+"""The checks of H: inspection as a job, and display of each check."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class Checking:
-    """Judges H when its checks are first shown, and on request; keeps the results until H changes.
+    """Inspect H when its checks are first shown and on request; the results are kept until H changes.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Checking:
         self.follow()
 
     def make_view(self) -> ChecksView:
-        """Return what shows the checks, made at the first call."""
+        """Return the view of the checks, which is created at the first call."""
         if self.view is None:
             view = self.view = ChecksView()
             self.context.let_edit(view.form, lambda: self.settings, "quality:")
@@ -85,11 +85,11 @@ class Checking:
 
     @property
     def _order(self) -> str:
-        """The order of the axes of H that the project states for its file."""
+        """Order of the axes of H as stated in the project for this file."""
         return stated_order(self.context.state, self.context.state.psf)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Release results of another H."""
+        """Update settings, and discard results of another H."""
         if old.psf != new.psf:
             self.follow()
         elif QualitySettings.of(old) != QualitySettings.of(new) or stated_order(old, old.psf) != self._order:
@@ -97,7 +97,7 @@ class Checking:
         self._take_judged()
 
     def follow(self) -> None:
-        """Forget what belongs to another H, or to another file of its name."""
+        """Discard results of another H, or of a file that was replaced."""
         stamp = stamp_of(self.context.state.psf)
         if stamp != self._stamp:
             self._stamp = stamp
@@ -108,12 +108,12 @@ class Checking:
         self._show_buttons()
 
     def entered(self) -> None:
-        """Judge H when it never was."""
+        """Inspect H if this was not done yet."""
         self.follow()
         self.measure()
 
     def _release(self) -> None:
-        """Release the results of another H, and stop its inspection."""
+        """Discard the results of another H, and stop its inspection."""
         number, self._job = self._job, 0  # ignore its result
         if number:
             self.context.jobs.cancel(number)
@@ -123,7 +123,7 @@ class Checking:
             self.view.show_message("H has not been inspected yet.")
 
     def _take_judged(self) -> None:
-        """Show what was found of this H in the background, if nothing else is known of it."""
+        """Show the results of the background inspection of this H, unless there are others."""
         found = self.context.judged
         if found is None or self.inspection is not None or self._job or found.asked.stamp != self._stamp:
             return
@@ -133,7 +133,7 @@ class Checking:
 
     # -- choices ---------------------------------------------------------------------------------------
     def choose_fit(self, folder: str = "") -> None:
-        """Take the camera of a saved fit."""
+        """Choose the camera of a saved fit."""
         folder = folder or QFileDialog.getExistingDirectory(self._page, "Folder of a fit")
         if folder:
             settings = replace(self.settings, camera="saved", fit=folder)
@@ -141,7 +141,7 @@ class Checking:
 
     # -- inspecting ------------------------------------------------------------------------------------
     def measure(self, *, force: bool = False) -> None:
-        """Inspect H as a job, once per file; the job opens it for itself, as other planes are read meanwhile."""
+        """Inspect H as a job, once per file. The job opens the file itself, because the window reads other planes."""
         if self._stamp is None or self._job or (self.inspection is not None and not force):
             return
         if stamp_of(self.context.state.psf) != self._stamp:  # written again meanwhile
@@ -235,7 +235,7 @@ class Checking:
         self._show_state()
 
     def _show_state(self) -> None:
-        """Show the choices, and whether the results were found with them."""
+        """Show the settings, and whether the results were obtained with them."""
         view, found, asked = self.view, self.inspection, self._question
         if view is None:
             return
@@ -249,7 +249,7 @@ class Checking:
         view.summary.setText(words)
 
     def _look_at(self, row: int) -> None:
-        """Show a check: words, picture, and the plane that has most of its positions."""
+        """Show a check: text, picture, and the plane with most of its positions."""
         view, found = self.view, self.inspection
         if view is None or found is None or not 0 <= row < len(self.checks):
             return
@@ -260,7 +260,7 @@ class Checking:
         self._page.show_map()
 
     def map_at(self, z: int) -> PositionMap | None:
-        """Return what the chosen check says of the positions of a plane."""
+        """Return the map of the selected check over the positions of a plane; None if there is none."""
         return (
             None
             if self.chosen is None or self.inspection is None
@@ -268,7 +268,7 @@ class Checking:
         )
 
     def error_at(self, z: int, worst: Iterable[Place], missing: NDArray[Any]) -> PositionMap | None:
-        """Return how far the positions of a plane are off, see `error_map`; None where that is not known."""
+        """Return the map of the errors of the positions of a plane (`error_map`); None if they are unknown."""
         return None if self.inspection is None else model_checks.error_map(self.inspection, z, worst, missing)
 
     # -- doing -----------------------------------------------------------------------------------------
@@ -277,7 +277,7 @@ class Checking:
         return {"judge": lambda: self.measure(force=True), "why": self.show_worst, "worst": self.show_worst}
 
     def show_worst(self) -> None:
-        """Show what is wrong with H, the worst first."""
+        """Show the failed checks, the worst first."""
         self.chosen = None
         self._page.look_into("checks")
         self._show()

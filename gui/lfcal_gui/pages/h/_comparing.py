@@ -1,4 +1,4 @@
-"""The project's H compared with a second one."""
+"""Comparison of the project's H with a second H."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ NONE = "Choose a second H to compare with this one: from another day, from a sim
 
 
 SHOWN = (("measured", "this H"), ("reference", "the other H"), ("blink", "both, alternating"))
-"""What the pictures of H and HT show, and its words."""
+"""Contents of the pictures of H and HT, with their displayed names."""
 
 BLINK_MS = 600
 
 
 class ProjectComparing(Comparing):
-    """Compares the project's H with its second H, whose patterns the page shows in place of those of H.
+    """Comparison of the project's H with the second H, whose patterns the page can show instead of those of H.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class ProjectComparing(Comparing):
         self.follow()
 
     def entered(self) -> None:
-        """Look whether both files are still those that were compared."""
+        """Discard the comparison if the files have changed."""
         self.follow()
 
     begin = Comparing.compare
@@ -64,7 +64,7 @@ class ProjectComparing(Comparing):
 
     # -- pictures --------------------------------------------------------------------------------------
     def _show_other(self) -> None:
-        """Show this H, the other one, or one after the other."""
+        """Show the first H, the second, or both alternately."""
         shown = self.shown.currentData()
         self.blinking.stop()
         self._host.set_intent(show="reference" if shown == "reference" else "measured")
@@ -77,7 +77,7 @@ class ProjectComparing(Comparing):
         self._host.set_intent(show="measured" if self._host.intent.show == "reference" else "reference")
 
     def show_place(self, place: Place) -> None:
-        """Show a position of both in the pictures."""
+        """Show a position of both H in the pictures."""
         found = self.found
         if found is not None:
             self._place = place
@@ -86,7 +86,7 @@ class ProjectComparing(Comparing):
             self._host.show_map()
 
     def map_at(self, z: int) -> PositionMap | None:
-        """Return how much the positions of a plane of H differ; those that were not compared are crossed out."""
+        """Return the map of the differences in a plane; positions that were not compared are crossed out."""
         from lfcal.judge.report import map_levels
 
         found = self.found
@@ -98,7 +98,7 @@ class ProjectComparing(Comparing):
         return PositionMap("Difference by position", error, "%", missing, name="difference", levels=map_levels(error))
 
     def request(self) -> CompareRequest | None:
-        """Return both files of the project."""
+        """Return the request to compare both files of the project; None if one is missing."""
         state = self._context.state
         first, second = stamp_of(state.psf), stamp_of(state.reference)
         settings = QualitySettings.of(state)
@@ -111,31 +111,31 @@ class ProjectComparing(Comparing):
         return f"{Path(state.reference).name} no longer exists." if state.reference and state.psf else NONE
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Follow both files, and the order of their axes."""
+        """Update the view if the files or the order of their axes changed."""
         orders = [[stated_order(state, path) for path in (new.psf, new.reference)] for state in (old, new)]
         if (old.psf, old.reference) != (new.psf, new.reference) or orders[0] != orders[1]:
             self.follow()
 
     def follow(self) -> None:
-        """Show what belongs to the two H of now."""
+        """Show the data of the current two H."""
         state = self._context.state
         self.shown.setEnabled(bool(state.reference))
         self.view.show_second(Path(state.reference).name, by_number=QualitySettings.of(state).by_number)
         super().follow()
 
     def let_go(self) -> None:
-        """Forget what was compared in another project."""
+        """Discard the comparison of the previous project."""
         self.release()
         self.view.show_message(NONE)
 
     @property
     def row_words(self) -> str:
-        """Which H this one is compared with, and by how much they differ."""
+        """Name of the second H, and difference, for the inspector."""
         found, other = self.found, Path(self._context.state.reference).name
         return other if found is None else f"difference {100 * found.all.scaled:.3g} %"
 
     def choose(self, path: str = "") -> None:
-        """Take a second H, and compare with it."""
+        """Choose a second H, and compare with it."""
         path = path or QFileDialog.getOpenFileName(self.view, "Open a second H", "", FILES)[0]
         if not path:
             return
@@ -164,7 +164,7 @@ class ProjectComparing(Comparing):
         self._context.matrices.take(path, taken, refused)
 
     def pairing_chosen(self, by_number: bool) -> None:
-        """Keep in the project how planes are paired."""
+        """Store in the project how planes are paired."""
         state = self._context.state
         settings = replace(QualitySettings.of(state), by_number=by_number)
         self._context.project.update("how planes are paired", settings=settings.into(state))

@@ -1,4 +1,4 @@
-"""The fit of the optics: asked, at work, found and used."""
+"""The fit of the optics: request, progress, result and use."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from lfcal_gui.saving import ask_target, may_replace
 
 
 class Results:
-    """Writes in jobs what a fit has found.
+    """Write the results of a fit as jobs.
 
     Parameters
     ----------
     fitting, page
-        What has ``found`` the fit, and the page that says what is refused.
+        `Fitting` with the result ``found``, and the page that shows errors.
     """
 
     def __init__(self, fitting: Any, page: Any) -> None:
@@ -48,7 +48,7 @@ class Results:
             self._scratch = None
 
     def compute(self, path: str = "") -> None:
-        """Compute H of the fitted camera as a job; it is the reference to compare with."""
+        """Compute H of the fitted camera as a job; this H becomes the reference."""
         found = self._fitting.found
         if found is None:
             return
@@ -70,7 +70,7 @@ class Results:
             self.context.project.update("H of the fit", reference=path)
 
     def save(self, folder: str = "") -> None:
-        """Write everything that the fit makes into a folder, as a job."""
+        """Save all results of the fit in a folder as a job."""
         found, asked = self._fitting.found, not folder
         if found is None:
             return
@@ -98,7 +98,7 @@ class Results:
             self.report = next(path for path in files if path.parent.name == REPORT)
 
     def _refused(self, files: list[Path]) -> bool:
-        """Return whether a file would replace the H that is fitted; say so."""
+        """Return whether a file would replace the fitted H, and report this."""
         own = Path(self.context.state.psf).resolve()
         if own in [path.resolve() for path in files]:
             self._page.refuse(f"{own.name} is the H that was fitted; choose another name")
@@ -106,7 +106,7 @@ class Results:
         return False
 
     def open_report(self) -> None:
-        """Show the report in the browser; one that was not saved is made for the time being."""
+        """Show the report in the browser; if it was not saved, write it to a temporary folder."""
         found = self._fitting.found
         if found is None:
             return
@@ -138,7 +138,7 @@ class Results:
 
 
 class Fitting:
-    """Runs fits, and keeps the result until H changes; a stopped or failed fit leaves the previous result.
+    """Run fits, and keep the result until H changes. A stopped or failed fit keeps the previous result.
 
     Parameters
     ----------
@@ -180,13 +180,13 @@ class Fitting:
         return FitSettings.of(self.context.state)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Follow H, the choices, camera and plan."""
+        """Update the view if H, settings, camera or plan changed."""
         changed = (old.psf, old.camera, old.plan) != (new.psf, new.camera, new.plan)
         if changed or FitSettings.of(old) != FitSettings.of(new):
             self.follow()
 
     def entered(self) -> None:
-        """Look whether the file of H is still the one that was fitted."""
+        """Discard the results if the file of H has changed."""
         self.follow()
 
     def _edited(self, key: str, value: Any) -> None:
@@ -200,7 +200,7 @@ class Fitting:
         self.context.project.update("unknowns", settings=settings.into(self.context.state))
 
     def follow(self) -> None:
-        """Show the results for the present H, and release those of another H."""
+        """Show the results for the current H, and discard those of another H."""
         state, stamp = self.context.state, stamp_of(self.context.state)
         if stamp != self._stamp:
             self._stamp = stamp
@@ -217,7 +217,7 @@ class Fitting:
             self._show_found()
 
     def _release(self) -> None:
-        """Forget the fit of another H, and stop the one at work."""
+        """Discard the fit of another H, and stop a running one."""
         number, self._job = self._job, 0  # ignore its result
         if number:
             self.context.jobs.cancel(number)
@@ -235,7 +235,7 @@ class Fitting:
 
     @property
     def row_words(self) -> str:
-        """The state of the fit, for the inspector."""
+        """State of the fit in words, for the inspector."""
         if self._job:
             return "fitting …"
         if self.found is None:
@@ -270,7 +270,7 @@ class Fitting:
         self.view.show_found(self.found, self._rounds.rounds, "\n".join(filter(None, (used, since))))
 
     def map_at(self, z: int) -> PositionMap | None:
-        """Return χ² of the patterns of a plane."""
+        """Return the map of χ² of a plane; None if there is no fit."""
         return None if self.found is None else chi2_map(self.found, z)
 
     def show_place(self, place: Place) -> None:
@@ -279,7 +279,7 @@ class Fitting:
             self._page.set_intent(z=place[0], y=place[1], x=place[2], view="fit")
 
     def show_worst(self) -> None:
-        """Show the pattern that is explained worst."""
+        """Show the pattern with the largest χ²."""
         if self.found is not None:
             self.show_place(self.found.worst())
 
@@ -357,7 +357,7 @@ class Fitting:
 
     # -- using -----------------------------------------------------------------------------------------
     def use(self) -> None:
-        """Use camera and effects of the fit in the project, as one step of undo."""
+        """Use camera and effects of the fit in the project, as one undo step."""
         if self.found is None or self._job:
             return
         if self._recording:

@@ -1,4 +1,4 @@
-"""The checks of H in the inspector: failed ones first, what the chosen one means, and the picture that shows it."""
+"""The checks of H in the inspector: list with failed ones first, and meaning and picture of the selected one."""
 
 from __future__ import annotations
 
@@ -41,29 +41,29 @@ from lfcal_gui.widgets import (
 COLUMNS = ("", "Check", "Value", "Good", "Bad", "Merit", "Cost")
 COST = "Estimated error of a reconstruction (NRMSE) caused by a fault of this size"
 MARKS = {"good": "✓", "fair": "▲", "bad": "▲", "unknown": "–"}
-"""What precedes a check; it repeats what its colour says."""
+"""Mark before each check, which means the same as its colour."""
 
 MARK, VALUE = 24, 112
 """Widths of the columns of marks and values (px)."""
 
 ROW, LEAST_ROWS, PICTURE, PLOT = 24, 3, 132, 80
-"""Height of a row, rows that are seen at least, height of the picture, and least height of a plot (px)."""
+"""Height of a row (px), smallest number of visible rows, and heights of the picture and of a plot (px)."""
 
 LEAST_DETAILS, WORDS = 72, 150
-"""Least height of what belongs to the chosen check, and of it where its words are long (px)."""
+"""Smallest height of the details of a check, and of long details (px)."""
 
 
 class ChecksView(QWidget):
     """List of the checks of H, with meaning and remedy of the selected check."""
 
     folder_asked = Signal()
-    """The camera of a saved fit is wanted."""
+    """Request to choose the camera of a saved fit."""
     fault_asked = Signal(str, arguments=["name"])
-    """The section of the atlas about a fault is wanted."""
+    """Request for the section of the fault atlas about a fault."""
     every_toggled = Signal(bool, arguments=["on"])
-    """List all checks, or those that apply."""
+    """The user switched between all checks and those that apply."""
     chosen = Signal(int, arguments=["row"])
-    """Another check is looked at: its number in the rows that were given."""
+    """Another check was selected: its index in the rows."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -104,7 +104,7 @@ class ChecksView(QWidget):
         return content
 
     def _details(self) -> QScrollArea:
-        """Return what belongs to the chosen check, and the settings: it scrolls below the list."""
+        """Return the details of the selected check and the settings, which scroll below the list."""
         self.words = WrappedLabel(rich=True)
         self.words.setTextInteractionFlags(Qt.TextInteractionFlag.TextBrowserInteraction)
         self.words.linkActivated.connect(lambda link: self.fault_asked.emit(link.removeprefix("fault:")))
@@ -120,12 +120,12 @@ class ChecksView(QWidget):
         return self.details
 
     def _give_room(self) -> None:
-        """Show the explanation as a whole, at the cost of rows."""
+        """Make space for the whole explanation by showing fewer rows."""
         high = self.words.heightForWidth(self.details.viewport().width() - 4) + 4
         self.details.setMinimumHeight(max(LEAST_DETAILS, min(high, WORDS)))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give the explanation its room."""
+        """Adjust the space of the explanation."""
         super().resizeEvent(event)
         self._give_room()
 
@@ -175,12 +175,12 @@ class ChecksView(QWidget):
         self.form.set_values({key: getattr(settings, key) for key in self.form.fields})
 
     def show_message(self, words: str) -> None:
-        """Show words in place of the checks: how far an inspection is, or why there is none."""
+        """Show a message in place of the checks: progress of an inspection, or why there is none."""
         self.message.setText(words)
         self.stack.setCurrentIndex(0)
 
     def show_checks(self, counts: str, checks: Sequence[CheckRow], chosen: int = 0) -> None:
-        """Show the checks in their order, and look at one of them."""
+        """Show the checks in their order, and select one."""
         colours = _colours()
         self.counts.setText(counts)
         with QSignalBlocker(self.table):

@@ -1,4 +1,4 @@
-"""The fit of the optics: what is fitted, its verdict, findings, parameters and convergence, and its patterns."""
+"""The fit of the optics: settings, verdict, findings, parameters, convergence and patterns."""
 
 from __future__ import annotations
 
@@ -57,15 +57,15 @@ WAYS = (("auto", "automatic: those that help"), ("chosen", "as chosen below"))
 
 
 class _Groups(QListWidget):
-    """A list as high as its lines, however they are wrapped."""
+    """A list whose height fits its wrapped lines."""
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Wrap the lines again."""
+        """Wrap the lines for the new width."""
         super().resizeEvent(event)
         self.fit_height()
 
     def fit_height(self) -> None:
-        """Be as high as all lines."""
+        """Set the height to that of all lines."""
         self.doItemsLayout()
         lines = [self.visualItemRect(self.item(k)) for k in range(self.count())]
         self.setFixedHeight(lines[-1].bottom() - lines[0].top() + 2 * self.frameWidth() + 6)
@@ -132,7 +132,7 @@ class ChoicesPanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_source(self, name: str, offer: Offer | None, project: ProjectState) -> None:
-        """Show what the H called ``name`` offers to a fit in a project. None: it is being opened."""
+        """Show the data that the H called ``name`` offers to a fit. None: the H is being opened."""
         settings = FitSettings.of(project)
         if offer is None:
             self.source.setText(f"{name} is being opened …")
@@ -148,9 +148,9 @@ class ChoicesPanel(QWidget):
         _say(self.noise, *offer.noise_words(settings))
 
     def show_settings(self, settings: FitSettings, fit: Fit | None, lacking: Mapping[str, str]) -> None:
-        """Show what the user chose; of a ``fit`` that found its groups, which they are.
+        """Show the settings and, for a ``fit`` that chose its groups automatically, these groups.
 
-        Groups of ``lacking`` are grey, with what the camera would need for them.
+        Groups in ``lacking`` are grey, with the reason in the tooltip.
         """
         values = {**shown_of(FitMatrix, vars(settings)), "camera": settings.camera}
         self.form.set_values(values)
@@ -182,7 +182,7 @@ class ChoicesPanel(QWidget):
             blocker.unblock()
 
     def set_running(self, running: bool) -> None:
-        """Keep choices as they are while a fit is at work."""
+        """Disable the settings while a fit is running."""
         for widget in (self.form, self.way, self.groups):
             widget.setEnabled(not running)
 
@@ -207,19 +207,19 @@ def _wrapped() -> QLabel:
 
 
 SIGMAS = 5.0
-"""Residuals at the ends of the colours: always the same, so that noise looks like noise."""
+"""Residuals at the ends of the colour scale (sigma), which is fixed, so that noise looks like noise."""
 
 
 class FitPictures(QWidget):
-    """Three pictures that are panned and zoomed together; measured and model share one scale."""
+    """Three linked pictures of a pattern: measured, model and residual; the first two share one scale."""
 
     def __init__(self) -> None:
         super().__init__()
         self._found: FoundFit | None = None
         self.place: Place | None = None
-        """The position (z, y, x) that is shown."""
+        """The displayed position (z, y, x)."""
         self.words = ("", "")
-        """Where the pattern is, what became of it, and how well it is explained."""
+        """Position of the pattern, whether it was fitted, held out or excluded, and its χ², as text."""
         self.measured, self.model = Picture(legend=False), Picture(legend=False)
         self.residual = Picture("residual (σ of the noise)", legend=False)
         self.views = (self.measured, self.model, self.residual)
@@ -233,7 +233,7 @@ class FitPictures(QWidget):
         column_of(row, self.contrast, of=self, spacing=2, stretch=0)
 
     def show_fit(self, found: FoundFit | None) -> None:
-        """Show the patterns of a fit, from the first. None: nothing, and nothing of the fit is kept."""
+        """Show the patterns of a fit, beginning with the first. None: clear the pictures."""
         if found is self._found:
             return
         self._found, self.place, self.words = found, None, ("", "")
@@ -241,13 +241,13 @@ class FitPictures(QWidget):
             view.set_shot(None)
 
     def nearest(self, place: Place) -> Place:
-        """Return the fitted position that is nearest to (z, y, x), in its plane if that has one."""
+        """Return the fitted position nearest to (z, y, x), if possible in the same plane."""
         places = () if self._found is None else self._found.places
         own = [one for one in places if one[0] == place[0]] or places
         return min(own, key=lambda one: math.dist(one, place), default=place)
 
     def show_place(self, place: Place) -> None:
-        """Show the fitted pattern that is nearest to a position (z, y, x)."""
+        """Show the fitted pattern nearest to a position (z, y, x)."""
         found = self._found
         if found is None:
             return
@@ -262,7 +262,7 @@ class FitPictures(QWidget):
         self.residual.set_shot(Shot(found.residual[nearest], "Residual", "", f"residual_{name}", ends, signed=True))
 
     def step(self, by: int) -> Place | None:
-        """Return the position ``by`` patterns further in the plane that is shown, row by row."""
+        """Return the position ``by`` patterns further in the displayed plane, row by row."""
         if self._found is None or self.place is None:
             return None
         own = [one for one in self._found.places if one[0] == self.place[0]]
@@ -278,7 +278,7 @@ class FitPictures(QWidget):
         return min(own, key=lambda one: math.dist(one, self.place or one))
 
     def set_display(self, display: DisplaySettings) -> None:
-        """Use scaling and colours; residuals stay linear."""
+        """Set scaling and colours; residuals stay linear."""
         for view in self.views[:2]:
             view.set_display(replace(display))
         self.contrast.update()
@@ -303,20 +303,20 @@ class FitPictures(QWidget):
 
 
 FLOOR = 1e-6
-"""Least value that is drawn: a logarithm has no zero."""
+"""Smallest value that is drawn on the logarithmic axis."""
 
 LEFT = 64
-"""Width of the vertical axes (px): both plots begin at the same place, and none jumps."""
+"""Fixed width of the vertical axes (px), which aligns both plots."""
 
 MANY = 12
-"""Number of rounds above which only every fifth has its number."""
+"""Number of rounds above which only every fifth is labelled."""
 
 HEIGHT = 130
 """Height of a plot (px)."""
 
 
 class DecadePlot(LinePlot):
-    """Positive values over whole numbers, on a scale of decades; hollow where a value is only a limit."""
+    """Plot of positive values on a logarithmic axis over whole numbers; values that are only limits are hollow."""
 
     def __init__(self, label: str, colour: str) -> None:
         super().__init__("", label)
@@ -332,7 +332,7 @@ class DecadePlot(LinePlot):
         self.set_labels("round of derivatives", label)
 
     def show_values(self, values: Sequence[float], limits: Sequence[bool]) -> None:
-        """Show values from round 0, the start; those that are ``limits`` are hollow, NaN are left out."""
+        """Show values from round 0 (the start); values in ``limits`` are hollow, and NaN are omitted."""
         self._values = list(values)
         self.blank.show_blank(not self._values)
         theme = current_theme()
@@ -350,13 +350,13 @@ class DecadePlot(LinePlot):
             self.plot.vb.setXRange(-0.3, max(4, len(values) - 1) + 0.3, padding=0)
 
     def table_lines(self, between: str) -> Iterator[str]:
-        """Yield round and value."""
+        """Yield the values as table lines of round and value."""
         yield f"# round, {self._y}\n"
         yield from (f"{k}{between}{value:.9g}\n" for k, value in enumerate(self._values))
 
 
 class RoundsView(QWidget):
-    """Two curves, one below the other."""
+    """Convergence of a fit: two plots, one below the other."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -373,7 +373,7 @@ class RoundsView(QWidget):
         column.addWidget(self.words)
 
     def show_rounds(self, rounds: Sequence[FitProgress], none: str = "The start is being computed …") -> None:
-        """Show the start and the rounds that are done; ``none`` are the words where there are none."""
+        """Show the start and the completed rounds; ``none`` is the message if there are none."""
         self._rounds = tuple(rounds)
         self.error.show_values([100 * one.held_out for one in rounds], [one.below_noise for one in rounds])
         self.chi2.show_values([one.chi2 for one in rounds], [False] * len(rounds))
@@ -401,10 +401,10 @@ NO_ROUNDS = "This fit was made during the recording, so its rounds were not kept
 
 
 class FitView(QWidget):
-    """A fit, and what it is asked."""
+    """View of a fit and its settings."""
 
     place_asked = Signal(tuple, arguments=["place"])
-    """Show the pattern of a position (z, y, x)."""
+    """Request to show the pattern of a position (z, y, x)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -464,7 +464,7 @@ class FitView(QWidget):
 
     @cached_property
     def rounds(self) -> RoundsView:
-        """The convergence of a fit; made when one is at work or found."""
+        """View of the convergence, which is created with the first fit."""
         folded = Folded("Convergence", "Error after each round: whether it converged, and which unknowns helped")
         made = RoundsView()
         folded.column.addWidget(made)
@@ -474,7 +474,7 @@ class FitView(QWidget):
 
     # -- states ----------------------------------------------------------------------------------------
     def show_ready(self, words: str = "", *, failed: bool = False) -> None:
-        """Show that nothing was fitted yet; ``words``: why not, as an error where it ``failed``."""
+        """Show that there is no fit yet, with the reason ``words``, as an error if a fit ``failed``."""
         self._found = None
         self.parameters.show_rows([])
         self.findings.show_rows([])
@@ -482,7 +482,7 @@ class FitView(QWidget):
         self._say(words or READY, "", "bad" if failed else "")
 
     def show_running(self, words: str, record: Progress | None, rounds: Sequence[FitProgress]) -> None:
-        """Show how far a fit is."""
+        """Show the progress of a fit."""
         self._say(words, "", "")
         self.bar.show()
         total = 0 if record is None else record.total
@@ -492,7 +492,7 @@ class FitView(QWidget):
         self.rounds.show_rounds(rounds)
 
     def show_found(self, found: FoundFit, rounds: Sequence[FitProgress], note: str = "") -> None:
-        """Show what a fit found; ``note``: what was done or chosen since."""
+        """Show the result of a fit; ``note`` states what was done or changed since."""
         if found is not self._found:
             self._found = found
             self.sums.setText(model_fit_run.chi2_words(found))

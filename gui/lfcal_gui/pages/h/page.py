@@ -1,4 +1,4 @@
-"""H and its transpose for any plane and position; its checks, its fit, and another H to compare with."""
+"""H and its transpose for any plane and position, with checks, fit, and comparison with another H."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Page(BasePage):
         self._plane_data: PlaneData | None = None
         self._both: Pair | None = None
         self.level = ""
-        """The level of the inspector that is shown: one of `lfcal_gui.pages.h.panel.LEVELS`, empty: the verdict."""
+        """The displayed level of the inspector: one of `lfcal_gui.pages.h.panel.LEVELS`, empty: the verdict."""
         self.panel = HPanel()
         self._fill_header()
         self.panel.asked.connect(lambda changes: self.set_intent(**changes))
@@ -89,26 +89,26 @@ class Page(BasePage):
         self.tool_button("Open H …", OPEN, self.choose_file)
 
     def _show_stop_button(self) -> None:
-        """Offer to stop jobs that the line of the next step does not show: that line has its own button."""
+        """Show the stop button if there are jobs that the line of the next step does not show."""
         others = (job.active and job.page == self.spec.key and job.kind not in JOBS for job in self.context.jobs.jobs())
         self.stop_button.setVisible(any(others))
 
     # -- levels of the inspector -------------------------------------------------------------------------
     @cached_property
     def fitting(self) -> Fitting:
-        """The fit of the optics; made when it is first looked at."""
+        """The fit of the optics, which is created when it is first shown."""
         from lfcal_gui.pages.h._fitting import Fitting
 
         return Fitting(self)
 
     @cached_property
     def comparing(self) -> ProjectComparing:
-        """The comparison with another H; made when it is first looked at."""
+        """The comparison with another H, which is created when it is first shown."""
         return ProjectComparing(self)
 
     @property
     def _parts(self) -> dict[str, Any]:
-        """The controllers of the levels that exist already, by name."""
+        """The controllers of levels that were already created, by name."""
         names = {"checks": "checking", "fit": "fitting", "compare": "comparing"}
         return {level: self.__dict__[name] for level, name in names.items() if name in self.__dict__}
 
@@ -138,7 +138,7 @@ class Page(BasePage):
             self.panel.say_level(level, LEVELS[level][0], state or "none")
 
     def show_fit(self, found: FoundFit | None) -> None:
-        """Offer the patterns of a fit next to H. None: there is none any more."""
+        """Offer the patterns of a fit in addition to H. None: there is no fit."""
         self.panel.show_fit(found)
         if found is None and self.intent.view == "fit":
             self.intent = replace(self.intent, view="both")
@@ -148,7 +148,7 @@ class Page(BasePage):
         self.show_map()
 
     def show_map(self) -> None:
-        """Show over the positions what the level says of them, else their error, else their light."""
+        """Show the map of positions: that of the current level, or else their error or their light."""
         matrix, z = self.matrix, self.intent.z
         if matrix is None:
             return
@@ -166,11 +166,11 @@ class Page(BasePage):
 
     @property
     def part(self) -> str:
-        """Which command of the page is copied."""
+        """Part of the page whose command is copied."""
         return self.level if self.level in ("checks", "fit") else ""
 
     def _begin(self) -> None:
-        """Inspect, fit or compare H again: what is looked at."""
+        """Inspect, fit or compare H again, depending on the current level."""
         (self._parts.get(self.level) or self.checking).begin()
 
     def _show_frame(self) -> None:
@@ -212,7 +212,7 @@ class Page(BasePage):
             self.comparing.let_go()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Open what the project names now."""
+        """Open the H and the reference of the project if they changed."""
         if (old.psf, old.reference) != (new.psf, new.reference):
             self._open()
         elif old.camera != new.camera and self.matrix is not None:
@@ -226,14 +226,14 @@ class Page(BasePage):
         self.show_levels()
 
     def entered(self) -> None:
-        """Look whether the file of H is still the one that was judged, fitted and compared."""
+        """Discard results that belong to an earlier file of H."""
         for part in self._parts.values():
             part.follow()
         if self.level:
             self._parts[self.level].entered()
 
     def _show_verdict(self) -> None:
-        """Show the verdict that the project keeps of H."""
+        """Show the verdict on H that is stored in the project."""
         verdict = kept_verdict(self.context.state)
         if verdict is None:
             self.panel.verdict.show_verdict("", "")
@@ -247,7 +247,7 @@ class Page(BasePage):
             self.panel.verdict.show_verdict(verdict.merit, verdict.sentence)
 
     def _open(self) -> None:
-        """Open what the project names, in the background."""
+        """Open the H and the reference of the project in the background."""
         state = self.context.state
         for path in (state.psf, state.reference):
             self.context.matrices.want(path)
@@ -260,7 +260,7 @@ class Page(BasePage):
                 self.fitting.follow()
 
     def _show_matrices(self) -> None:
-        """Show H and the reference as far as they are open."""
+        """Show H and the reference if they are open."""
         self._show_verdict()
         state, before = self.context.state, self.matrix
         self.plane = self.reference_plane = self._plane_data = None
@@ -287,7 +287,7 @@ class Page(BasePage):
         self._show_sent()
 
     def _offer_order(self, *, again: bool = False) -> None:
-        """Offer the other order of axes where H was read by a guess; ``again``: or as the user stated it before."""
+        """Offer the other order of axes if it was guessed for H or, with ``again``, stated by the user before."""
         path = self.context.state.psf
         orders = () if self.matrix is None else mat_orders_of(self.matrix)
         if not orders or (not again and stated_order(self.context.state, path)):
@@ -309,13 +309,13 @@ class Page(BasePage):
         )
 
     def _state_order(self, path: str, order: str) -> None:
-        """Keep the order in which the axes of a .mat file are read; it is opened again where that is another one."""
+        """Store the order of the axes of a .mat file; the file is reopened if the order changed."""
         self._offering = False
         settings = OpeningSettings.of(self.context.state).with_order(path, order)
         self.context.project.update("order of axes", settings=settings.into(self.context.state))
 
     def _show_hint(self, matrix: PSFMatrix) -> None:
-        """Say what H is, how it was read, and where its reference is of another camera than the described one."""
+        """Describe H and how it was read, and warn if its reference belongs to another camera than the project's."""
         state = self.context.state
         notes = [f"{Path(state.psf).name}: (z, y, x, t, s) = {matrix.shape}, {format_bytes(matrix.nbytes)}"]
         notes += opening_notes(matrix)
@@ -356,7 +356,7 @@ class Page(BasePage):
 
     @property
     def shown(self) -> bool:
-        """Whether the plane is drawn, and what is known of all planes is asked for."""
+        """Whether the plane is drawn and the depth-plane sums of all planes have been requested."""
         return self._summed is self.matrix
 
     def _load_sums(self, matrix: PSFMatrix) -> None:
@@ -387,7 +387,7 @@ class Page(BasePage):
             self.open_file(path)
 
     def open_file(self, path: str) -> None:
-        """Take a file as the project's H, once it is known to be good."""
+        """Make a file the project's H after checking that it can be opened."""
 
         def opened() -> None:
             self.notice.clear()
@@ -430,7 +430,7 @@ class Page(BasePage):
 
     # -- intent ----------------------------------------------------------------------------------------
     def set_intent(self, **changes: Any) -> None:
-        """Change what is asked for, and show it."""
+        """Change the requested view, and show it."""
         if self.matrix is None:
             return
         there = self.reference is not None
@@ -483,7 +483,7 @@ class Page(BasePage):
 
     # -- data --------------------------------------------------------------------------------------------
     def _load_plane(self) -> None:
-        """Read the plane in the background; the newest wish wins."""
+        """Read the plane in the background; only the newest request is shown."""
         matrix, both, z = self.matrix, self._both, self.intent.z
         assert matrix is not None
         self.plane = self._plane_data = None
@@ -507,7 +507,7 @@ class Page(BasePage):
         QTimer.singleShot(0, self, lambda: QTimer.singleShot(0, self, partial(self._show_plane, matrix, loaded)))
 
     def _show_plane(self, matrix: PSFMatrix, loaded: PlaneData) -> None:
-        """Show what holds for the whole plane, and fit its aperture in the background."""
+        """Show the data of the whole plane, and fit its aperture in the background."""
         if loaded.plane is not self.plane:
             return
         self._plane_data = loaded
@@ -547,7 +547,7 @@ class Page(BasePage):
 
 
 def _plain(order: str) -> str:
-    """Return an order of axes in words."""
+    """Return a description of an order of axes."""
     return order.replace("-", " ")
 
 

@@ -1,4 +1,4 @@
-"""H and HT with their contrast and the strip of planes; on the right the inspector: verdict, aperture and levels."""
+"""H and HT with contrast and strip of planes; inspector with verdict, aperture and levels on the right."""
 
 from __future__ import annotations
 
@@ -78,12 +78,12 @@ SIZE = (930, 560)
 
 
 def tip_of(z: int, tile: PlaneTile, count: int) -> str:
-    """Return what is known of the aperture of plane ``z`` of ``count`` planes."""
+    """Return the tooltip for the aperture of plane ``z`` of ``count`` planes."""
     return aperture_tip(z, tile.depth_um, count, tile.fitted, tile.expected)
 
 
 class Apertures(QDialog):
-    """The apertures of all planes, large, in a separate window; it follows the strip while it is open."""
+    """Window with large apertures of all planes, which is updated together with the strip."""
 
     chosen = Signal(int, arguments=["z"])
     """A plane was clicked."""
@@ -130,10 +130,10 @@ LEVELS = {
         "Compare position by position with the H of another day, of a simulation or of a fit",
     ),
 }
-"""Levels below the verdict: titles, and when one would open them."""
+"""Levels below the verdict, with their titles and tooltips."""
 
 SIZES = {0: (90, 90), 600: (90, 98), 760: (120, 130), 900: (260, 200)}
-"""Heights of depth-plane sum and map (px) by the least height of the panel."""
+"""Heights of depth-plane sum and map (px), by the smallest height of the panel."""
 
 PROFILE = 150
 """Height of the profile (px)."""
@@ -142,27 +142,27 @@ ROW = 30
 """Height of a line that opens a level (px)."""
 
 LINES_OF_APERTURE = 6
-"""Least height of the numbers of an aperture, in lines."""
+"""Smallest number of lines for the numbers of an aperture."""
 
 
 class HPanel(QWidget):
     """The page's widgets."""
 
     asked = Signal(dict, arguments=["changes"])
-    """Entries of `lfcal_gui.pages.h.model.HIntent` that are to change."""
+    """Requested changes of `lfcal_gui.pages.h.model.HIntent`, by field."""
     display_asked = Signal(dict, arguments=["changes"])
-    """Entries of `lfcal_gui.models.display.DisplaySettings` that are to change."""
+    """Requested changes of `lfcal_gui.models.display.DisplaySettings`, by field."""
     own_scale_toggled = Signal()
-    """Each picture is to fill the scale, or all are to share one."""
+    """The user switched between separate scales and one scale for all pictures of the plane."""
     hovered, clicked = (
         Signal(int, int, float, arguments=["row", "column", "value"]),
         Signal(int, int, arguments=["row", "column"]),
     )
     """The pointer in the main picture; row -1: outside."""
     level_asked = Signal(str, arguments=["name"])
-    """A level of the inspector is wanted: one of `LEVELS`, or the verdict (empty)."""
+    """Request for a level of the inspector: one of `LEVELS`, or the verdict (empty)."""
     frame_asked = Signal()
-    """The recorded frame of the position is wanted."""
+    """Request for the recorded frame of the position."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -199,7 +199,7 @@ class HPanel(QWidget):
 
     @cached_property
     def fitted(self) -> FitPictures:
-        """The patterns of a fit; made when there is one."""
+        """Pictures of the patterns of a fit, which are created with the first fit."""
         from lfcal_gui.pages.h.fit_view import FitPictures
 
         made = FitPictures()
@@ -209,7 +209,7 @@ class HPanel(QWidget):
         return made
 
     def _make_tools(self) -> None:
-        """Make what the header has: the views, the readout, and how the pictures are scaled."""
+        """Create the tools of the header: views, readout, and scaling of the pictures."""
         self.view_buttons: dict[str, QPushButton] = {}
         for title, changes, tip in VIEWS:
             asked = partial(self.asked.emit, dict(changes))
@@ -272,7 +272,7 @@ class HPanel(QWidget):
         return profiles
 
     def add_level(self, name: str, view: QWidget, *, scrolled: bool = True) -> None:
-        """Make a level of the inspector from what it shows; ``scrolled``: as a whole, not its parts."""
+        """Add a level to the inspector; ``scrolled``: it scrolls as a whole instead of in parts."""
         back = button(
             "‹ Verdict",
             "Back to the verdict, the aperture and the other levels (Backspace)",
@@ -292,13 +292,13 @@ class HPanel(QWidget):
         self.levels.addWidget(level)
 
     def say_level(self, name: str, title: str, state: str) -> None:
-        """Show what a level is called now, and how it stands."""
+        """Show name and state of a level."""
         self.rows[name].say(title, state)
         if name in self.level_titles:
             self.level_titles[name].setText(title)
 
     def show_level(self, name: str) -> None:
-        """Show a level of the inspector; empty: the verdict. Only the shown level takes room."""
+        """Show a level of the inspector; empty: the verdict. Other levels are hidden."""
         for k in range(self.levels.count()):
             level = self.levels.widget(k)
             shown = level.objectName() == name
@@ -340,9 +340,9 @@ class HPanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_matrix(self, depths: NDArray[np.float64], unit: str, pixel_um: float | None, *, reference: bool) -> None:
-        """Offer the planes of an H with values in ``unit``; ``reference``: there is one.
+        """Show the planes of an H with values in ``unit``; ``reference`` states whether there is a reference.
 
-        ``depths`` are in µm, not-a-number where H states none; ``pixel_um`` is that of the sensor, where it is known.
+        ``depths`` are in µm, NaN if H states none; ``pixel_um`` is the pixel pitch of the sensor, if known.
         """
         self._pixel_um = pixel_um
         self._each_strip(lambda strip: strip.set_planes(depths))
@@ -350,13 +350,13 @@ class HPanel(QWidget):
         self._show_unit(unit)
 
     def _show_unit(self, unit: str) -> None:
-        """Name the unit of the profile, whose axes are slow to draw."""
+        """Set the unit of the profile only if it changed, because its axes are slow to draw."""
         if unit != self._unit:
             self._unit = unit
             self.profile.set_labels("pixel from the cutout's centre (px)", unit)
 
     def show_intent(self, intent: HIntent, plane_words: str, position_words: str) -> None:
-        """Show what was asked for."""
+        """Show the controls for an intent."""
         self.place_label.setText(plane_words)
         self.position_label.setText(position_words)
         self._each_strip(lambda strip: strip.set_current(intent.z))
@@ -381,7 +381,7 @@ class HPanel(QWidget):
         self.contrast.setVisible(not by_fit)
 
     def show_fit(self, found: FoundFit | None) -> None:
-        """Offer the patterns of a fit. None: there is none."""
+        """Offer the patterns of a fit as a view. None: there is no fit."""
         self.view_buttons["Fit"].setVisible(found is not None)
         if found is None:
             self.map.clear()  # its lines keep references to the fit
@@ -405,7 +405,7 @@ class HPanel(QWidget):
         self.aperture_text.setText("fitting the aperture …")
 
     def show_reading(self, words: str) -> None:
-        """Say in the pictures that are empty what is read for them."""
+        """Show in empty pictures what is being read."""
         self.readout.setText(words)
         for view in (self.main_view, self.linked_view, self.sum_view, self.profile):
             view.blank.wait(words)
@@ -424,7 +424,7 @@ class HPanel(QWidget):
     def show_picture(self, picture: HPicture, intent: HIntent, ends: tuple[Levels, Levels], unit: str) -> None:
         """Show the main and the linked picture with values in ``unit``.
 
-        ``ends`` are the levels of the pictures and of a difference. None: each fills the scale.
+        ``ends`` are the levels of the pictures and of a difference. None: each picture has its own levels.
         """
         levels, signed = ends
         self._show_unit(unit)
@@ -452,7 +452,7 @@ class HPanel(QWidget):
         self.profile.set_curve("along the column", np.arange(image.shape[0]) - ct, image[:, s])
 
     def show_aperture(self, aperture: Aperture, expected: Aperture | None, cutout: tuple[int, int]) -> None:
-        """Show the fitted aperture over the depth-plane sum, the expected one dashed, and the numbers of both."""
+        """Show the fitted and the expected (dashed) aperture over the depth-plane sum, and the numbers of both."""
         self._show_outlines(
             *(
                 shown.outline() - [n // 2 for n in cutout] if shown is not None and shown.seen else NO_LINE
@@ -469,7 +469,7 @@ class HPanel(QWidget):
         self.sum_view.set_overlays(Outline(fitted, tones[0], width=2), Outline(expected, tones[1], dashed=True))
 
     def show_tile(self, z: int, **known: Any) -> None:
-        """Show more of plane ``z`` among all planes: fields of `lfcal_gui.widgets.PlaneTile`."""
+        """Update the tile of plane ``z`` with fields of `lfcal_gui.widgets.PlaneTile`."""
         self._each_strip(lambda strip: strip.set_tile(z, **known))
 
     def _each_strip(self, do: Callable[[Strip], object]) -> None:
@@ -477,7 +477,7 @@ class HPanel(QWidget):
             do(strip)
 
     def show_apertures(self) -> Apertures:
-        """Show the apertures of all planes large."""
+        """Open the window with large apertures of all planes."""
         if self.apertures is None:
             self.apertures = Apertures(self.window())
             self.apertures.chosen.connect(lambda z: self.asked.emit({"z": z}))
@@ -487,7 +487,7 @@ class HPanel(QWidget):
         return self.apertures
 
     def set_display(self, display: DisplaySettings) -> None:
-        """Use scaling and colours; a difference has its own."""
+        """Set scaling and colours; those of a difference are separate."""
         self._display = display
         for view in (self.main_view, self.linked_view, self.sum_view):
             view.set_display(display)
@@ -496,7 +496,7 @@ class HPanel(QWidget):
         self.contrast.update()
 
     def toggle_scale(self, scale: str) -> None:
-        """Change between ``scale`` and linear."""
+        """Switch between ``scale`` and linear."""
         chosen = "linear" if self._display.scale == scale else scale
         self.display_asked.emit({"scale": chosen})
 
@@ -518,14 +518,14 @@ class HPanel(QWidget):
         self._colour()
 
     def _colour(self) -> None:
-        """Give outlines, and the words about lines, the colours of the current theme."""
+        """Apply the colours of the current theme to outlines and to texts about lines."""
         self._show_outlines(*self._outlines)
         self.legend.setText(legend_words(" "))
         self.profile_title.setText(_profile_words())
 
 
 class LevelRow(QPushButton):
-    """A line of the inspector that opens a level: what it is, how it stands, and an arrow."""
+    """Line of the inspector that opens a level: name, state, and an arrow."""
 
     def __init__(self, title: str, tip: str) -> None:
         super().__init__()
@@ -544,14 +544,14 @@ class LevelRow(QPushButton):
         self.say(title, "")
 
     def say(self, title: str, state: str) -> None:
-        """Show what it opens, and how that stands."""
+        """Set name and state of the level."""
         self.name.setText(title)
         self.state.setText(state, state.rpartition(", ")[0])
         self.setAccessibleName(f"{title}: {state}" if state else title)
 
 
 def _scrolled(*parts: QWidget, stretch: bool = False) -> QScrollArea:
-    """Return parts one below the other in an area that scrolls where the window is low."""
+    """Return parts below each other in an area that scrolls in a low window."""
     inner = QWidget()
     column = QVBoxLayout(inner)
     column.setContentsMargins(0, 0, 4, 0)
@@ -566,7 +566,7 @@ def _scrolled(*parts: QWidget, stretch: bool = False) -> QScrollArea:
 
 
 def _profile_words() -> str:
-    """Return the title of the card with the profiles: a legend would lie over its curves."""
+    """Return the title of the card with the profiles, which replaces a legend that would cover the curves."""
     tones = zip(LINES, ("row", "column"), strict=False)
     named = (f"<span style='color:{shown_tone(tone)}'>━</span> {what}" for tone, what in tones)
     return f"Profiles at the pixel: {', '.join(named)}"

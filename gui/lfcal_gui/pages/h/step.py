@@ -10,7 +10,7 @@ from lfcal_gui.models import CommandStep, ProjectState, needed_file, stated_orde
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how H is exported for MATLAB, or as the name of the file says; of several regions the one shown."""
+    """Return the step that exports the displayed region of H for MATLAB, or in the format of the suffix."""
     psf = needed_file(project.psf, "H", "H")
     shown, *others = regions_of(psf) if Path(psf).is_file() else ("",)
     given = {"region": shown if others else "", "mat_order": stated_order(project, psf)}

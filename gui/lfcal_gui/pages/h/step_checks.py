@@ -11,7 +11,7 @@ from lfcal_gui.pages.h.model_checks import QualitySettings
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how H is inspected; a fit that is in no folder is not known to a command."""
+    """Return the step that inspects H. A command can use the camera of a fit only if the fit was saved."""
     psf, chosen = needed_file(project.psf, "H", "H"), QualitySettings.of(project)
     given: dict[str, Any] = {"seconds": chosen.seconds, "session": chosen.session or None}
     given["mat_order"] = stated_order(project, psf)

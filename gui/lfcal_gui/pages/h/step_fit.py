@@ -10,7 +10,7 @@ from lfcal_gui.pages.h.model_fit import FitSettings, Offer, offer_of, task_files
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the camera is fitted to H; what H lacks decides which files and unknowns are named."""
+    """Return the step that fits the camera to H; files and unknowns depend on the data in H."""
     psf, offer = needed_file(project.psf, "H", "H"), None
     if Path(psf).is_file():
         with open_psf(psf) as matrix:
@@ -19,6 +19,6 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
 
 
 def step_as(settings: FitSettings, project: ProjectState, offer: Offer | None, out: str) -> CommandStep:
-    """Return the same for what was chosen, and what H offers."""
+    """Return the step for given settings and the data that H offers."""
     files = task_files(settings, project, offer)
     return CommandStep.of(task_of(settings, project, offer, Path(out)), files)

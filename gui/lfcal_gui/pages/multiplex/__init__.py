@@ -14,12 +14,12 @@ from lfcal_gui.models import PageSpec, PageState, ProjectState
 
 
 def state(project: ProjectState) -> PageState:
-    """Return that it needs nothing of the project."""
+    """Return the state of the page, which needs no part of the project."""
     return PageState.READY
 
 
 def takes(path: str) -> bool:
-    """Return whether a file may be a picture."""
+    """Return whether a file may be an image."""
     from lfcal.frames.formats import image_suffixes
 
     return Path(path).is_file() and Path(path).suffix.lower() in image_suffixes()

@@ -1,4 +1,4 @@
-"""Reconstructions by both routes, their difference or the truth, and the recorded frame, zoomed together."""
+"""Linked pictures: reconstructions by both routes, their difference or the truth, and the recorded frame."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ HEADS = ("Spatial", "Fourier", "Difference", "Recorded frame")
 
 
 class MultiplexPictures(QWidget):
-    """Four pictures with one zoom; all axes are in pixels of the frame."""
+    """Four linked pictures, whose axes are in pixels of the frame."""
 
     right_chosen = Signal(str, arguments=["name"])
-    """What the third picture shows: ``"difference"`` or ``"truth"``."""
+    """The user chose the content of the third picture: ``"difference"`` or ``"truth"``."""
     sample_chosen = Signal(int, arguments=["index"])
-    """Which sample is shown; -1 all colours."""
+    """The user chose a sample; -1: all colours."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -59,7 +59,7 @@ class MultiplexPictures(QWidget):
 
     @cached_property
     def views(self) -> list[Picture]:
-        """The four pictures; made when they are first shown."""
+        """The four pictures, which are created when they are first shown."""
         views = []
         for k, head in enumerate(self.heads):
             head.setMinimumWidth(60)
@@ -79,24 +79,24 @@ class MultiplexPictures(QWidget):
         return views
 
     def showEvent(self, event: QShowEvent) -> None:
-        """Show the pictures, too."""
+        """Create the pictures when the widget is first shown."""
         for view in self.views:
             view.show()
         super().showEvent(event)
 
     @property
     def sample_index(self) -> int:
-        """The chosen sample, -1 for all colours."""
+        """Index of the selected sample; -1: all colours."""
         index = self.sample.currentData()
         return 0 if index is None else int(index)
 
     def show_right(self, name: str) -> None:
-        """Choose what the third picture shows, without reporting it."""
+        """Select the content of the third picture without reporting it."""
         with QSignalBlocker(self.right):
             self.right.setCurrentIndex(max(0, self.right.findData(name)))
 
     def show_samples(self, names: tuple[str, ...], coloured: bool) -> None:
-        """Offer the samples; a new set begins with all colours or with the middle view."""
+        """Set the samples to choose from; in a new set, all colours or the middle view are selected."""
         if names == self.names:
             return
         self.names = names
@@ -142,20 +142,20 @@ class MultiplexPictures(QWidget):
         self.show_status(found.words)
 
     def clear_pictures(self) -> None:
-        """Show no reconstruction."""
+        """Clear the pictures."""
         for view, head, title in zip(self.views, self.heads, HEADS, strict=True):
             view.set_shot(None)
             head.setText(title)
 
     def show_reconstructing(self) -> None:
-        """Announce new pictures; until they are ready, the previous ones stay, without their numbers."""
+        """Announce a new reconstruction; until it is complete, the previous pictures stay, without their numbers."""
         for head, title in zip(self.heads, HEADS, strict=True):
             head.setText(title)
         before = any(view.values is not None for view in self.views)
         self.show_status("reconstructing …" + "; the images show the previous settings" * before)
 
     def show_status(self, text: str, *, bad: bool = False) -> None:
-        """Say what is shown, or why nothing is."""
+        """Show a description of the pictures, or why there are none."""
         set_role(self.status, "error" if bad else "hint")
         self.status.setText(text)
 
@@ -178,7 +178,7 @@ class MultiplexPictures(QWidget):
 
 
 def _titles(found: Reconstructions, signed: bool) -> tuple[str, str]:
-    """Return what the second and the third picture are."""
+    """Return the titles of the second and the third picture."""
     if found.fourier is None:
         return "No second route", "Truth" if found.truth is not None else "Truth: unknown for frames"
     if not signed:

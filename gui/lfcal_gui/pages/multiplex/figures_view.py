@@ -1,4 +1,4 @@
-"""Figures of the paper: pictures with shared scales and numbers, gain curves, or a map of gains, drawn when seen."""
+"""Figures of the paper, drawn when they are visible: pictures with shared scales, gain curves, or a map of gains."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from lfcal_gui.widgets import (
 
 MOST = 8
 MAP = 0
-"""In place of a figure's number: the gain of each sample of the modulator."""
+"""Entry for the map of gains, used instead of the number of a figure."""
 
 TITLES = {
     MAP: "gain map of the modulator",
@@ -44,12 +44,12 @@ TITLES = {
 
 
 class FiguresView(QWidget):
-    """Figures 3, 5, 6 and 7 of the paper, of scenes made here."""
+    """Figures 3, 5, 6 and 7 of the paper for synthetic scenes."""
 
     figure_chosen = Signal(int, arguments=["number"])
-    """Another figure is wanted."""
+    """The user chose another figure."""
     camera_chosen = Signal(bool, arguments=["own"])
-    """The project's camera in place of the paper's."""
+    """The user chose between the project's camera and that of the paper."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -72,14 +72,14 @@ class FiguresView(QWidget):
         outer.addWidget(self.stack, 1)
 
     def make(self) -> None:
-        """Make pictures and plots when the tab is first shown: they take as long as the rest of the page."""
+        """Create pictures and plots when the tab is first shown, because this is slow."""
         if self.stack.count() == 0:
             for part in (self._pictures(), self._plots(), self._map()):
                 self.stack.addWidget(part)
             name_controls(self)
 
     def showEvent(self, event: QShowEvent) -> None:
-        """Have something to show."""
+        """Create the content when the tab is first shown."""
         self.make()
         super().showEvent(event)
 
@@ -143,7 +143,7 @@ class FiguresView(QWidget):
         return frame
 
     def show_map(self, found: GainMap) -> None:
-        """Draw gains of samples over powers of ten of chi^2."""
+        """Draw the gain of each sample as a function of the decimal logarithm of chi^2."""
         self.make()
         self.shown = None
         self.stack.setCurrentIndex(2)
@@ -157,7 +157,7 @@ class FiguresView(QWidget):
         self.map_words.setText(f"{', '.join(names)}{more}; samples that are not recovered are blank")
 
     def show_choice(self, number: int, own: bool) -> None:
-        """Show what is chosen, without reporting it."""
+        """Show the choices without reporting them."""
         blockers = [QSignalBlocker(self.figure), QSignalBlocker(self.own)]
         self.figure.setCurrentIndex(self.figure.findData(str(number)))
         self.own.setChecked(own)
@@ -166,12 +166,12 @@ class FiguresView(QWidget):
             blocker.unblock()
 
     def show_status(self, words: str) -> None:
-        """Say what is shown or under way."""
+        """Show a status text."""
         set_role(self.status, "hint")
         self.status.setText(words)
 
     def show_refusal(self, words: str) -> None:
-        """Show nothing, and why."""
+        """Clear the figure, and show the reason."""
         self.make()
         self.shown = None
         self.stack.setCurrentIndex(2)
@@ -240,18 +240,18 @@ MODULATORS += ("reference_cfa", "reference_mask", "reference_written")
 
 
 class Drawing:
-    """Draws the figure that is chosen, once."""
+    """Draw the chosen figure if it is not drawn yet."""
 
     def __init__(self, context: Context, view: FiguresView) -> None:
         self.context, self.view = context, view
         self._asked: tuple[Any, ...] = ()
 
     def forget(self) -> None:
-        """Forget the figure, so that it is drawn again: its file may have changed."""
+        """Discard the figure, so that it is drawn again, because its file may have changed."""
         self._asked = ()
 
     def draw(self) -> None:
-        """Draw the chosen figure, unless it is there or under way."""
+        """Draw the chosen figure, unless it is drawn already or being drawn."""
         settings, camera = MultiplexSettings.of(self.context.state), self.context.state.camera
         own = settings.own_camera or settings.figure == 6
         chi2 = camera_chi2(camera.sensor, gain=settings.gain) if own else None

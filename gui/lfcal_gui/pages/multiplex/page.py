@@ -32,7 +32,7 @@ RECONSTRUCTED = (*CHOSEN, "gain")
 
 
 class Page(BasePage):
-    """Settings left; modulator and gain, or reconstructions, on the right."""
+    """Page with settings on the left; modulator and gain, or reconstructions, on the right."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
@@ -74,13 +74,13 @@ class Page(BasePage):
         return MultiplexSettings.of(self.context.state)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Follow the settings and the sensor."""
+        """Update the page if settings or sensor changed."""
         if old.camera != new.camera or MultiplexSettings.of(old) != MultiplexSettings.of(new):
             self.searching.follow(new)
             self._show(new)
 
     def entered(self) -> None:
-        """Compute for the first time when the page is looked at."""
+        """Compute the content when the page is first shown."""
         self._entered = True
         self._show(self.context.state)
 
@@ -109,7 +109,7 @@ class Page(BasePage):
         self.panel.show_used(settings, colour=bool(settings.image) and settings.image == self._in_colour)
 
     def _take_kind(self, path: str, *, colour: bool) -> None:
-        """Keep whether an opened image is in colour, which decides what is asked for."""
+        """Store whether the opened image is in colour, which determines the fields that apply."""
         if colour != (path == self._in_colour):
             self._in_colour = path if colour else ""
             self._show_used(self.settings)
@@ -154,14 +154,14 @@ class Page(BasePage):
             self.open_image(path)
 
     def _show_design(self) -> None:
-        """Show the design of the search; its file may have held another design before."""
+        """Show a new design of the search; its file may have contained another one before."""
         self._asked = ()
         self.drawing.forget()
         self._show(self.context.state)
         self.panel.tabs.setCurrentIndex(0)
 
     def open_image(self, path: str) -> None:
-        """Take an image as recorded frame or as scene, once it is known to be good."""
+        """Open an image as a recorded frame or as a scene after checking that it can be read."""
 
         def read(found: tuple[Any, Any, str]) -> None:
             self._take_kind(path, colour=found[0] is not None)
@@ -186,7 +186,7 @@ class Page(BasePage):
         return replace(self.settings, white=white_of(self.context.state))
 
     def _reconstruct(self) -> None:
-        """Reconstruct if the tab is visible and something changed: scenes immediately, opened images as a job."""
+        """Reconstruct if the tab is visible and the input changed: scenes immediately, opened images as a job."""
         settings, camera = self._resolved(), self.context.state.camera
         sensor, asked = camera.sensor, _asked(settings, camera)
         if not self._entered or self.panel.tabs.currentIndex() != 1:
@@ -243,13 +243,13 @@ class Page(BasePage):
 
     # -- live frames -----------------------------------------------------------------------------------
     def _frame_seen(self, frame: Any, first: tuple[int, int]) -> None:
-        """Keep the newest frame of the camera, and demultiplex it if that is looked at."""
+        """Store the newest frame of the camera, and demultiplex it if the tab is visible."""
         self._live = (frame, first)
         if self._entered and self.isVisible() and self.panel.tabs.currentIndex() == 1:
             self._show_live()
 
     def _show_live(self, first: bool = False) -> None:
-        """Demultiplex the newest frame; frames that come meanwhile are left out, all but the last."""
+        """Demultiplex the newest frame; of the frames that arrive meanwhile, only the last is used."""
         settings, camera, live = self._resolved(), self.context.state.camera, self._live
         if settings.scene != "live" or self._live_busy:
             return
@@ -294,7 +294,7 @@ class Page(BasePage):
 
 
 def _asked(settings: MultiplexSettings, camera: Camera) -> tuple[Any, ...]:
-    """Return all that a reconstruction depends on."""
+    """Return everything on which a reconstruction depends."""
     noisy = settings.noise or settings.weighted
     keys = RECONSTRUCTED if noisy else CHOSEN
     lattice = camera if settings.route == "lattice" else None

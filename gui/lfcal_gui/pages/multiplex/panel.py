@@ -61,7 +61,7 @@ TIPS = (
     "Plenoptic basis: the weight of each colour, view or other sample (rows n) in each basis function π (columns j). "
     "Σ Πᵀ is the weight of every sample in every pixel; the reconstruction inverts it",
 )
-"""Of pattern, spectrum and both bases."""
+"""Tooltips of pattern, spectrum and both bases."""
 NAME = Qt.ItemDataRole.UserRole
 
 
@@ -77,9 +77,9 @@ class MultiplexPanel(QWidget):
     """The page's widgets."""
 
     compared = Signal(tuple, arguments=["names"])
-    """Modulators ticked for the gain curves."""
+    """The user selected modulators for the gain curves."""
     open_asked = Signal()
-    """Choose an image."""
+    """Request to choose an image."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -130,7 +130,7 @@ class MultiplexPanel(QWidget):
 
     @cached_property
     def views(self) -> tuple[Picture, ...]:
-        """Pattern, spectrum and both bases; made when there is a modulator, or the reason why there is none."""
+        """Pictures of pattern, spectrum and both bases, which are created with the first modulator or error."""
         views = (
             Picture("transmission (1)", axes=("column (px)", "row (px)")),
             Picture("magnitude (1)", axes=("u (1/period)", "v (1/period)")),
@@ -208,7 +208,7 @@ class MultiplexPanel(QWidget):
 
     @cached_property
     def curve(self) -> LinePlot:
-        """The gains; made with the first modulator, as `views` are."""
+        """Plot of the gains, which is created together with `views`."""
         made = LinePlot("χ²: photon / additive noise", "gain (dB)")
         made.set_decades(x=True)
         made.blank.words = "The reason is given below."
@@ -221,7 +221,7 @@ class MultiplexPanel(QWidget):
         return made
 
     def show_used(self, settings: MultiplexSettings, *, colour: bool) -> None:
-        """Offer what matters with these settings; ``colour``: the opened image is in colour."""
+        """Show the fields that apply to these settings; ``colour``: the opened image is in colour."""
         for form in self.forms:
             for key in form.fields:
                 why = why_unused(settings, key, colour=colour)
@@ -232,12 +232,12 @@ class MultiplexPanel(QWidget):
 
     # -- compared --------------------------------------------------------------------------------------
     def ticked(self) -> tuple[str, ...]:
-        """Return the names ticked in the list."""
+        """Return the names selected in the list."""
         items = [self.others.item(k) for k in range(self.others.count())]
         return tuple(item.data(NAME) for item in items if item.checkState() == Qt.CheckState.Checked)
 
     def show_choices(self, names: Sequence[str], ticked: Sequence[str]) -> None:
-        """Offer the modulators to compare with."""
+        """Set the list of modulators for comparison."""
         self.compare_card.setVisible(bool(names))
         if tuple(name for name in names if name in ticked) == self.ticked() and len(names) == self.others.count():
             return
@@ -271,7 +271,7 @@ class MultiplexPanel(QWidget):
         self.titles[0].setText(f"Pattern of {picture.name.replace('_', ' ')}")
 
     def show_refusal(self, words: str) -> None:
-        """Show no modulator, and why there is none."""
+        """Clear the modulator, and show why there is none."""
         for label, title in zip(self.titles, TITLES, strict=True):
             label.setText(title)
         self.curve_title.setText(CURVES)
@@ -285,7 +285,7 @@ class MultiplexPanel(QWidget):
         self.curve_hint.setText(escape(words))
 
     def show_comparison(self, found: ModulatorComparison, camera: str) -> None:
-        """Show numbers and curves."""
+        """Show the key figures and the gain curves."""
         self.table.setEnabled(True)
         self.table.setRowCount(len(found.rows))
         for k, (name, value, tip) in enumerate(found.rows):
@@ -320,7 +320,7 @@ class MultiplexPanel(QWidget):
         self._show_legend()
 
     def _show_legend(self) -> None:
-        """Name the curves in their colours, which the theme may change."""
+        """Update the legend with the colours of the curves, which depend on the theme."""
         named = (
             f"<span style='color:{shown_tone(tone)}'>{'╍' if dashed else '━'}</span>&nbsp;{text}"
             for text, tone, dashed in self._drawn

@@ -1,4 +1,4 @@
-"""The search: what is sought and under which constraints, and the design found with its certificate."""
+"""Search for a modulator: objective, constraints, and the design found with its certificate."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from lfcal_gui.widgets import FoldedForm, Picture, button, card, name_controls, 
 
 
 class SearchView(QWidget):
-    """Constraints left, the design right."""
+    """View with constraints on the left and the design on the right."""
 
     search_asked, use_asked, save_asked = Signal(), Signal(), Signal()
-    """Search; take the design as the page's modulator; write it as ``.npy``."""
+    """Requests to search, to use the design as the page's modulator, and to save it as ``.npy``."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -74,7 +74,7 @@ class SearchView(QWidget):
 
     @cached_property
     def view(self) -> Picture:
-        """The picture of the design; made when it is first shown."""
+        """Picture of the design, which is created when it is first shown."""
         made = Picture("transmission (1)", axes=("column (px)", "row (px)"))
         made.setToolTip(
             "Transmission of each pixel of the super-pixel for the middle view; filters are shown in their colour"
@@ -85,17 +85,17 @@ class SearchView(QWidget):
         return made
 
     def showEvent(self, event: QShowEvent) -> None:
-        """Show the picture, too."""
+        """Create the picture when the view is first shown."""
         self.view.show()
         super().showEvent(event)
 
     def show_status(self, words: str, *, bad: bool = False) -> None:
-        """Say what is under way or why nothing is shown."""
+        """Show a status text, or why there is no design."""
         set_role(self.status, "error" if bad else "hint")
         self.status.setText(words)
 
     def show_found(self, found: FoundDesign | None) -> None:
-        """Show a design, or none."""
+        """Show a design. None: clear the view."""
         self.found = found
         for title in ("Use", "Save …"):
             self.buttons[title].setEnabled(found is not None)
@@ -130,7 +130,7 @@ DESIGNS = "With views and colours (*.json);;Transmissions only (*.npy)"
 
 
 class Searching(QObject):
-    """Actions of the search's buttons; ``used`` is emitted when the project uses the design."""
+    """Controller of the search; ``used`` is emitted when the project uses the design."""
 
     used = Signal()
 
@@ -145,7 +145,7 @@ class Searching(QObject):
         context.jobs.finished.connect(self._finished)
 
     def search(self) -> None:
-        """Search as a job; one at work is stopped."""
+        """Search as a job; a running search is stopped."""
         if refused := self.view.form.error:
             self.view.show_found(None)
             self.view.show_status(refused, bad=True)
@@ -166,14 +166,14 @@ class Searching(QObject):
         )
 
     def follow(self, state: ProjectState) -> None:
-        """Remove a design found for other constraints or another sensor, and stop such a search."""
+        """Discard a design found for other constraints or another sensor, and stop such a search."""
         if self._wishes and self._wishes != _wishes(state):
             job, self._job, self._wishes = self._job, 0, ()
             self.context.jobs.cancel(job)
             self.view.show_found(None)
 
     def use_found(self) -> None:
-        """Take the found filters as the own pattern; a mask is written to a file and named."""
+        """Use the found filters as the page's pattern; a mask is saved to a file, whose path is used."""
         found = self.view.found
         if found is None:
             return
@@ -184,7 +184,7 @@ class Searching(QObject):
             self._take("mask", family="written", written=path, reference_written=f"pinhole:{modulator.side[0]}")
 
     def save_found(self) -> str:
-        """Ask where to, and write the design; return its path, empty where none was written."""
+        """Save the design to a file chosen by the user, and return its path; empty if it was not saved."""
         found = self.view.found
         path = ask_target(self.view, "Save design", "design.json", DESIGNS) if found else ""
         if found is None or not path:
@@ -211,7 +211,7 @@ class Searching(QObject):
 
 
 def _wishes(state: ProjectState) -> tuple[Any, ...]:
-    """Return all that a search depends on."""
+    """Return everything on which a search depends."""
     settings = MultiplexSettings.of(state)
     keys = ("gain", *(field.key for field in SEARCH_FIELDS))
     return (*(getattr(settings, key) for key in keys), state.camera.sensor)

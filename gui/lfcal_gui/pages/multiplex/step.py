@@ -11,7 +11,7 @@ from lfcal_gui.pages.multiplex.model_scene import is_frame, measured_in
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the modulator is compared with its reference, or how an opened frame is demultiplexed."""
+    """Return the step that compares the modulator with its reference, or that demultiplexes the opened frame."""
     chosen = MultiplexSettings.of(project)
     if chosen.scene == "image" and chosen.image:
         if chosen.route == "lattice":
@@ -127,7 +127,7 @@ shares = {f"map_npy({own!r})" if own else f"modulator_of({chosen.named()!r})"}
 
 
 def _reading(chosen: MultiplexSettings) -> str:
-    """Return lines that read the frame, its weights and the light in it."""
+    """Return code that reads the frame, its weights and its light."""
     level = "camera.sensor.black_level" if chosen.weighted else "0.0"
     dead = f"read_image({chosen.dead!r}) != 0" if chosen.dead else "np.zeros(frame.shape, bool)"
     weights = "np.where(dead, 0.0, 1.0)"
@@ -141,7 +141,7 @@ weights, light = {weights}, without_black_level(frame, level)"""
 
 
 def _solving(chosen: MultiplexSettings, out: str) -> str:
-    """Return lines that find the samples and write them."""
+    """Return code that computes the samples and saves them."""
     weighed = chosen.weighted or bool(chosen.dead)
     solve = "demultiplex_weighted(light, shares, weights).samples"
     if chosen.route == "general":

@@ -14,13 +14,13 @@ from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state
 
 
 def state(project: ProjectState) -> PageState:
-    """Return whether a volume is saved."""
+    """Return the state of the page: whether a volume is saved."""
     there = file_state(project.psf, ready=False) is PageState.DONE
     return file_state(project.volume, ready=there)
 
 
 def takes(path: str) -> bool:
-    """Return whether a file may be a picture."""
+    """Return whether a file may be an image."""
     from lfcal.frames.formats import image_suffixes
 
     return Path(path).is_file() and Path(path).suffix.lower() in image_suffixes()

@@ -1,4 +1,4 @@
-"""What accuracy costs in a reconstruction, measured with this H: a click on a point uses its settings."""
+"""Curves of error against cost of a reconstruction, measured with this H; a click on a point uses its settings."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from lfcal_gui.pages.reconstruct.panel import ReconstructPanel
 from lfcal_gui.widgets import CostCurve
 
 SECONDS = 10.0
-"""About how long a curve is measured (s)."""
+"""Approximate duration of the measurement of a curve (s)."""
 
 USES = {"solvers": ("solver", "iterations"), "projection": ("method", "double", "threshold")}
 """Settings that a point of each part sets."""
 
 
 class Costing(QObject):
-    """Shows the curves of solvers and projectors, measures them as a job, and takes a point.
+    """Show the curves of solvers and projectors, measure them as a job, and apply a chosen point.
 
     Parameters
     ----------
     context, panel, parent
-        Of the page.
+        Context, panel and parent widget of the page.
     use
-        Changes settings, given by name.
+        Function that changes settings, given by name.
     """
 
     def __init__(
@@ -49,13 +49,13 @@ class Costing(QObject):
 
     @property
     def part(self) -> str:
-        """The part that is shown."""
+        """The displayed part."""
         found: str = self._panel.part.currentData()
         return found
 
     @cached_property
     def _chart(self) -> CostCurve:
-        """The chart of the panel; it is made when it is first seen."""
+        """Chart of the panel, which is created when it is first shown."""
         chart = self._panel.curve
         chart.chosen.connect(self.take)
         chart.moved.connect(self._move)
@@ -63,7 +63,7 @@ class Costing(QObject):
         return chart
 
     def show(self) -> None:
-        """Show the curve of this H as far as it is measured."""
+        """Show the measured part of the curve of this H."""
         if not self._panel.more.head.isChecked():
             return
         curves, key = self._context.curves, subject_of(self._context.state, "psf")
@@ -76,7 +76,7 @@ class Costing(QObject):
         self._chart.show_status(took, "" if self._job else "Measure again" if took else "Measure")
 
     def _picked(self, curve: Curve) -> CostPoint | None:
-        """Return the point that is in use."""
+        """Return the point in use; None if it was not measured."""
         settings = ReconstructSettings.of(self._context.state)
         wanted = {name: getattr(settings, name) for name in USES[self.part]}
         return next(
@@ -88,7 +88,7 @@ class Costing(QObject):
         self.show()
 
     def measure(self) -> None:
-        """Measure the part that is shown, as a job."""
+        """Measure the displayed part as a job."""
         state, kept, part = self._context.state, self._context.curves, self.part
         if self._job or not state.psf:
             return
@@ -103,7 +103,7 @@ class Costing(QObject):
         self.show()
 
     def take(self, number: int) -> None:
-        """Use a point of the curve."""
+        """Use the settings of a point."""
         curve = self._shown
         if curve is not None and 0 <= number < len(curve.points):
             settings = curve.points[number].settings

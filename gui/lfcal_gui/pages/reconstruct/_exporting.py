@@ -1,4 +1,4 @@
-"""The export of H: the card in the inspector, the file that is asked for, and the job."""
+"""Export of H: card in the inspector, choice of the file, and job."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ from lfcal_gui.widgets import (
 )
 
 LEAST = 100
-"""Least width of the kind of file (px): its entries are long."""
+"""Smallest width of the list of file formats (px)."""
 
 FACTS = ("H and HT", "Order", "Quality")
 
 
 class ExportCard(QWidget):
-    """Shows `ExportSettings` and changes them."""
+    """Card that shows and changes `ExportSettings`."""
 
     edited = Signal(str, object, arguments=["key", "value"])
-    """The user chose a code, or another kind of file."""
+    """The user chose a code or another file format."""
     asked = Signal(str, arguments=["code"])
-    """Export for a code; empty: as the options say."""
+    """Request to export for a code; empty: according to the options."""
     usual_asked = Signal()
-    """Export as offered first."""
+    """Request for the export that is offered first."""
     folder_asked = Signal()
-    """The folder of the exported file is wanted."""
+    """Request to open the folder of the exported file."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -118,7 +118,7 @@ class ExportCard(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: ExportSettings, H: PSFMatrix, quality: str) -> None:
-        """Show what is exported of H, whose quality is a word, or empty where it is not judged."""
+        """Show the export settings for an H; its quality is a word, empty if it was not judged."""
         code = settings.code_for(H)
         self.codes[code].setChecked(True)
         for name, fact in zip(FACTS, facts_of(H, code, quality), strict=True):
@@ -144,7 +144,7 @@ class ExportCard(QWidget):
         self.other_go.setEnabled(not refusal)
 
     def show_result(self, words: str) -> None:
-        """Say where H is; empty: it was not exported."""
+        """Show the path of the exported file; empty: H was not exported."""
         self.result.setText(f"{words} <a href='folder'>Show folder</a>" if words else "")
         self.result.setVisible(bool(words))
 
@@ -165,7 +165,7 @@ NONE = "there is no H to export; open or assemble one first"
 
 
 class Exporting:
-    """Connects the `ExportCard` of a page with the project and the jobs."""
+    """Connect the `ExportCard` of a page with project and jobs."""
 
     def __init__(self, page: BasePage, card: ExportCard) -> None:
         self._page, self._card, self._context = page, card, page.context
@@ -185,7 +185,7 @@ class Exporting:
         return self._context.matrix(self._context.state.psf)
 
     def show(self) -> None:
-        """Show what would be written, and what was."""
+        """Show what the export would write, and what it has written."""
         matrix, state = self._matrix, self._context.state
         if matrix is None:
             return
@@ -196,7 +196,7 @@ class Exporting:
         self._card.show_result(f"H is exported to {Path(path).name}{size}." if path else "")
 
     def ask(self, code: str = "") -> None:
-        """Ask for the file of an export for a code, or of another kind, and begin."""
+        """Ask for the file of an export, for a code or in another format, and start it."""
         matrix, settings = self._matrix, self.settings
         if matrix is None:
             self._page.refuse(NONE)
@@ -215,14 +215,14 @@ class Exporting:
             self.start(path, settings, code)
 
     def ask_usual(self) -> None:
-        """Export for the code that is chosen; where it cannot use H, to a plain file."""
+        """Export for the chosen code or, if this cannot use H, to a plain file."""
         if self._matrix is None:
             self._page.refuse(NONE)
         else:
             self._ask(self._matrix, *self.settings.offered(self._matrix))
 
     def start(self, path: str, settings: ExportSettings | None = None, code: str = "") -> None:
-        """Export H to a file as a job; by default as the name of the file says."""
+        """Export H to a file as a job; by default, its suffix determines the format."""
         state = self._context.state
         if self._matrix is None:
             self._page.refuse(NONE)
@@ -246,7 +246,7 @@ class Exporting:
         self._context.project.note(settings=with_exported(self._context.state, str(out)))
 
     def show_folder(self) -> None:
-        """Show the folder of the file that H was exported to."""
+        """Open the folder of the exported file."""
         exported = exported_to(self._context.state)
         if exported:
             open_folder(Path(exported).parent)

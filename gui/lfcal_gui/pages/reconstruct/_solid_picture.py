@@ -1,4 +1,4 @@
-"""A picture of a volume that is turned by the mouse and the arrow keys: coarse while it turns, sharp at rest."""
+"""Picture of a volume that can be rotated with the mouse and the arrow keys: coarse during rotation, then sharp."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from lfcal_gui.pages.reconstruct.model_volume import Prepared, axes_in, box_of, 
 from lfcal_gui.widgets import Picture
 
 REST_MS = 150
-"""After the last turn the picture is made sharp."""
+"""Delay between the last rotation and the sharp picture (ms)."""
 
 STEP = math.radians(5)
-"""Of an arrow key."""
+"""Rotation by an arrow key (rad)."""
 
 A_PIXEL = math.radians(0.4)
-"""How far a pixel of the mouse turns."""
+"""Rotation per pixel of mouse movement (rad)."""
 
 CLICK = 4
-"""Pixels that the mouse may move in a click."""
+"""Largest mouse movement that counts as a click (px)."""
 
 MOST_PIXELS, QUICK_PIXELS = 1.2e6, 2e5
-"""Of a picture at rest, and while it turns."""
+"""Largest number of pixels of a picture at rest, and during rotation."""
 
 AXES_PX = 24
 
@@ -39,7 +39,7 @@ ZOOM = 1.25
 
 
 class Newest:
-    """Work of which one piece is done at a time, and of those that wait only the newest; without jobs, immediately."""
+    """Run one piece of work at a time; of those that wait, only the newest is run. Without jobs, run it immediately."""
 
     def __init__(self, jobs: Jobs | None, group: str) -> None:
         self._jobs, self._group = jobs, group
@@ -47,7 +47,7 @@ class Newest:
         self._next: tuple[Callable[[], Any], Callable[[Any], None]] | None = None
 
     def ask(self, work: Callable[[], Any], take: Callable[[Any], None]) -> None:
-        """Do ``work`` in the background, then ``take`` its result in the thread of the window."""
+        """Run ``work`` in the background, then call ``take`` with its result in the window's thread."""
         if self._jobs is None:
             take(work())
         elif self._busy:
@@ -71,7 +71,7 @@ class Newest:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """How the volume is looked at: its turn, and what of it is drawn, with ``cross`` (plane, row, column)."""
+    """View of a volume: its rotation, and the elements that are drawn; ``cross`` is (plane, row, column)."""
 
     turn: NDArray[np.float64]
     by_depth: bool = True
@@ -82,12 +82,12 @@ class View:
 
 
 class SolidPicture(Picture):
-    """Show a volume turned; drag or use the arrow keys to turn it, the wheel to zoom, Shift and drag to move."""
+    """Picture of a rotated volume: drag or use the arrow keys to rotate, the wheel to zoom, Shift and drag to pan."""
 
     turned = Signal(float, float, arguments=["across", "down"])
-    """The user turned it by radians."""
+    """The user rotated the volume (rad)."""
     begun_again = Signal()
-    """The user asked for the first view."""
+    """The user restored the initial view."""
     picked = Signal(int, int, int, arguments=["z", "y", "x"])
     """A voxel was clicked."""
 
@@ -113,7 +113,7 @@ class SolidPicture(Picture):
 
     # -- content ---------------------------------------------------------------------------------------
     def show_volume(self, prepared: Prepared | None, view: View) -> None:
-        """Look at a volume. None: at nothing."""
+        """Show a volume. None: show nothing."""
         before, self._prepared, self._view = self._prepared, prepared, view
         if prepared is None:
             self._drawn = None
@@ -137,7 +137,7 @@ class SolidPicture(Picture):
             self._rest.start()
 
     def showEvent(self, event: Any) -> None:
-        """Draw what was asked for while it was hidden."""
+        """Draw the picture that was requested while the widget was hidden."""
         super().showEvent(event)
         self._changed()
 
@@ -160,7 +160,7 @@ class SolidPicture(Picture):
         self._newest.ask(work, take)
 
     def _scene(self, *, quick: bool) -> Viewpoint | None:
-        """Return the part of the volume's surroundings that is seen, in pixels of the screen."""
+        """Return the visible part of the scene in screen pixels."""
         seen, ratio = self.box.viewRect(), self.devicePixelRatioF()
         width, height = self.box.width() * ratio, self.box.height() * ratio
         if not (width > 1 and height > 1 and seen.width() > 0):
@@ -171,7 +171,7 @@ class SolidPicture(Picture):
         return Viewpoint(self._view.turn, (seen.top() + pixel / 2, seen.left() + pixel / 2), pixel, shape)
 
     def _corner(self) -> tuple[tuple[float, float], float]:
-        """Return where the axes are drawn (down, across), and how long."""
+        """Return position (down, across) and length of the drawn axes."""
         seen = self.box.viewRect()
         point = seen.width() / max(1.0, self.box.width())
         return (seen.top() + 3 * AXES_PX * point, seen.right() - 2 * AXES_PX * point), AXES_PX * point
@@ -211,7 +211,7 @@ class SolidPicture(Picture):
         return shot, found
 
     def voxel_at(self, row: int, column: int) -> tuple[int, int, int] | None:
-        """Return the voxel that is seen at a pixel. None: there is none."""
+        """Return the voxel that is visible at a pixel; None if there is none."""
         if self._drawn is None:
             return None
         scene, found, prepared = self._drawn
@@ -223,7 +223,7 @@ class SolidPicture(Picture):
 
     # -- turning ---------------------------------------------------------------------------------------
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Turn the volume with the left button; with Shift it is moved, as other pictures are."""
+        """Rotate the volume with the left mouse button; with Shift, pan it as in other pictures."""
         if not isinstance(event, QMouseEvent):
             return super().eventFilter(watched, event)
         kind, shifted = event.type(), bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier)
@@ -256,7 +256,7 @@ class SolidPicture(Picture):
             self.picked.emit(*voxel)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Turn by the arrows, zoom by + and -, Home: the first view."""
+        """Rotate with the arrow keys, zoom with + and -, and restore the initial view with Home."""
         turns = {
             Qt.Key.Key_Left: (-STEP, 0.0),
             Qt.Key.Key_Right: (STEP, 0.0),

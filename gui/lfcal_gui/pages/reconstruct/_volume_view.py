@@ -1,4 +1,4 @@
-"""Views of a volume: turned, as three slices or as projections, with a slice and the light field."""
+"""Views of a volume: rotated, as three slices or projections, with a slice and the light field."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ TICKS = (
     ("own_scale", "Scale each plane", "Slices: use a separate colour scale for each depth plane"),
     ("truth", "Truth", "The phantom from which the light field was made, rotated together with the reconstruction"),
 )
-"""Field of the intent, words and meaning of each entry of the menu."""
+"""Field of the intent, text and tooltip of each entry of the menu."""
 
 KEYS = ("xy", "xz", "yz")
 """Names of the pictures from three sides."""
@@ -71,17 +71,17 @@ GAP = 3
 """Space between pictures (px)."""
 
 FRONT_VIEW = ViewCell("x", "y", (0, 0, 0, 0))
-"""What is across and down in a slice."""
+"""Horizontal and vertical axis of a slice."""
 
 LEAST = (90, 70)
-"""Least width and height of a picture (px)."""
+"""Smallest width and height of a picture (px)."""
 
 TILE = 60
 """Side of a picture of the strip (px)."""
 
 
 class VolumePanes(QWidget):
-    """One volume: turned, or from three sides."""
+    """View of one volume: rotated, or from three sides."""
 
     def __init__(self, name: str, jobs: Jobs | None, *, first: bool) -> None:
         super().__init__()
@@ -98,14 +98,14 @@ class VolumePanes(QWidget):
         column_of(self._stack, of=self)
 
     def make_sides(self) -> None:
-        """Make the pictures from three sides."""
+        """Create the pictures from three sides."""
         for key in KEYS:
             picture = self.pictures[key] = Picture(VALUE, steered=True, legend=False, parent=self.sides)
             picture.setAccessibleName(f"{self.name}: {key}")
             picture.graphics.setMinimumSize(1, 1)
 
     def set_volume(self, prepared: Prepared | None) -> None:
-        """Show a volume from the next `show_as` on."""
+        """Set the volume that the next `show_as` shows."""
         self.prepared = prepared
         if prepared is None:
             for picture in self.pictures.values():
@@ -113,7 +113,7 @@ class VolumePanes(QWidget):
             self.solid.show_volume(None, View(BEGIN))
 
     def show_as(self, intent: VolumeIntent, turn: NDArray[np.float64], levels: Levels, title: str) -> None:
-        """Show the volume as it is asked for."""
+        """Show the volume for an intent."""
         prepared = self.prepared
         if prepared is None:
             return
@@ -150,7 +150,7 @@ class VolumePanes(QWidget):
             picture.set_shot(replace(shot, caption=f"{self.short}{key}{depth}", whole=whole, pixel_um=um))
 
     def follow(self, moved: Picture, cell: ViewCell) -> None:
-        """Show the part and the scale that the user chose in one of the pictures also in the others."""
+        """Apply the part and the zoom that the user chose in one of the pictures to the others."""
         seen = moved.box.targetRect()
         middle = {cell.across: seen.center().x(), cell.down: seen.center().y()}
         pixel, whole = seen.width() / max(1.0, moved.box.width()), moved.shot.whole
@@ -167,7 +167,7 @@ class VolumePanes(QWidget):
 
 
 class _Sides(QWidget):
-    """Where the pictures from three sides are."""
+    """Container of the pictures from three sides."""
 
     def __init__(self, arrange: Callable[[], None]) -> None:
         super().__init__()
@@ -175,7 +175,7 @@ class _Sides(QWidget):
         self.setMinimumSize(2 * LEAST[0] + GAP, 2 * LEAST[1] + GAP)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Choose the layout."""
+        """Update the layout for the new size."""
         super().resizeEvent(event)
         self._arrange()
 
@@ -199,7 +199,7 @@ def side_shot(intent: VolumeIntent, prepared: Prepared, key: str, cell: ViewCell
 
 
 class Looks(QWidget):
-    """The volume and the known one, side by side, or one above the other where both have more room then."""
+    """Container of the volume and the true volume: side by side or one above the other, whichever is larger."""
 
     def __init__(self, look: VolumePanes) -> None:
         super().__init__()
@@ -211,29 +211,29 @@ class Looks(QWidget):
         self.add(look)
 
     def add(self, look: VolumePanes) -> None:
-        """Show one more."""
+        """Add a view."""
         self._row.addWidget(look, 1)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Choose the direction."""
+        """Choose the direction for the new size."""
         super().resizeEvent(event)
         direction = QBoxLayout.Direction
         self._row.setDirection(direction.TopToBottom if self.height() > self.width() else direction.LeftToRight)
 
 
 class VolumeView(QWidget):
-    """Show a volume ``(Z, Y, X)`` and next to it a known one; at the right the light field and a slice.
+    """View of a volume ``(Z, Y, X)`` next to the true volume, if it is known, with light field and slice on the right.
 
     Parameters
     ----------
     jobs
-        Draw in the background. None: draw immediately.
+        Jobs that draw in the background. None: draw immediately.
     """
 
     moved = Signal(int, int, int, arguments=["z", "y", "x"])
-    """The cross is elsewhere."""
+    """The cross was moved."""
     said = Signal(str, arguments=["words"])
-    """Place and value of the voxel behind the pointer, or of the cross; empty: there is no volume."""
+    """Position and value of the voxel under the pointer, or of the cross; empty: there is no volume."""
 
     def __init__(self, jobs: Jobs | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -286,12 +286,12 @@ class VolumeView(QWidget):
         return contrast
 
     def _share(self) -> None:
-        """Let pictures that are new have the contrast of the others."""
+        """Share the contrast with new pictures."""
         share_contrast(*self._volumes())
         self.solid.set_contrast(self.solid.contrast)
 
     def _make_sides(self) -> None:
-        """Make the pictures from three sides, when they are first shown."""
+        """Create the pictures from three sides when they are first shown."""
         new = [look for look in self.looks if not look.pictures]
         if not new:
             return
@@ -307,7 +307,7 @@ class VolumeView(QWidget):
         name_controls(self)
 
     def _add_truth(self) -> None:
-        """Make what shows the known volume, when there is one."""
+        """Create the view of the true volume when there is one."""
         truth = VolumePanes("Truth", self._jobs, first=False)
         self.looks = (self.looks[0], truth)
         self.looking.add(truth)
@@ -324,7 +324,7 @@ class VolumeView(QWidget):
         look.solid.picked.connect(lambda z, y, x: self.set_cross(z=z, y=y, x=x))
 
     def _make_tools(self) -> None:
-        """Make what the header has: the views, and what is drawn."""
+        """Create the tools of the header: views, and elements to draw."""
         self.segments = []
         for mode, tip in zip(MODES, VIEWS, strict=True):
             self.segments.append(segment(mode, tip, partial(self._change, mode=mode), on=mode == self.intent.mode))
@@ -347,13 +347,13 @@ class VolumeView(QWidget):
         self.overlay.setMenu(menu)
 
     def set_empty(self, empty: EmptyState) -> None:
-        """Show what to do next where there is no light field."""
+        """Set the message that is shown without a light field."""
         self.empty = empty
         self.stack.addWidget(empty)
 
     # -- content ---------------------------------------------------------------------------------------
     def show_none(self, *, light_field: bool) -> None:
-        """Show the light field alone, or where none is open what to do next."""
+        """Show only the light field or, without one, the message on the next step."""
         self._light_field = light_field
         self.stack.setCurrentWidget(self.empty)
         self._show_parts()
@@ -423,16 +423,16 @@ class VolumeView(QWidget):
 
     @property
     def volume(self) -> NDArray[Any] | None:
-        """The volume that was asked for."""
+        """The requested volume."""
         return self._volume
 
     @property
     def prepared(self) -> Prepared | None:
-        """The volume that is shown."""
+        """The displayed volume."""
         return self.looks[0].prepared
 
     def set_cross(self, **place: Any) -> None:
-        """Move the cross along any of ``z``, ``y``, ``x``."""
+        """Move the cross to new values of ``z``, ``y`` or ``x``."""
         if self.prepared is None:
             return
         moved = replace(self.intent, **place).clamped(self.prepared.volume.shape)
@@ -443,12 +443,12 @@ class VolumeView(QWidget):
             self.moved.emit(moved.z, moved.y, moved.x)
 
     def go_to_brightest(self) -> None:
-        """Put the cross on the brightest voxel."""
+        """Move the cross to the brightest voxel."""
         if self.prepared is not None:
             self.set_cross(**dict(zip("zyx", self.prepared.brightest, strict=True)))
 
     def show_all(self) -> None:
-        """Show the first view: turn and zoom."""
+        """Restore the initial rotation and zoom."""
         self.turn = BEGIN
         for picture in self._volumes():
             picture.show_all()
@@ -484,7 +484,7 @@ class VolumeView(QWidget):
         self.set_cross(**{axis: int(np.argmin(np.abs(prepared.axes[axis] - place))) for axis, place in at.items()})
 
     def _read(self, look: VolumePanes, row: int, column: int) -> None:
-        """Say which voxel is behind the pointer, else where the cross is."""
+        """Show position and value of the voxel under the pointer, or else of the cross."""
         at = look.solid.voxel_at(row, column) or (self.intent.z, self.intent.y, self.intent.x)
         if look.prepared is not None:
             self._say(look.prepared.words_at(*at))
@@ -508,7 +508,7 @@ class VolumeView(QWidget):
         self._change(display=replace(self.intent.display, **changes))
 
     def _show_parts(self) -> None:
-        """Show the parts that there is something for."""
+        """Show the parts that have content."""
         there, solid = self.stack.currentWidget() is self.looking, self.intent.mode == MODES[0]
         for contrast, its in zip(self.contrasts, (solid, not solid), strict=False):
             contrast.setVisible(there and its)

@@ -190,7 +190,7 @@ class ExportSettings(PageSettings):
         return next(one for one in plain if not one.refusal(H)), ""
 
     def title(self, code: str) -> str:
-        """Return what an export is called on its button."""
+        """Return the name of an export for its button."""
         return f"Export for {CODES[code].title}" if code else f"Export as {self.suffix}"
 
     def holds_ht(self, code: str) -> bool:
@@ -208,7 +208,7 @@ class ExportSettings(PageSettings):
 
 
 def next_facts(project: ProjectState, H: PSFMatrix) -> dict[str, Any]:
-    """Return what the next step should know of the export of H: fields of `lfcal_gui.models.Sitting`."""
+    """Return fields of `lfcal_gui.models.Sitting` on the export of H."""
     settings, code = ExportSettings.of(project).offered(H)
     return {
         "export_title": settings.title(code),

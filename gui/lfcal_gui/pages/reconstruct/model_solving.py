@@ -99,7 +99,7 @@ def projector_for(
     settings: ReconstructSettings,
     view: Resampling | None = None,
 ) -> Any:
-    """Return the projector of a light field's used region and its margin, with the memory that solvers leave.
+    """Return the projector for the used region of a light field and its margin, within the memory that solvers leave.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ class Solving:
         self.mat_order = mat_order
         self.history: tuple[SolverProgress, ...] = ()
         self.errors: tuple[float, ...] = ()
-        """Error against the truth (NRMSE) after each iteration, where the truth is known."""
+        """Error relative to the truth (NRMSE) after each iteration, if the truth is known."""
         self.state: SolverState | None = None
         self.notes: tuple[str, ...] = ()
         self.stopped, self.chi2 = "", float("nan")

@@ -1,4 +1,4 @@
-"""Use: H becomes a file for another code, and a light field becomes a volume."""
+"""Use: export H for another code, and reconstruct volumes from light fields."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Page(BasePage):
         return ReconstructSettings.of(self.context.state)
 
     def let_go(self) -> None:
-        """Release the volume of the previous project, and stop its reconstruction."""
+        """Discard the volume of the previous project, and stop its reconstruction."""
         number, self._job = self._job, 0  # H is closed when the job ends
         if number:
             self.context.jobs.cancel(number)
@@ -105,7 +105,7 @@ class Page(BasePage):
         self._show_controls()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Follow H, light field and settings; what is exported follows the verdict, too."""
+        """Update the page if H, its verdict, light field or settings changed."""
         self.exporting.show()
         same = ReconstructSettings.of(old) == ReconstructSettings.of(new)
         if not same or any(getattr(old, key) != getattr(new, key) for key in FOLLOWED):
@@ -157,7 +157,7 @@ class Page(BasePage):
         self._show_controls()
 
     def _say(self, words: str) -> None:
-        """Say which voxel is looked at, or what H is where there is no volume."""
+        """Show the readout of a voxel or, without a volume, a description of H."""
         self.hint.setText(words or self._facts)
 
     def _device_looked_for(self, reason: str) -> None:
@@ -199,7 +199,7 @@ class Page(BasePage):
             panel.view.show_none(light_field=bool(state.light_field))
 
     def _voxels(self) -> tuple[int, int, int]:
-        """Return the size (z, y, x) of the volume that would be reconstructed; zeros where it is not known."""
+        """Return the size (z, y, x) of the volume that would be reconstructed; zeros if it is unknown."""
         matrix, image = self.context.matrix(self.context.state.psf), self.image
         if matrix is None or image is None:
             return 0, 0, 0
@@ -217,7 +217,7 @@ class Page(BasePage):
             self.open_light_field(path)
 
     def open_light_field(self, path: str) -> None:
-        """Take an image as the light field, once it is known to be good."""
+        """Make an image the light field after checking that it can be read."""
 
         def read(image: NDArray[Any]) -> None:
             self._ready = (path, image)
@@ -282,7 +282,7 @@ class Page(BasePage):
         self.panel.show_region((rows.start, rows.stop, columns.start, columns.stop))
 
     def make_light_field(self, phantom: str, path: str = "", shape: tuple[int, int] | None = None) -> None:
-        """Project a phantom through H and take the result as the light field."""
+        """Project a phantom through H and use the result as the light field."""
         matrix = self.context.matrix(self.context.state.psf)
         if matrix is None or self._job:
             what = "H is being opened" if matrix is None else "a reconstruction is running"
@@ -363,12 +363,12 @@ class Page(BasePage):
         self._run()
 
     def go_on(self) -> None:
-        """Continue with the same number of iterations."""
+        """Continue the reconstruction for the same number of iterations."""
         if self.solving is not None and not self._job:
             self._run()
 
     def stop(self) -> None:
-        """Stop after the present iteration."""
+        """Stop after the current iteration."""
         if self.solving is not None and self._job:
             self.solving.stop()
             self.panel.show_status(STOPPING, None, busy=True)
@@ -441,7 +441,7 @@ class Page(BasePage):
         self._show_controls()
 
     def save(self, path: str = "") -> None:
-        """Write what was reconstructed; asks for a name where none is given."""
+        """Save the reconstructed volume; without a path, ask for one."""
         from lfcal.reconstruct import save_volume
 
         solving, settings = self.solving, self.settings
@@ -475,7 +475,7 @@ class Page(BasePage):
             self.context.project.update("reconstruction", volume=path)
 
     def _load_volume(self) -> None:
-        """Show the volume of the project until there is a newer one."""
+        """Show the volume of the project, unless a newer one was reconstructed."""
         from lfcal.reconstruct import load_volume, volume_facts
 
         if self.solving is not None:

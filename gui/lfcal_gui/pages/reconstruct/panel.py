@@ -62,14 +62,14 @@ MAKE = (
 )
 
 PARTS = (("solvers", "Solver and iterations"), ("projection", "Projector"))
-"""Places where accuracy is paid for, as the chart of costs has them."""
+"""Parts of a reconstruction in the chart of error against cost."""
 
 GO = {
     "start": "Reconstruct with these settings, as a job",
     "more": "Continue with the same number of iterations",
     "stop": "Stop after the current iteration. The volume is kept, and you can continue",
 }
-"""What the button does, by what it is."""
+"""Actions of the main button, with their tooltips."""
 
 PLOT, CURVE = 117, 240
 """Heights of charts in the inspector (px)."""
@@ -82,9 +82,9 @@ class ReconstructPanel(QWidget):
     """The page's widgets."""
 
     pressed = Signal(str, arguments=["key"])
-    """A button: ``"open"``, ``"save"``, ``"again"``, or one of `GO`."""
+    """A button was pressed: ``"open"``, ``"save"``, ``"again"``, or one of `GO`."""
     make_asked = Signal(str, arguments=["phantom"])
-    """Make a light field from a phantom."""
+    """Request to make a light field from a phantom."""
 
     def __init__(self, jobs: Jobs | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -172,7 +172,7 @@ class ReconstructPanel(QWidget):
         return frame
 
     def _fill_more(self) -> None:
-        """Add to the folded settings what the solver does, and what accuracy costs."""
+        """Add the description of the solver and the chart of error against cost to the folded settings."""
         self.solver_words = WrappedLabel(role="hint")
         self.again = self._button("again", "Start again", "Reconstruct from the first iteration with these settings")
         self.part = choice_box(
@@ -190,7 +190,7 @@ class ReconstructPanel(QWidget):
 
     @cached_property
     def curve(self) -> CostCurve:
-        """What accuracy costs; made when the settings are first unfolded."""
+        """Chart of error against cost, which is created when the settings are first unfolded."""
         made = CostCurve()
         made.setFixedHeight(CURVE)
         self._costs_column.addWidget(made)
@@ -211,7 +211,7 @@ class ReconstructPanel(QWidget):
 
     @cached_property
     def likelihood(self) -> LinePlot:
-        """The log-likelihood by iterations; made when it is first seen or known."""
+        """Plot of the log-likelihood, which is created when it is first shown."""
         tip = (
             "Log-likelihood of the image minus its largest possible value, per pixel: 0 is a perfect "
             "fit. It may decrease for an iteration with accelerated solvers"
@@ -223,12 +223,12 @@ class ReconstructPanel(QWidget):
 
     @property
     def _plots(self) -> tuple[LinePlot, ...]:
-        """The plots that are made."""
+        """The plots that were created."""
         return self.misfit, *((self.likelihood,) if "likelihood" in self.__dict__ else ())
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_go(self, key: str, more: int = 0, *, enabled: bool = True) -> None:
-        """Show what the button does: one of `GO`; ``more``: how many iterations it adds."""
+        """Set the action of the main button, one of `GO`; ``more`` is the number of iterations that it adds."""
         self._go = key
         words = {"start": "Reconstruct", "more": f"Run {more} more", "stop": "Stop"}
         self.go.setText(words[key])
@@ -249,14 +249,14 @@ class ReconstructPanel(QWidget):
         self.more.set_shown("goal", settings.stop == "left-out")
 
     def show_device(self, chosen: str) -> None:
-        """Disable the choice of a device if there is no accelerator, unless one is chosen: it can be deselected."""
+        """Disable the choice of a device without an accelerator, unless one is chosen, so that it can be deselected."""
         self.more.set_enabled("device", not self.no_device or chosen == "cuda")
         editor = self.more.editor("device")
         editor.setToolTip("\n".join(filter(None, (DEVICE.tip, self.no_device))))
         editor.setAccessibleDescription(self.no_device)
 
     def show_region(self, region: tuple[int, int, int, int] | None) -> None:
-        """Frame the region that is used: first row, row behind the last, and so for columns. None: no light field."""
+        """Draw the border of the used region (rows, then columns: first, last plus one). None: no light field."""
         if region is None:
             self.view.light_field.set_overlays()
             return
@@ -264,11 +264,11 @@ class ReconstructPanel(QWidget):
         self.view.light_field.set_overlays(*cutout_of(top, left, (bottom - top, right - left)))
 
     def show_forecast(self, words: str) -> None:
-        """Show what a reconstruction will cost, as rich text, or why that is not known."""
+        """Show the forecast of a reconstruction as rich text, or why it is unknown."""
         self.forecast.setText(unbroken(words))
 
     def show_no_volume(self) -> None:
-        """Show no volume, no convergence and no status."""
+        """Clear volume, convergence and status."""
         self.view.set_volume(None)
         for plot in self._plots:
             plot.clear()
@@ -277,7 +277,7 @@ class ReconstructPanel(QWidget):
         self.show_took("")
 
     def show_history(self, history: Sequence[Any], pixels: int, errors: Sequence[float] = ()) -> None:
-        """Show the convergence: `SolverProgress` records of an image of so many pixels, and errors of the volume."""
+        """Show the convergence: `SolverProgress` records, number of pixels of the image, and errors of the volume."""
         at = [record.iteration for record in history]
         symbol = "o" if len(at) < 3 else None
         for plot in self._plots:
@@ -293,12 +293,12 @@ class ReconstructPanel(QWidget):
         self.likelihood.set_curve("likelihood", at, values, symbol=symbol)
 
     def show_took(self, words: str, role: str = "hint") -> None:
-        """Say next to the title how long it will take, or took."""
+        """Show next to the title the forecast or measured duration."""
         self.took.setText(words)
         set_role(self.took, role)
 
     def show_status(self, words: str, fraction: float | None, *, bad: bool = False, busy: bool = False) -> None:
-        """Show how far it is while it is ``busy``, None: not known; and words, or nothing where there are none."""
+        """Show a text and, while ``busy``, the completed fraction (None: unknown)."""
         set_role(self.status, "error" if bad else "hint")
         self.status.setText(words)
         self.status.setVisible(bool(words))

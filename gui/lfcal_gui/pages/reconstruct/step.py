@@ -10,7 +10,7 @@ from lfcal_gui.pages.reconstruct.model import ReconstructSettings, task_of
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the light field becomes a volume; where none is open, how H is exported."""
+    """Return the step that reconstructs the light field or, without one, that exports H."""
     psf = needed_file(project.psf, "H", "H")
     if not project.light_field:
         return export_step(project, out)
@@ -24,7 +24,7 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
 def export_step(
     project: ProjectState, out: str = "", chosen: ExportSettings | None = None, code: str = ""
 ) -> CommandStep:
-    """Return how H is exported for a code, or as the options say; by default for MATLAB."""
+    """Return the step that exports H for a code or according to the options; by default for MATLAB."""
     psf = needed_file(project.psf, "H", "H")
     chosen = chosen or (ExportSettings.of_path(out) if out else ExportSettings())
     out, order = out or f"H{chosen.suffix_for(code)}", stated_order(project, psf)

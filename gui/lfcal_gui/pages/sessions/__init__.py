@@ -1,4 +1,4 @@
-"""Sessions: what was recorded, made and found, in a gallery and over time; any two are compared.
+"""Sessions: gallery of recordings and results, quality over time, and comparison of two results.
 
 - ``page``, ``panel``; ``_tiles``: the results as tiles; ``_looking``: folders looked through in the background
 - ``_pairing``: two results compared; ``trend_panel``: reports over time
@@ -12,7 +12,7 @@ from lfcal_gui.models import PageSpec, PageState, ProjectState, nothing
 
 
 def state(project: ProjectState) -> PageState:
-    """Return that there is something to see when the project has a file."""
+    """Return the state of the page: whether the project has a file."""
     return PageState.READY if project.psf or project.frames or project.recording else PageState.NOTHING
 
 

@@ -22,30 +22,30 @@ if TYPE_CHECKING:
     from lfcal.judge import ResultList, StoredResult
 
 AT_ONCE = 4
-"""Pictures that are read before the next ones are asked for: those that are seen then come first."""
+"""Number of pictures that are read before the visible results are determined again."""
 
 Seen = tuple["StoredResult", Verdict | None]
 
 
 class Looking(QObject):
-    """Searches folders in a thread, so that a slow disk delays nothing else.
+    """Search folders in a thread, so that a slow disk does not delay the window.
 
     Parameters
     ----------
     jobs, kept
-        What runs it, and what keeps pictures and verdicts.
+        Jobs of the window, and cache of pictures and verdicts.
     """
 
     began = Signal()
-    """Other folders are looked through."""
+    """A search of other folders has started."""
     found = Signal(object, str, arguments=["results", "words"])
-    """What was found since the last time, each with its verdict, and where it is looking."""
+    """Results found since the last signal, with their verdicts, and the current folder of the search."""
     ended = Signal(object, arguments=["listing"])
-    """All was looked through."""
+    """The search is complete."""
     failed = Signal(str, arguments=["words"])
-    """Why it cannot be."""
+    """Why the search failed."""
     pictured = Signal(object, object, arguments=["path", "picture"])
-    """The picture of a result, None: it has none."""
+    """The picture of a result; None if it has none."""
 
     def __init__(self, jobs: Jobs, kept: KeptResults, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -55,11 +55,11 @@ class Looking(QObject):
 
     @property
     def active(self) -> bool:
-        """Whether folders are being looked through."""
+        """Whether folders are being searched."""
         return self._jobs.loading("sessions list")
 
     def start(self, folders: Sequence[str], project: ProjectState) -> None:
-        """Search these folders in place of the previous ones; the project may have a verdict on H."""
+        """Search these folders instead of the previous ones; ``project`` may contain a verdict on an H."""
         self.stop()
         self._stop = stop = threading.Event()
         self._wanted.clear()
@@ -77,7 +77,7 @@ class Looking(QObject):
         self._jobs.drop("sessions list")
 
     def _list(self, folders: Sequence[str], project: ProjectState, stop: threading.Event) -> ResultList | None:
-        """Look through folders, in a thread. None: it was stopped."""
+        """Search folders in a thread; return None if stopped."""
         from lfcal.judge import ListingProgress, iter_find_results
 
         self.kept.sweep()
@@ -106,7 +106,7 @@ class Looking(QObject):
 
     # -- pictures --------------------------------------------------------------------------------------
     def want(self, results: Sequence[StoredResult]) -> None:
-        """Read the pictures of these, which are seen, before those that were seen earlier."""
+        """Read the pictures of these results, which are visible, before those requested earlier."""
         self._wanted = [*results, *(one for one in self._wanted if one not in results)][:100]
         self._next()
 

@@ -1,4 +1,4 @@
-"""Two results of the gallery compared: H by what they hold, all others by their facts."""
+"""Comparison of two results of the gallery: two H by their values, other results by their facts."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ NONE = "One of the two files no longer exists."
 
 
 class Pairing(Comparing):
-    """Compares the two results that were selected.
+    """Comparison of the two selected results.
 
     Parameters
     ----------
     panel, context
-        What shows it, and the window.
+        Panel that shows the comparison, and context of the window.
     """
 
     def __init__(self, panel: SessionsPanel, context: Context) -> None:
@@ -36,7 +36,7 @@ class Pairing(Comparing):
         context.matrices.changed.connect(self._matrix_changed)
 
     def request(self) -> CompareRequest | None:
-        """Return the two files as they are now."""
+        """Return the request to compare the two files; None if one is missing."""
         first, second = (stamp_of(path) for path in self._files)
         if first is None or second is None:
             return None
@@ -49,12 +49,12 @@ class Pairing(Comparing):
         return NONE
 
     def pairing_chosen(self, by_number: bool) -> None:
-        """Pair planes by their numbers, or by their depths."""
+        """Pair planes by number or by depth, as chosen."""
         self._by_number = by_number
         self.follow()
 
     def begin(self, first: StoredResult, second: StoredResult, verdicts: dict[Path, Verdict]) -> None:
-        """Compare two results and show it."""
+        """Compare two results, and show the comparison."""
         if can_judge(first) and can_judge(second):
             self._forget()
             self._files = str(first.path), str(second.path)
@@ -78,12 +78,12 @@ class Pairing(Comparing):
         self._context.jobs.load("sessions pair", read, lambda rows: self._whole.show_pair(names, rows), refused)
 
     def release(self) -> None:
-        """Release the comparison, and stop a running one."""
+        """Discard the comparison, and stop a running one."""
         super().release()
         self._pair = None
 
     def show_place(self, place: Place) -> None:
-        """Show a position of both, and where it is."""
+        """Show a position of both H."""
         from lfcal.judge.report import map_levels
 
         found, panel = self.found, self._whole.compare
@@ -110,7 +110,7 @@ class Pairing(Comparing):
         self._context.jobs.compute("sessions both", lambda: both_at(pair, place), read, failed)
 
     def _opened(self) -> Pair | None:
-        """Return both H as they are open in the window, None: not yet."""
+        """Return both H if they are open in the window, else None."""
         from lfcal.judge import pair
 
         if self._pair is None and self._asked is not None:
@@ -129,13 +129,13 @@ class Pairing(Comparing):
                 self.show_place(self._place)
 
     def let_go(self) -> None:
-        """Forget what was compared, and close its files."""
+        """Discard the comparison, and close its files."""
         self.release()
         self._forget()
         self._files = ("", "")
 
     def _forget(self) -> None:
-        """Close the files that were compared, but those of the project."""
+        """Close the compared files, except those of the project."""
         state = self._context.state
         for path in self._files:
             if path and path not in (state.psf, state.reference):
@@ -143,7 +143,7 @@ class Pairing(Comparing):
 
 
 def _names(first: Path, second: Path) -> tuple[str, str]:
-    """Return what two results are called: with their folders where the names are the same."""
+    """Return the names of two results, with their folders if the names are equal."""
     if first.name != second.name:
         return first.name, second.name
     return f"{first.parent.name}/{first.name}", f"{second.parent.name}/{second.name}"

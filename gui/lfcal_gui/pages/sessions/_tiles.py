@@ -1,4 +1,4 @@
-"""Results as tiles: a picture, the name, the verdict and the date; only those that are seen are drawn and read."""
+"""Results as tiles with picture, name, verdict and date; only visible tiles are read and drawn."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ TILE = QSize(180, 208)
 PICTURE = 128
 CENTRED = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
 MARKS = {"good": "✓", "fair": "▲", "bad": "✕", "unknown": "○"}
-"""A sign and a word show the state, never colour alone."""
+"""Sign for each merit, so that its meaning does not depend on colour alone."""
 
 Index = QModelIndex | QPersistentModelIndex
 ROOT = QModelIndex()
 
 
 class TilesModel(QAbstractListModel):
-    """The results that are shown, with their verdicts and the pictures that are read."""
+    """Model of the displayed results, with their verdicts and the pictures read so far."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -39,11 +39,11 @@ class TilesModel(QAbstractListModel):
         self.pictures: dict[Path, QImage | None] = {}
 
     def rowCount(self, parent: Index = ROOT) -> int:
-        """Return how many results are shown."""
+        """Return the number of displayed results."""
         return 0 if parent.isValid() else len(self.results)
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        """Return the name of a result, or all of its words for tips and screen readers."""
+        """Return the name of a result, or its description for tooltips and screen readers."""
         if not 0 <= index.row() < len(self.results):
             return None
         result = self.results[index.row()]
@@ -56,14 +56,14 @@ class TilesModel(QAbstractListModel):
         return None
 
     def words(self, row: int) -> tuple[str, str]:
-        """Return date and kind, and the verdict."""
+        """Return two lines of text: date and kind, and the verdict."""
         result = self.results[row]
         dated = f"{result.when.astimezone():%Y-%m-%d}, {kind_word(result)}"
         return dated, verdict_words(result, self.verdicts)[1]
 
 
 class TileDelegate(QStyledItemDelegate):
-    """Draws a tile."""
+    """Delegate that draws a tile."""
 
     def __init__(self, model: TilesModel, parent: QWidget) -> None:
         super().__init__(parent)
@@ -74,7 +74,7 @@ class TileDelegate(QStyledItemDelegate):
         return TILE
 
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
-        """Draw picture and words."""
+        """Draw picture and texts of a tile."""
         state = option.state  # type: ignore[attr-defined]  # a field of Qt's that the stubs lack
         area: QRect = option.rect.adjusted(4, 4, -4, -4)  # type: ignore[attr-defined]
         theme, result = current_theme(), self._model.results[index.row()]
@@ -130,14 +130,14 @@ class TileDelegate(QStyledItemDelegate):
 
 
 class ResultTiles(QListView):
-    """The gallery."""
+    """List view of the gallery."""
 
     seen = Signal(object, arguments=["results"])
-    """These are in view and have no picture yet."""
+    """Visible results that have no picture yet."""
     chosen = Signal()
-    """Others are selected."""
+    """The selection changed."""
     opened = Signal()
-    """The user opens the selected one."""
+    """Request to open the selected result."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -160,7 +160,7 @@ class ResultTiles(QListView):
         self.verticalScrollBar().valueChanged.connect(lambda _: self._timer.start())
 
     def show_results(self, results: Sequence[StoredResult], verdicts: Mapping[Path, Verdict]) -> None:
-        """Show results in their order; those that were selected stay so."""
+        """Show results in their order; selected results stay selected."""
         before = {one.path for one in self.selected()}
         model, top = self._model, self.verticalScrollBar().value()
         blocked = self.blockSignals(True)
@@ -178,22 +178,22 @@ class ResultTiles(QListView):
         self._timer.start()
 
     def selected(self) -> list[StoredResult]:
-        """Return what is selected, in the order of the tiles."""
+        """Return the selected results in the order of the tiles."""
         rows = sorted(index.row() for index in self.selectedIndexes())
         return [self._model.results[row] for row in rows if row < len(self._model.results)]
 
     def show_picture(self, path: Path, picture: NDArray[np.uint8] | None) -> None:
-        """Show the picture of a result, None: it has none."""
+        """Show the picture of a result; None if it has none."""
         self._model.pictures[path] = None if picture is None else _image(picture)
         self.viewport().update()
 
     def forget_pictures(self) -> None:
-        """Read all pictures again, as of other colours or of files that changed."""
+        """Discard all pictures, so that they are read again after a change of colours or files."""
         self._model.pictures.clear()
         self._timer.start()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Read the pictures that come into view."""
+        """Request the pictures that become visible."""
         super().resizeEvent(event)
         self._timer.start()
 
@@ -206,7 +206,7 @@ class ResultTiles(QListView):
 
 
 def _image(values: NDArray[np.uint8]) -> QImage:
-    """Return values 0 to 255 in the colours of pictures."""
+    """Return an image of values (0 to 255) in the colours of pictures."""
     colours = np.ascontiguousarray(theme_table("magma")[values])
     rows, columns = values.shape
     return QImage(colours.data, columns, rows, 4 * columns, QImage.Format.Format_RGBA8888).copy()

@@ -51,7 +51,7 @@ def trend_of(folders: Sequence[Path]) -> Trend:
 
 
 def courses_of(found: Trend) -> tuple[Course, ...]:
-    """Return the courses to show: faults, then metrics, with those that got worse first."""
+    """Return the curves over time to show: faults, then metrics, with those that got worse first."""
     return tuple(one for one in found.courses if any(one.points))
 
 
@@ -102,7 +102,7 @@ def trend_words(found: Trend) -> tuple[str, str]:
 
 
 def curve_of(found: Trend, row: int) -> TrendCurve:
-    """Return the course of a row over the sessions in which it is known."""
+    """Return the curve of a row over the sessions in which it is known."""
     one = courses_of(found)[row]
     start = found.sessions[0].when
     times = [(session.when - start).total_seconds() for session in found.sessions]

@@ -1,4 +1,4 @@
-"""Sessions: what was recorded, made and found, in a gallery and over time; any two are compared."""
+"""Sessions: gallery of recordings and results, quality over time, and comparison of two results."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NO_FOLDER = "This project has no file yet.\nChoose a folder that contains record
 NOTHING = "No results of lfcal were found here."
 NO_MATCH = "No result matches the filter."
 PAGES = ("index.html", "report/index.html")
-"""What the browser opens of a folder."""
+"""Pages of a folder that the browser opens."""
 
 
 class Page(BasePage):
@@ -87,7 +87,7 @@ class Page(BasePage):
 
     @cached_property
     def pairing(self) -> Pairing:
-        """The comparison of two results; made when it is first asked for."""
+        """The comparison of two results, which is created on demand."""
         return Pairing(self.panel, self.context)
 
     # -- project ---------------------------------------------------------------------------------------
@@ -98,19 +98,19 @@ class Page(BasePage):
 
     @property
     def folders(self) -> tuple[str, ...]:
-        """The folders that are looked through."""
+        """The folders to search."""
         chosen = self.settings.folder
         return (
             (chosen,) if chosen != model.PROJECT else model.own_folders(self.context.state, self.context.project.path)
         )
 
     def let_go(self) -> None:
-        """Forget what was compared in another project."""
+        """Discard the comparison of the previous project."""
         if "pairing" in self.__dict__:
             self.pairing.let_go()
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Follow the choices, and the folders of the project."""
+        """Update the page if settings or the folders of the project changed."""
         if SessionsSettings.of(old) != SessionsSettings.of(new):
             self.panel.show_settings(self.settings, self._recent)
             self._show()
@@ -120,7 +120,7 @@ class Page(BasePage):
             self._look_if_new()
 
     def _take_verdict(self) -> None:
-        """Show the verdict on the project's H, which may be judged on other pages."""
+        """Show the verdict on the project's H, which other pages may have judged."""
         state = self.context.state
         for one in self.results:
             if state.psf and str(one.path) == str(Path(state.psf).absolute()):
@@ -131,7 +131,7 @@ class Page(BasePage):
                     self._show_chosen()
 
     def entered(self) -> None:
-        """Look through the folder, unless that was done."""
+        """Search the folder, unless this was done already."""
         if "pairing" in self.__dict__:
             self.pairing.follow()
         self._look_if_new()
@@ -145,7 +145,7 @@ class Page(BasePage):
         self.context.project.note(settings=settings.into(self.context.state))
 
     def choose(self, folder: str = "") -> None:
-        """Look through another folder; without one it is asked for."""
+        """Search another folder; without a path, ask for one."""
         folder = folder or QFileDialog.getExistingDirectory(self, "Folder to search")
         if folder:
             self._recent = model.recent_with(folder, self._recent)
@@ -156,7 +156,7 @@ class Page(BasePage):
 
     # -- looking ---------------------------------------------------------------------------------------
     def look(self) -> None:
-        """Look through the folder, again where that was done."""
+        """Search the folder, even if this was done already."""
         self._looked = self.folders
         self.looking.start(self.folders, self.context.state)
 
@@ -243,7 +243,7 @@ class Page(BasePage):
             self.context.files_offered.emit([str(one.path)])
 
     def compare(self) -> None:
-        """Compare the two results that are selected."""
+        """Compare the two selected results."""
         chosen = self.panel.tiles.selected()
         if len(chosen) == 2:
             self.pairing.begin(chosen[0], chosen[1], self.verdicts)
@@ -282,7 +282,7 @@ class Page(BasePage):
 
 
 def _page_of(folder: Path) -> Path:
-    """Return the page of a report or a fit, the folder where there is none."""
+    """Return the HTML page of a report or a fit; the folder if there is none."""
     return next((folder / name for name in PAGES if (folder / name).is_file()), folder)
 
 

@@ -1,4 +1,4 @@
-"""Sessions: the gallery with its filter and the facts of what is selected, reports over time, and two compared."""
+"""Sessions: gallery with filter and facts of the selection, reports over time, and comparison of two results."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ TIPS = (
 
 
 class SessionsPanel(QTabWidget):
-    """Three views: gallery, over time, two compared."""
+    """Panel with three views: gallery, reports over time, comparison of two results."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -125,7 +125,7 @@ class SessionsPanel(QTabWidget):
 
     @cached_property
     def compare(self) -> ComparePanel:
-        """Two H side by side; made when they are first compared."""
+        """Comparison of two H, which is created on demand."""
         made = ComparePanel()
         made.choose_button.hide()  # both are chosen in the gallery
         self.pair_stack.addWidget(made)
@@ -134,7 +134,7 @@ class SessionsPanel(QTabWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_settings(self, settings: SessionsSettings, folders: Sequence[str]) -> None:
-        """Show what is chosen; ``folders`` were used last."""
+        """Show the settings; ``folders`` are the recently used ones."""
         blockers = [QSignalBlocker(box) for box in (self.folder, self.kind, self.order)]
         self.folder.clear()
         self.folder.addItem("Folders of this project", PROJECT)
@@ -146,12 +146,12 @@ class SessionsPanel(QTabWidget):
             blocker.unblock()
 
     def show_message(self, words: str) -> None:
-        """Show words in place of tiles; empty: the tiles."""
+        """Show a message in place of the tiles; empty: show the tiles."""
         self.message.setText(words)
         self.stack.setCurrentIndex(0 if words else 1)
 
     def show_facts(self, title: str, rows: Sequence[tuple[str, str]]) -> None:
-        """Show what is known of the selected result; no rows: how to select one."""
+        """Show the facts of the selected result; without rows, explain how to select one."""
         self.facts_title.setText(title)
         self.facts.show_rows(rows)
         self.facts.setSortingEnabled(False)

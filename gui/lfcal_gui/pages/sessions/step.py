@@ -8,7 +8,7 @@ from lfcal_gui.pages.sessions.model import SessionsSettings, own_folders
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the quality reports of the folder that is looked through are compared over time."""
+    """Return the step that compares the quality reports of the searched folder over time."""
     folder = SessionsSettings.of(project).folder or next(iter(own_folders(project, None)), "")
     if not folder:
         raise InputError("Sessions: no folder to search; choose one")

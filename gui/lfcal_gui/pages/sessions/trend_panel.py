@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 
 class TrendPanel(QWidget):
-    """The tab over time."""
+    """Tab with the quality reports over time: a table, and the curve of the selected row."""
 
     picture_asked = Signal()
-    """A picture of all curves is wanted."""
+    """Request to save a picture of all curves."""
     row_chosen = Signal(int, arguments=["row"])
-    """A row of the table is looked at."""
+    """A row of the table was selected."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -74,7 +74,7 @@ class TrendPanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_message(self, words: str) -> None:
-        """Show words in place of a table."""
+        """Show a message in place of the table."""
         self.message.setText(words)
         for label in (self.verdict, self.notes):
             label.setText("")
@@ -82,7 +82,7 @@ class TrendPanel(QWidget):
         self.stack.setCurrentIndex(0)
 
     def show_rows(self, words: tuple[str, str], rows: Sequence[tuple[str, ...]], merits: Sequence[str]) -> None:
-        """Show what got worse, what was compared, and all rows; the first is chosen."""
+        """Show a summary and all rows; the first row is selected."""
         theme = current_theme()
         colours = {"good": theme.good, "fair": theme.fair, "bad": theme.bad, "unknown": theme.muted}
         self.verdict.setText(words[0])
@@ -97,7 +97,7 @@ class TrendPanel(QWidget):
         self.table.selectRow(0)
 
     def show_curve(self, curve: TrendCurve) -> None:
-        """Show a course with the limits of good and bad."""
+        """Show a curve with the limits of good and bad."""
         self.title.setText(curve.label)
         self.curve.clear()
         self.curve.set_labels(f"{curve.unit} since the first session", curve.label)
@@ -130,12 +130,12 @@ PICTURES = "Images (*.png *.svg)"
 
 
 class Trending:
-    """What got worse over the reports of the gallery.
+    """Controller of the reports of the gallery over time.
 
     Parameters
     ----------
     panel, context
-        What shows it, and the window.
+        Panel that shows the table, and context of the window.
     """
 
     def __init__(self, panel: TrendPanel, context: Context) -> None:
@@ -146,7 +146,7 @@ class Trending:
         panel.row_chosen.connect(self._row_chosen)
 
     def show_results(self, reports: Sequence[StoredResult]) -> None:
-        """Read these reports, unless they are shown."""
+        """Read these reports, unless they are displayed already."""
         if reports == self._asked:
             return
         self.found, self._asked = None, reports
@@ -162,7 +162,7 @@ class Trending:
         self.show()
 
     def show(self) -> None:
-        """Show what was read."""
+        """Show the reports that were read."""
         if self.found is not None:
             self._panel.show_rows(
                 model_trend.trend_words(self.found), model_trend.rows_of(self.found), model_trend.merits_of(self.found)
@@ -173,7 +173,7 @@ class Trending:
             self._panel.show_curve(model_trend.curve_of(self.found, row))
 
     def save_picture(self, path: str = "") -> None:
-        """Draw all courses into a file; without one it is asked for."""
+        """Save a picture of all curves; without a path, ask for one."""
         from lfcal.judge import draw_trend
 
         found = self.found

@@ -1,4 +1,4 @@
-"""Set up: the camera as described, and where the point source goes; what the scan looks like and costs."""
+"""Set up: description of the camera, and plan of the scan with its appearance and cost."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from lfcal_gui.models import PageSpec, PageState, ProjectState
 
 
 def state(project: ProjectState) -> PageState:
-    """Return whether there is a plan."""
+    """Return the state of the page: whether there is a plan."""
     return PageState.READY if project.plan is None else PageState.DONE
 
 

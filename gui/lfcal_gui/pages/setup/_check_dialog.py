@@ -1,4 +1,4 @@
-"""The comparison of the camera with a white image: what fits, what differs, which lattice it shows."""
+"""Comparison of the camera with a white image: agreements, differences, and measured lattice."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ LEGENDS = {
 }
 STRAIGHT = "The lattice is straight: there is no distortion to draw."
 LENSLETS = 12
-"""Lenslets seen along a side of the picture."""
+"""Number of lenslets visible along a side of the picture."""
 
 COLUMNS = ("", "Verdict", "Difference (px)", "Camera", "White image")
 OFF_BY = 2
 SIZE, ROOMY = (990, 460), 740
-"""Size of the dialog, and least width of a table with all columns (px)."""
+"""Size of the dialog, and smallest width of a table with all columns (px)."""
 
 
 class CheckDialog(QDialog):
-    """The white image with both lattices, and a table of every value; it follows the check while it is open."""
+    """Dialog with the white image, both lattices, and a table of all values, which is updated while it is open."""
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)

@@ -71,23 +71,23 @@ BUTTONS = {
     "take": ("Use measured lattice", "Use pitch, rotation and offset of the white image in the camera"),
     "details": ("Details …", "Show each value compared with the white image, and maps of the lattice"),
 }
-"""Names of buttons, what is on them, and when one would press them."""
+"""Key, title and tooltip of each button."""
 
 HEADS = {
     "good": "✓ The white image agrees",
     "fair": "▲ The white image differs",
     "bad": "▲ The white image contradicts",
 }
-"""Headline of the comparison with a white image."""
+"""Headlines of the comparison with a white image."""
 
 
 PRESET = "Start with a camera that comes with lfcal, and change what differs. Undo restores your camera"
 SMALL = 18
-"""Side of a tick (px)."""
+"""Side of a check box (px)."""
 
 
 class Inspector(QWidget):
-    """The column of cards.
+    """Inspector of the page: a column of cards.
 
     Parameters
     ----------
@@ -96,14 +96,14 @@ class Inspector(QWidget):
     """
 
     preset_chosen = Signal(str, arguments=["name"])
-    """A camera that comes with lfcal was picked."""
+    """The user chose a preset."""
     edited, scan_edited = (
         Signal(str, object, arguments=["key", "value"]),
         Signal(str, object, arguments=["key", "value"]),
     )
-    """The user changed a field of the camera, or of the scan, and it passes."""
+    """The user changed a field of the camera or of the scan to a valid value."""
     confirmed = Signal(tuple, arguments=["paths"])
-    """The user says that the values at these paths are right."""
+    """The user confirmed the values at these paths."""
     asked = Signal(str, arguments=["what"])
     """A button was pressed: its name in `BUTTONS`."""
 
@@ -189,7 +189,7 @@ class Inspector(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_camera(self, camera: Camera) -> None:
-        """Show the values of a camera, and where they come from."""
+        """Show the values of a camera and their sources."""
         values = model.values_of(camera)
         marks = {key: model.mark_of(camera, key) for key in values}
         self.values.set_state(values, {key: (mark, model.TIPS[mark]) for key, mark in marks.items()})
@@ -198,7 +198,7 @@ class Inspector(QWidget):
         self.buttons["confirm"].setEnabled(bool(self._assumed))
 
     def show_effects(self, effects: tuple[AssumedEffect, ...]) -> None:
-        """Show the assumed values first, with what changes if they are wrong; without ``effects``, by name alone."""
+        """Show the assumed values with the effects of an error; without ``effects``, show only their names."""
         known = {one.path: one.words for one in effects}
         if known:
             known |= {path: "noise of H" for path in NOISE if path in self._assumed}
@@ -213,7 +213,7 @@ class Inspector(QWidget):
         return self._assumed
 
     def show_plan(self, plan: ScanPlan | None, settings: PlanSettings, refused: str) -> None:
-        """Show the values of a plan, and why half of its period is ``refused``."""
+        """Show the values of a plan, and why a half-cell scan is ``refused`` (empty: it is possible)."""
         self.no_plan.setVisible(plan is None)
         self.scan.setVisible(plan is not None)
         self.refused.setText(refused)
@@ -236,10 +236,10 @@ class Inspector(QWidget):
 
 
 class AssumedList(QWidget):
-    """Assumed values, what changes if they are wrong, and a tick to confirm each."""
+    """List of assumed values with the effect of an error, and a check box to confirm each."""
 
     confirmed = Signal(str, arguments=["path"])
-    """The value at this place of the description is right."""
+    """The user confirmed the value at this path of the description."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -253,7 +253,7 @@ class AssumedList(QWidget):
         self.hide()
 
     def show_values(self, rows: list[tuple[str, str, str]]) -> None:
-        """Show values in this order: path, name, and what changes."""
+        """Show values in their order, as path, name, and effect of an error."""
         if rows == self.rows:
             return
         self.rows = rows

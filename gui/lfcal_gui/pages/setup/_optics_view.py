@@ -18,7 +18,7 @@ PITCH_LABEL = 84.0
 
 
 class OpticsView(QWidget):
-    """Two drawings, each with equal scales inside: the whole camera, and a few lenslets over the sensor."""
+    """Two drawings to scale: the whole camera, and a few lenslets over the sensor."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -102,7 +102,7 @@ class OpticsView(QWidget):
         self._words(p, a, b, y + 2, text)
 
     def _words(self, p: QPainter, a: float, b: float, y: float, text: str) -> None:
-        """Write centred between ``a`` and ``b``, and whole within the drawing."""
+        """Draw a text centred between ``a`` and ``b``, shifted such that it is completely within the drawing."""
         p.setPen(QColor(current_theme().text))
         wide = p.fontMetrics().horizontalAdvance(text) + 2
         left = max(0.0, min((a + b - wide) / 2, self.width() - wide))

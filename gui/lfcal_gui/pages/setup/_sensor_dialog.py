@@ -1,4 +1,4 @@
-"""The sensor measured: folders of flats and darks, the figures, the photon-transfer curve, and taking them over."""
+"""Measurement of the sensor from folders of flat and dark frames: results, and use in the camera."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ AXES = ("signal above black (counts)", "noise, rms (counts)")
 
 
 def iter_sensor(camera: Camera, flats: Path, darks: Path) -> Work[SensorMeasurement]:
-    """Yield progress and return the sensor's figures; the colour filter is that of the files, else the camera's."""
+    """Measure the sensor, and return the results; the colour filter is that of the files, else that of the camera."""
     (lit, facts), (dark, _) = find_frames(flats), find_frames(darks)
     found: SensorMeasurement = yield from iter_measure_sensor(lit, dark, cfa=str(facts.get("cfa") or camera.sensor.cfa))
     return found
 
 
 def remarks_on(found: SensorMeasurement, camera: Camera) -> str:
-    """Return the remarks on the figures, one line each: doubts, differences from ``camera``, notes."""
+    """Return remarks on the results, one line each: doubts, differences from ``camera``, notes."""
     doubts = [f"Doubtful: {doubt}." for doubt in found.doubts]
     notes = (*sensor_differences(found, camera.sensor), *found.notes)
     return "\n".join([*doubts, *(f"{note[:1].upper()}{note[1:]}." for note in notes)])
@@ -67,12 +67,12 @@ def curves_of(found: SensorMeasurement) -> tuple[Points, Points, Points]:
 
 
 class SensorDialog(QDialog):
-    """Measure the sensor of the project's camera, and take the figures over.
+    """Dialog that measures the sensor of the project's camera, and uses the results in the camera.
 
     Parameters
     ----------
     parent, context
-        The page, and what it may use of the window.
+        The page and its context.
     take
         Called with the camera as measured, and a label for undoing it; returns whether it was taken.
     """
@@ -118,7 +118,7 @@ class SensorDialog(QDialog):
             self.set_folder(which, path)
 
     def set_folder(self, which: str, path: str) -> None:
-        """Take a folder of ``"flats"`` or ``"darks"``; with both the measurement begins."""
+        """Set the folder of ``"flats"`` or ``"darks"``; with both, the measurement starts."""
         self.folders[which] = path
         known = {name: at for name, at in self.folders.items() if at}
         self.chosen.setText(", ".join(f"{name}: {Path(at).name}" for name, at in known.items()))
@@ -156,7 +156,7 @@ class SensorDialog(QDialog):
         self.words.setText(job.error or HINT)
 
     def show_found(self, found: SensorMeasurement) -> None:
-        """Show the figures, the curve, and the remarks on them."""
+        """Show the results, the photon-transfer curve, and remarks."""
         self.found = found
         self.bar.setVisible(False)
         fitted, others, fit = curves_of(found)
@@ -169,14 +169,14 @@ class SensorDialog(QDialog):
         self._show_figures()
 
     def _taken(self) -> tuple[Camera | None, str]:
-        """Return the project's camera with the measured sensor, or None and why it cannot be taken."""
+        """Return the project's camera with the measured sensor, or None and the reason if it cannot be used."""
         try:
             return None if self.found is None else self.found.camera(self.context.state.camera), ""
         except InputError as error:
             return None, str(error)
 
     def _show_figures(self) -> None:
-        """Show the figures next to those of the project's camera, and whether they can be transferred to it."""
+        """Show the results next to the values of the project's camera, and whether they can be used in it."""
         if self.found is None:
             return
         camera = self.context.state.camera
@@ -187,7 +187,7 @@ class SensorDialog(QDialog):
         self.take_button.setToolTip(why or TAKE)
 
     def take(self) -> None:
-        """Make the measured sensor that of the project's camera as it is now."""
+        """Use the measured sensor in the current camera of the project."""
         camera, why = self._taken()
         if camera is None:
             self.words.setText(why or self.words.text())
@@ -199,7 +199,7 @@ class SensorDialog(QDialog):
             self.words.setText("The camera now has the measured sensor; save the camera to use it elsewhere.")
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Stop what is still measured."""
+        """Stop a running measurement."""
         self.context.jobs.cancel(self._job)
         self.context.jobs.changed.disconnect(self._job_changed)
         self.context.theme_changed.disconnect(self.plot.apply_theme)

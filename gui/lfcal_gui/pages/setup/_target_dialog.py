@@ -1,4 +1,4 @@
-"""A dialog for a target of many points: what is asked for, its plan as a job, its images and costs, and saving it."""
+"""Dialog for a target of many points: settings, planning as a job, images, costs, and saving."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from lfcal_gui.widgets import (
 
 COLUMN_PX, MAP_PX, TABLE_PX = 346, 330, 186
 FIRST, LAST = 40, 225
-"""Colours of the first and the last frame: the ends of a map are hard to see on one theme or the other."""
+"""Positions of the first and the last frame on the colour map, whose ends are hard to see in one of the themes."""
 
 NO_TARGET = "none: a single point"
 POINT_WORDS = (
@@ -66,7 +66,7 @@ READY_WORDS = "There is no plan yet.\nPress Plan target to search for the fewest
 
 
 def _rectangle(top: float, left: float, rows: float, columns: float, *, gap: bool = False) -> tuple[Any, Any]:
-    """Return the columns and rows of a rectangle's corners, round it; with a ``gap`` before the next."""
+    """Return columns and rows of the corners of a rectangle, in order; with ``gap``, followed by a gap."""
     bottom, right, end = top + rows, left + columns, [np.nan] * gap
     return np.array([left, right, right, left, left, *end]), np.array([top, top, bottom, bottom, top, *end])
 
@@ -104,7 +104,7 @@ def _note(found: PlannedTarget) -> str:
 
 
 class TargetDialog(QDialog):
-    """Dialog with the settings of a target and its plan; a plan of other settings is not shown."""
+    """Dialog with the settings of a target and its plan; a plan for other settings is not shown."""
 
     def __init__(self, parent: QWidget, context: Context) -> None:
         super().__init__(parent)
@@ -208,7 +208,7 @@ class TargetDialog(QDialog):
 
     # -- showing ---------------------------------------------------------------------------------------
     def _show(self) -> None:
-        """Show what is asked for, and whether it is being planned."""
+        """Show the settings, and whether the plan is being made."""
         asked, busy = PlanSettings.of(self.context.state), bool(self._job)
         self.form.set_values(asked.shown())
         for key in self.form.fields:
@@ -239,7 +239,7 @@ class TargetDialog(QDialog):
 
     @property
     def shown(self) -> PlaneDrawing | None:
-        """The plane that is looked at."""
+        """Index of the displayed plane."""
         return None if self.found is None else self.found.planes[max(0, self.plane.currentIndex())]
 
     def _draw(self) -> None:
@@ -294,19 +294,19 @@ class TargetDialog(QDialog):
 
     # -- planning --------------------------------------------------------------------------------------
     def show_state(self, state: ProjectState) -> None:
-        """Show what is asked for, and no plan that was made for other values."""
+        """Show the settings, and discard a plan that was made for other values."""
         if self._asked != (state.plan, PlanSettings.of(state)):
             self.forget()
         self._show()
 
     def forget(self) -> None:
-        """Show no plan, and stop looking for one."""
+        """Discard the plan, and stop planning."""
         job, self._job, self._asked = self._job, 0, None
         self.context.jobs.cancel(job)
         self.show_planned(None)
 
     def plan_target(self) -> None:
-        """Look for the frames as a job."""
+        """Plan the frames as a job."""
         plan, settings = self.context.state.plan, PlanSettings.of(self.context.state)
         if plan is None or not settings.many:
             self.message.setText("there is no target to plan; make a plan of the scan, and type a source such as array")
@@ -352,7 +352,7 @@ class TargetDialog(QDialog):
         self.show()
 
     def save_target(self, path: str = "") -> None:
-        """Write the plan of the target as JSON."""
+        """Save the plan of the target as JSON."""
         found, state = self.found, self.context.state
         if found is None:
             self.message.setText("there is no target plan to save; press Plan target first")

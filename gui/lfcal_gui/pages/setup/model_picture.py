@@ -200,7 +200,7 @@ def _drawn(camera: Camera, rows: NDArray[Any], columns: NDArray[Any], step: floa
 
 
 def light_key(plan: ScanPlan) -> tuple[Any, ...]:
-    """Return everything on which the light of the patterns depends."""
+    """Return everything on which the light of the patterns depends, as a key."""
     return plan.camera, plan.period, plan.cutout, plan.depths_um, plan.resample
 
 

@@ -1,4 +1,4 @@
-"""Set up: the camera, where its values come from and whether it is right; the scan, and what it costs."""
+"""Set up: the camera with the sources of its values and a check against a white image; the scan and its cost."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ ASKS = "Which camera is it?\nA file or a preset gives most values of a camera. Y
 BY_HAND = "Begin with typical values, each marked as assumed, and type the values of your camera"
 SAMPLE = "A small recorded session with its camera: frames, dark and white frames, assembled into H"
 MATTERS = 0.01
-"""Change of time, cutout or H from which an assumed value is asked for."""
+"""Relative change of time, cutout or H above which the user is asked for an assumed value."""
 
 
 @cache
@@ -75,19 +75,19 @@ def _image_names() -> str:
 
 
 def _named(kind: str, suffixes: Iterable[str]) -> str:
-    """Return the choice of names in a file dialog."""
+    """Return the name filter of a file dialog."""
     return f"{kind} ({' '.join('*' + suffix for suffix in suffixes)});;All files (*)"
 
 
 class Page(BasePage):
-    """Every change that passes is an undoable change of the project."""
+    """Page with camera and scan; every valid change is an undo step of the project."""
 
     def __init__(self, spec: PageSpec, context: Context) -> None:
         super().__init__(spec, context)
         self._white, self._dark, self._job = "", "", 0
         self._light: tuple[Any, ExpectedLight | str] | None = None
         self._light_asked: Any = None
-        """What the light was last computed for."""
+        """Key of the light that is being computed."""
         self._expected_of: tuple[Any, ...] = ()
         """Camera, depths and cutout whose apertures are shown."""
         self._weighed: tuple[Any, tuple[AssumedEffect, ...]] | None = None
@@ -145,7 +145,7 @@ class Page(BasePage):
 
     @staticmethod
     def prepare() -> None:
-        """Import the dialogs, and find the formats of files."""
+        """Import the dialogs, and find the supported file formats."""
         import lfcal_gui.pages.setup._check_dialog
         import lfcal_gui.pages.setup._sensor_dialog
         import lfcal_gui.pages.setup._target_dialog  # noqa: F401
@@ -155,7 +155,7 @@ class Page(BasePage):
 
     @property
     def check(self) -> CheckDialog:
-        """The comparison with a white image, made when it is first asked for."""
+        """Dialog of the comparison with a white image, which is created on demand."""
         if self._check_dialog is None:
             from lfcal_gui.pages.setup._check_dialog import CheckDialog
 
@@ -164,7 +164,7 @@ class Page(BasePage):
 
     @property
     def target(self) -> TargetDialog:
-        """The window of the target, made when it is first asked for."""
+        """Dialog of the target, which is created on demand."""
         if self._target is None:
             from lfcal_gui.pages.setup._target_dialog import TargetDialog
 
@@ -172,7 +172,7 @@ class Page(BasePage):
         return self._target
 
     def receive(self, payload: Any) -> None:
-        """Do what another page leads to, such as asking for a white image."""
+        """Do what another page requests, such as asking for a white image."""
         self.do(payload)
 
     def _take_theme(self) -> None:
@@ -182,7 +182,7 @@ class Page(BasePage):
                 dialog.apply_theme()
 
     def entered(self) -> None:
-        """Look at the scan, now that there is room for it."""
+        """Show the scan when the page has its size."""
         self.panel.look()
         self._expect(self.context.state.plan)
         self._forecast_noise()
@@ -207,7 +207,7 @@ class Page(BasePage):
             self._target.forget()
 
     def _ask_camera(self) -> None:
-        """Ask which camera it is, in place of values that are no camera's."""
+        """Ask which camera is used, in place of the values of a preset."""
         presets = {name: partial(self._take_preset, name) for name in PRESETS}
         choices: dict[str, Deed] = {
             "Import a camera file …": (BUTTONS["import"][1], self.import_file),
@@ -238,7 +238,7 @@ class Page(BasePage):
 
     # -- noise and assumed values ----------------------------------------------------------------------
     def _expect(self, plan: ScanPlan | None) -> None:
-        """Compute the apertures that are expected in the planes, in the background."""
+        """Compute the expected apertures of the planes in the background."""
         if plan is None or not self.isVisible():
             return
         if self._expected_of != (asked := (plan.camera, plan.depths_um, plan.cutout)):
@@ -248,12 +248,12 @@ class Page(BasePage):
             )
 
     def _light_of(self, plan: ScanPlan | None) -> ExpectedLight | str | None:
-        """Return the light of a plan's patterns, or why it is unknown; None: it was not computed."""
+        """Return the light of a plan's patterns, or why it is unknown; None if it was not computed yet."""
         known = plan is not None and self._light is not None and self._light[0] == light_key(plan)
         return self._light[1] if known and self._light is not None else None
 
     def _forecast_noise(self) -> None:
-        """Compute the light of the plan's patterns, on which the noise of H depends, in the background."""
+        """Compute in the background the light of the plan's patterns, on which the noise of H depends."""
         plan, costs = self.context.state.plan, self.panel.costs
         if plan is None or costs is None or costs.unknown or self._light_of(plan) is not None or not self.isVisible():
             return
@@ -351,7 +351,7 @@ class Page(BasePage):
         self._set(confirmed(self.context.state.camera, paths), label)
 
     def measure_sensor(self) -> None:
-        """Open the measurement of the sensor from flats and darks; one that is open comes to the front."""
+        """Open the dialog that measures the sensor, or bring it to the front."""
         if self.dialog is None:
             from lfcal_gui.pages.setup._sensor_dialog import SensorDialog
 
@@ -365,7 +365,7 @@ class Page(BasePage):
 
     # -- files -----------------------------------------------------------------------------------------
     def import_file(self, path: str = "") -> None:
-        """Take a camera from a file of any known format."""
+        """Import a camera from a file of any supported format."""
         path = path or QFileDialog.getOpenFileName(self, "Import camera", "", _named("Cameras", _suffixes()))[0]
         if not path:
             return
@@ -389,7 +389,7 @@ class Page(BasePage):
             self.notice.show_note("; ".join(words))
 
     def save_file(self, path: str = "") -> None:
-        """Write the camera as JSON."""
+        """Save the camera as JSON."""
         name = f"{self.context.state.camera.name}.json"
         path = path or ask_target(self, "Save camera", name, "Camera (*.json)")
         text = self.context.state.camera.to_json()
@@ -401,7 +401,7 @@ class Page(BasePage):
             self.context.message.emit(f"camera saved as {path}")
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Accept a dropped plan or camera; text files, and JSON of other kinds, only where this page is looked at."""
+        """Accept a dropped plan or camera; other JSON and text files only if this page is visible."""
         if len(paths) != 1 or not (takes(paths[0]) or Path(paths[0]).suffix.lower() in _suffixes()):
             return False
         if _is_plan(paths[0]):
@@ -420,7 +420,7 @@ class Page(BasePage):
             self.check_white(path)
 
     def choose_dark(self) -> None:
-        """Ask for a dark frame, which is subtracted from then on."""
+        """Ask for a dark frame, which is subtracted in later checks."""
         path = QFileDialog.getOpenFileName(self, "Dark frame", self._dark, _image_names())[0]
         if path:
             self._dark = path
@@ -503,7 +503,7 @@ class Page(BasePage):
                 self._show(self.context.state)
 
     def move_scan(self, rows: int, columns: int) -> None:
-        """Move the scan by so many pixels, as far as it stays on the sensor."""
+        """Move the scan by a number of pixels, limited to the sensor."""
         plan = self.context.state.plan
         if plan is None:
             return
@@ -515,7 +515,7 @@ class Page(BasePage):
             self.context.project.merge("move of the scan", plan=moved)
 
     def move_onto_sensor(self) -> None:
-        """Move the scan so that the cutout that was typed is on the sensor everywhere."""
+        """Move the scan such that all cutouts of the typed size are on the sensor."""
         if isinstance(self._off, ScanPlan):
             self.context.project.update("move of the scan onto the sensor", plan=self._off)
 
@@ -527,7 +527,7 @@ class Page(BasePage):
             self.refuse(str(error))
 
     def open_plan(self, path: str = "") -> None:
-        """Take a plan, and its camera, from a file."""
+        """Open a plan with its camera from a file."""
         path = path or QFileDialog.getOpenFileName(self, "Open plan", "", "Plans (*.json)")[0]
         if not path:
             return
@@ -550,7 +550,7 @@ class Page(BasePage):
         self.target.show_opened(found)
 
     def save_plan(self, path: str = "") -> None:
-        """Write the plan, or its stage positions for another program, in the format of the suffix."""
+        """Save the plan, or its stage positions for another program, in the format of the suffix."""
         state, plan = self.context.state, self.context.state.plan
         if plan is None:
             self.refuse("there is no plan to save; make or open one first")
@@ -570,20 +570,20 @@ class Page(BasePage):
 
 
 def _iter_checked(camera: Camera, white: Path, dark: Path | None) -> Work[Checked]:
-    """Compare a camera with a white image; what it needs is imported in the job's thread."""
+    """Compare a camera with a white image; modules are imported in the job's thread."""
     from lfcal_gui.pages.setup.model_check import iter_check
 
     return (yield from iter_check(camera, white, dark))
 
 
 def _checked(found: Imported) -> Imported:
-    """Return ``found``; raise where its values are no camera's."""
+    """Return ``found``; raise an error if its values are not valid for a camera."""
     doubts(found.camera)
     return found
 
 
 def _refused_half(plan: ScanPlan) -> str:
-    """Return why half of the period is not enough; empty: it is."""
+    """Return why a half-cell scan is not possible; empty if it is."""
     try:
         half_of(plan)
     except LfcalError as error:
@@ -596,7 +596,7 @@ def _writing(make: Callable[[], str]) -> Callable[[Path], object]:
 
 
 def _is_plan(path: str) -> bool:
-    """Return whether a JSON file has the plan of a scan or of a target."""
+    """Return whether a JSON file contains the plan of a scan or of a target."""
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"))
     except (OSError, ValueError):

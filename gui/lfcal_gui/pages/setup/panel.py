@@ -1,4 +1,4 @@
-"""Set up: the picture with the scan in it, the expected apertures, the big numbers; values and scan on the right."""
+"""Set up: picture of the scan, expected apertures, and costs; camera and scan settings on the right."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ BIG = 20
 
 ABREAST, NAMED = 820, 1300
 LEAST = 400
-"""Least widths of the numbers and the slider next to each other, and of a slider with its name (px)."""
+"""Smallest widths at which the slider is next to the numbers and has a name, and of the row (px)."""
 
 
 class CostRow(QWidget):
-    """The big numbers of a scan, and a slider between fast and exact ways to record it."""
+    """Forecast costs of a scan as large numbers, and a slider between fast and exact ways to record it."""
 
     chosen = Signal(object, arguments=["choice"])
-    """Record it in this way: a `lfcal.simulate.ScanChoice`."""
+    """The user chose a way to record the scan: a `lfcal.simulate.ScanChoice`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -109,12 +109,12 @@ class CostRow(QWidget):
         self._place()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Put the slider next to the numbers where there is room."""
+        """Place the slider next to the numbers if there is enough space."""
         super().resizeEvent(event)
         self._place()
 
     def minimumSizeHint(self) -> QSize:
-        """Return a width that keeps the window from growing: what has no room is elided, or goes below."""
+        """Return a small width, so that the row never makes the window wider; texts are shortened instead."""
         return QSize(LEAST, super().minimumSizeHint().height())
 
     def _place(self) -> None:
@@ -131,11 +131,11 @@ class CostRow(QWidget):
 
     @property
     def numbers(self) -> tuple[Number, ...]:
-        """The numbers that are shown."""
+        """The displayed numbers."""
         return self._numbers
 
     def show_costs(self, costs: ScanCosts | None, numbers: tuple[Number, ...]) -> None:
-        """Show the numbers of a scan, and where the way in which it is recorded is between fast and exact."""
+        """Show the numbers of a scan, and set the slider to the way in which it is recorded."""
         self._costs, self._numbers = costs, numbers
         for k, (value, words) in enumerate(self.labels):
             there = k < len(numbers)
@@ -188,18 +188,18 @@ class PlanningPanel(QWidget):
     """
 
     dragged = Signal(int, int, arguments=["rows", "columns"])
-    """The scan is moved by so many pixels."""
+    """The user dragged the scan by a number of pixels."""
 
     def __init__(self, check: Callable[[str, Any], str], check_scan: Callable[[str, Any], str]) -> None:
         super().__init__()
         self._scene: ScanScene | None = None
         self.costs: ScanCosts | None = None
         self._area: Area | None = None
-        """The area to show, at any size of the picture."""
+        """Area to show, for any size of the picture."""
         self._showing = False
-        """Whether the panel is being filled: parts that appear change the size of the picture again and again."""
+        """Whether the panel is being filled, because new parts change the size of the picture repeatedly."""
         self._shown: tuple[Any, Shot] | None = None
-        """What the picture was drawn of, and the picture."""
+        """Input of the drawn picture, and the picture."""
         self.inspector = Inspector(check, check_scan)
         self.picture = Picture("white image (counts)", legend=False, colour_map="gray")
         self.picture.graphics.setAccessibleName("Sensor with lenslets, scan and cutout")
@@ -244,7 +244,7 @@ class PlanningPanel(QWidget):
         self.overlay.setEnabled(view == 0)
 
     def path_entries(self) -> list[tuple[str, Callable[[], Any]]]:
-        """Return what copies and what saves the scan path of a plane as a table."""
+        """Return the menu entries that copy and save the scan path of a plane as a table."""
 
         def lines(between: str) -> Iterator[str]:
             scene = self._scene
@@ -302,7 +302,7 @@ class PlanningPanel(QWidget):
             self.look()
 
     def look(self) -> None:
-        """Look at the scan, or where nothing is planned at the middle of the sensor."""
+        """Zoom to the scan or, without a plan, to the middle of the sensor."""
         if self._scene is not None:
             self._draw(self._scene.area())
 
@@ -324,7 +324,7 @@ class PlanningPanel(QWidget):
             self.strip.set_current(len(plan.depths_um) - 1)
 
     def show_expected(self, apertures: Sequence[Aperture | None]) -> None:
-        """Draw the apertures that are expected in the planes. None: in focus, or not to be seen."""
+        """Draw the expected apertures of the planes. None: the plane is in focus, or its aperture is not visible."""
         self.strip.show_expected(apertures)
         self._draw()
 
@@ -334,7 +334,7 @@ class PlanningPanel(QWidget):
         self._draw()
 
     def _draw(self, view: Area | None = None) -> None:
-        """Draw what is seen: the part that was before, or ``view``."""
+        """Draw the visible part: the same as before, or ``view``."""
         scene, self._area = self._scene, view or self._area
         if scene is None or not self.isVisible():  # it is drawn when it is shown
             return

@@ -11,9 +11,9 @@ from lfcal_gui.pages.setup.model_target import PlanSettings, target_task
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how what the page shows is made: the plan of a target where one is asked for, else that of the scan.
+    """Return the step that makes the plan of the target, if there is one, or else that of the scan.
 
-    Without a plan it is the camera. ``out`` is a file of the scan's plan, which no other replaces.
+    Without a plan, the step shows the camera. ``out`` is a file for the plan of the scan.
     """
     if project.plan is None:
         return camera_step(project)
@@ -21,7 +21,7 @@ def step(project: ProjectState, out: str = "") -> CommandStep:
 
 
 def camera_step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the camera is shown, or written to ``out`` first."""
+    """Return the step that shows the camera, or that first writes it to ``out``."""
     name = out or CAMERA_FILE
     python = f"""
 from lfcal.camera import Camera
@@ -33,7 +33,7 @@ print(camera.name, camera.pitch_px, camera.marks.paths("assumed"))
 
 
 def scan_step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the plan is made; one that no command makes, of a recorded scan, is in the Python as it is."""
+    """Return the step that makes the plan. If no command can make it, the Python code contains the plan itself."""
     plan, out = needed_plan(project), out or "plan.json"
     settings = PlanSettings.of(project)
     half: dict[str, Any] = {}
@@ -72,6 +72,6 @@ plan = ScanPlan.from_json(Path({PLAN_FILE!r}).read_text(encoding="utf-8"))
 
 
 def target_step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how the plan of the target is made."""
+    """Return the step that makes the plan of the target."""
     task = target_task(PlanSettings.of(project), out or "target_plan.json")
     return CommandStep.of(task, ((PLAN_FILE, needed_plan(project).to_json()),))

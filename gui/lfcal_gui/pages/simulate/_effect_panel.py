@@ -1,4 +1,4 @@
-"""The selected effect: why it is on or off, its magnitudes, and what it does to one position."""
+"""The selected effect: why it is on or off, its magnitudes, and its influence at one position."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ TERM_TIPS = {("n", "m", "waves"): "R(n, |m|) cos(m θ), with sin for m < 0; valu
 
 
 class TermCells(QTableWidget):
-    """The cells; Delete takes the selected row away."""
+    """Table cells; Delete removes the selected row."""
 
     removed = Signal()
     """Delete was pressed."""
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Take a term away with Delete."""
+        """Remove the selected row when Delete is pressed."""
         if event.key() == Qt.Key.Key_Delete:
             self.removed.emit()
             return
@@ -59,16 +59,16 @@ class TermCells(QTableWidget):
 
 
 class TermsTable(QWidget):
-    """Rows to edit.
+    """Editor of a magnitude that consists of several rows, such as Zernike terms.
 
     Parameters
     ----------
     effect, magnitude
-        The effect's name and the magnitude that the table holds.
+        Name of the effect, and the magnitude edited in the table.
     """
 
     changed = Signal(object, str, arguments=["terms", "why"])
-    """The terms after a change, or None and a line that says what is wrong with them."""
+    """The terms after a change, or None and the reason if they are invalid."""
 
     def __init__(self, effect: str, magnitude: Magnitude) -> None:
         super().__init__()
@@ -92,7 +92,7 @@ class TermsTable(QWidget):
         column_of(self.cells, line(self.add_button, self.remove_button), of=self)
 
     def show_terms(self, terms: tuple[tuple[int, int, float], ...]) -> None:
-        """Show terms, unless they are what the cells say already."""
+        """Show terms, unless the cells already contain them."""
         try:
             if self._read() == terms and self.cells.rowCount() >= len(terms):
                 return
@@ -107,20 +107,20 @@ class TermsTable(QWidget):
         return read_terms(self._effect, self._magnitude, self.words())
 
     def words(self) -> list[tuple[str, str, str]]:
-        """Return what the cells say, row by row."""
+        """Return the texts of the cells, row by row."""
         cells = self.cells
         items = [[cells.item(k, c) for c in range(3)] for k in range(cells.rowCount())]
         return [(a.text() if a else "", b.text() if b else "", c.text() if c else "") for a, b, c in items]
 
     def add(self) -> None:
-        """Add a row and begin to type in it."""
+        """Add a row, and start editing it."""
         with QSignalBlocker(self.cells):
             self._append("", "", "")
         self.cells.setCurrentCell(self.cells.rowCount() - 1, 0)
         self.cells.edit(self.cells.currentIndex())
 
     def remove(self) -> None:
-        """Take the selected row away."""
+        """Remove the selected row."""
         if self.cells.currentRow() >= 0:
             self.cells.removeRow(self.cells.currentRow())
             self._edited()
@@ -141,14 +141,14 @@ class TermsTable(QWidget):
 
 
 NOT_GIVEN = ""
-"""Item data of the source of a value that was not given."""
+"""Item data of the entry for a value that was not given."""
 
 
 class MagnitudeEditor(QWidget):
     """Value and source of one magnitude."""
 
     given = Signal(str, object, str, arguments=["field", "value", "mark"])
-    """A value that passes, and how it is known. None: given no longer."""
+    """A valid value and its source. None: the value was removed."""
 
     def __init__(self, effect: str, magnitude: Magnitude) -> None:
         super().__init__()
@@ -210,7 +210,7 @@ class MagnitudeEditor(QWidget):
 
     # -- editing ---------------------------------------------------------------------------------------
     def _check(self, text: str) -> Any:
-        """Return what ``text`` means, or None and say why it means nothing."""
+        """Return the value of ``text``; if it is invalid, show why and return None."""
         value, why = refused(self.effect, self.magnitude, text)
         self._say(why)
         return None if why else value
@@ -256,10 +256,10 @@ class MagnitudeEditor(QWidget):
 
 
 class MagnitudeForm(QWidget):
-    """The magnitudes of the effect that is selected."""
+    """Form of the magnitudes of the selected effect."""
 
     given = Signal(str, str, object, str, arguments=["effect", "field", "value", "mark"])
-    """The user gave a magnitude, or with a value of None takes it back."""
+    """The user gave a magnitude; a value of None removes it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -269,7 +269,7 @@ class MagnitudeForm(QWidget):
         self.editors: dict[str, MagnitudeEditor] = {}
 
     def show_row(self, row: EffectRow) -> None:
-        """Show the magnitudes of an effect; the same effect's widgets stay, and with them what is being typed."""
+        """Show the magnitudes of an effect; for the same effect, widgets and text being typed are kept."""
         shape = row.name, tuple(one.field for one in row.magnitudes)
         if shape != self._shown:
             self._build(row)
@@ -306,7 +306,7 @@ class MagnitudeForm(QWidget):
         grid.setColumnStretch(0, 1)
 
     def focus_first(self) -> None:
-        """Put the keyboard into the first magnitude."""
+        """Set the focus to the first magnitude."""
         for editor in self.editors.values():
             editor.value.setFocus()
             if isinstance(editor.value, QLineEdit):
@@ -318,7 +318,7 @@ TITLES = ("without", "with", "difference")
 
 
 class InfluenceView(QWidget):
-    """Pictures that pan and zoom together; the first two share their levels."""
+    """Linked pictures of the influence of an effect; the first two share their levels."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -339,7 +339,7 @@ class InfluenceView(QWidget):
             grid.setColumnStretch(k, 1)
 
     def show_influence(self, influence: InfluencePictures | None, words: str = "") -> None:
-        """Show the pictures of one position; None clears them and says why."""
+        """Show the pictures of one position; None clears them and shows the reason."""
         self.influence = influence
         self.words.setText(words or (influence.words if influence is not None else ""))
         if influence is None:
@@ -363,12 +363,12 @@ class InfluenceView(QWidget):
 
 
 class EffectPanel(QWidget):
-    """What is known of one effect.
+    """Panel with all data of one effect.
 
     Parameters
     ----------
     stop
-        Called when the user waits no longer for the pictures.
+        Called if the user cancels the computation of the pictures.
     """
 
     def __init__(self, stop: Callable[[], object]) -> None:
@@ -390,7 +390,7 @@ class EffectPanel(QWidget):
 
     @cached_property
     def influence(self) -> InfluenceView:
-        """Pictures of what the effect does; made when one is chosen."""
+        """Pictures of the influence of the effect, which are created on demand."""
         made = InfluenceView()
         name_controls(made)
         self._parts.addWidget(made)
@@ -400,7 +400,7 @@ class EffectPanel(QWidget):
 
     # -- showing ---------------------------------------------------------------------------------------
     def show_row(self, row: EffectRow | None) -> None:
-        """Show what is known of an effect. None: none is selected."""
+        """Show the data of an effect. None: no effect is selected."""
         there = row is not None
         for widget in (self.why, self.form, self.note, self.formula, self.stop_button):
             widget.setVisible(there)
@@ -417,7 +417,7 @@ class EffectPanel(QWidget):
         self.form.show_row(row)
 
     def show_waiting(self, words: str) -> None:
-        """Say that pictures are being computed; they may be stopped."""
+        """Show that pictures are being computed, with a button to stop."""
         self.stop_button.setEnabled(True)
         self.influence.show_influence(None, words)
 

@@ -1,4 +1,4 @@
-"""The effects in groups: those that are on, and why the others are off; each with its share of the image."""
+"""Table of the effects in groups, with their settings, reasons, and errors of the image."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from lfcal_gui.pages.simulate.model_effects import GROUPS, LEAST, EffectRow, Eff
 from lfcal_gui.theme import current_theme
 
 SHARE = Qt.ItemDataRole.UserRole + 1
-"""Role of a cell's share, a float; a cell without one is drawn as text."""
+"""Item role of the error of a cell, a float; a cell without one is drawn as text."""
 
 ON = Qt.ItemDataRole.UserRole + 2
-"""Role of whether the effect is on."""
+"""Item role that states whether the effect is on."""
 
 TEXT, BAR, HIGH = 74, 28, 7
-"""Room for the number and for the bar, and height of the bar (px)."""
+"""Widths of number and bar, and height of the bar (px)."""
 
 
 class ShareBar(QStyledItemDelegate):
-    """Draws the bar left of the number; ``tolerance`` is where the line stands."""
+    """Delegate that draws the error as a bar and a number; a line marks ``tolerance``."""
 
     tolerance = 0.05
     width = TEXT + BAR
 
     def tip(self) -> str:
-        """Return what the bar means."""
+        """Return the tooltip that explains the bar."""
         return (
             f"Error of the image without the effect.\nBar: logarithmic, {100 * LEAST:g} % to 100 %, "
             f"coloured if the effect is on. Line: the tolerance, {100 * self.tolerance:.2g} %."
         )
 
     def sizeHint(self, option: QStyleOptionViewItem, index: QModelIndex | QPersistentModelIndex) -> QSize:
-        """Return room for bar and number."""
+        """Return a size for bar and number."""
         return QSize(self.width, super().sizeHint(option, index).height())
 
     def paint(
@@ -90,14 +90,14 @@ GROUP_TIPS = {"unknown": "The camera has no values for these effects. Select one
 
 
 class EffectsTable(QTreeWidget):
-    """One row an effect, the largest first; a click on its setting, or Space, goes from auto to on to off."""
+    """Table of effects, largest first. A click on a setting, or Space, changes it from auto to on to off."""
 
     chosen = Signal(str, arguments=["name"])
-    """An effect is selected."""
+    """An effect was selected."""
     choice_asked = Signal(str, str, arguments=["name", "choice"])
-    """``"auto"``, ``"on"`` or ``"off"`` for an effect."""
+    """Requested setting of an effect: ``"auto"``, ``"on"`` or ``"off"``."""
     edit_asked = Signal()
-    """The user wants to edit the magnitudes of the selected effect."""
+    """Request to edit the magnitudes of the selected effect."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -156,7 +156,7 @@ class EffectsTable(QTreeWidget):
         self.viewport().update()
 
     def _fit_height(self) -> None:
-        """Be as high as the rows that are open: the column around it scrolls. A long name has several lines."""
+        """Set the height to that of the visible rows; long names are wrapped."""
         room = QRect(0, 0, self.columnWidth(EFFECT) - 2 * self.indentation() - 8, 999)
         shown = [item for item in self.groups.values() if not item.isHidden()]
         high = len(shown) * ROW
@@ -168,7 +168,7 @@ class EffectsTable(QTreeWidget):
         self.setFixedHeight(high + 2 * self.frameWidth())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Give names as many lines as they need."""
+        """Wrap the names for the new width."""
         super().resizeEvent(event)
         self._fit_height()
 
@@ -213,7 +213,7 @@ class EffectsTable(QTreeWidget):
     # -- selection -------------------------------------------------------------------------------------
     @property
     def selected(self) -> str:
-        """The name of the selected effect, or empty."""
+        """Name of the selected effect; empty if there is none."""
         item = self.currentItem()
         return str(item.data(EFFECT, NAME) or "") if item is not None else ""
 
@@ -238,12 +238,12 @@ class EffectsTable(QTreeWidget):
             self.chosen.emit(name)
 
     def ask_next(self, name: str) -> None:
-        """Ask for the next setting of an effect: auto, on, off."""
+        """Request the next setting of an effect: auto, on, off."""
         row = self._rows[name]
         self.choice_asked.emit(name, CHOICES[(CHOICES.index(row.setting) + 1) % len(CHOICES)])
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Change the setting of the selected effect with Space; the tree knows the other keys."""
+        """Change the setting of the selected effect with Space; other keys are handled by the tree."""
         if event.key() == Qt.Key.Key_Space and self.selected in self._rows:
             self.ask_next(self.selected)
             return

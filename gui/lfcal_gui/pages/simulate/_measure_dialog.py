@@ -1,4 +1,4 @@
-"""A dialog with the measurements that determine undescribed effects, each with what to do next."""
+"""Dialog with the measurements that determine undescribed effects, and buttons for the next steps."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ VALUES = "Select the largest of these effects, to enter its value"
 
 
 class MeasureDialog(QDialog):
-    """The measurements, the cheapest first; positions of bead frames are shown when they are chosen.
+    """Dialog with the measurements, cheapest first; the positions of bead frames are added when they are chosen.
 
     Parameters
     ----------
     parent, missing
         The page, and the effects with their measurements.
     act
-        Called with what the user wants: ``"use"``, ``"save"``, ``"white"`` or ``"values"``.
+        Called with the user's choice: ``"use"``, ``"save"``, ``"white"`` or ``"values"``.
     """
 
     def __init__(self, parent: QWidget, missing: UndescribedEffects, act: Callable[[str], object]) -> None:

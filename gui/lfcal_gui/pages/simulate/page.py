@@ -46,15 +46,15 @@ from lfcal_gui.pages.simulate.panel import SimulatePanel
 from lfcal_gui.saving import ask_target, write_file
 
 PART, SECONDS = "simulation", 20.0
-"""What is measured, and about how long that may take (s)."""
+"""Measured part, and approximate duration of the measurement (s)."""
 
 KIND = "Plan (*.json)"
 
 LONG = 30.0
-"""Seconds from which a measurement begins only when it is asked for again."""
+"""Duration above which the user is asked before a measurement (s)."""
 
 RESUMED = RunSettings(resume=True)
-"""How the window does units: in its process, from where an earlier run of the same was stopped."""
+"""Settings for units in the window: in its own process, resuming an earlier run."""
 
 
 class Page(BasePage):
@@ -72,9 +72,9 @@ class Page(BasePage):
         self._warned: ScanPlan | None = None
         self._seconds: float | None = None
         self.dialog: MeasureDialog | None = None
-        """The measurements of undescribed effects, while they are shown."""
+        """Dialog with the measurements of undescribed effects, while it is open."""
         self._asked: tuple[Any, ...] = (None, None)
-        """Plan and settings of the frame that is shown, or being made."""
+        """Plan and settings of the frame that is displayed or being made."""
         self.tool_button("Compute H …", "Compute H of all positions of the plan, as a job", self.simulate)
         self.panel = SimulatePanel(context.jobs)
         self._connect()
@@ -115,7 +115,7 @@ class Page(BasePage):
         return SimulateSettings.of(self.context.state)
 
     def state_changed(self, old: ProjectState, new: ProjectState) -> None:
-        """Ask the planner again if plan or settings changed, or where the camera's values come from."""
+        """Ask the planner again if plan, settings or sources of camera values changed."""
         marks = old.camera.marks != new.camera.marks
         if old.plan != new.plan:
             number, self._measuring = self._measuring, 0
@@ -131,7 +131,7 @@ class Page(BasePage):
         return {"compute": lambda: self.simulate(self.context.own_path("simulated.h5"))}
 
     def _forget_frame(self) -> None:
-        """Take away a frame that was made for another plan, or with other choices."""
+        """Remove a frame that was made for another plan or with other settings."""
         if self._asked != (None, None):
             self._asked = (None, None)
             self.panel.frame.show_none()
@@ -166,7 +166,7 @@ class Page(BasePage):
         self._change("reset of effects", lambda: replace(self.settings, overrides=(), magnitudes=()))
 
     def _change(self, label: str, make: Callable[[], SimulateSettings]) -> None:
-        """Make settings and keep them; why they cannot be is said on the page."""
+        """Create and store new settings; if they are invalid, show the reason on the page."""
         try:
             settings = make()
         except LfcalError as error:
@@ -183,7 +183,7 @@ class Page(BasePage):
         self._look()
 
     def _forecast(self, verdict: EffectsVerdict) -> None:
-        """Show how long H takes; of a level that is asked for by a short run of it."""
+        """Show the forecast duration of H; for a requested level, it is predicted from a short run."""
         if verdict.settings.level == "auto":
             self._forecasted(verdict, verdict.found.seconds)
             return
@@ -205,7 +205,7 @@ class Page(BasePage):
         self._influence()
 
     def _answer(self) -> EffectsVerdict | None:
-        """Return the planner's answer to what is asked now, None while it is still at work."""
+        """Return the planner's decisions for plan and settings; None until they are known."""
         fits = self.verdict is not None and self.verdict.fits(self.context.state.plan, self.settings)
         return self.verdict if fits else None
 
@@ -214,7 +214,7 @@ class Page(BasePage):
         self._influence()
 
     def _preview(self, *, fine: bool) -> None:
-        """Show rays immediately, then the chosen level with the planner's effects, unless a newer request came."""
+        """Show rays immediately, then the chosen level with the planner's effects, unless there is a newer request."""
         plan, verdict, settings, place = self.context.state.plan, self._answer(), self.settings, self.panel.place.place
         if plan is None or (fine and verdict is None):  # the planner's answer brings the fine one
             return
@@ -257,7 +257,7 @@ class Page(BasePage):
         self.panel.effect.show_influence(None, "Stopped. To continue, choose the effect, plane or position again.")
 
     def _influence(self) -> None:
-        """Show what the selected effect does to the position, if that is looked at."""
+        """Show the influence of the selected effect at the position, if it is visible."""
         self._stop_influence()
         verdict, panel = self._answer(), self.panel
         row = None if verdict is None else verdict.row(panel.table.selected)
@@ -341,7 +341,7 @@ class Page(BasePage):
             self.dialog.close()
 
     def _act(self, what: str) -> None:
-        """Do what was asked for in the dialog; it stays open when the plan is saved."""
+        """Do what the user chose in the dialog, which stays open after the plan is saved."""
         if what == "save":
             self.save_beads()
             return
@@ -357,7 +357,7 @@ class Page(BasePage):
             self.use_beads(beads)
 
     def save_beads(self, path: str = "") -> None:
-        """Write the plan of the bead frames, and the list of their positions next to it."""
+        """Save the plan of the bead frames, and the list of their positions next to it."""
         beads = None if self.dialog is None else self.dialog.beads
         if self.dialog is None or beads is None:
             return
@@ -378,7 +378,7 @@ class Page(BasePage):
         return True
 
     def use_beads(self, beads: BeadPlan) -> None:
-        """Make the plan of the bead frames that of the project, with their positions and the unknowns of the fit."""
+        """Use the plan of the bead frames in the project, with its positions and the unknowns of the fit."""
         path = self.context.own_path(BEADS_FILE) or ask_target(
             self, "Save plan", BEADS_FILE, KIND, lambda to: list(beads.files(to))
         )
@@ -390,7 +390,7 @@ class Page(BasePage):
 
     # -- files -------------------------------------------------------------------------------------------
     def import_magnitudes(self, path: str = "") -> None:
-        """Take magnitudes and settings from a JSON file."""
+        """Import magnitudes and settings from a JSON file."""
         path = path or QFileDialog.getOpenFileName(self, "Import magnitudes", "", "effects (*.json)")[0]
         if path:
             settings = self.settings
@@ -403,7 +403,7 @@ class Page(BasePage):
         self.context.message.emit(words)
 
     def export_magnitudes(self, path: str = "") -> None:
-        """Write magnitudes and settings to a JSON file for the command line."""
+        """Export magnitudes and settings to a JSON file for the command line."""
         text = model.settings_text(self.settings)
         path = path or ask_target(self, "Export magnitudes", "effects.json", "effects (*.json)")
         if path and write_file(self, path, lambda part: part.write_text(text, encoding="utf-8")):
@@ -416,7 +416,7 @@ class Page(BasePage):
         return self.context.state.plan
 
     def simulate(self, path: str = "") -> None:
-        """Simulate the whole H as a job, with plan and settings as they are now."""
+        """Simulate the whole H as a job with the current plan and settings."""
         plan, settings = self._plan(), self.settings
         if plan is None:
             return
@@ -450,7 +450,7 @@ class Page(BasePage):
         self.context.project.update("simulation", **changes)
 
     def simulate_frames(self, folder: str = "") -> None:
-        """Write the frames of a simulated session as a job, with plan and settings as they are now."""
+        """Write the frames of a simulated session as a job with the current plan and settings."""
         from lfcal.simulate.sensor import check_session_folder
 
         plan, settings = self._plan(), self.settings
@@ -475,7 +475,7 @@ class Page(BasePage):
 
     # -- what accuracy costs -----------------------------------------------------------------------------
     def measure(self) -> None:
-        """Measure error and time of every tolerance, as a job; ask before one that takes long."""
+        """Measure error and time of every tolerance as a job; ask the user before a long measurement."""
         plan, state, curves = self._plan(), self.context.state, self.context.curves
         if plan is None or self._measuring:
             return
@@ -500,7 +500,7 @@ class Page(BasePage):
             self._show_curve()
 
     def _show_curve(self) -> None:
-        """Show what is measured, which of it is in force, and how long H takes."""
+        """Show the measured curve, the point in use, and the forecast duration of H."""
         key, curves = subject_of(self.context.state, "plan"), self.context.curves
         # points are numbered in the curve that is on screen, not in the one that has grown meanwhile
         self._curve = curves.of(key).get(PART)
@@ -515,7 +515,7 @@ class Page(BasePage):
         self.panel.curve.show_status(took, button)
 
     def use(self, number: int) -> None:
-        """Take the tolerance of a measured point."""
+        """Use the tolerance of a measured point."""
         if self._curve is not None:
             tolerance = float(self._curve.points[number].settings["tolerance"])
             self._change("measured tolerance", lambda: replace(self.settings, tolerance=tolerance, level="auto"))

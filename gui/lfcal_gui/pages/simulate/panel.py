@@ -1,4 +1,4 @@
-"""Record > Compute: what accuracy costs, pictures of one position, and the settings and effects at the right."""
+"""Record > Compute: error against cost, pictures of one position, and settings and effects at the right."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ from lfcal_gui.widgets import (
 
 
 class PlaceLine(QWidget):
-    """A list of planes, and y and x."""
+    """Choice of a position: a list of planes, and y and x."""
 
     changed = Signal()
-    """Another plane or position was chosen."""
+    """Another plane or position was selected."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -77,7 +77,7 @@ class PlaceLine(QWidget):
         self.setLayout(row)
 
     def show_plan(self, plan: ScanPlan) -> None:
-        """Offer planes and positions of a plan; the middle ones where the plan is another."""
+        """Set the planes and positions of a plan; for a new plan, the middle ones are selected."""
         planes = [f"{z}: {minus(format_length(depth))}" for z, depth in enumerate(plan.depths_um)]
         ny, nx = plan.period
         before = [self.plane_box.itemText(k) for k in range(self.plane_box.count())]
@@ -105,9 +105,9 @@ class FramePanel(QWidget):
     Parameters
     ----------
     jobs
-        Of the window.
+        Jobs of the window.
     make
-        Makes a frame of the position that is looked at.
+        Function that makes a frame of the selected position.
     """
 
     def __init__(self, jobs: Jobs, make: Callable[[], object]) -> None:
@@ -125,19 +125,19 @@ class FramePanel(QWidget):
 
     @cached_property
     def view(self) -> Picture:
-        """The picture of the frame; made when there is one."""
+        """Picture of the frame, which is created with the first frame."""
         made = Picture("counts", jobs=self._jobs)
         name_controls(made)
         self.room.addWidget(made)
         return made
 
     def show_waiting(self) -> None:
-        """Say that a frame is being made."""
+        """Show that a frame is being made."""
         self.words.setText("The frame is being made …")
         self.make_button.setEnabled(False)
 
     def show_frame(self, frame: SimulatedFrame | None, words: str = "") -> None:
-        """Show a frame and the position's cutout in it; None leaves what is there and says why."""
+        """Show a frame with the position's cutout; None: keep the previous frame, and show the reason."""
         self.make_button.setEnabled(True)
         if frame is None:
             self.words.setText(words)
@@ -151,7 +151,7 @@ class FramePanel(QWidget):
         self.words.setText(frame.words())
 
     def show_none(self) -> None:
-        """Take away a frame of another plan, or of other choices."""
+        """Remove a frame of another plan or other settings."""
         self.frame = None
         self.make_button.setEnabled(True)
         self.save_button.setEnabled(False)
@@ -160,7 +160,7 @@ class FramePanel(QWidget):
         self.words.setText("The plan or the settings have changed since the last frame was made. Make a new frame.")
 
     def save(self, path: str = "") -> None:
-        """Write the samples of the frame."""
+        """Save the samples of the frame."""
         frame = self.frame
         if frame is None:
             return
@@ -170,7 +170,7 @@ class FramePanel(QWidget):
 
 
 WIDTH = 304
-"""Least width of the settings (px)."""
+"""Smallest width of the settings (px)."""
 
 IMPORT = "Read magnitudes and settings from a JSON file, as lfcal simulate --effect does"
 EXPORT = "Write the magnitudes and settings of this page to a JSON file for lfcal simulate --effect"
@@ -187,7 +187,7 @@ class SimulatePanel(QWidget):
     """The page's widgets."""
 
     edited = Signal(str, object, arguments=["name", "value"])
-    """A field of the tasks; see `lfcal_gui.pages.simulate.model.FIELDS`."""
+    """The user changed a field of the tasks; see `lfcal_gui.pages.simulate.model.FIELDS`."""
     asked = Signal(str, arguments=["what"])
     """A button was pressed: ``"frame"`` of the position, ``"frames"`` of the plan, ``"measure"`` of undescribed
     effects, ``"import"``, ``"export"`` or ``"reset"`` of magnitudes and settings, ``"stop"`` of the pictures of an
@@ -301,7 +301,7 @@ class SimulatePanel(QWidget):
         curve, settings, paced
             As in `better_words`.
         forecast
-            Processor time of H (s) where it was not measured.
+            Processor time of H (s) if it was not measured.
         """
         point = model.used_point(curve, settings)
         if curve is not None:
@@ -326,14 +326,14 @@ class SimulatePanel(QWidget):
 
     @property
     def pattern_shown(self) -> bool:
-        """Whether the pattern is looked at."""
+        """Whether the pattern is displayed."""
         return self.tabs.currentWidget() is self.view
 
     def show_effect(self) -> None:
-        """Look at the selected effect, with the keyboard in its magnitudes."""
+        """Show the selected effect, and set the focus to its magnitudes."""
         self.tabs.setCurrentWidget(self.effect)
         self.effect.form.focus_first()
 
     def show_frame_tab(self) -> None:
-        """Look at the sensor frame."""
+        """Show the sensor frame."""
         self.tabs.setCurrentWidget(self.frame)

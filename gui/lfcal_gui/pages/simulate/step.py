@@ -7,6 +7,6 @@ from lfcal_gui.pages.simulate.model import SimulateSettings, matrix_task
 
 
 def step(project: ProjectState, out: str = "") -> CommandStep:
-    """Return how H is simulated."""
+    """Return the step that simulates H."""
     plan, settings = needed_plan(project), SimulateSettings.of(project)
     return CommandStep.of(matrix_task(settings, out or "simulated.h5"), ((PLAN_FILE, plan.to_json()),))
