@@ -64,7 +64,7 @@ class DisplaySettings:
 
 
 def level_words(value: float, levels: tuple[float, float]) -> str:
-    """Return one of the ends of the colours in words; what is far smaller than their distance is zero."""
+    """Return the level at an end of the colour scale as text; values far below the range are shown as 0."""
     low, high = levels
     return f"{value:.4g}" if abs(value) > 1e-4 * abs(high - low) else "0"
 

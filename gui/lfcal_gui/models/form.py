@@ -88,7 +88,7 @@ DIGITS = 6
 
 
 def rounded(text: str) -> str:
-    """Return a number with at most so many digits as are read at a glance; any other text is unchanged."""
+    """Return the text of a number rounded to `DIGITS` digits; any other text is unchanged."""
     try:
         value = float(text)
     except ValueError:

@@ -43,7 +43,7 @@ class Keeping(Protocol):
         ...
 
     def look(self) -> str:
-        """Return what is kept, such as ``"12 of 40 planes"``; if nothing, remove all traces and return ``""``."""
+        """Return what is kept as text, such as ``"12 of 40 planes"``; empty if nothing, after removing all files."""
         ...
 
     def discard(self) -> None:

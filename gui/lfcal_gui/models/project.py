@@ -212,7 +212,7 @@ class Project:
         self._listeners: list[Listener] = []
         self._hold: Hold | None = None
         self.begun = 0
-        """Projects that were begun here: who waits for long knows whether it is still the same."""
+        """Number of projects opened so far, with which delayed results check that the project is still the same."""
 
     # -- state -----------------------------------------------------------------------------------------
     @property

@@ -56,8 +56,8 @@ class Solid:
     Attributes
     ----------
     values
-        ``(Z, Y, X)``, finite; between planes that are further apart than others there are some more, so that a ray
-        passes none. They lie on the straight line between their neighbours, and change nothing of what is seen.
+        Finite values ``(Z, Y, X)``. Between planes that are farther apart than others, interpolated planes are added,
+        so that no ray misses a voxel. They do not change the projection.
     depths
         Depth of each of these planes, ascending.
     given
@@ -103,7 +103,7 @@ class Solid:
 
     @cached_property
     def places(self) -> tuple[NDArray[np.float64], ...]:
-        """Where the middles of voxels lie along x, y and z, from the middle of the volume."""
+        """Positions of the voxel centres along x, y and z, relative to the centre of the volume."""
         _, rows, columns = self.values.shape
         x = (np.arange(columns) - (columns - 1) / 2) * self.sides[1]
         y = (np.arange(rows) - (rows - 1) / 2) * self.sides[0]
@@ -111,7 +111,7 @@ class Solid:
 
     @property
     def axes(self) -> tuple[NDArray[np.float64], ...]:
-        """Where voxels of the volume lie along x and y, from the first one, and its planes, as they were given."""
+        """Positions of the voxels along x and y relative to the first one, and the depths of the planes as given."""
         x, y, _ = self.places
         return x - x[0], y - y[0], self.given
 
@@ -123,14 +123,14 @@ class Solid:
 
     @property
     def _along_z(self) -> tuple[float, float]:
-        """Where the volume begins and ends: at its first and last plane; a single one is as thick as a voxel."""
+        """Smallest and largest depth: those of the first and last plane. A single plane is as thick as a voxel."""
         z = self.depths
         thick = self.sides[1] / 2 if len(z) == 1 else 0.0
         return float(z[0]) - thick, float(z[-1]) + thick
 
     @cached_property
     def half(self) -> NDArray[np.float64]:
-        """Half of its length along x, y and z."""
+        """Half lengths of the volume along x, y and z."""
         low, high = self._along_z
         _, rows, columns = self.values.shape
         return np.array([columns * self.sides[1], rows * self.sides[0], high - low]) / 2
@@ -148,7 +148,7 @@ class Solid:
 
     @cached_property
     def by_columns(self) -> NDArray[np.float32]:
-        """The values ``(Z, X, Y)``: for rays along x rows run along y."""
+        """The values ``(Z, X, Y)``, whose rows run along y, for rays along x."""
         return np.ascontiguousarray(self.values.transpose(0, 2, 1))
 
     @cached_property
@@ -181,7 +181,10 @@ class Solid:
 def _evened(
     values: NDArray[np.float32], depths: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return planes from near to far, some more where they are far apart; of several at one depth the first."""
+    """Return planes and depths from near to far, with planes interpolated in large gaps.
+
+    Of several planes at the same depth, the first is used.
+    """
     depths, order = np.unique(depths, return_index=True)
     gaps = np.diff(depths)
     counts = np.ones(0, int)
@@ -207,9 +210,9 @@ class Viewpoint(NamedTuple):
     turn
         Rows: right, down and into the screen, in the volume's x, y and z.
     origin
-        Middle of the first pixel (down, right), from the middle of the volume.
+        Centre of the first pixel (down, right), relative to the centre of the volume.
     pixel
-        Length of a pixel.
+        Side of a pixel.
     shape
         Rows and columns of the picture.
     """
@@ -226,11 +229,11 @@ class Projection(NamedTuple):
     Attributes
     ----------
     values
-        ``(rows, columns)``.
+        Brightest values ``(rows, columns)``.
     depths
-        Depth of it in the volume.
+        Their depths in the volume.
     ahead
-        How far into the screen it lies, from the middle of the volume.
+        Their distances into the screen from the centre of the volume.
     """
 
     values: NDArray[np.float32]
@@ -245,31 +248,31 @@ class Projection(NamedTuple):
 
 
 class _Pixels(NamedTuple):
-    """The brightest values, and the place along the axis of the planes where they lie."""
+    """The brightest values, and their positions along the axis of the planes."""
 
     values: NDArray[np.float32]
     planes: NDArray[np.float32]
 
 
 class _Rays(NamedTuple):
-    """How planes are shifted against each other, and where rows and columns of the sheared picture lie.
+    """Shifts of the planes relative to each other, and geometry of the sheared image.
 
     Attributes
     ----------
     facing
         Whether planes are those of the array's first axis.
     before, share, places
-        Where along the rays values are taken: the plane before it, the share of the next one, and the place.
+        Samples along the rays: index of the plane before each, weight of the next plane, and position.
     down
-        Places of the rows of a plane.
+        Positions of the rows of a plane.
     across
-        Place of the first voxel of a row.
+        Position of the first voxel of a row.
     reach
-        Where the volume ends along rows and columns.
+        Half lengths of the volume along the other two axes.
     lean
-        How far a plane is shifted along both, for each unit of its place.
+        Shifts of a plane along these axes, per unit of its position.
     first, step
-        First place and distance of the rows and columns of the sheared picture, one column to a voxel.
+        First position and spacing of the rows and columns of the sheared image, with one column per voxel.
     """
 
     facing: bool
@@ -285,20 +288,20 @@ class _Rays(NamedTuple):
 
 
 class _Screen(NamedTuple):
-    """Where the pixels of the screen lie in the sheared picture.
+    """Mapping from screen pixels to the sheared image.
 
     Attributes
     ----------
     inverse
-        Rows and columns of the sheared picture, of right and down.
+        Matrix that converts (right, down) on the screen to rows and columns of the sheared image.
     turn
-        What right, down and ahead are along the axis of the planes, and along z.
+        Components of right, down and into the screen along the axis of the planes, and along z.
     first, step
-        First place and distance of rows and columns of the sheared picture.
+        First position and spacing of rows and columns of the sheared image.
     origin, pixel
-        Middle of the first pixel (down, right), and the length of one.
+        Centre of the first pixel (down, right), and side of a pixel.
     middle
-        Depth of the middle of the volume.
+        Depth of the centre of the volume.
     """
 
     inverse: NDArray[np.float64]
@@ -325,7 +328,7 @@ def project_solid(solid: Solid, scene: Viewpoint, *, quick: bool = False) -> Pro
 
 
 class _Effort(NamedTuple):
-    """How close samples are: ``rows`` (pixels apart), samples to a voxel along rows, and along the rays."""
+    """Sampling: distance of ``rows`` (pixels), samples per voxel along rows, and samples per plane along the rays."""
 
     rows: float
     columns: int
@@ -333,7 +336,10 @@ class _Effort(NamedTuple):
 
 
 def _effort(solid: Solid, scene: Viewpoint, most: float) -> _Effort:
-    """Return the closest samples that are not too many: at best half a pixel, and a third of a voxel along rays."""
+    """Return the finest sampling with at most ``most`` samples.
+
+    It is at best half a pixel across the rays, and a third of a voxel along them.
+    """
     main, _, across = _axes(solid, scene.turn)
     ahead = np.abs(scene.turn[2]) / solid.steps
     voxel = solid.sides[1 - across] * _shown(scene, across)
@@ -352,7 +358,7 @@ def _effort(solid: Solid, scene: Viewpoint, most: float) -> _Effort:
 
 
 def _cost(solid: Solid, scene: Viewpoint, effort: _Effort) -> float:
-    """Return how many values are looked at where all of it is seen."""
+    """Return the number of values to evaluate if the whole volume is visible."""
     main, down, across = _axes(solid, scene.turn)
     rows = 2 * solid.half[down] * _shown(scene, down) / (effort.rows * scene.pixel)
     # between two planes a value takes eight voxels instead of four
@@ -361,21 +367,21 @@ def _cost(solid: Solid, scene: Viewpoint, effort: _Effort) -> float:
 
 
 def _shown(scene: Viewpoint, axis: int) -> float:
-    """Return how long a unit along an axis of the volume is on the screen."""
+    """Return the length on the screen of a unit vector along an axis of the volume."""
     return math.sqrt(max(1e-12, 1 - scene.turn[2, axis] ** 2))
 
 
 def _axes(solid: Solid, turn: NDArray[np.float64]) -> tuple[int, int, int]:
     """Return the axis (of x, y, z) along which planes are shifted, and those of rows and columns of each plane.
 
-    Between two planes a ray moves on by at most a voxel along the others.
+    From one plane to the next, a ray moves by at most one voxel along the other axes.
     """
     main = int(np.argmax(np.abs(turn[2]) / solid.steps))
     return (main, *((2, 1), (2, 0), (1, 0))[main])
 
 
 def _rays(solid: Solid, scene: Viewpoint, effort: _Effort) -> tuple[_Rays, tuple[int, int]]:
-    """Return how planes are shifted, and how many rows and columns of the sheared picture are seen."""
+    """Return the shifts of the planes, and the shape of the visible part of the sheared image."""
     main, *both = _axes(solid, scene.turn)
     ahead = scene.turn[2] / scene.turn[2, main]
     voxel = solid.sides[1 - both[1]]
@@ -398,9 +404,9 @@ def _rays(solid: Solid, scene: Viewpoint, effort: _Effort) -> tuple[_Rays, tuple
 
 
 def _stops(solid: Solid, main: int, parts: int) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float64]]:
-    """Return where along an axis values are taken: plane before it, share of the next one, place.
+    """Return the samples along an axis: plane before each, weight of the next plane, and position.
 
-    Between two planes are ``parts - 1`` others, and there is one at each end of the volume.
+    There are ``parts - 1`` samples between two planes, and one at each end of the volume.
     """
     along = solid.places[main]
     last = len(along) - 1
@@ -414,7 +420,7 @@ def _stops(solid: Solid, main: int, parts: int) -> tuple[NDArray[np.int64], NDAr
 def _sheared(solid: Solid, scene: Viewpoint, rays: _Rays, shape: tuple[int, int, int]) -> _Pixels:
     """Return the maximum over the planes, shifted so that all rays run along one axis of the array.
 
-    ``shape``: rows, samples to a voxel, and voxels.
+    ``shape`` is the number of rows, of samples per voxel, and of voxels.
     """
     found = _Pixels(np.full(shape, -np.inf, np.float32), np.zeros(shape, np.float32))
     data = solid.by_columns if _axes(solid, scene.turn)[0] == 0 else solid.values
@@ -425,7 +431,7 @@ def _sheared(solid: Solid, scene: Viewpoint, rays: _Rays, shape: tuple[int, int,
 
 
 def _corners(scene: Viewpoint) -> NDArray[np.float64]:
-    """Return the corners of the picture: right and down ``(2, 4)``."""
+    """Return the corners of the image ``(2, 4)``: right and down."""
     (top, left), (rows, columns) = scene.origin, scene.shape
     right, bottom = left + (columns - 1) * scene.pixel, top + (rows - 1) * scene.pixel
     return np.array([[left, right, left, right], [top, top, bottom, bottom]])
@@ -440,7 +446,7 @@ def _brighter(
     into: NDArray[np.float32],
     planes: NDArray[np.float32],
 ) -> None:
-    """Take what is brighter between two rows; simple enough for the compiler to make vector instructions of it."""
+    """Store the maximum of ``into`` and a row between two rows; the loop is simple enough to be vectorised."""
     low, right = weights
     one = np.float32(1)
     a, b, c, d = (one - low) * (one - right), (one - low) * right, low * (one - right), low * right
@@ -453,7 +459,7 @@ def _brighter(
 
 @njit()
 def _shear(data: NDArray[np.float32], rays: _Rays, found: _Pixels, start: int, stop: int) -> None:
-    """Fill rows of the sheared picture."""
+    """Compute rows of the sheared image."""
     mixed, down = np.empty(data.shape[2], data.dtype), rays.down
     for r in range(start, stop):
         for n in range(rays.before.size):
@@ -485,7 +491,7 @@ def _take(
     values: NDArray[np.float32],
     planes: NDArray[np.float32],
 ) -> None:
-    """Take what is brighter of a row that lies between two others; ``at``: the share of the lower one, the plane."""
+    """Store the maximum of a row between two others; ``at`` is the weight of the lower row, and the plane."""
     (low, ahead), voxel = at, rays.step[1]
     fine, width = values.shape
     last, plane = upper.size - 1, np.float32(ahead)
@@ -514,7 +520,7 @@ def _mix(
     shares: tuple[np.float32, np.float32],
     into: NDArray[np.float32],
 ) -> None:
-    """Write what lies between four rows; ``shares``: that of the second and fourth, and of the last two."""
+    """Interpolate between four rows; ``shares`` are the weights of the second and fourth, and of the last two."""
     one, (right, low) = np.float32(1), shares
     for q in range(into.size):
         into[q] = (one - low) * ((one - right) * a[q] + right * b[q]) + low * ((one - right) * c[q] + right * d[q])
@@ -523,7 +529,7 @@ def _mix(
 def _warped(
     pixels: _Pixels, solid: Solid, scene: Viewpoint, first: tuple[float, float], step: tuple[float, float]
 ) -> Projection:
-    """Return what the screen shows of the sheared picture; ``first``, ``step``: of its rows and columns."""
+    """Return the projection on the screen; ``first`` and ``step`` describe rows and columns of the sheared image."""
     main, rows, columns = _axes(solid, scene.turn)
     inverse = np.asarray(np.linalg.inv(scene.turn[:2][:, [rows, columns]]), np.float64)
     turn = np.ascontiguousarray(scene.turn[:, [main, 2]])
@@ -535,7 +541,7 @@ def _warped(
 
 @njit()
 def _warp(pixels: _Pixels, screen: _Screen, found: Projection, start: int, stop: int) -> None:
-    """Fill rows of the screen."""
+    """Compute rows of the projection."""
     height, width = pixels.values.shape
     inverse, turn = screen.inverse, screen.turn
     for r in range(start, stop):
@@ -555,7 +561,7 @@ def _warp(pixels: _Pixels, screen: _Screen, found: Projection, start: int, stop:
 
 @njit()
 def _between(pixels: _Pixels, row: float, column: float) -> tuple[float, float]:
-    """Return the value between the four nearest pixels that have one, and the plane of the nearest of these."""
+    """Return the value interpolated between the nearest pixels with values, and the plane of the nearest one."""
     height, width = pixels.values.shape
     i, j = min(int(row), max(height - 2, 0)), min(int(column), max(width - 2, 0))
     total, weight, best, at = 0.0, 0.0, 0.0, np.nan

@@ -15,7 +15,7 @@ CLAUSES = re.compile(r"; |, (?=--)")
 TIMES = re.compile(r"(?<=\d) ?x ?(?=\d)")
 ELECTRONS = re.compile(r"(?<=\d )e-(?![\w-])")
 SPACE = "\u00a0"
-"""Does not end a line."""
+"""Space at which a line is not broken."""
 
 UNITS = re.compile(r"(?<=\d) (?=[a-zA-Zµ%°])")
 TIMES_OF = re.compile(rf"({SPACE}(?:d|h|min)) (?=\d)")
