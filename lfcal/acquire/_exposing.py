@@ -240,23 +240,26 @@ def check_frame(frame: Frame, shape: tuple[int, int], dtype: np.dtype[Any], last
     """
     if frame.status != "complete":
         raise IncompleteFrame.expected(
-            "camera buffer", "complete", frame.status, "check cable, packet size and bandwidth"
+            "camera buffer", "a complete frame", frame.status, "check cable, packet size and bandwidth"
         )
     if frame.data.shape != shape or frame.data.dtype != dtype:
         raise WrongFrame.expected(
             "camera frame",
             f"{format_pixels(shape)} of {dtype}",
             f"{format_pixels(frame.data.shape)} of {frame.data.dtype}",
-            "another program changed the camera; start again",
+            "another program may have changed the camera settings; start again",
         )
     if frame.number <= last_number:
         raise StaleFrame.expected(
-            "frame number", f"above {last_number}", frame.number, "the camera repeated an old buffer: flush its buffers"
+            "frame number",
+            f"a number above {last_number}",
+            frame.number,
+            "the camera repeated an old buffer; flush its buffers",
         )
     if frame.started_s is not None and frame.started_s < arrived_s - SLACK_S:
         raise StaleFrame.expected(
             "exposure",
             "a start after the arrival of the stage",
-            f"{arrived_s - frame.started_s:.3g} s before",
+            f"a start {arrived_s - frame.started_s:.3g} s earlier",
             "trigger the camera, or flush its buffers",
         )

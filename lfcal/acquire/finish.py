@@ -146,7 +146,7 @@ def iter_repack(path: Path, *, workers: int | None = None) -> Work[int]:
             with RecordingFile(part) as packed:
                 if packed.taken.sum() != source.taken.sum():
                     raise FileFormatError.expected(
-                        str(path), "all records after packing", "fewer", "keep the file and report this"
+                        str(path), "all records after packing", "fewer", "keep the file, and report this error"
                     )
             source.close()  # Windows cannot replace an open file
     return before - path.stat().st_size

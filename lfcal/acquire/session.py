@@ -169,7 +169,7 @@ def iter_record(
             "positions to record",
             "none together with a target",
             f"{len(only or ()) + len(kept_aside)} positions",
-            "leave them out: the plan of the target decides",
+            "leave them out, because the plan of the target determines them",
         )
     if not isinstance(plan, ScanPlan) and plan.lit is not None and not rig.switches:
         remedy = "show its images (lfcal plan target --patterns), and assemble the folder of frames"

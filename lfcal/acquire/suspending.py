@@ -92,7 +92,7 @@ def gauge_of(rig: Rig, name: str) -> Gauge:
     own = ", ".join(gauge.name for gauge in rig.gauges) or "no gauge"
     raise InputError.expected(
         "--suspend",
-        f"a gauge of the devices ({own}) or a file that ends with the newest number",
+        f"a gauge of the devices ({own}) or a file whose last line contains the newest number",
         name,
         "name one of these gauges, or an existing file",
     )

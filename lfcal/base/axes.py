@@ -107,7 +107,7 @@ def check_psf_shape(shape: tuple[int, ...]) -> tuple[int, int, int, int, int]:
         raise InputError.expected(
             "PSF matrix",
             "5 axes (z, y, x, t, s)",
-            f"{len(shape)} axes {tuple(shape)}",
+            f"{len(shape)} axes, of shape {tuple(shape)}",
             "add the missing axes, for example array[None] for a single depth plane",
         )
     if min(shape) < 1:

@@ -61,7 +61,7 @@ def command(
     Example: `lfcal install-desktop`, and to remove it: `lfcal install-desktop --uninstall`
     """
     if not sys.platform.startswith("linux"):
-        raise InputError.expected("install-desktop", "a Linux desktop", sys.platform, "pin lfcal-gui by hand")
+        raise InputError.expected("install-desktop", "a Linux desktop", sys.platform, "pin lfcal-gui manually")
     place = data_home()
     files = desktop_files("" if uninstall else window_program())
     changed = _remove(place, files) if uninstall else _write(place, files)

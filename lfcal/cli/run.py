@@ -35,7 +35,7 @@ def command(
     made = job.suffix.lower() in (".h5", ".hdf5")
     if made and out is None and not show:
         raise InputError.expected(
-            "--out", "a file to write", "none", "name one: a file cannot be replaced while it serves as the job"
+            "--out", "a file to write", "none", "name one, because the file that is used as the job cannot be replaced"
         )
     named = "again.h5" if made and out is None else out
     task, given = load_job(job, {} if named is None else {"out": str(named if show else Path(named).absolute())})

@@ -151,7 +151,10 @@ def prepare(white: ArrayLike, dark: ArrayLike | float) -> NDArray[np.float32]:
             )
     if min(image.shape) < MIN_LENSLETS * MIN_PITCH:
         raise InputError.expected(
-            "white image", f"at least {MIN_LENSLETS * MIN_PITCH:g} px per side", image.shape, "use the whole frame"
+            "white image",
+            f"at least {MIN_LENSLETS * MIN_PITCH:g} px per side",
+            format_pixels(image.shape),
+            "use the whole frame",
         )
     return levelled(image - level)
 

@@ -130,7 +130,7 @@ def _seeds(light: F8) -> tuple[list[tuple[F8, float]], tuple[float, float]]:
     finite = np.where(np.isfinite(light), light, 0.0)
     low, high = np.percentile(finite, (1, 99))
     if high <= low:
-        raise InputError.expected("white image", "bright discs on a dark ground", "even light", "check the frame")
+        raise InputError.expected("white image", "bright discs on a dark background", "even light", "check the frame")
     scaled = np.clip(255 * (finite - low) / (high - low), 0, 255).astype(np.uint8)
     _, mask = cv2.threshold(cv2.medianBlur(scaled, 5), 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     # a border without light, so that discs at the frame's edge end there
@@ -210,7 +210,7 @@ def _in_order(centres: F8, camera: Camera) -> NDArray[np.intp]:
         far = f"one {away[rows, order].max():.0f} px away"
         raise InputError.expected(
             "discs",
-            f"near the lenslets of {camera.name}",
+            f"positions near the lenslets of {camera.name}",
             far,
             "correct the lenslet centres in the description of the camera",
         )

@@ -116,7 +116,9 @@ class Target:
         outside = [hole for hole in holes if hole[0] >= self.shape[0] or hole[1] >= self.shape[1]]
         if outside or len(set(holes)) < len(holes) or len(holes) >= math.prod(self.shape):
             wanted = f"some of the {self._size()} of the array, each once"
-            raise InputError.expected("absent holes", wanted, outside[:1] or len(holes), "list each absent hole once")
+            raise InputError.expected(
+                "absent holes", wanted, outside[0] if outside else len(holes), "list each absent hole once"
+            )
 
     @property
     def holes(self) -> NDArray[np.intp]:

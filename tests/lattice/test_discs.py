@@ -65,7 +65,7 @@ def test_what_cannot_be_found_is_refused_in_one_sentence():
         InputError, match="expected 7, one for each lenslet of flfm_20x05, got 5; correct the lenslet centres"
     ):
         fit_discs(white_of(fewer, 60.0), camera)
-    with pytest.raises(InputError, match="white image: expected bright discs on a dark ground, got even light"):
+    with pytest.raises(InputError, match="white image: expected bright discs on a dark background, got even light"):
         fit_discs(np.full(camera.sensor.shape, 7.0), camera)
     with pytest.raises(InputError, match="use a whole frame of this camera"):
         fit_discs(np.zeros((50, 50)), camera)

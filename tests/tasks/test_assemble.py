@@ -82,7 +82,7 @@ def test_what_a_job_reads_is_shown_before_it_runs(lfcal: Lfcal, task: Assemble, 
     assert not (tmp_path / "H.h5").exists()
     task.run()[0].close()
     refused = lfcal("run", tmp_path / "H.h5")
-    assert refused.code == 2 and "a file cannot be replaced while it serves as the job" in refused.err
+    assert refused.code == 2 and "the file that is used as the job cannot be replaced" in refused.err
     assert lfcal("run", tmp_path / "H.h5", "--show", "--json").json["reads"] == [str(SAMPLE)]  # type: ignore[index,call-overload]
 
 

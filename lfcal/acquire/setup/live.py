@@ -194,7 +194,9 @@ def iter_live(
             if frame is None:
                 break
             if frame.status != "complete":
-                raise IncompleteFrame.expected("camera buffer", "complete", frame.status, "check cable and bandwidth")
+                raise IncompleteFrame.expected(
+                    "camera buffer", "a complete frame", frame.status, "check cable and bandwidth"
+                )
         except (FrameTimeout, IncompleteFrame) as error:
             wanted = yield LiveState(None, None, stage, expected, str(error))
         else:

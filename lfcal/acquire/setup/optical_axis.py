@@ -70,7 +70,10 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
     places, seen = np.asarray(object_um, float), np.asarray(image_px, float)
     if places.shape != seen.shape or places.ndim != 3 or places.shape[0] < 2 or places.shape[1] < 3:
         raise InputError.expected(
-            "optical axis", "3 or more positions in 2 or more planes", places.shape, "measure more of them"
+            "optical axis",
+            "3 or more positions in 2 or more planes, and an image of each",
+            f"shape {places.shape} and {seen.shape}",
+            "measure more of them",
         )
     maps, shifts, residuals = [], [], []
     for place, image in zip(places, seen, strict=True):
@@ -89,7 +92,7 @@ def find_optical_axis(object_um: ArrayLike, image_px: ArrayLike) -> OpticalAxis:
             "magnification",
             "one that changes with depth",
             "the same in all planes",
-            "a telecentric system has no such axis; use planes farther apart, or centre by the field",
+            "use planes farther apart; a telecentric system has no such axis, so centre the scan in the field",
         )
     # M_k a + t_k is the same in all planes: its deviations from the mean vanish
     axis, *_ = np.linalg.lstsq(change, -(offset - offset.mean(axis=0)).ravel(), rcond=None)

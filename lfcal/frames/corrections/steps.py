@@ -216,7 +216,7 @@ class Dark:
             raise InputError.expected(
                 "dark frame",
                 f"rows {region[0].start} … {region[0].stop - 1}, columns {region[1].start} … {region[1].stop - 1}",
-                f"{self.frame.shape[0]} x {self.frame.shape[1]} px from {self.origin}",
+                f"{format_pixels(self.frame.shape)} from row {self.origin[0]}, column {self.origin[1]}",
                 "record dark frames of the same region",
             )
         return np.ascontiguousarray(self.frame[inside])
