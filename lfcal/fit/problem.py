@@ -135,7 +135,7 @@ class Problem:
         return Point(u, local, model, levels, seen, sampling, doubtful)
 
     def cost(self, point: Point, by: Point | None = None) -> float:
-        """Return the loss of the fitted patterns and priors; the noise is that at ``by``, by default at ``point``."""
+        """Return the loss of the fitted patterns and priors, with the noise at ``by`` (None: at ``point``)."""
         seen = point.seen
         if by is not None and by is not point:
             seen = weighed(

@@ -267,7 +267,7 @@ class _AlongZ:
     unit: str = PIXEL
 
     def sorted(self, read: Read, axis: int = 0) -> Read:
-        """Return ``read`` for the planes, along ``axis``, in the order of `planes`."""
+        """Return a function like ``read`` whose planes, along ``axis``, are in the order of `planes`."""
         if self.planes == list(range(len(self.planes))):
             return read
 

@@ -178,7 +178,7 @@ def errors_within(before: PSFMatrix | None, tolerance: float) -> dict[int, float
 
 
 class _PassPlanes(PlaneSource):
-    """The planes of a pass: computed, or those of the pass before where they keep the tolerance already."""
+    """Planes of a pass. Planes of the previous pass that already meet the tolerance are kept."""
 
     def __init__(self, work: Simulation, before: PSFMatrix | None, name: str) -> None:
         self.work, self.before, self._name = work, before, name
@@ -186,7 +186,7 @@ class _PassPlanes(PlaneSource):
         self._errors = errors_within(before, work.budget.tolerance)
 
     def iter_plane(self, z: int, zeros: Zeros, workers: int | None, *, alone: bool = False) -> Work[Plane]:
-        """Compute plane ``z``, or read it."""
+        """Return plane ``z``: computed, or read from the previous pass if it already meets the tolerance."""
         before = self.before
         if before is None or z not in self._errors:
             return (yield from self.work.iter_plane(z, zeros, workers, alone=alone))

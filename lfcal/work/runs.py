@@ -426,6 +426,6 @@ class Following:
         yield from self._steps
 
     def close(self) -> None:
-        """Stop joining; no incomplete file remains."""
+        """Stop joining, and remove an incomplete output."""
         if self._steps is not None:
             self._steps.close()

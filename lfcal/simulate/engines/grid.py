@@ -81,7 +81,10 @@ class _Gap:
         self._fused: FusedResponse | None = None
 
     def way(self, positions: int) -> FusedResponse | _Separate:
-        """Return the object that takes the fields of this many positions to pixels: in passes, or by separate FFTs."""
+        """Return the object that propagates the fields of ``positions`` positions to the pixels.
+
+        It uses compiled passes or, if these are not worth compiling, separate FFTs.
+        """
         if self._fused is None:
             separate = TRANSFORM_S * positions * len(self._transfer) ** 2
             kernel = "lfcal.simulate.engines._fused_llvm", "respond"

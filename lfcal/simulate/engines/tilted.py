@@ -108,7 +108,7 @@ class TiltedArray:
     def parts(self, field: Complex) -> Complex:
         """Return the parts ``(orders, n, n)`` from which `met` computes the field on the array.
 
-        ``field`` is the field on the plane, ``(n, n)``. The same parts serve for all `heights`.
+        ``field`` is the field on the plane, ``(n, n)``. The parts can be used for any `heights`.
         """
         spectrum = sf.fft2(field, workers=1)
         # towards the image: an array that is farther from the sensor is reached earlier
