@@ -1,4 +1,4 @@
-"""Leave bad positions out of H: a fit of H fills them, and the H before and after are shown."""
+"""Leave bad positions out of H: a fit of H fills them. The previous H becomes the reference."""
 
 from __future__ import annotations
 

@@ -176,7 +176,7 @@ def field_spectrum(scene: Scene, dx: float, half: float, mode: str | None = None
 
 
 def _made(scene: Scene, dx: float, half: float, mode: str) -> tuple[Complex, bool]:
-    """Return the values of a table, or (True) their discrete Fourier transform: what comes first."""
+    """Return the values of a table or their discrete Fourier transform (True), whichever is computed first."""
     if mode[0] == "D":
         return _debye(scene, dx, half, mode), False
     outline = _by_sine(scene, iris_outline(scene.iris))
@@ -215,7 +215,7 @@ def _centre(spectrum: Complex) -> None:
 
 
 def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> tuple[Complex, bool]:
-    """E-mode: the shadow's analytic spectrum and a chirp."""
+    """Return the field in E-mode: the analytic spectrum of the iris's shadow, times a chirp."""
     a, lam = scene.reduced_image_um, scene.wavelength_um
     to_shadow = a / (2 * scene.rim_f_number)
     level = 1 / (math.sqrt(math.pi) * abs(to_shadow))  # unit energy through an iris of area pi in pupil units
@@ -257,7 +257,7 @@ def _envelope(scene: Scene, dx: float, half: float, outline: Points) -> tuple[Co
 
 
 def _disc_spectrum(radius: float, f: NDArray[np.float64]) -> Complex:
-    """Return the Fourier transform of a disc's indicator on the grid f x f, each distance from 0 worked out once."""
+    """Return the Fourier transform of a disc's indicator on the grid f x f; each distance is computed once."""
     distances, places = folded(f)
     quarter = np.empty((distances.size, distances.size))
     for rows in np.array_split(np.arange(distances.size), 1 + quarter.size // PART):
@@ -269,7 +269,7 @@ def _disc_spectrum(radius: float, f: NDArray[np.float64]) -> Complex:
 
 
 def _aberrate(pupil: Complex, scene: Scene, u: NDArray[np.float64]) -> None:
-    """Multiply the pupil on the grid u x u by the phase of its aberration, in parts: each takes many arrays."""
+    """Multiply the pupil on the grid u x u by the phase of its aberration, in parts to save memory."""
     if not scene.wavefront and not scene.exact_defocus:
         return
     if all(m == 0 for _, m, _ in scene.wavefront):  # even along both axes
@@ -295,7 +295,10 @@ def _turns(scene: Scene, ux: NDArray[np.float64], uy: NDArray[np.float64]) -> Co
 
 
 def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> tuple[Complex, bool]:
-    """U-mode: the in-focus field, known in closed form, tapered far out, goes to the pupil and is defocused there."""
+    """Return the field in U-mode.
+
+    The in-focus field, known in closed form and tapered at large distances, is transformed to the pupil and defocused.
+    """
     a, lam, fc = scene.reduced_image_um, scene.wavelength_um, 1 / (2 * scene.wavelength_um * scene.rim_f_number)
     limit = 0.98 / (2 * fc * float(np.abs(outline).max()))
     if dx > limit:
@@ -326,7 +329,7 @@ def _near_field(scene: Scene, dx: float, half: float, outline: Points) -> tuple[
 
 
 def _round_near_field(scene: Scene, dx: float, half: float) -> Complex:
-    """U-mode of a round pupil: its radial integral, exact at any distance."""
+    """Return the field of a round pupil in U-mode, from its radial integral, which is exact at any distance."""
     lam, nw = scene.wavelength_um, scene.rim_f_number
     u = -2 * math.pi * scene.reduced_image_um / (4 * nw**2 * lam)
 
@@ -349,7 +352,7 @@ def _round_near_field(scene: Scene, dx: float, half: float) -> Complex:
 
 
 def _debye(scene: Scene, dx: float, half: float, mode: str) -> Complex:
-    """D-modes: the microscope's radial field on the grid, or one of its dipoles'."""
+    """Return the field in D-mode: the microscope's radial field on the grid, or a field of its dipoles."""
     if scene.vectorial != (mode in DIPOLE_MODES):
         fitting = any_of(DIPOLE_MODES) if scene.vectorial else "D"
         raise InputError.expected("mode of the microscope's field", fitting, mode, "obtain the engine from engine_for")

@@ -59,14 +59,14 @@ Place = tuple[float, float]
 
 
 class _Separate(NamedTuple):
-    """How fields get to the pixels in separate steps."""
+    """Propagation of fields to the pixels by separate FFTs and binning."""
 
     transfer: Complex
     binned: Callable[..., None]
 
 
 class _Gap:
-    """The way from the array to the pixels, shared by the engines of a plane.
+    """Propagation from the array to the pixels, shared by the engines of a plane.
 
     Parameters
     ----------
@@ -237,7 +237,8 @@ class GridPlane:
     def _main_field(self) -> tuple[Complex, int]:
         """Return the spectrum of the main lens's field about a source's image, and its side.
 
-        Without the sphere that converges to the image, which is not sampled finely enough to be shifted.
+        The phase of the sphere that converges to the image is omitted, because it is not sampled finely enough to be
+        shifted.
         """
         aside = self.scene.farthest_um / self.scene.scale
         spectrum = field_spectrum(self.scene, self._dx, (self._n // 2 + 2) * self._dx + aside, self.mode)
@@ -390,15 +391,15 @@ class GridPlane:
         return self.scene.farther_at(y[:, None], x[None, :])
 
     def _array_part(self, pixel: tuple[int, int]) -> tuple[Complex, tuple[int, int]]:
-        """Return a table of the array, and where in it (row, column) the grid about a pixel begins."""
+        """Return a table of the array, and the position (row, column) in it at which the grid about a pixel begins."""
         if not all(0 <= p < count for p, count in zip(pixel, self.scene.period, strict=True)):
             return self._transmission(pixel, (1, 1)), (0, 0)
         return self._array, (pixel[0] * self.per_px, pixel[1] * self.per_px)
 
     def _incoming(self, aside: Place) -> Complex:
-        """Return the main lens's field ``(n, n)``, its sphere included, of a source ``aside`` (y, x) of the middle.
+        """Return the main lens's field ``(n, n)``, including its sphere, for a source displaced by ``aside`` (y, x).
 
-        For a tilted array what `TiltedArray.met` takes.
+        For a tilted array, return the parts that `TiltedArray.met` takes.
         """
         known = self._lit
         if known is not None and math.dist(known[0], aside) < 1e-9:
@@ -440,7 +441,7 @@ class GridPlane:
 
 
 def _lay(piece: Complex, row: int, column: int, on: Complex) -> None:
-    """Add ``piece`` to an array, with its first sample at a row and column that may be outside."""
+    """Add ``piece`` to the array ``on``; its first sample is at (``row``, ``column``), which may be outside."""
     top, left = max(0, -row), max(0, -column)
     bottom, right = min(piece.shape[0], on.shape[0] - row), min(piece.shape[1], on.shape[1] - column)
     if top < bottom and left < right:

@@ -139,7 +139,7 @@ def polygon_mask(
 
 
 def _below(f: NDArray[np.float64], top: float) -> NDArray[np.intp]:
-    """Return which frequencies are within ``top``."""
+    """Return the indices of the frequencies with a magnitude below ``top``."""
     return np.flatnonzero(np.abs(f) < top)
 
 
@@ -233,11 +233,14 @@ def _bent_table(
 
 
 _cached_bent_table = lru_cache(maxsize=2)(_bent_table)
-"""Tables that planes share; see `_cached_table`."""
+"""Cached tables, shared by planes; see `_cached_table`."""
 
 
 def _table_side(step: float, reach: float) -> int:
-    """Return the samples a side of a table ``step`` apart; refuse one too large."""
+    """Return the number of samples along a side of a table; raise `InputError` if it is too large.
+
+    ``step`` is the sample spacing, and ``reach`` the half side of the table.
+    """
     n = 2 * math.ceil(reach / step) + 3
     if n > MAX_TABLE:
         raise InputError.expected(
@@ -255,7 +258,11 @@ def _table(corners: tuple[tuple[float, ...], ...], dx: float, n: int, fine: int)
 
 @lru_cache(maxsize=2)
 def _cached_table(corners: tuple[tuple[float, ...], ...], dx: float, n: int, fine: int) -> NDArray[np.float64]:
-    """Return a table that planes and scenes share which differ in anything else: two thirds of a microscope's fit."""
+    """Return a table from the cache.
+
+    Planes and scenes with the same aperture share it. Otherwise, it would take two thirds of the time of a fit of a
+    microscope.
+    """
     values = _table(corners, dx, n, fine)
     values.setflags(write=False)
     return values

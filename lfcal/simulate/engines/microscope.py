@@ -48,34 +48,35 @@ Where lenslets touch, the truncated light would have cancelled: two nodes miss 2
 """
 BEYOND = 0.5
 """Lenslets beyond the geometric spill for each node per pixel above one: their edges scatter light from there into the
-cutout. This shows where little else falls into it (0.35 % with half a lenslet, 0.04 % with one and a half).
+cutout. The error is visible if the cutout receives little other light (0.35 % with half a lenslet, 0.04 % with one and
+a half).
 """
 SPARE_ORDERS, SPARE_SHARE = 20, 3
-"""Diffraction orders of the array beyond those of its geometric cone for each node per pixel above one, at least and as
-a multiple of those in the cone.
+"""Additional diffraction orders of the array, beyond those in its geometric cone, for each node per pixel above one.
 
-Where lenslets meet their phase has a kink, near which the sum of n orders errs by 0.6 N/n, N of them in the cone. With
-N = 18 (f/7) and 20 more, 1.5 % of the light of an image on a corner came out of nothing; with 54 more 1e-4 did. The
-kinks also scatter light far from the image. In a cutout of 151 pixels, 20 orders more miss 0.2 % of the light of an
-image on a corner, 60 more 0.02 %.
+The first number is the minimum, and the second is a multiple of the orders in the cone. Where lenslets meet, their
+phase has a kink, near which the sum of n orders has an error of 0.6 N/n, with N orders in the cone. With N = 18 (f/7)
+and 20 additional orders, the light of an image on a corner is 1.5 % too large; with 54 additional orders, 1e-4. The
+kinks also scatter light far from the image. In a cutout of 151 pixels, 20 additional orders miss 0.2 % of the light of
+an image on a corner, and 60 miss 0.02 %.
 """
 MOST_SPARE = 4
-"""Largest multiple of the spare orders; yet more change nothing."""
+"""Largest multiple of the spare orders; more orders have no effect."""
 CACHED = 256
 """Largest number of matrices and responses that are kept for reuse."""
 DEBYE_CACHE_BYTES = 1 << 29
 """Largest total size of either (bytes)."""
 
 LEFT_OUT = 1e-5
-"""Share of the norm of a field that its factors may leave out."""
+"""Fraction of the norm of a field that its factors may omit."""
 FAINT_LIGHT = 5e-3
-"""Share of the light that may fall beyond the pixels with all nodes, along each axis.
+"""Fraction of the light that may fall outside the pixels with all nodes, along each axis.
 
 Pixels farther out have half the nodes. With one node instead of two, a fifth of the light there is misplaced. The
 error of a response grows by about 0.1 % at most, because lenslets carry only part of the light as far as assumed.
 """
 GRAINS = 1e6
-"""Grains of a step of the coarse grid: nodes whose places differ by less than one are alike."""
+"""Number of grains in a step of the coarse grid. Nodes whose positions differ by less than a grain are equal."""
 MOST_ROWS = 4096
 """Largest number of rows of matrices that are kept for reuse."""
 
@@ -241,7 +242,10 @@ class DebyePlane:
         return quarters, float(light.sum()), self._reach(light)
 
     def _reach(self, light: NDArray[np.float64]) -> float:
-        """Return how far from the source all but `FAINT_LIGHT` reaches the sensor (µm); ``light`` is that on rows."""
+        """Return the distance from the source within which all light except `FAINT_LIGHT` reaches the sensor (µm).
+
+        ``light`` is the light on the rows of the array.
+        """
         scene = self.scene
         beyond = np.cumsum(light[::-1])[::-1]
         bright = int(np.count_nonzero(beyond > FAINT_LIGHT * beyond[0]))
@@ -265,8 +269,8 @@ class DebyePlane:
     def _matrix(self, phase: AxisPhase) -> Matrix:
         """Return A ``(parities, 3, nodes, n)`` (real, imaginary, sum): a lenslet at ``place``, nodes moved.
 
-        The first is for even fields, the second for odd ones, if there are any. The array is periodic: nodes at equal
-        places behind their lenslets see all samples alike, so that each row is computed once for all phases.
+        The first is for even fields, the second for odd ones, if there are any. The array is periodic, so nodes at
+        equal positions behind their lenslets have the same row. Each row is computed only once for all phases.
         """
         with self._lock:
             known = self._matrices.get(phase)
@@ -295,7 +299,7 @@ class DebyePlane:
     def _wide(
         self, names: list[RowName], behind: NDArray[np.float64], aside: NDArray[np.float64]
     ) -> NDArray[np.complex64]:
-        """Return the rows of nodes, of which those that are known are not computed again; see `_responding`."""
+        """Return the rows of nodes; only rows that are not in the cache are computed. See `_responding`."""
         with self._lock:
             kept = {name: self._rows[name] for name in names if name in self._rows}
         missing = [i for i, name in enumerate(names) if name not in kept]
@@ -422,7 +426,7 @@ class DebyePlane:
         return self._pilot.seconds(self, n_positions)
 
     def _place(self, source: tuple[float, float], pixel: tuple[int, int]) -> tuple[Pair, Turn]:
-        """Return which response a source has, and how it is turned."""
+        """Return the key of a response, and the symmetry operations that derive the response of a source from it."""
         (y, flip_y), (x, flip_x) = (axis_phase(self.scene, axis, source[axis], pixel[axis]) for axis in (0, 1))
         swapped = x < y and y[2:] == x[2:]  # same pitch and cutout along both axes: the transpose can be used too
         return ((x, y) if swapped else (y, x)), Turn(flip_y, flip_x, swapped)

@@ -133,7 +133,7 @@ def _reading(chosen: MultiplexSettings) -> str:
     weights = "np.where(dead, 0.0, 1.0)"
     if chosen.weighted:
         weights = f"pixel_weights(frame, camera.sensor, dead=dead, gain={chosen.gain!r}, black_level=level)"
-    return f"""image = open_image({chosen.image!r})  # all of it, where the page takes the middle of large ones
+    return f"""image = open_image({chosen.image!r})  # all of it; the page uses only the middle of a large one
 frame, level = image.read(0).astype(float), image.metadata.get("black_level", {level})
 image.close()
 dead = {dead}
