@@ -242,7 +242,7 @@ def test_a_step_comes_once_and_is_a_step() -> None:
 
 
 def test_shapes_must_fit() -> None:
-    with pytest.raises(InputError, match=r"shape of White: expected \(3, 4\) as in Dark, got \(48, 60\)"):
+    with pytest.raises(InputError, match="size of White: expected 3 x 4 px, as in Dark, got 48 x 60 px"):
         CorrectionChain((Dark(np.ones((3, 4))), STEPS["White"]))
     with pytest.raises(InputError, match="expected 48 x 60 px, as in the calibration frames, got 60 x 48 px"):
         chain().apply(frame().T, exposure_s=1.0)

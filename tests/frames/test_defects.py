@@ -313,7 +313,7 @@ def test_a_mask_of_the_sensor_is_cut_to_frames_of_a_part_and_to_one_colour(tmp_p
         np.testing.assert_array_equal(~view.samples(0).valid, LOST[0::2, 1::2])
 
 
-DEEP = r"expected one image with axes \(row, column\), got float64 \(2, 20, 30\)"
+DEEP = r"expected one image with axes \(row, column\), got float64 of shape \(2, 20, 30\)"
 NO_MASKS: list[tuple[str, Any, str, str]] = [
     ("small.npy", np.zeros((9, 9)), "mask", "expected 20 x 30 px, as the frames come from the camera, got 9 x 9"),
     ("all.npy", np.ones(SENSOR), "mask", "mask: expected at least one usable pixel"),

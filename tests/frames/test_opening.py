@@ -203,8 +203,8 @@ def _write(path: Path, frame: np.ndarray) -> None:
 BLANK = np.zeros((20, 30), np.uint16)
 FIRST = FRAMES[0, 0, 0]
 BAD_FRAMES: dict[str, tuple[Damage, str]] = {
-    "another shape": (lambda p: _write(p, FIRST[:-1]), "a1.tif, shape: expected (20, 30), got (19, 30)"),
-    "rows and columns swapped": (lambda p: _write(p, FIRST.T), "shape: expected (20, 30), got (30, 20)"),
+    "another shape": (lambda p: _write(p, FIRST[:-1]), "a1.tif, size: expected 20 x 30 px, got 19 x 30 px"),
+    "rows and columns swapped": (lambda p: _write(p, FIRST.T), "size: expected 20 x 30 px, got 30 x 20 px"),
     "8 bits": (lambda p: _write(p, FIRST.astype(np.uint8)), "a1.tif, samples: expected uint16, got uint8"),
     "floats": (lambda p: _write(p, FIRST.astype(np.float32)), "samples: expected uint16, got float32"),
     "all zero": (lambda p: _write(p, BLANK), "a1.tif, (z, y, x) = (0, 0, 1): expected an image"),

@@ -647,7 +647,7 @@ def test_other_storage_goes_through_hdf5(tmp_path: Path) -> None:
 
 def test_planes_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     with create(tmp_path / "a.h5", (1, 2, 2, 5, 3), "u2") as file:
-        with pytest.raises(InputError, match=r"plane 0: expected \(2, 2, 5, 3\) uint16"):
+        with pytest.raises(InputError, match=r"plane 0: expected uint16 of shape \(2, 2, 5, 3\)"):
             parallel_write(file["H"], 0, np.zeros((2, 2, 3, 5), "u2"))
         with pytest.raises(InputError, match="float64"):
             parallel_write(file["H"], 0, np.zeros((2, 2, 5, 3)))

@@ -42,7 +42,7 @@ class ZarrImage(ImageFile):
         ]  # texts in version 0.3
         kinds = {(tuple(array.shape), array.dtype) for array in self._arrays}
         if len(kinds) > 1 or len(shape) < 2 or (names and names[-2:] != ["y", "x"]):
-            got = " and ".join(f"{dtype} {shape}" for shape, dtype in sorted(kinds, key=str)) + (
+            got = " and ".join(f"{dtype} of shape {shape}" for shape, dtype in sorted(kinds, key=str)) + (
                 f" with the axes ({', '.join(names)})" if names else ""
             )
             remedy = f"choose one: {self.path.name}::IMAGE"

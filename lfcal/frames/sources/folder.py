@@ -14,7 +14,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import FileFormatError, InputError, Region, StorageError, check_choice, check_region, format_count
+from lfcal.base import (
+    FileFormatError,
+    InputError,
+    Region,
+    StorageError,
+    check_choice,
+    check_region,
+    format_count,
+    format_pixels,
+)
 from lfcal.frames.cfa import check_greens
 from lfcal.frames.damage import frame_errors
 from lfcal.frames.formats import FramesLast, ImageFile, open_image
@@ -252,7 +261,8 @@ class FolderSource(Frames):
 
     def _check_kind(self, name: str, image: ImageFile, shape: tuple[int, int], dtype: np.dtype[Any], cfa: str) -> None:
         """Raise unless ``image`` has the shape, dtype and colour filter of all frames."""
-        for what, wanted, got in (("shape", shape, image.shape), ("samples", dtype, image.dtype)):
+        sizes = format_pixels(shape), format_pixels(image.shape)
+        for what, wanted, got in (("size", *sizes), ("samples", dtype, image.dtype)):
             if wanted != got:
                 raise FileFormatError.expected(
                     f"{name}, {what}", wanted, got, "record all frames with the same setting, or leave it out"
