@@ -266,7 +266,9 @@ class SessionFile:
         if self.target is not None:  # so that an older version does not mistake whole frames for those of single points
             data |= {"version": TARGET_VERSION, "target": self.target.to_dict()}
         if not folder.is_dir():
-            raise StorageError(f"{folder}: the session folder is gone; restore it, or start a new session")
+            raise StorageError(
+                f"{folder}: the session folder is missing; restore it from a copy, or start a new session"
+            )
         write_text(folder / NAME, json.dumps(data, indent=2, allow_nan=False))
 
     @classmethod

@@ -155,7 +155,7 @@ class CostCurve(LinePlot):
         self._place_names()
 
     def show_status(self, words: str, button: str = "Measure") -> None:
-        """Show how the curve was measured, and set the text of the button; an empty text: it is being measured."""
+        """Show how the curve was measured, and set the text of the button; empty while the curve is measured."""
         self.status.setText(words)
         self.measure_button.setText(button or "Measuring …")
         self.measure_button.setEnabled(bool(button))

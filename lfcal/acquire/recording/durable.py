@@ -140,7 +140,7 @@ class DiskGuard:
                 free = shutil.disk_usage(self._folder).free
             except (FileNotFoundError, NotADirectoryError):
                 raise StorageError(
-                    f"{self._folder}: the session folder is gone; restore it, or start a new session"
+                    f"{self._folder}: the session folder is missing; restore it from a copy, or start a new session"
                 ) from None
             self._why = ""
             if free < self._keep:

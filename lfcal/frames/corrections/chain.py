@@ -96,13 +96,14 @@ class CorrectionChain:
             if len(same) > 1:
                 wanted = any_of(kind.__name__ for kind in kinds)
                 raise InputError.expected("corrections", f"one {wanted}", " and ".join(same), "merge them into one")
-        sized = [step for step in steps if step.shape is not None]
-        for step in sized[1:]:
-            if step.shape != sized[0].shape:
+        sized = [(_name(step), step.shape) for step in steps if step.shape is not None]
+        for name, shape in sized[1:]:
+            first, expected = sized[0]
+            if shape != expected:
                 raise InputError.expected(
-                    f"size of {_name(step)}",
-                    f"{format_pixels(sized[0].shape)}, as in {_name(sized[0])}",
-                    format_pixels(step.shape),
+                    f"size of {name}",
+                    f"{format_pixels(expected)}, as in {first}",
+                    format_pixels(shape),
                     "record all calibration frames with the same sensor settings",
                 )
 
