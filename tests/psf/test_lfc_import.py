@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lfcal.base.errors import FileFormatError, UnsafeFileError
+from lfcal.base.errors import FileFormatError, LfcalError, UnsafeFileError
 from lfcal.psf import open_psf
 from lfcal.reconstruct import Projector
 
@@ -127,6 +127,19 @@ def test_a_pickle_runs_nothing(tmp_path: Path, database: type) -> None:
             open_psf(save_lfc(tmp_path / f"{k}.lfc", db))
         assert "\n" not in str(caught.value)
     assert not target.exists()
+
+
+def test_damaged_pickles_are_one_line(tmp_path: Path, database: type) -> None:
+    whole = pickle.dumps(psfs(database, 1, [0.0]), 4)
+    rng = np.random.default_rng(0)
+    for k in range(60):
+        data = bytearray(whole[: len(whole) - int(rng.integers(0, 2)) * int(rng.integers(1, 400))])
+        for at in rng.integers(0, len(data), 3):
+            data[at] ^= 1 << int(rng.integers(0, 8))
+        try:
+            open_psf(save_lfc(tmp_path / f"{k}.lfc", raw=bytes(data))).close()
+        except LfcalError as error:
+            assert "\n" not in str(error)
 
 
 def test_small_pickles_that_would_take_gigabytes(tmp_path: Path, database: type) -> None:
