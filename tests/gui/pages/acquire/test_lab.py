@@ -15,17 +15,12 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.devices import Frame
 from lfcal.devices.simulated._camera import SimCamera
-from lfcal_gui.models.display import colour_table
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState, colour_table
 from lfcal_gui.pages.acquire._lab import KEYS, Standing, next_step
-from lfcal_gui.pages.acquire.model import AcquireSettings
-from lfcal_gui.pages.acquire.page import Page
 from lfcal_gui.theme import DARK, LIGHT, NIGHT, apply_theme, current_theme
 from lfcal_gui.window import MainWindow
-from tests.acquire.rigs import small_plan
+from tests.gui.pages.acquire._building import PLAN
 from tests.gui.waiting import GUARD_MS
-
-PLAN = small_plan((3, 4), 2, settle_s=0.0)
 
 SOME = 12
 """Frames after which a recording of `PLAN` is neither at its beginning nor near its end."""
@@ -60,23 +55,15 @@ def test_night_is_red_alone() -> None:
 
 
 @pytest.fixture
-def state() -> ProjectState:
-    quick = AcquireSettings(device_options=(("optics", "pattern"),))
-    return ProjectState(camera=PLAN.camera, plan=PLAN, settings={"acquire": quick.to_dict()})
-
-
-@pytest.fixture
 def page(window: MainWindow, state: ProjectState, qtbot: QtBot) -> Any:
     window.set_theme("dark")
     window.files.start_with(state)
     window.go("acquire")
     made: Any = window.page("acquire")
-    assert isinstance(made, Page)
     qtbot.waitUntil(lambda: made.panel.setup.devices.backend.count() > 0, timeout=GUARD_MS)
     made.panel.recording.open()
     yield made
     app = QApplication.instance()
-    assert isinstance(app, QApplication)
     apply_theme(app, LIGHT)
 
 
@@ -129,20 +116,20 @@ def test_a_sitting_by_the_large_buttons_and_their_keys(
     assert window.settings.value("theme") == "dark", "the next start is as it was"
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (1920, 1080)])
-def test_large_buttons_are_large_and_whole(page: Any, window: MainWindow, size: tuple[int, int]) -> None:
-    window.resize(*size)
+def test_large_buttons_are_large_and_whole(page: Any, window: MainWindow) -> None:
     page.lab.toggle.click()
     page.panel.setCurrentWidget(page.panel.record)
-    QApplication.processEvents()
-    assert (window.width(), window.height()) == size, "the window is not made larger by them"
-    for key, shortcut in KEYS:
-        button: QPushButton = page.lab.buttons[key]
-        metrics = button.fontMetrics()
-        for line in (*button.text().split("\n"), "Next: Measure the stage" if key == "next" else "Resume"):
-            assert metrics.horizontalAdvance(line) + 20 <= button.width(), line
-        assert button.height() >= 62 and 2 * metrics.height() <= button.height() and shortcut in button.text()
-        assert button.accessibleName()
+    for size in ((1280, 800), (1920, 1080)):
+        window.resize(*size)
+        QApplication.processEvents()
+        assert (window.width(), window.height()) == size, "the window is not made larger by them"
+        for key, shortcut in KEYS:
+            button: QPushButton = page.lab.buttons[key]
+            metrics = button.fontMetrics()
+            for line in (*button.text().split("\n"), "Next: Measure the stage" if key == "next" else "Resume"):
+                assert metrics.horizontalAdvance(line) + 20 <= button.width(), line
+            assert button.height() >= 62 and 2 * metrics.height() <= button.height() and shortcut in button.text()
+            assert button.accessibleName()
     page.lab.toggle.click()
 
 

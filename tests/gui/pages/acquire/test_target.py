@@ -10,15 +10,14 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
-from lfcal.acquire.options import Options
-from lfcal.base.errors import InputError
+from lfcal.acquire import Options
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
-from lfcal.frames.source import Position
+from lfcal.frames import Position
 from lfcal.psf import open_psf
 from lfcal.targets import Target, TargetPlan, Wishes, plan_target
 from lfcal_gui.context import Context
-from lfcal_gui.models.gathering import session_counts
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState, session_counts
 from lfcal_gui.pages.acquire.model import AcquireSettings
 from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
 from lfcal_gui.pages.acquire.model_live import points_px
@@ -110,39 +109,26 @@ def test_a_target_is_recorded_while_its_phases_fill_the_map(
     idle(context.jobs, qtbot)
 
 
-def test_a_single_point_is_chosen_again(page: Page, context: Context, qtbot: QtBot) -> None:
-    panel = page.panel.record
-    qtbot.mouseClick(panel.choose_target, Qt.MouseButton.LeftButton)
-    assert "single point" in panel.source.text() and panel.choose_target.text() == "Target …"
-    assert AcquireSettings.of(context.state).target == "" and page.record.target.plan is None
-    idle(context.jobs, qtbot)
-
-
-def test_what_does_not_go_together_is_refused_in_a_line(
-    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
-) -> None:
-    context.project.update("plan", plan=replace(SCAN, exposure_s=0.5), recording=str(tmp_path / "s"))
+def test_what_does_not_go_together_is_refused_in_a_line(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    page.context.project.update("plan", plan=replace(SCAN, exposure_s=0.5), recording=str(tmp_path / "s"))
     start = page.panel.record.buttons["start"]
     qtbot.waitUntil(start.isEnabled, timeout=GUARD_MS)  # a live frame may be under way
     qtbot.mouseClick(start, Qt.MouseButton.LeftButton)
     qtbot.waitUntil(lambda: "a plan for another scan" in page.panel.record.detail.text(), timeout=GUARD_MS)
     (tmp_path / "no.json").write_text("{}")
     page.record.target.take(str(tmp_path / "no.json"))
-    qtbot.waitUntil(lambda: not context.jobs.busy, timeout=GUARD_MS)
+    qtbot.waitUntil(lambda: not page.context.jobs.busy, timeout=GUARD_MS)
     # the picture that comes behind it leaves it there
     assert "plan of a target" in page.panel.record.detail.text()
-    context.project.update("folder", recording=str(tmp_path / "t"))
-    idle(context.jobs, qtbot)
+    page.context.project.update("folder", recording=str(tmp_path / "t"))
+    idle(page.context.jobs, qtbot)
     assert page.panel.record.detail.text() == ""
 
 
-def test_points_are_those_of_the_plan(plan: TargetPlan) -> None:
+def test_points_and_command_are_those_of_the_plan(plan: TargetPlan, file: Path) -> None:
     assert np.array_equal(points_px(plan, Position(0, 0, 3)), plan.points(0, 3).pixels)
     with pytest.raises(InputError, match="frame of the target"):
         points_px(plan, Position(0, 0, 5))
-
-
-def test_the_command_records_the_target(file: Path) -> None:
     settings = AcquireSettings(target=str(file), device_options=(("brightness", "0.1"),), controls=Options().controls)
     found = step(ProjectState(camera=SCAN.camera, plan=SCAN, settings=settings.into(ProjectState())))
     words = list(found.arguments)
@@ -158,12 +144,19 @@ def without_value(period: PeriodMap) -> int:
     return int(np.isnan(period.values).sum())
 
 
-def test_a_target_is_recorded_where_the_stage_is(page: Page, context: Context, plan: TargetPlan, file: Path) -> None:
+def test_a_target_is_recorded_where_the_stage_is_unless_a_single_point_is_chosen(
+    page: Page, context: Context, plan: TargetPlan, file: Path, qtbot: QtBot
+) -> None:
     page.record.target.plan, page.record.target._path = plan, str(file)
     settings = replace(AcquireSettings.of(context.state), target=str(file))
     context.project.update("target", settings=settings.into(context.state))
     page.record._field_edited("origin", "1,2,3")
     scan = context.state.plan
-    assert scan is not None and scan.stage.origin_um == (1.0, 2.0, 3.0)
+    assert scan.stage.origin_um == (1.0, 2.0, 3.0)
     assert page.record.target.to_record(scan, FolderState()) == replace(plan, scan=scan)
     assert any("1,2,3" in word for word in step(context.state, "s").arguments)
+    panel = page.panel.record
+    qtbot.mouseClick(panel.choose_target, Qt.MouseButton.LeftButton)
+    assert "single point" in panel.source.text() and panel.choose_target.text() == "Target …"
+    assert AcquireSettings.of(context.state).target == "" and page.record.target.plan is None
+    idle(context.jobs, qtbot)

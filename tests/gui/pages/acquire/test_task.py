@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,16 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.acquire import Options, RedoList, SessionFile
-from lfcal.acquire.recording.source import RecordingSource
-from lfcal.acquire.stills import recipe_of
+from lfcal.acquire import Options, RedoList, SessionFile, recipe_of
 from lfcal.base import drain
-from lfcal.devices import Rig, open_rig
 from lfcal.frames import open_frames
 from lfcal.psf import open_psf
 from lfcal.records import rows
-from lfcal.tasks import Acquire, AcquireTarget, AcquireUntil, RunSettings, job_of, load_job
-from lfcal_gui.models import CommandStep, ProjectState, check_of, fields_of, options_in, shown_of
+from lfcal.tasks import Acquire, AcquireTarget, AcquireUntil, RunSettings, load_job
+from lfcal_gui.models import CommandStep, ProjectState, fields_of
 from lfcal_gui.pages.acquire.model import FIELDS, HELD, MORE, UNTIL, AcquireSettings
 from lfcal_gui.pages.acquire.model_recorder import Recorder
 from lfcal_gui.pages.acquire.model_station import Station, open_station
@@ -31,6 +26,7 @@ from tests.cli import conftest
 from tests.cli.conftest import Run
 
 lfcal = conftest.lfcal
+Lfcal = Callable[..., Run]
 PLAN = small_plan((2, 3), 2, settle_s=0.0)
 CHOSEN = AcquireSettings(
     device_options=(("optics", "pattern"), ("seed", "3")),
@@ -60,13 +56,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def recorded(station: Station, out: Path, **how: Any) -> Acquire:
+def recorded(station: Station, out: Path) -> Acquire:
     """Record as the page does; return the task."""
-    begun = bool(how)
-    listed = str(out / "lfcal-redo.json") if how.get("redo") else ""
-    task = CHOSEN.task(str(out / "session.json"), str(out), begun=begun, redo=listed)
-    assert isinstance(task, Acquire)
-    drain(Recorder(task, PLAN, task.options(out if begun else None), **how).work(station))
+    task = CHOSEN.task(str(out / "session.json"), str(out))
+    drain(Recorder(task, PLAN, task.options()).work(station))
     return task
 
 
@@ -79,152 +72,30 @@ def write_files(made: CommandStep) -> None:
         Path(name).write_text(text)
 
 
-def test_every_field_is_in_a_form_or_has_its_own_widget() -> None:
-    for kind in (Acquire, AcquireTarget, AcquireUntil):
-        shown = {one.key for one in (*FIELDS, *MORE, *UNTIL)} - {"frames_averaged"}
-        assert {row.name for row in rows(kind)} <= shown | HELD, kind
-    own = {one.name for one in dataclasses.fields(AcquireSettings)}
-    fields = {one.key for one in (*FIELDS, *MORE, *UNTIL)}
-    assert own - fields == {"backend", "stage", "device_options", "target", "extent"}
-    assert fields - own == {"frames_averaged", "origin"}, "they are the plan's"
-    every = [one.key for one in (*FIELDS, *MORE, *UNTIL)]
-    assert len(every) == len(set(every))
-
-
-def test_every_field_has_label_and_help() -> None:
-    for field in (*fields_of(Acquire), *UNTIL):
-        assert field.label and field.tip.endswith((".", ")")), field.key
-
-
-def test_forms_offer_no_value_first_and_several_values_by_semicolons() -> None:
-    fields = {one.key: one for one in MORE}
-    assert fields["on_suspect"].choices == ((None, "default (stop)"), ("stop", "stop"), ("flag", "flag"))
-    assert [value for value, _ in fields["check_stage"].choices] == [None, True, False]
-    assert fields["check_origin"].tip.startswith("Check the origin")
-    given = {"suspend": " temperature=20:22 ;lamp=90: ", "on_suspect": None, "check_stage": False}
-    found = options_in(Acquire, given)
-    assert found == {"suspend": ("temperature=20:22", "lamp=90:"), "check_stage": False}
-    assert shown_of(Acquire, found)["suspend"] == "temperature=20:22; lamp=90:"
-    assert shown_of(Acquire, {})["suspend"] == "" and shown_of(Acquire, {})["on_suspect"] is None
-    assert "expected" in check_of(Acquire)("on_suspect", "ask")
-
-
-def test_the_window_its_command_its_python_and_its_job_record_the_same(
-    lfcal: Callable[..., Run], station: Station, folder: Path
-) -> None:
-    task = recorded(station, folder / "window")
-    made = step(project_of("command"))
-    write_files(made)
-    done = lfcal(*made.arguments)
-    assert done.code == 0, done.err
-    exec(step(project_of("python")).script(), {})
-    again = dataclasses.replace(task, out=folder / "job")
-    Path("job.toml").write_text(job_of(again))
-    assert lfcal("run", "job.toml").code == 0, "the window's session has the plan"
+def test_every_route_records_the_same(lfcal: Lfcal, station: Station, folder: Path) -> None:
+    task = every_route(lfcal, station, folder, CHOSEN)
     first = SessionFile.read(folder / "window")
     assert first.options == task.options() != Options() and first.options.bracket == (1.0, 0.25)
-    for name in ("command", "python", "job"):
-        np.testing.assert_array_equal(frames(folder / name), frames(folder / "window"), err_msg=name)
+    for name in ("command", "python"):
         session = SessionFile.read(folder / name)
         assert (session.options, session.plan, session.devices) == (first.options, PLAN, first.devices), name
-
-
-def test_a_list_of_positions_is_recorded_by_every_route(
-    lfcal: Callable[..., Run], station: Station, folder: Path
-) -> None:
-    half = [(0, 0, 1), (1, 1, 2)]
-    RedoList.of(half).write(Path("half.json"))
-    chosen = dataclasses.replace(CHOSEN, positions="half.json", bracket=None)
-    out = folder / "window"
-    task = chosen.task(str(out / "session.json"), str(out))
-    drain(Recorder(task, PLAN, task.options()).work(station))
-    project = ProjectState(plan=PLAN, recording="command", settings={"acquire": chosen.to_dict()})
-    made = step(project)
-    write_files(made)
-    assert lfcal(*made.arguments).code == 0
-    exec(step(dataclasses.replace(project, recording="python")).script(), {})
-    Path("job.toml").write_text(job_of(dataclasses.replace(task, out=folder / "job")))
-    assert lfcal("run", "job.toml").code == 0
-    for name in ("window", "command", "python", "job"):
-        np.testing.assert_array_equal(frames(folder / name), frames(out), err_msg=name)
-        there = SessionFile.read(folder / name).acknowledged(folder / name)
-        assert [tuple(place) for place in np.argwhere(there).tolist()] == half, name
-    assert not any("half.json" in word for word in step(project, resume=True).arguments), "a session keeps its list"
-
-
-class Lamp:
-    """A lamp without a switch: a person covers the lens, in the window or where the command asks."""
-
-    def __init__(self, rig: Rig) -> None:
-        assert rig.light is not None
-        self.light, self.covered = rig.light, 0
-        self.rig = dataclasses.replace(rig, light=None)
-
-    def turn(self) -> None:
-        self.covered += 1
-        self.light.switch(self.covered % 2 == 0)
-
-    def readline(self) -> str:
-        self.turn()
-        return "\n"
-
-
-def test_a_lens_is_covered_for_the_same_frames_by_window_and_command(
-    lfcal: Callable[..., Run], station: Station, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    chosen = dataclasses.replace(CHOSEN, cover=True, bracket=None)
-    lamps, opened = [Lamp(station.rig)], open_rig
-    station.rig = lamps[0].rig
-
-    def without_light(*asked: Any, **how: Any) -> Rig:
-        lamps.append(Lamp(opened(*asked, **how)))
-        monkeypatch.setattr("sys.stdin", lamps[1])
-        return lamps[1].rig
-
-    out, asked = folder / "window", list[str]()
-    task = chosen.task(str(out / "session.json"), str(out))
-    recorder = Recorder(task, PLAN, task.options())
-
-    def answer() -> None:
-        while len(asked) < 3:
-            if recorder.cover.asked and not recorder.cover._answered.is_set():
-                asked.append(recorder.cover.asked)
-                if not recorder.cover.skippable:
-                    lamps[0].turn()
-                recorder.cover.answer()
-            time.sleep(0.001)
-
-    person = threading.Thread(target=answer)
-    person.start()
-    drain(recorder.work(station))
-    person.join()
-    assert [words.split()[0] for words in asked] == ["Dark", "Cover", "Uncover"]
-    made = step(ProjectState(plan=PLAN, recording="command", settings={"acquire": chosen.to_dict()}))
-    write_files(made)
-    monkeypatch.setattr("lfcal.devices.open_rig", without_light)
-    done = lfcal(*made.arguments)
-    assert done.code == 0 and lamps[0].covered == lamps[1].covered == 2, done.err
-    for name in ("window", "command"):
-        np.testing.assert_array_equal(frames(folder / name), frames(out), err_msg=name)
-        with RecordingSource(folder / name) as source, RecordingSource(out) as first:
-            (dark,), (other,) = (one.metadata.darks.values() for one in (source, first))
-            np.testing.assert_array_equal(dark.frame, other.frame, err_msg=name)
-
-
-def test_the_window_keeps_the_task_as_the_command_does(
-    lfcal: Callable[..., Run], station: Station, folder: Path
-) -> None:
-    recorded(station, folder / "window")
-    made = step(project_of("command"))
-    write_files(made)
-    assert lfcal(*made.arguments).code == 0
     (by_window, _), (by_command, _) = (load_job(folder / name / "job.json") for name in ("window", "command"))
     assert by_window == dataclasses.replace(by_command, plan=folder / "window/session.json", out=folder / "window")
 
 
-def test_a_session_of_the_window_continues_by_its_job(
-    lfcal: Callable[..., Run], station: Station, folder: Path
-) -> None:
+def test_every_route_records_a_list_of_positions(lfcal: Lfcal, station: Station, folder: Path) -> None:
+    half = [(0, 0, 1), (1, 1, 2)]
+    RedoList.of(half).write(Path("half.json"))
+    chosen = dataclasses.replace(CHOSEN, positions="half.json", bracket=None)
+    every_route(lfcal, station, folder, chosen)
+    for name in ("window", "command", "python"):
+        there = SessionFile.read(folder / name).acknowledged(folder / name)
+        assert [tuple(place) for place in np.argwhere(there).tolist()] == half, name
+    project = ProjectState(plan=PLAN, recording="command", settings={"acquire": chosen.to_dict()})
+    assert not any("half.json" in word for word in step(project, resume=True).arguments), "a session keeps its list"
+
+
+def test_a_session_of_the_window_continues_by_its_job(lfcal: Lfcal, station: Station, folder: Path) -> None:
     out = folder / "window"
     task = CHOSEN.task(str(out / "session.json"), str(out))
     recorder = Recorder(task, PLAN, task.options())
@@ -237,22 +108,6 @@ def test_a_session_of_the_window_continues_by_its_job(
     assert len(frames(out)) == PLAN.n_positions
 
 
-def test_positions_are_recorded_again_by_window_and_command(
-    lfcal: Callable[..., Run], station: Station, folder: Path
-) -> None:
-    redo = [(1, 0, 2)]
-    for out in ("window", "command"):
-        recorded(station, folder / out)
-    recorded(station, folder / "window", redo=redo)
-    made = step(project_of("command"), redo=redo)
-    write_files(made)
-    done = lfcal(*made.arguments)
-    assert done.code == 0, done.err
-    for out in ("window", "command"):
-        assert SessionFile.read(folder / out).redo == ((), ((1, 0, 2),))
-    assert (folder / "window" / "job-002.json").is_file()
-
-
 def test_how_a_session_began_is_not_in_the_command_that_continues_it() -> None:
     resumed = step(project_of("s"), resume=True)
     assert "--resume" in resumed.arguments and "RunSettings(resume=True)" in resumed.python
@@ -260,9 +115,7 @@ def test_how_a_session_began_is_not_in_the_command_that_continues_it() -> None:
     assert "--tolerance=3,3,9" in resumed.arguments, "how the stage is driven may change"
 
 
-def test_h_of_a_session_is_the_same_by_window_command_and_python(
-    lfcal: Callable[..., Run], station: Station, folder: Path
-) -> None:
+def test_every_route_makes_the_same_h(lfcal: Lfcal, station: Station, folder: Path) -> None:
     task, out = recorded(station, folder / "s"), folder / "s"
     recipe = recipe_of(out)
     drain(iter_assembly(out, folder / "window.h5", None, recipe)).matrix.close()
@@ -299,7 +152,7 @@ OLD = {
 """Settings as earlier versions stored them."""
 
 
-def test_projects_of_earlier_versions_keep_what_was_chosen() -> None:
+def test_projects_of_earlier_versions_and_others_keep_all_values_but_bad_ones() -> None:
     found, refused = AcquireSettings.read(OLD)
     assert not refused
     assert found == AcquireSettings(
@@ -318,9 +171,6 @@ def test_projects_of_earlier_versions_keep_what_was_chosen() -> None:
     assert AcquireSettings.read(found.to_dict()) == (found, ())
     plain = AcquireSettings.read({**OLD, "suspend": "", "darks": 8, "dark_every": 50})[0]
     assert (plain.steady, plain.darks, plain.dark_every) == (None, None, 50)
-
-
-def test_one_bad_value_keeps_all_others_and_is_named() -> None:
     found, refused = AcquireSettings.read({**CHOSEN.to_dict(), "retries": -1, "suspend": ["temperature"]})
     assert found == dataclasses.replace(CHOSEN, retries=None, suspend=()) and len(refused) == 2
     assert "settings of acquire: retries: " in refused[0] and "settings of acquire: suspend: " in refused[1]
@@ -332,3 +182,32 @@ def test_a_session_is_recorded_with_the_plan_of_another(folder: Path) -> None:
     Acquire(plan="plan.json", out="first", **quick).run()
     Acquire(plan="first/session.json", out="second", **quick).run(RunSettings())
     assert SessionFile.read(Path("second")).plan == PLAN
+
+
+def every_route(lfcal: Lfcal, station: Station, folder: Path, chosen: AcquireSettings) -> Acquire:
+    """Record ``window``, ``command`` and ``python`` by these settings; return the task of the window."""
+    out = folder / "window"
+    task = chosen.task(str(out / "session.json"), str(out))
+    drain(Recorder(task, PLAN, task.options()).work(station))
+    project = ProjectState(plan=PLAN, recording="command", settings={"acquire": chosen.to_dict()})
+    made = step(project)
+    write_files(made)
+    done = lfcal(*made.arguments)
+    assert done.code == 0, done.err
+    exec(step(dataclasses.replace(project, recording="python")).script(), {})
+    for name in ("command", "python"):
+        np.testing.assert_array_equal(frames(folder / name), frames(out), err_msg=name)
+    return task
+
+
+def test_every_field_is_in_a_form_or_has_its_own_widget_with_label_and_help() -> None:
+    every = [one.key for one in (*FIELDS, *MORE, *UNTIL)]
+    fields = set(every)
+    assert len(every) == len(fields)
+    for kind in (Acquire, AcquireTarget, AcquireUntil):
+        assert {row.name for row in rows(kind)} <= (fields - {"frames_averaged"}) | HELD, kind
+    own = {one.name for one in dataclasses.fields(AcquireSettings)}
+    assert own - fields == {"backend", "stage", "device_options", "target", "extent"}
+    assert fields - own == {"frames_averaged", "origin"}, "they are the plan's"
+    for field in (*fields_of(Acquire), *UNTIL):
+        assert field.label and field.tip.endswith((".", ")")), field.key

@@ -12,20 +12,15 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 
-from lfcal.acquire import Options, verify
-from lfcal.acquire.session import record
-from lfcal.acquire.session_file import SessionFile
-from lfcal.base.errors import InputError
-from lfcal.base.progress import Progress
+from lfcal.acquire import Options, SessionFile, record, verify
+from lfcal.base import InputError, Progress
 from lfcal.campaign import AdaptiveStep, Goal
-from lfcal.fit import Fit
-from lfcal.fit.model_error import ModelError
-from lfcal.fit.setup import described_effects
+from lfcal.fit import Fit, ModelError, described_effects
 from lfcal.psf import open_psf
 from lfcal.simulate.effects.described import Entry, entries_json
 from lfcal.tasks import AcquireUntil
 from lfcal_gui.context import Context
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.acquire.model import UNTIL, AcquireSettings
 from lfcal_gui.pages.acquire.model_folder import FolderState, folder_state
 from lfcal_gui.pages.acquire.model_recorder import check_goal, error_curve, until_words
@@ -43,33 +38,22 @@ def step(positions: int, stated: float, squared: float = 0.0, sigma: float = 1e-
     return AdaptiveStep(positions, stated, ModelError(squared, sigma, stated, 3), 1.0, True, ("geometry",), 0)
 
 
-# -- the model ---------------------------------------------------------------------------------------------
 def test_settings_say_when_to_end() -> None:
     assert AcquireSettings().goal() is None, "every position, unless it is asked for otherwise"
     assert AcquireSettings(extent="error", until_error=0.002, most=40).goal() == Goal(0.002, most=40)
-    for wrong in (
-        {"until_error": 0.0},
-        {"until_error": 1.5},
-        {"until_error": math.nan},
-        {"most": 3},
-        {"extent": "some"},
-    ):
+    errors = ({"until_error": value} for value in (0.0, 1.5, math.nan))
+    for wrong in (*errors, {"most": 3}, {"extent": "some"}):
         with pytest.raises(InputError):
-            AcquireSettings(extent=wrong.pop("extent", "error"), **wrong).usable()
-        settings = AcquireSettings.from_dict({"extent": "error", **wrong})
-        settings.usable()
-
-
-@pytest.mark.parametrize("most", [None, 0])
-def test_no_largest_number_of_positions_is_shown_as_all(most: int | None) -> None:
-    """The form showed 0, which reads as a limit; earlier projects store it."""
-    settings = AcquireSettings.from_dict({"extent": "error", "most": most})
+            AcquireSettings(**{"extent": "error", **wrong}).usable()
+        AcquireSettings.from_dict({"extent": "error", **wrong}).usable()
     (shown,) = (spec for spec in UNTIL if spec.key == "most")
-    assert settings.values(PLAN)["most"] is None and shown.empty == "all of the plan"
-    assert settings.goal() == Goal(0.005)
+    for most in (None, 0):  # earlier projects store 0
+        settings = AcquireSettings.from_dict({"extent": "error", "most": most})
+        assert settings.values(PLAN)["most"] is None and shown.empty == "all of the plan"
+        assert settings.goal() == Goal(0.005)
 
 
-def test_the_curve_has_values_and_limits_in_per_cent() -> None:
+def test_curve_and_words_say_what_it_is_at() -> None:
     steps = [step(6, 0.01), step(12, 0.004, squared=4e-4, sigma=4e-5)]
     curve = error_curve(steps, Goal(0.003, most=40))
     assert curve.positions == (6, 12) and curve.stated == pytest.approx((1.0, 0.4)) and curve.wanted == 0.3
@@ -78,9 +62,6 @@ def test_the_curve_has_values_and_limits_in_per_cent() -> None:
     assert (curve.aside[1], curve.below[1], curve.above[1]) == pytest.approx((2.0, 0.2, 0.2))
     assert curve.words == "12 positions: estimated error 0.4 %, 2 % at held-out positions"
     assert error_curve([], Goal(0.003)).words == ""
-
-
-def test_words_say_what_it_is_at() -> None:
     assert until_words(Progress(3, 6, "record"), [], 3) == ("3 positions, no fit yet", "recording the first 6")
     known, now = until_words(Progress(1, 4, "record"), [step(12, 0.004)], 13)
     assert known == "H from 12 positions, estimated error 0.4 %" and now == "recording 1 of 4 more"
@@ -154,15 +135,15 @@ def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, 
     press(page, "stop", qtbot)
     ended(page, qtbot)
     before = folder_state(str(folder))
-    assert before.there is not None and before.there.sum() >= 6 and not verify(folder).damaged
+    assert before.there.sum() >= 6 and not verify(folder).damaged
     assert panel.buttons["start"].text() == "Resume session" and "chosen positions" in panel.folder_words.text()
     press(page, "start", qtbot)
     qtbot.waitUntil(lambda: page.record.recording, timeout=GUARD_MS)
     ended(page, qtbot)
     assert panel.status.text().startswith("The target error of H is reached")
-    steps = page.record.recorder.steps  # type: ignore[union-attr]
+    steps = page.record.recorder.steps
     curve, session = shown.error.curve, SessionFile.read(folder)
-    assert curve is not None and curve.positions == tuple(one.positions for one in steps)
+    assert curve.positions == tuple(one.positions for one in steps)
     assert curve.stated[-1] <= 0.27 == curve.wanted and shown.error.wanted.value() == pytest.approx(np.log10(0.27))
     x, y = shown.error.stated.getData()
     np.testing.assert_allclose(10**y, curve.stated)
@@ -182,18 +163,15 @@ def test_from_start_to_the_page_fit(page: Page, context: Context, qtbot: QtBot, 
         assert set(map(tuple, np.argwhere(H.recorded > 0).tolist())) == set(sent[0][1].residuals)
 
 
-def test_closing_in_the_midst_of_a_fit_loses_nothing(
-    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
-) -> None:
+def test_closing_in_the_midst_of_a_fit_loses_nothing(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     page.record.start()
     qtbot.waitUntil(lambda: page.record.recorder is not None, timeout=GUARD_MS)
     recorder = page.record.recorder
-    assert recorder is not None
     qtbot.waitUntil(lambda: recorder.quality.state().done >= 6, timeout=GUARD_MS)
     qtbot.waitUntil(lambda: "fitting" in page.panel.record.detail.text(), timeout=GUARD_MS)
-    context.jobs.close()
+    page.context.jobs.close()
     there = folder_state(str(tmp_path / "s")).there
-    assert there is not None and there.sum() >= 6 and not verify(tmp_path / "s").damaged
+    assert there.sum() >= 6 and not verify(tmp_path / "s").damaged
 
 
 def test_a_whole_scan_is_not_gone_on_with_by_chance(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
