@@ -11,13 +11,10 @@ import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import drain
+from lfcal.base import InputError, drain
 from lfcal.cli._app import build_app
-from lfcal.frames import ORIENTATIONS, open_frames
-from lfcal.frames.source import Position
-from lfcal.psf import open_psf
-from lfcal.psf.orientation import FoundOrientation
+from lfcal.frames import ORIENTATIONS, Position, open_frames
+from lfcal.psf import FoundOrientation, open_psf
 from lfcal_gui.context import Context
 from lfcal_gui.pages.frames.model import FrameSettings, iter_assembly, load_frame, open_imported
 from lfcal_gui.pages.frames.orientation import CHOICES, advice, refusal
@@ -71,7 +68,7 @@ def commanded(folder: Path, out: Path, choice: str) -> dict[str, Any]:
         return dict(matrix.provenance["orientation"])
 
 
-def test_the_page_names_it_and_turns_the_frames(
+def test_the_page_turns_mirrored_frames(
     qtbot: QtBot, context: Context, open_page: Any, mirrored: Path, tmp_path: Path
 ) -> None:
     page = open_page("frames")
@@ -93,7 +90,7 @@ def test_the_page_names_it_and_turns_the_frames(
     assert FrameSettings.of(context.state).orientation == "check"
 
 
-def test_no_h_is_made_of_mirrored_frames_unless_that_is_chosen(
+def test_mirrored_frames_make_no_h(
     qtbot: QtBot, context: Context, open_page: Any, mirrored: Path, tmp_path: Path
 ) -> None:
     page, out = open_page("frames"), tmp_path / "H.h5"
@@ -109,7 +106,7 @@ def test_no_h_is_made_of_mirrored_frames_unless_that_is_chosen(
     assert assembled(qtbot, context, page, out) == {"applied": "as is", "found": None}
 
 
-def test_the_job_judges_by_itself_where_the_page_does_not_know_yet(
+def test_the_job_checks_orientation(
     qtbot: QtBot, context: Context, open_page: Any, mirrored: Path, tmp_path: Path
 ) -> None:
     page, out = open_page("frames"), tmp_path / "H.h5"
@@ -128,9 +125,7 @@ def test_the_job_judges_by_itself_where_the_page_does_not_know_yet(
     assert "--" not in job.error and not out.exists() and context.state.psf == ""
 
 
-def test_upright_frames_pass_with_what_was_found(
-    qtbot: QtBot, context: Context, open_page: Any, mirrored: Path, tmp_path: Path
-) -> None:
+def test_upright_frames_pass(qtbot: QtBot, context: Context, open_page: Any, mirrored: Path, tmp_path: Path) -> None:
     folder = shutil.copytree(mirrored, tmp_path / "upright")
     for file in (folder / "frames").glob("*.npy"):
         np.save(file, np.fliplr(np.load(file)))
@@ -176,34 +171,6 @@ def test_a_frame_is_shown_upright_before_and_after_its_correction(mirrored: Path
         assert np.array_equal(loaded.raw, np.fliplr(delivered.read(index)))
 
 
-def test_upright_frames_and_what_cannot_be_told_are_no_news() -> None:
-    assert advice(FoundOrientation(name="as is"), "check") is None
-    assert advice(FoundOrientation(name="as is"), "as is") is None
-    assert advice(FoundOrientation(reason="light in 0 of 20 frames"), "check") is None
-    assert advice(FoundOrientation(name="rot90", cause="frames"), "rot90") is None
-    undone = advice(FoundOrientation(name="as is"), "mirror x")
-    assert undone is not None
-    assert (undone.apply, undone.leave) == ("check", "")
-    scan = advice(FoundOrientation(name="mirror x", cause="scan"), "check")
-    assert scan is not None
-    assert (scan.apply, scan.leave) == ("", "as is")
-
-
-@pytest.mark.parametrize("cause", ["frames", "scan", "either"])
-def test_a_refusal_is_one_line_without_options_of_the_command_line(cause: str) -> None:
-    found = FoundOrientation(name="mirror x", cause=cause)
-    words = refusal(found, "check")
-    assert words and "--" not in words and "\n" not in words
-    assert refusal(found, "as is") == refusal(found, "mirror x") == "", "chosen by the user"
-    assert refusal(FoundOrientation(name="as is"), "check") == ""
-
-
-def test_every_orientation_can_be_chosen_and_others_are_not_taken_from_a_project() -> None:
-    assert {name for name, _ in CHOICES} == {"check", *ORIENTATIONS}
-    assert FrameSettings.from_dict({"orientation": "rot90"}).orientation == "rot90"
-    assert FrameSettings.from_dict({"orientation": "sideways"}).orientation == "check"
-
-
 def test_turned_frames_of_a_colour_are_shown_before_their_correction(tmp_path: Path) -> None:
     sensor = replace(PLAN.camera.sensor, cfa="RGGB")
     plan = replace(PLAN, camera=replace(PLAN.camera, sensor=sensor))
@@ -219,17 +186,15 @@ def test_turned_frames_of_a_colour_are_shown_before_their_correction(tmp_path: P
 
 
 def test_colours_of_the_upright_sensor_are_refused_for_turned_frames(mirrored: Path, tmp_path: Path) -> None:
-    sensor = replace(PLAN.camera.sensor, cfa="RGGB")
-    plan = replace(PLAN, camera=replace(PLAN.camera, sensor=sensor))
-    dark = str(mirrored / "dark")
+    plan = replace(PLAN, camera=replace(PLAN.camera, sensor=replace(PLAN.camera.sensor, cfa="RGGB")))
     for defects in (True, False):
-        settings = FrameSettings(dark=dark, orientation="mirror x", use_defects=defects)
-        opened = open_imported(str(mirrored / "frames"), settings, plan)
+        settings = FrameSettings(dark=str(mirrored / "dark"), orientation="mirror x", use_defects=defects)
+        work = iter_assembly(open_imported(str(mirrored / "frames"), settings, plan), str(tmp_path / "H.h5"))
         if defects:
             with pytest.raises(InputError, match="the plan's upright sensor, RGGB"):
-                drain(iter_assembly(opened, str(tmp_path / "H.h5")))
+                drain(work)
         else:
-            drain(iter_assembly(opened, str(tmp_path / "H.h5"))).matrix.close()
+            drain(work).matrix.close()
 
 
 def test_a_new_folder_starts_upright(qtbot: QtBot, context: Context, open_page: Any, mirrored: Path) -> None:
@@ -241,3 +206,26 @@ def test_a_new_folder_starts_upright(qtbot: QtBot, context: Context, open_page: 
     shutil.copytree(mirrored, copy, dirs_exist_ok=True)
     page.open_folder(str(copy))
     qtbot.waitUntil(lambda: FrameSettings.of(context.state).orientation == "check", timeout=GUARD_MS)
+
+
+def test_upright_frames_and_unknown_orientations_are_no_news_and_refusals_are_one_line() -> None:
+    for found, choice in (
+        (FoundOrientation(name="as is"), "check"),
+        (FoundOrientation(name="as is"), "as is"),
+        (FoundOrientation(reason="light in 0 of 20 frames"), "check"),
+        (FoundOrientation(name="rot90", cause="frames"), "rot90"),
+    ):
+        assert advice(found, choice) is None, (found, choice)
+    undone = advice(FoundOrientation(name="as is"), "mirror x")
+    scan = advice(FoundOrientation(name="mirror x", cause="scan"), "check")
+    assert (undone.apply, undone.leave) == ("check", "")
+    assert (scan.apply, scan.leave) == ("", "as is")
+    for cause in ("frames", "scan", "either"):
+        found = FoundOrientation(name="mirror x", cause=cause)
+        words = refusal(found, "check")
+        assert words and "--" not in words and "\n" not in words
+        assert refusal(found, "as is") == refusal(found, "mirror x") == "", "chosen by the user"
+    assert refusal(FoundOrientation(name="as is"), "check") == ""
+    assert {name for name, _ in CHOICES} == {"check", *ORIENTATIONS}
+    for stored, taken in (("rot90", "rot90"), ("sideways", "check")):
+        assert FrameSettings.from_dict({"orientation": stored}).orientation == taken
