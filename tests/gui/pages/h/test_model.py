@@ -1,20 +1,25 @@
+"""What the place H shows of H, HT, another H and the aperture, without a window."""
+
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lfcal.base.units import format_plane
+from lfcal.base import format_plane
 from lfcal.camera import preset
 from lfcal.judge import pair
 from lfcal.psf import PSFMatrix, transpose
+from lfcal.psf.aperture import Aperture, fit_aperture
 from lfcal_gui.pages.h.model import (
     HIntent,
     LoadedPlane,
     aperture_tip,
+    aperture_words,
     linked_pixel,
     place_words,
     read_plane,
@@ -62,7 +67,7 @@ def test_differences_are_at_equal_energy() -> None:
     loaded = plane()
     H, other = PSFMatrix(loaded.values[None]), PSFMatrix(2 * loaded.values[None])
     data = read_plane(H, pair(H, other), 0)
-    assert data.reference is not None and data.reference.scale == pytest.approx(0.5)
+    assert data.reference.scale == pytest.approx(0.5)
     picture = resolve(HIntent(view="difference"), data.plane, data.reference)
     assert picture.signed and np.abs(picture.linked).max() < 1e-6
     np.testing.assert_array_equal(picture.main, loaded.values[0, 0])
@@ -71,7 +76,6 @@ def test_differences_are_at_equal_energy() -> None:
 
 
 def test_another_h_is_paired_by_depth_and_cut_to_the_pixels_of_both() -> None:
-    """It was compared by number, and only where its shape was the same."""
     values = np.random.default_rng(0).random((2, 4, 5, 7, 9)).astype(np.float32)
     H = PSFMatrix(values, depths=[-20.0, -10.0])
     other = PSFMatrix(values[1:, :, :, 1:-1, 2:-2], depths=[-10.0])
@@ -91,20 +95,37 @@ def test_intents_stay_inside() -> None:
     assert turn_pixel((0, 0), (7, 9)) == (6, 8)
 
 
-def test_a_depth_that_h_does_not_state_is_not_told() -> None:
+def test_places_and_planes_are_named_by_what_h_states() -> None:
     values = np.ones((2, 3, 3, 5, 5), np.float32)
     assert place_words(PSFMatrix(values), HIntent(z=1))[0] == "Plane 1 (0 to 1): depth\u00a0not\u00a0stated"
-    known = PSFMatrix(values, depths=[-2000.0, -1000.0])
-    assert place_words(known, HIntent(z=1)) == (
-        "Plane 1 (0 to 1): z\u00a0=\u00a0-1\u00a0mm",
-        "Position y 0, x 0 of 3 × 3",
-    )
+    known = place_words(PSFMatrix(values, depths=[-2000.0, -1000.0]), HIntent(z=1))
+    assert known == ("Plane 1 (0 to 1): z\u00a0=\u00a0-1\u00a0mm", "Position y 0, x 0 of 3 × 3")
     # its focal length before the lens
     other = PSFMatrix(values, depths=(-260e3, 0.0), camera=preset("bench"))
     told = [place_words(other, HIntent(z=z))[0].replace("\u00a0", " ") for z in (0, 1)]
     assert told[0].endswith("z = -260 mm, where its camera sees nothing") and "v = " in told[1]
-
-
-def test_planes_without_depths_have_numbers_under_their_pictures() -> None:
     assert aperture_tip(1, float("nan"), 2, None, None) == "Plane 1 (0 to 1)"
     assert format_plane(float("nan"), 1) == "plane 1" and format_plane(-1000.0, 1) == "-1 mm"
+    refused = fitted(confident=False, refusal="cut off", kind="")
+    tip = aperture_tip(1, -26_020.0, 2, refused, None)
+    assert tip == f"Plane 1 (0 to 1): z = -26.02 mm\nfitted: {refused.describe()}"
+    assert "reaches the edge" in refused.describe()
+
+
+def fitted(**changes: Any) -> Aperture:
+    known = {
+        **{"kind": "polygon", "curvature": 0.12, "curvature_sigma": 0.03, "blur_px": 2.1, "confidence": 1.0},
+        "confident": True,
+    }
+    return Aperture(7, (27.0, 26.5), 0.2, 15.27, 786.0, **(known | changes))
+
+
+def test_fitted_numbers_of_an_aperture_are_next_to_the_expected_ones() -> None:
+    expected = Aperture(7, (27, 27), 0.2, 15.63, 823.0, confident=True, kind="polygon")
+    words = aperture_words(fitted(), expected, ())
+    assert "expected" in words and "<b>15.27 px</b></td><td>15.63</td>" in words
+    assert "<b>0.12 ± 0.03</b></td><td>0.00</td>" in words and "<b>2.10 px</b></td><td>—</td>" in words
+    assert "expected" not in aperture_words(fitted())
+    dark = aperture_words(fit_aperture(np.zeros((31, 31))), expected, ())
+    assert "nan" not in dark and "0.00 px" not in dark and "0.0 %" not in dark, "of what is not seen"
+    assert dark.count("<b>—</b>") >= 6

@@ -1,6 +1,7 @@
+"""The place H: patterns of H and HT, the sum, another H, apertures, the verdict."""
+
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,15 +9,14 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from PySide6.QtCore import QSize
-from PySide6.QtGui import QColor, QIcon
-from PySide6.QtWidgets import QApplication, QLabel, QScrollArea
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QApplication, QLabel
 from pytestqt.qtbot import QtBot
 
 from lfcal.camera import preset
 from lfcal.psf import PSFMatrix, export, save
 from lfcal.psf.aperture import fit_aperture
-from lfcal.psf.aperture.shape import Aperture, blade_radius
+from lfcal.psf.aperture.shape import blade_radius
 from lfcal_gui.context import Context
 from lfcal_gui.models import COLOUR_MAPS, OpeningSettings, ProjectState, Verdict, stamp_of, with_verdict
 from lfcal_gui.widgets.plots import LINES
@@ -25,160 +25,6 @@ from lfcal_gui.window import MainWindow
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
 from tests.psf.test_mat_import import as_meant, save_v73
-
-
-def test_psf_controls_follow_the_intent_and_back(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
-    values = np.random.default_rng(0).random((3, 4, 5, 9, 11)).astype(np.float32)
-    save(PSFMatrix(values, depths=[-10, 0, 10]), tmp_path / "H.h5")
-    save(PSFMatrix(values * 3, depths=[-10, 0, 10]), tmp_path / "R.h5")
-    window.project.update("open", psf=str(tmp_path / "H.h5"), reference=str(tmp_path / "R.h5"))
-    window.go("h")
-    page: Any = window.page("h")
-    idle(window.jobs, qtbot)
-    assert (page.intent.z, page.intent.y, page.intent.x) == (1, 2, 2)
-    page.panel.map.chosen.emit(3, 4)
-    np.testing.assert_array_equal(page.panel.main_view.values, values[1, 3, 4])
-    page.panel.strip.setCurrentRow(2)
-    idle(window.jobs, qtbot)
-    np.testing.assert_array_equal(page.panel.main_view.values, values[2, 3, 4])
-    page.panel.strip.setCurrentRow(0)
-    idle(window.jobs, qtbot)
-    assert page.intent.z == 0
-    page.set_intent(transposed=True)
-    np.testing.assert_array_equal(page.panel.main_view.values, page.matrix.T[0, 3, 4])
-    page.panel.main_view.hovered.emit(2, 3, 0.0)
-    assert page.panel.linked_view.shot.cross is not None
-    page.panel.main_view.hovered.emit(-1, -1, float("nan"))
-    assert page.panel.linked_view.shot.cross is None
-    page.panel.view_buttons["Difference"].click()
-    assert page.panel.linked_view.shot.signed and np.abs(page.panel.linked_view.values).max() < 1e-5
-    assert not page.panel.main_view.shot.signed
-    page.panel.toggle_scale("log")
-    page.panel.view_buttons["Both"].click()
-    assert not page.panel.linked_view.shot.signed
-    page.panel.main_view.save_picture(str(tmp_path / "p.png"))
-    page.panel.main_view.save_data(str(tmp_path / "p.csv"))
-    page.panel.profile.save_data(str(tmp_path / "q.csv"))
-    np.testing.assert_allclose(np.loadtxt(tmp_path / "p.csv", delimiter=","), page.panel.main_view.values, rtol=1e-6)
-    assert (tmp_path / "p.png").stat().st_size > 1000 and (tmp_path / "q.csv").read_text().startswith("#")
-
-
-def test_the_other_order_of_axes_is_offered_and_kept(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
-    """The window read a .mat file by a guess, and nothing in it could change that."""
-    values = np.random.default_rng(0).random((5, 5, 3, 3, 2))
-    path = str(tmp_path / "H.mat")
-    save_v73(tmp_path / "H.mat", H=values)
-    window.project.update("open", psf=path)
-    window.go("h")
-    page: Any = window.page("h")
-    idle(window.jobs, qtbot)
-    guessed = np.asarray(page.matrix)
-    assert page.notice.isVisible() and "read columns first" in page.notice.label.text()
-    assert (page.notice.button.text(), page.notice.leave.text()) == ("Read rows first", "Keep columns first")
-    page.notice.button.click()
-    idle(window.jobs, qtbot)
-    np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
-    assert np.abs(np.asarray(page.matrix) - guessed).max() > 0.1 and not page.notice.isVisible()
-    assert "rows first, as requested" in page.hint.text()
-    again = ProjectState.from_json(window.project.state.to_json())
-    window.files.start_with(ProjectState())
-    window.files.start_with(again)
-    idle(window.jobs, qtbot)
-    np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
-    assert not page.notice.isVisible(), "it is known"
-    page.open_file(path)
-    idle(window.jobs, qtbot)
-    assert page.notice.button.text() == "Read columns first", "who opens a file again may choose again"
-    page.notice.leave.click()
-    assert not page.notice.isVisible()
-    window.project.update("order", settings=OpeningSettings().with_order(path, "columns-first").into(again))
-    idle(window.jobs, qtbot)
-    np.testing.assert_array_equal(np.asarray(page.matrix), guessed)
-    window.project.undo()
-    idle(window.jobs, qtbot)
-    np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
-
-
-def test_the_order_of_axes_is_asked_for_no_longer_than_the_file_is_open(
-    window: MainWindow, qtbot: QtBot, tmp_path: Path
-) -> None:
-    save_v73(tmp_path / "H.mat", H=np.random.default_rng(0).random((5, 5, 3, 3, 2)))
-    export(PSFMatrix(np.ones((2, 3, 3, 5, 5), np.float32)), tmp_path / "said.mat")
-    window.go("h")
-    page: Any = window.page("h")
-    page.open_file(str(tmp_path / "H.mat"))
-    idle(window.jobs, qtbot)
-    assert page.notice.isVisible()
-    page.open_file(str(tmp_path / "said.mat"))
-    idle(window.jobs, qtbot)
-    assert page.matrix is not None and page.context.state.psf.endswith("said.mat") and not page.notice.isVisible()
-
-
-@pytest.mark.parametrize(("size", "wide", "empty"), [((1280, 800), 304, 60), ((1920, 1080), 368, 130)])
-def test_the_inspector_is_whole(
-    window: MainWindow, qtbot: QtBot, tmp_path: Path, size: tuple[int, int], wide: int, empty: int
-) -> None:
-    """It scrolled in a window of 1280 x 800, the range of the map was cut, and a large window left it empty."""
-    window.resize(*size)
-    values = np.random.default_rng(0).random((2, 4, 5, 9, 11)).astype(np.float32) * 1000
-    save(PSFMatrix(values, camera=preset("bench"), depths=[-20034, -26017]), tmp_path / "H.h5")
-    window.project.update("open", psf=str(tmp_path / "H.h5"))
-    window.go("h")
-    page: Any = window.page("h")
-    idle(window.jobs, qtbot)
-    long = "This H is good by 31 checks, and 60 patterns compared with the camera show no fault."
-    page.panel.verdict.show_verdict("good", long)
-    words = page.panel.map_range
-
-    def whole() -> bool:
-        return bool(words.text()) and words.fontMetrics().horizontalAdvance(words.text()) <= words.width()
-
-    qtbot.waitUntil(whole, timeout=GUARD_MS)
-    (area,) = (one for one in page.panel.inspector.findChildren(QScrollArea) if one.isVisible())
-    assert area.verticalScrollBar().maximum() == 0 and page.panel.inspector.width() == wide
-    assert "−26.02" in QLabel.text(page.panel.place_label), "with a minus sign, as under the pictures of the planes"
-    last = page.panel.profile.parentWidget()
-    while last.parentWidget() is not area.widget():
-        last = last.parentWidget()
-    assert area.widget().height() - last.geometry().bottom() < empty
-
-
-def test_a_damaged_h_says_so(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
-    (tmp_path / "H.h5").write_bytes(b"no hdf5")
-    window.project.update("open", psf=str(tmp_path / "H.h5"))
-    page: Any = window.page("h")
-    idle(window.jobs, qtbot)
-    assert page.matrix is None and "HDF5" in page.empty.label.text()
-    assert "HDF5" in window.log_view.toPlainText()
-
-
-def test_a_plane_that_cannot_be_read_has_no_picture(
-    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
-) -> None:
-    """It went on reading for ever, with the pictures, the map and the aperture of the plane before."""
-    values = np.random.default_rng(0).random((3, 3, 4, 9, 9)).astype(np.float32)
-    save(PSFMatrix(values, depths=[0, 10, 20]), tmp_path / "H.h5")
-    with h5py.File(tmp_path / "H.h5", "r+") as file:
-        chunks = file["H"].id
-        mask, raw = chunks.read_direct_chunk((2, 0, 0, 0, 0))
-        chunks.write_direct_chunk((2, 0, 0, 0, 0), raw[:20] + bytes([raw[20] ^ 255]) + raw[21:], mask)
-    context.project.update("open", psf=str(tmp_path / "H.h5"))
-    page: Any = open_page("h")
-    idle(context.jobs, qtbot)
-    panel = page.panel
-    qtbot.waitUntil(lambda: panel.map.item.image is not None, timeout=GUARD_MS)
-    idle(context.jobs, qtbot)
-    page.set_intent(z=2)
-    idle(context.jobs, qtbot)
-    for view in (panel.main_view, panel.linked_view, panel.sum_view):
-        assert view.values is None and view.blank.shown and "cannot be read" in view.blank.text()
-    assert "damaged" in panel.readout.text() and panel.map.item.image is None and not panel.profile._curves
-    assert panel.aperture_text.text() == ""
-    page._step(0, 1)
-    page.set_intent(transposed=True, z=1)
-    qtbot.waitUntil(lambda: panel.map.item.image is not None, timeout=GUARD_MS)
-    assert np.array_equal(panel.main_view.values, page.matrix.T[1, page.intent.y, page.intent.x])
-    assert panel.readout.text().startswith("Point at") and panel.aperture_text.text()
 
 
 @pytest.fixture
@@ -200,9 +46,7 @@ def page(open_page: OpenPage, context: Context, qtbot: QtBot, files: tuple[str, 
     return made
 
 
-def test_what_another_page_sent_is_shown_once_h_and_its_reference_are_open(
-    page: Any, context: Context, qtbot: QtBot, files: tuple[str, str, str]
-) -> None:
+def test_what_was_sent_is_shown_later(page: Any, context: Context, qtbot: QtBot, files: tuple[str, str, str]) -> None:
     context.project.update("neither", psf="", reference="")
     assert page.panel.readout.isHidden() and page.panel.view_buttons["Difference"].isHidden(), "there is no H"
     page.receive({"place": (0, 2, 1), "view": "difference"})
@@ -281,30 +125,6 @@ def test_an_h_without_reference_shows_itself(page: Any, context: Context, qtbot:
     assert page.panel.place_label.text().startswith("Plane 0 (the only one)")
 
 
-def test_pictures_keep_their_height_whatever_is_said_of_the_aperture(page: Any) -> None:
-    """A label that wraps asked the grid for height, and H and HT shrank to a half."""
-    page.resize(1060, 740)
-    QApplication.processEvents()
-    before = page.panel.main_view.height()
-    page.panel.aperture_text.setText("<br>".join("a long line of many words" for _ in range(40)))
-    QApplication.processEvents()
-    assert page.panel.main_view.height() == before > 0.6 * page.height()
-
-
-@pytest.mark.parametrize(("size", "share"), [((1920, 1080), 0.45), ((1280, 800), 0.35)])
-def test_h_and_ht_are_what_one_sees(
-    window: MainWindow, qtbot: QtBot, files: Any, size: tuple[int, int], share: float
-) -> None:
-    """They had a tenth of the window."""
-    window.resize(*size)
-    window.project.update("open", psf=files[2])
-    window.go("h")
-    page: Any = window.page("h")
-    drawn(page, qtbot)
-    views = page.panel.main_view, page.panel.linked_view
-    assert sum(view.graphics.width() * view.graphics.height() for view in views) > share * size[0] * size[1]
-
-
 def test_h_or_ht_or_the_sum_takes_the_place_of_both(page: Any, qtbot: QtBot) -> None:
     panel, buttons = page.panel, page.panel.view_buttons
     drawn(page, qtbot)
@@ -323,7 +143,6 @@ def test_h_or_ht_or_the_sum_takes_the_place_of_both(page: Any, qtbot: QtBot) -> 
 
 
 def test_no_outline_is_drawn_where_no_aperture_is_seen(page: Any, context: Context, qtbot: QtBot) -> None:
-    """An outline of no points after one of many ended in a traceback of the drawing."""
     drawn(page, qtbot)
     panel, cutout = page.panel, (61, 61)
     seen = fit_aperture(np.hypot(*np.mgrid[-30:31, -30:31]) < 18.3)
@@ -337,20 +156,12 @@ def test_no_outline_is_drawn_where_no_aperture_is_seen(page: Any, context: Conte
     assert not raised
 
 
-def test_the_depth_that_is_chosen_is_not_tinted(page: Any) -> None:
-    icon = page.panel.strip.item(page.intent.z).icon()
-    size = QSize(64, 64)
-    assert icon.pixmap(size, QIcon.Mode.Selected).toImage() == icon.pixmap(size, QIcon.Mode.Normal).toImage()
-
-
 def drawn(page: Any, qtbot: QtBot) -> None:
     """Wait until all that is known of H is on the page."""
     qtbot.waitUntil(lambda: page.shown and not page.context.jobs.busy, timeout=GUARD_MS)
 
 
-def test_apertures_of_all_planes_are_drawn_beside_the_expected_ones(
-    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
-) -> None:
+def test_expected_apertures_are_drawn(open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
     camera = preset("bench")
     depths = [-26_000.0, -20_000.0]
     values = np.zeros((2, 2, 2, 55, 55), np.float32)
@@ -400,38 +211,7 @@ def test_the_large_apertures_follow_the_strip_and_choose_planes(page: Any, conte
 
 
 @pytest.mark.long
-def test_the_window_s_thread_loads_no_kernel_for_the_apertures(
-    open_page: OpenPage, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Loading what draws an outline held it for 25 ms when H was opened."""
-    first: list[str] = []
-    asked: set[str] = set()
-    plain = Aperture.outline
-
-    def outline(self: Aperture, n: int = 360) -> Any:
-        first.append(threading.current_thread().name)
-        return plain(self, n)
-
-    def expected(matrix: PSFMatrix, z: int) -> None:
-        asked.add(threading.current_thread().name)
-
-    monkeypatch.setattr(Aperture, "outline", outline)
-    monkeypatch.setattr("lfcal_gui.pages.h.page.expected_in", expected)
-    t, s = np.indices((31, 31)) - 15
-    disc = (np.hypot(t, s) < 9).astype(np.float32)
-    context.matrices.put("disc", PSFMatrix(np.broadcast_to(disc, (1, 2, 2, 31, 31)).copy()))
-    context.project.update("open", psf="disc")
-    page = open_page("h")
-    drawn(page, qtbot)
-    assert len(page.panel.sum_view.overlays[0].points) == 360
-    main = threading.main_thread().name
-    assert first[0] != main and main in first
-    assert asked and main not in asked
-
-
-@pytest.mark.long
 def test_the_planes_and_their_legend_are_red_where_all_is_red(window: MainWindow, qtbot: QtBot) -> None:
-    """They kept the colours of the theme they were drawn in."""
     t, s = np.indices((31, 31)) - 15
     disc = np.clip(9.5 - np.hypot(t, s), 0, 1).astype(np.float32)
     window.context.matrices.put("disc", PSFMatrix(np.broadcast_to(disc, (1, 2, 2, 31, 31)).copy()))
@@ -460,7 +240,7 @@ def test_the_planes_and_their_legend_are_red_where_all_is_red(window: MainWindow
     large.close()
 
 
-def test_a_reference_of_another_camera_is_told(
+def test_a_reference_of_another_camera_warns(
     open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
 ) -> None:
     """The camera is changed after its H was simulated; what differs then is not only the measurement."""
@@ -474,25 +254,24 @@ def test_a_reference_of_another_camera_is_told(
     page: Any = open_page("h")
     idle(context.jobs, qtbot)
     assert page.reference is not None and "another camera" not in page.hint.text()
-    context.project.update("other", camera=preset("r29" if camera != preset("r29") else "bench"))
+    other = preset("r29" if camera != preset("r29") else "bench")
+    context.project.update("other", camera=other)
     assert "the reference was simulated for another camera" in page.hint.text() and told[-1] == ("simulate", True)
     context.project.update("back", camera=camera)
     assert "another camera" not in page.hint.text() and told[-1] == ("simulate", False)
-    context.project.update("other", camera=preset("r29" if camera != preset("r29") else "bench"))
+    context.project.update("other", camera=other)
     context.project.update("neither", psf="", reference="")
     assert told[-1] == ("simulate", False), "nothing is compared"
 
 
-def test_the_verdict_stands_next_to_h(
-    page: Any, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_verdict_stands_next_to_h(page: Any, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
     card = page.panel.verdict
     assert card.head.text() == "Not judged yet" and not card.sentence.isVisibleTo(card)
-    stamp = stamp_of(context.state.psf)
+    stamp = stamp_of(page.context.state.psf)
     assert stamp is not None
 
     def say(verdict: Verdict) -> str:
-        context.project.note(settings=with_verdict(context.state, stamp, verdict))
+        page.context.project.note(settings=with_verdict(page.context.state, stamp, verdict))
         return str(card.head.text())
 
     assert say(Verdict("good", "All checks pass.")) == "✓ Good" and card.property("merit") == "good"
@@ -506,14 +285,108 @@ def test_the_verdict_stands_next_to_h(
     assert say(Verdict("bad", "The background is 4 % of the light.")) == "▲ Bad"
     card.why.click()
     assert page.level == "checks" and page.panel.levels.currentWidget().objectName() == "checks"
-    other = Path(context.state.psf)
+    other = Path(page.context.state.psf)
     other.write_bytes(other.read_bytes() + b"\0")
-    context.project.update("rename", name="other")
+    page.context.project.update("rename", name="other")
     assert card.head.text() == "Not judged yet", "it was of another file"
 
 
-def test_only_the_shown_level_of_the_inspector_takes_room(page: Any) -> None:
-    before = page.panel.minimumSizeHint().height()
+def test_the_order_of_axes_is_offered_and_kept(page: Any, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    values, path = np.random.default_rng(0).random((5, 5, 3, 3, 2)), str(tmp_path / "H.mat")
+    save_v73(tmp_path / "H.mat", H=values)
+    context.project.update("open", psf=path, reference="")
+    idle(context.jobs, qtbot)
+    guessed = np.asarray(page.matrix)
+    assert page.notice.isVisible() and "read columns first" in page.notice.label.text()
+    assert (page.notice.button.text(), page.notice.leave.text()) == ("Read rows first", "Keep columns first")
+    page.notice.button.click()
+    idle(context.jobs, qtbot)
+    np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
+    assert np.abs(np.asarray(page.matrix) - guessed).max() > 0.1 and not page.notice.isVisible()
+    assert "rows first, as requested" in page.hint.text()
+    again = ProjectState.from_json(context.state.to_json())
+    context.project.start(ProjectState())
+    context.project.start(again)
+    idle(context.jobs, qtbot)
+    np.testing.assert_array_equal(np.asarray(page.matrix), as_meant(values))
+    assert not page.notice.isVisible(), "it is known"
+    page.open_file(path)
+    idle(context.jobs, qtbot)
+    assert page.notice.button.text() == "Read columns first", "who opens a file again may choose again"
+    export(PSFMatrix(np.ones((2, 3, 3, 5, 5), np.float32)), tmp_path / "said.mat")
+    page.open_file(str(tmp_path / "said.mat"))
+    idle(context.jobs, qtbot)
+    assert page.matrix is not None and context.state.psf.endswith("said.mat") and not page.notice.isVisible()
+    columns = OpeningSettings().with_order(path, "columns-first").into(again)
+    context.project.update("order", psf=path, settings=columns)
+    idle(context.jobs, qtbot)
+    np.testing.assert_array_equal(np.asarray(page.matrix), guessed)
+
+
+def test_controls_follow_the_intent(open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    values = np.random.default_rng(0).random((3, 4, 5, 9, 11)).astype(np.float32)
+    save(PSFMatrix(values, depths=[-10, 0, 10]), tmp_path / "H.h5")
+    save(PSFMatrix(values * 3, depths=[-10, 0, 10]), tmp_path / "R.h5")
+    context.project.update("open", psf=str(tmp_path / "H.h5"), reference=str(tmp_path / "R.h5"))
+    page = open_page("h")
+    panel = page.panel
+    idle(context.jobs, qtbot)
+    assert (page.intent.z, page.intent.y, page.intent.x) == (1, 2, 2)
+    panel.map.chosen.emit(3, 4)
+    np.testing.assert_array_equal(panel.main_view.values, values[1, 3, 4])
+    for z in (2, 0):
+        panel.strip.setCurrentRow(z)
+        idle(context.jobs, qtbot)
+        assert page.intent.z == z
+        np.testing.assert_array_equal(panel.main_view.values, values[z, 3, 4])
+    page.set_intent(transposed=True)
+    np.testing.assert_array_equal(panel.main_view.values, page.matrix.T[0, 3, 4])
+    panel.main_view.hovered.emit(2, 3, 0.0)
+    assert panel.linked_view.shot.cross is not None
+    panel.main_view.hovered.emit(-1, -1, float("nan"))
+    assert panel.linked_view.shot.cross is None
+    panel.view_buttons["Difference"].click()
+    assert panel.linked_view.shot.signed and np.abs(panel.linked_view.values).max() < 1e-5
+    assert not panel.main_view.shot.signed
+    panel.toggle_scale("log")
+    panel.view_buttons["Both"].click()
+    assert not panel.linked_view.shot.signed
+
+
+def test_damaged_planes_have_no_picture(open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    values = np.random.default_rng(0).random((3, 3, 4, 9, 9)).astype(np.float32)
+    save(PSFMatrix(values, depths=[0, 10, 20]), tmp_path / "H.h5")
+    with h5py.File(tmp_path / "H.h5", "r+") as file:
+        chunks = file["H"].id
+        mask, raw = chunks.read_direct_chunk((2, 0, 0, 0, 0))
+        chunks.write_direct_chunk((2, 0, 0, 0, 0), raw[:20] + bytes([raw[20] ^ 255]) + raw[21:], mask)
+    context.project.update("open", psf=str(tmp_path / "H.h5"))
+    page, said = open_page("h"), list[str]()
+    idle(context.jobs, qtbot)
+    panel = page.panel
+    qtbot.waitUntil(lambda: panel.map.item.image is not None, timeout=GUARD_MS)
+    idle(context.jobs, qtbot)
+    page.set_intent(z=2)
+    idle(context.jobs, qtbot)
+    for view in (panel.main_view, panel.linked_view, panel.sum_view):
+        assert view.values is None and view.blank.shown and "cannot be read" in view.blank.text()
+    assert "damaged" in panel.readout.text() and panel.map.item.image is None and not panel.profile._curves
+    assert panel.aperture_text.text() == ""
+    page._step(0, 1)
+    page.set_intent(transposed=True, z=1)
+    qtbot.waitUntil(lambda: panel.map.item.image is not None, timeout=GUARD_MS)
+    assert np.array_equal(panel.main_view.values, page.matrix.T[1, page.intent.y, page.intent.x])
+    assert panel.readout.text().startswith("Point at") and panel.aperture_text.text()
+    (tmp_path / "bad.h5").write_bytes(b"no hdf5")
+    context.message.connect(said.append)
+    context.project.update("open", psf=str(tmp_path / "bad.h5"))
+    idle(context.jobs, qtbot)
+    assert page.matrix is None and "HDF5" in page.empty.label.text() and any("HDF5" in words for words in said)
+    page.checking.write_report(str(tmp_path / "report"))
     page.look_into("checks")
-    page.look_into("")
-    assert page.panel.minimumSizeHint().height() == before
+    idle(context.jobs, qtbot)
+    assert "HDF5" in page.checking.view.message.text()
+    context.project.update("none", psf="")
+    page.look_into("fit")
+    assert "No H yet" in page.empty.label.text() and not page.fitting.view.fit_button.isEnabled()
+    assert page.checking.inspection is None and not page.checking.view.report_button.isEnabled()

@@ -10,12 +10,10 @@ import pytest
 from PySide6.QtCore import QLocale
 from pytestqt.qtbot import QtBot
 
-from lfcal.base.progress import Work, drain
-from lfcal.judge.pairing import pair
+from lfcal.base import Work, drain
+from lfcal.judge import pair
 from lfcal.psf import PSFMatrix, save
-from lfcal_gui.models.comparison import both_at, plane_of_row
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.stamp import stamp_of
+from lfcal_gui.models import ProjectState, both_at, plane_of_row, stamp_of
 from lfcal_gui.pages.h.model_checks import InspectionRequest, InspectionRun, QualitySettings, asked_of, iter_judge
 from lfcal_gui.pages.h.page import Page
 from tests.gui.conftest import OpenPage
@@ -92,7 +90,7 @@ def test_a_second_h_is_chosen_and_compared(page: Page, qtbot: QtBot, tmp_path: P
     assert page.context.state.reference.endswith("earlier.h5") and "earlier.h5" in panel.second.text()
     assert "%" in panel.verdict.text() and "24 positions of 2 planes" in panel.notes.text()
     assert panel.table.rowCount() == 3, "all, and each plane"
-    cells = [panel.table.item(1, k).text() for k in range(6)]  # type: ignore[union-attr]
+    cells = [panel.table.item(1, k).text() for k in range(6)]
     drawn = panel.table.itemDelegate().displayText(cells[0], QLocale())
     assert drawn == "0: −2 mm" and "0: -2 mm" in panel.table.text(), "drawn with a minus sign, copied with a hyphen"
     assert cells[4] == "+0.300, -0.200"
@@ -111,6 +109,8 @@ def test_a_second_h_is_chosen_and_compared(page: Page, qtbot: QtBot, tmp_path: P
 def test_positions_and_planes_are_chosen_in_map_and_table(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
     panel = page.comparing.view
+    assert page.comparing.found is not None
+    assert [plane_of_row(page.comparing.found, row) for row in range(3)] == [None, 0, 1]
     panel.table.selectRow(1)
     idle(page.context.jobs, qtbot)
     assert place_of(page) == (0, 2, 3)
@@ -121,37 +121,16 @@ def test_positions_and_planes_are_chosen_in_map_and_table(page: Page, qtbot: QtB
     assert place_of(page) == (1, 2, 3)
 
 
-@pytest.mark.long
-def test_blink_shows_both_in_one_place(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
-    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
-    idle(page.context.jobs, qtbot)
-    shown, main = page.comparing.shown, page.panel.main_view
-    before = main.values
-    shown.setCurrentIndex(shown.findData("blink"))
-    qtbot.waitUntil(lambda: main.shot.caption.startswith("Other H: H"), timeout=GUARD_MS)
-    assert main.values is not before
-    qtbot.waitUntil(lambda: main.shot.caption.startswith("H, "), timeout=GUARD_MS)
-    shown.setCurrentIndex(shown.findData("reference"))
-    assert main.shot.caption.startswith("Other H") and not page.comparing.blinking.isActive()
-
-
-@pytest.mark.long
-def test_another_file_lets_go_of_the_comparison(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
-    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
-    page.context.project.update("open", psf=written(tmp_path / "new.h5", moved((0.1, 0.0))))
-    assert page.comparing.found is None and page.comparing.view.stack.currentIndex() == 0
-    idle(page.context.jobs, qtbot)
-    page.comparing.begin()
-    idle(page.context.jobs, qtbot)
-    assert page.comparing.found is not None
-    page.context.project.undo()
-    assert page.comparing.found is None
-
-
-def test_what_cannot_be_compared_is_said_in_a_line(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+def test_what_cannot_be_compared_is_named_with_a_remedy(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     panel = page.comparing.view
-    compared(page, qtbot, written(tmp_path / "far.h5", moved(), (-9000.0, -5000.0)))
-    assert page.comparing.found is None and "expected at least one of -2 mm" in panel.message.text()
+    for name, values, depths, remedy in (
+        ("other.h5", moved()[:, :2], DEPTHS, "; compare H with the same array and sampling"),
+        ("far.h5", moved(), (-9000.0, -5000.0), "; compare the planes by their numbers"),
+    ):
+        compared(page, qtbot, written(tmp_path / name, values, depths))
+        words = panel.message.text()
+        assert page.comparing.found is None and f"{name} (the second H)" in words and words.endswith(remedy)
+    assert "expected at least one of -2 mm" in panel.message.text()
     panel.pairing.setCurrentIndex(1)
     assert QualitySettings.of(page.context.state).by_number
     page.comparing.begin()
@@ -163,14 +142,26 @@ def test_what_cannot_be_compared_is_said_in_a_line(page: Page, qtbot: QtBot, tmp
     assert "bad.h5" in panel.message.text() and "The second H is far.h5 as before" in panel.message.text()
 
 
-def test_a_refused_second_h_is_called_by_its_name_with_a_remedy(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
-    for name, values, depths, remedy in (
-        ("far.h5", moved(), (-9000.0, -5000.0), "; compare the planes by their numbers"),
-        ("other.h5", moved()[:, :2], DEPTHS, "; compare H with the same array and sampling"),
-    ):
-        compared(page, qtbot, written(tmp_path / name, values, depths))
-        words = page.comparing.view.message.text()
-        assert f"{name} (the second H)" in words and words.endswith(remedy)
+@pytest.mark.long
+def test_blink_shows_both_and_another_file_ends_the_comparison(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
+    idle(page.context.jobs, qtbot)
+    comparing, shown, main = page.comparing, page.comparing.shown, page.panel.main_view
+    before = main.values
+    shown.setCurrentIndex(shown.findData("blink"))
+    qtbot.waitUntil(lambda: main.shot.caption.startswith("Other H: H"), timeout=GUARD_MS)
+    assert main.values is not before
+    qtbot.waitUntil(lambda: main.shot.caption.startswith("H, "), timeout=GUARD_MS)
+    shown.setCurrentIndex(shown.findData("reference"))
+    assert main.shot.caption.startswith("Other H") and not comparing.blinking.isActive()
+    page.context.project.update("open", psf=written(tmp_path / "new.h5", moved((0.1, 0.0))))
+    assert comparing.found is None and comparing.view.stack.currentIndex() == 0
+    idle(page.context.jobs, qtbot)
+    comparing.begin()
+    idle(page.context.jobs, qtbot)
+    assert comparing.found is not None
+    page.context.project.undo()
+    assert comparing.found is None
 
 
 def test_where_nothing_was_compared_no_number_stands(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
@@ -179,7 +170,7 @@ def test_where_nothing_was_compared_no_number_stands(page: Page, qtbot: QtBot, t
     dark[0, 1, 2] = 0
     compared(page, qtbot, written(tmp_path / "dark.h5", dark))
     panel = page.comparing.view
-    cells = [panel.table.item(2, k).text() for k in range(1, 6)]  # type: ignore[union-attr]
+    cells = [panel.table.item(2, k).text() for k in range(1, 6)]
     assert cells == ["–"] * 5 and "Plane 1 of the first H: not compared" in panel.notes.text()
     panel.table.selectRow(1)
     idle(page.context.jobs, qtbot)
@@ -209,12 +200,6 @@ def test_a_position_of_both_is_at_the_light_of_the_first() -> None:
     both = both_at(pair(3 * moved(), moved()), (1, 0, 2))
     np.testing.assert_allclose(both.first, both.second)
     assert both.levels[0] == 0 and np.abs(both.difference).max() < 1e-12
-
-
-def test_rows_of_the_table_name_their_planes(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
-    compared(page, qtbot, written(tmp_path / "earlier.h5", moved()))
-    assert page.comparing.found is not None
-    assert [plane_of_row(page.comparing.found, row) for row in range(3)] == [None, 0, 1]
 
 
 def test_the_comparison_is_written_as_a_page(page: Page, qtbot: QtBot, tmp_path: Path) -> None:

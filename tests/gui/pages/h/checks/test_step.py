@@ -10,15 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.base import InputError
-from lfcal.base.progress import drain
+from lfcal.base import InputError, drain
 from lfcal.psf import PSFMatrix, save
 from lfcal.records import rows
 from lfcal.tasks import Inspect
-from lfcal_gui.models.comparison import CompareRequest, compare_step
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.settings import OpeningSettings
-from lfcal_gui.models.stamp import stamp_of
+from lfcal_gui.models import CompareRequest, OpeningSettings, ProjectState, compare_step, stamp_of
 from lfcal_gui.pages.h.model_checks import (
     FIELDS,
     HELD,
@@ -39,9 +35,7 @@ from tests.tasks.test_inspect import measured
 lfcal = conftest.lfcal
 
 
-def test_window_command_and_python_write_the_same_report(
-    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_route_writes_the_same_report(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     undrawn(monkeypatch)
     monkeypatch.chdir(tmp_path)
     axes = np.mgrid[:15, :15] - 7.0
@@ -66,7 +60,7 @@ def test_every_field_is_in_the_form_or_elsewhere_in_the_window() -> None:
     assert in_form | HELD == {row.name for row in rows(Inspect)} and not in_form & HELD
 
 
-def test_choices_of_the_form_are_in_the_command_where_they_have_an_effect() -> None:
+def test_choices_are_in_the_command_where_they_have_an_effect() -> None:
     chosen = QualitySettings(patterns=24, session="session")
     for seconds, more in ((600.0, ["--patterns=24"]), (0.0, [])):
         settings = {"quality": replace(chosen, seconds=seconds).to_dict()}
@@ -75,6 +69,10 @@ def test_choices_of_the_form_are_in_the_command_where_they_have_an_effect() -> N
     for name, value in (("patterns", 0), ("seconds", -1.0), ("seconds", math.inf)):
         with pytest.raises(InputError, match="expected"):
             QualitySettings(**{name: value})
+    for seconds, named in ((1800.0, True), (0.0, False)):
+        chosen = QualitySettings(camera="saved", fit="fit", seconds=seconds)
+        copied = step(ProjectState(psf="H.h5", settings={"quality": chosen.to_dict()}))
+        assert ("--fit=fit" in copied.arguments) is named
 
 
 def test_the_window_reads_the_control_frames_of_a_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,9 +86,7 @@ def test_the_window_reads_the_control_frames_of_a_session(tmp_path: Path, monkey
     assert asked.choices != asked_of(stamp, QualitySettings(), None).choices
 
 
-def test_a_mat_file_is_inspected_in_the_order_that_was_stated(
-    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mat_file_is_inspected_in_its_order(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     undrawn(monkeypatch)
     monkeypatch.chdir(tmp_path)
     save_v73(tmp_path / "H.mat", H=np.random.default_rng(5).random((15, 15, 3, 3, 2)))
@@ -116,10 +112,3 @@ def test_a_comparison_names_the_order_that_holds_for_both() -> None:
     assert "open_psf('a.mat', mat_order='rows-first') as a, open_psf('H.h5') as b" in copied.python
     with pytest.raises(InputError, match=r"expected the same for both \.mat files"):
         _ = CompareRequest(first, second, False, ("rows-first", "")).mat_order
-
-
-def test_a_fit_is_named_where_there_is_time_for_the_comparison() -> None:
-    for seconds, named in ((1800.0, True), (0.0, False)):
-        chosen = QualitySettings(camera="saved", fit="fit", seconds=seconds)
-        copied = step(ProjectState(psf="H.h5", settings={"quality": chosen.to_dict()}))
-        assert ("--fit=fit" in copied.arguments) is named

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lfcal.base.progress import drain
+from lfcal.base import drain
 from lfcal.psf import PSFMatrix, save
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.h.model_fit import FitSettings
 from lfcal_gui.pages.h.model_fit_run import FitRun, asked_of, iter_fit
 from tests.fit.common import few_patterns

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from pytestqt.qtbot import QtBot
 
-from lfcal.base.progress import Progress, Work
-from lfcal_gui.models.project import ProjectState
+from lfcal.base import Progress, Work
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.h.model_fit_run import FitRequest, FitRun
 from lfcal_gui.pages.h.page import Page
 from tests.fit.shared import shared_models

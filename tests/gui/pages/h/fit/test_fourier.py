@@ -10,10 +10,9 @@ import pytest
 from pytestqt.qtbot import QtBot
 
 from lfcal.camera import ScanPlan
-from lfcal.psf import PSFMatrix, save
-from lfcal.psf.facts import Facts
+from lfcal.psf import Facts, PSFMatrix, save
 from lfcal.simulate import simulate_psf
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.h.model_fit import FitSettings
 from lfcal_gui.pages.h.page import Page
 from tests.cli.test_fit_fourier import CENTRES, DEPTHS, camera_of

@@ -11,17 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import drain
+from lfcal.base import InputError, drain
 from lfcal.camera import ScanPlan, preset
-from lfcal.fit import GROUPS
-from lfcal.fit.parameters import ScanScales
-from lfcal.psf import PSFMatrix
-from lfcal.psf.facts import Facts
-from lfcal.simulate.accuracy.planner import plan_effects
+from lfcal.fit import GROUPS, ScanScales
+from lfcal.psf import Facts, PSFMatrix
+from lfcal.simulate import plan_effects, simulate_psf
 from lfcal.simulate.effects import Crosstalk, Zernike
-from lfcal.simulate.simulate import simulate_psf
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.h.model_fit import FitSettings, group_rows, offer_of, stamp_of, use_of
 from lfcal_gui.pages.h.model_fit_run import (
     FitRun,
@@ -52,8 +48,7 @@ def found_outlier(known_outlier: FitRun) -> FoundFit:
     return known_outlier.found
 
 
-# -- choices -----------------------------------------------------------------------------------------------
-def test_choices_come_back_from_a_project_file() -> None:
+def test_choices_come_back_from_project_files_of_all_versions() -> None:
     groups = ("geometry", "not_installed")
     settings = FitSettings("window", False, groups, 0, (64.0, 1.0), ("crosstalk=0.01", "more.json"), True)
     state = ProjectState()
@@ -62,10 +57,6 @@ def test_choices_come_back_from_a_project_file() -> None:
     # what is not installed is kept, and not asked for
     assert settings.unknowns == ("geometry",) and settings.noise == (64.0, 1.0)
     assert FitSettings().auto and FitSettings().noise is None
-
-
-def test_a_project_of_an_earlier_version_is_read() -> None:
-    """Constant and slope of the noise were two numbers, and the number of positions was 40."""
     earlier = {"camera": "psf", "positions": 40, "auto": False, "groups": ["iris"], "constant": 64.0, "slope": 1}
     assert FitSettings.read(earlier) == (FitSettings(auto=False, groups=("iris",), positions=40, noise=(64, 1)), ())
     kept, refused = FitSettings.read({**earlier, "slope": None, "effects": ["coma=0.1"]})
@@ -74,27 +65,40 @@ def test_a_project_of_an_earlier_version_is_read() -> None:
     assert FitSettings.read({"constant": None, "slope": None}) == (FitSettings(), ())
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"camera": "other"},
-        {"positions": -1},
-        {"positions": True},
-        {"noise": (-1.0, 1.0)},
-        {"noise": (1.0, math.nan)},
-        {"noise": (0.0, 0.0)},
-        {"noise": "64"},
-        {"effects": (3,)},
-        {"groups": (3,)},
-    ],
+WRONG: tuple[dict[str, object], ...] = (
+    *({"camera": "other"}, {"positions": -1}, {"positions": True}, {"noise": (-1.0, 1.0)}, {"noise": (1.0, math.nan)}),
+    *({"noise": (0.0, 0.0)}, {"noise": "64"}, {"effects": (3,)}, {"groups": (3,)}),
 )
-def test_wrong_choices_are_refused(wrong: dict[str, object]) -> None:
-    with pytest.raises(InputError):
-        FitSettings(**wrong)  # type: ignore[arg-type]
-    assert FitSettings.from_dict(json.loads(json.dumps(wrong))) == FitSettings()
 
 
-def test_nothing_to_fit_is_one_line(tmp_path: Path) -> None:
+def test_wrong_choices_are_refused() -> None:
+    for wrong in WRONG:
+        with pytest.raises(InputError):
+            FitSettings(**wrong)  # type: ignore[arg-type]
+        assert FitSettings.from_dict(json.loads(json.dumps(wrong))) == FitSettings(), wrong
+
+
+def test_an_h_without_noise_or_camera_is_refused_in_words_of_the_page(tmp_path: Path) -> None:
+    noise = replace(GEOMETRY, noise=(64.0, 1.0))
+    other = replace(few_plan(), period=(2, 3))
+    no_camera = bare(camera=False)
+    for k, (H, settings, plan, words) in enumerate(
+        (
+            (bare(), GEOMETRY, None, r"^0\.h5: H does not state its noise"),
+            (no_camera, noise, None, r"1\.h5: H states no camera: make a plan of its shape .* in Set up"),
+            (no_camera, noise, other, r"make a plan of its shape \(1, 2, 4, 15, 15\)"),
+        )
+    ):
+        project = replace(project_of(saved(tmp_path / f"{k}.h5", H), settings), plan=plan)
+        with pytest.raises(InputError, match=words) as refused:
+            drain(iter_fit(asked_of(project, settings), FitRun()))
+        assert "\n" not in str(refused.value) and "--" not in str(refused.value)
+
+
+def test_every_group_can_be_chosen_and_nothing_to_fit_is_one_line(tmp_path: Path) -> None:
+    rows = group_rows()
+    assert [name for name, _, _ in rows] == list(GROUPS.names())
+    assert {name for name, _, core in rows if core} >= set(FitSettings().groups), "others are of Fourier cameras"
     with pytest.raises(InputError, match="expected an H file"):
         asked_of(ProjectState(), FitSettings())
     gone = project_of(tmp_path / "gone.h5")
@@ -102,12 +106,6 @@ def test_nothing_to_fit_is_one_line(tmp_path: Path) -> None:
     none = FitSettings(auto=False, groups=("not_installed",))
     with pytest.raises(InputError, match="one group or more"):
         asked_of(project_of(saved(tmp_path / "H.h5"), none), none)
-
-
-def test_every_group_of_the_registry_can_be_chosen() -> None:
-    rows = group_rows()
-    assert [name for name, _, _ in rows] == list(GROUPS.names())
-    assert {name for name, _, core in rows if core} >= set(FitSettings().groups), "others are of Fourier cameras"
 
 
 # -- what an H offers --------------------------------------------------------------------------------------
@@ -163,38 +161,11 @@ def test_an_h_without_noise_or_camera_says_so() -> None:
     assert offer_of(bare(np.full((*bare().shape[:3], 2), np.nan))).noise is None
 
 
-def test_an_h_without_noise_is_refused_in_words_of_the_page(tmp_path: Path) -> None:
-    project = project_of(saved(tmp_path / "H.h5", bare()))
-    with pytest.raises(InputError, match=r"^H\.h5: H does not state its noise") as refused:
-        drain(iter_fit(asked_of(project, GEOMETRY), FitRun()))
-    assert "\n" not in str(refused.value) and "--" not in str(refused.value)
-
-
 def few_plan() -> ScanPlan:
     """Return the plan of the tiny H."""
     H = few_patterns()
     assert H.camera is not None
     return ScanPlan(H.camera, H.period, H.cutout, tuple(H.depths), H.anchor)
-
-
-@pytest.mark.long
-def test_an_h_of_nothing_but_values_takes_noise_and_plan_of_the_window(tmp_path: Path, found: FoundFit) -> None:
-    """It is fitted as the one that states both; without the plan its positions and depths have no meaning."""
-    H = few_patterns()
-    facts = Facts.of(H.shape[:3], H.cutout, recorded=H.recorded)
-    path = saved(tmp_path / "H.h5", PSFMatrix(np.array(H), facts=facts))
-    settings = replace(GEOMETRY, noise=(64.0, 1.0))
-    project, kept = project_of(path, settings), FitRun()
-    with pytest.raises(InputError, match=r"H\.h5: H states no camera: make a plan of its shape .* in Set up"):
-        drain(iter_fit(asked_of(project, settings), kept))
-    other = replace(few_plan(), period=(2, 3))
-    with pytest.raises(InputError, match=r"make a plan of its shape \(1, 2, 4, 15, 15\)"):
-        drain(iter_fit(asked_of(replace(project, plan=other), settings), kept))
-    project = replace(project, plan=few_plan())
-    drain(iter_fit(asked_of(project, settings), kept))
-    assert kept.found is not None
-    for name, one in kept.found.fit.parameters.items():
-        assert one.value == pytest.approx(found.fit.parameters[name].value, rel=1e-9)
 
 
 # -- what is shown -----------------------------------------------------------------------------------------
@@ -319,7 +290,7 @@ def test_simulate_then_computes_the_h_of_the_fit(found: FoundFit) -> None:
     scale = float((H * model).sum() / (H * H).sum())
     assert np.abs(scale * H - model).sum() < 0.015 * model.sum()
     # the described camera differs from it
-    before = np.asarray(simulate_psf(state.plan, effects, tolerance=0.01, workers=1))  # type: ignore[union-attr]
+    before = np.asarray(simulate_psf(state.plan, effects, tolerance=0.01, workers=1))
     scale = float((before * model).sum() / (before * before).sum())
     assert np.abs(scale * before - model).sum() > 0.03 * model.sum()
 
