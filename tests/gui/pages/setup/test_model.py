@@ -1,34 +1,20 @@
+"""The camera and the scan plan as forms, without a window."""
+
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from lfcal.camera import PRESETS, Camera, LatticeDistortion, Marks, Microscope, ScanPlan, preset
-from lfcal_gui.models.project import ProjectState
+from lfcal.camera import PRESETS, Camera, LatticeDistortion, MainLens, Marks, Microscope, ScanPlan, preset
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.setup import model as camera_form
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_every_field_of_every_camera_goes_both_ways(name: str) -> None:
-    camera = preset(name)
-    values = camera_form.values_of(camera)
-    for key, value in values.items():
-        if key == "lattice.distortion":  # words
-            continue
-        again, error = camera_form.apply_change(camera, key, value)
-        assert not error and isinstance(again, Camera)
-        got = camera_form.values_of(again)
-        for other, expected in values.items():
-            if isinstance(expected, float):
-                assert got[other] == pytest.approx(expected, rel=1e-8)
-            elif isinstance(expected, tuple):
-                assert got[other] == pytest.approx(expected, rel=1e-7)
-            else:
-                assert got[other] == expected
-
+from lfcal_gui.pages.setup import model_scan as plan_form
+from lfcal_gui.pages.setup.model_picture import ScanCosts
+from lfcal_gui.pages.setup.model_target import PlanSettings
 
 CHANGES: tuple[tuple[str, Any, Any], ...] = (
     ("optics.f_number", 8.0, lambda c: c.optics.f_number == 8.0),
@@ -49,10 +35,47 @@ CHANGES: tuple[tuple[str, Any, Any], ...] = (
 )
 
 
-@pytest.mark.parametrize(("key", "value", "holds"), CHANGES)
-def test_changes(key: str, value: Any, holds: Any) -> None:
-    camera, error = camera_form.apply_change(preset("bench"), key, value)
-    assert not error and camera is not None and holds(camera)
+def test_changes() -> None:
+    for key, value, holds in CHANGES:
+        assert holds(changed(key, value)), key
+    refocused = changed("lattice.gap_um", 300.0)
+    assert camera_form.values_of(refocused)["lattice.focus"] == pytest.approx((2, 3, 5)), "what is in focus stays"
+    tiny = camera_form.facts(changed("sensor.pixel_um", 0.0055))
+    assert "did you mean 5.5 µm" in tiny and "⚠" not in camera_form.facts(preset("bench"))
+
+
+def test_marks_of_another_kind_of_optics_and_of_a_description() -> None:
+    camera = changed("optics.kind", "Microscope")
+    assert "optics.magnification" in camera.marks.paths("assumed")
+    again = changed("optics.magnification", 40.0, camera)
+    assert again.marks["optics.magnification"] == "stated"
+    assert camera_form.mark_of(again, "optics.tube_length_um") == "assumed"
+    assert camera_form.mark_of(again, "optics.kind") == "stated"
+    assert not any(path == "optics.magnification" for path, _ in changed("optics.kind", "MainLens", again).marks)
+    for name in PRESETS:
+        paths = camera_form.all_assumed(preset(name)).marks.paths("assumed")
+        assert paths and not any(set("_.") & set(camera_form.name_at(path)) for path in paths), name
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_field_of_every_camera_and_plan_goes_both_ways(name: str) -> None:
+    camera = preset(name)
+    values = camera_form.values_of(camera)
+    for key, value in values.items():
+        if key == "lattice.distortion":  # words
+            continue
+        got = camera_form.values_of(changed(key, value, camera))
+        for other, expected in values.items():
+            close = isinstance(expected, float | tuple)
+            assert got[other] == (pytest.approx(expected, rel=1e-7) if close else expected), (key, other)
+    plan = plan_form.default_plan(camera)
+    for key, value in plan_form.values_of(plan).items():
+        if key == "virtual_depths" and not camera.has_lattice:
+            assert not value
+            continue
+        again, error = plan_form.apply_change(plan, key, value)
+        assert not error and again is not None and again.shape == plan.shape, (key, error)
+    assert "-0.000" not in str(rows_of(plan))
 
 
 def test_a_bent_lattice_is_told_in_words_and_another_kind_starts_straight() -> None:
@@ -75,66 +98,31 @@ def test_the_plan_stays_where_images_lie_as_they_did() -> None:
     state = ProjectState(camera=camera, plan=ScanPlan.for_camera(camera, virtual_depths=(3.0,)))
     noisy = replace(camera, sensor=replace(camera.sensor, read_noise_e=3.0, bit_depth=10, saturation=900.0))
     kept = camera_form.state_with(state, noisy)["plan"]
-    assert isinstance(kept, ScanPlan) and kept.camera == noisy and kept.anchor == state.plan.anchor  # type: ignore[union-attr]
+    assert isinstance(kept, ScanPlan) and kept.camera == noisy and kept.anchor == state.plan.anchor
     for sensor in (replace(camera.sensor, pixel_um=3.0), replace(camera.sensor, shape=(100, 100))):
         assert camera_form.state_with(state, replace(camera, sensor=sensor))["plan"] is None
     assert camera_form.state_with(state, replace(camera, wavelength_um=0.4))["plan"] is None
 
 
-def test_types_keep_what_they_have_in_focus_when_the_gap_changes() -> None:
-    camera, _ = camera_form.apply_change(preset("bench"), "lattice.gap_um", 300.0)
-    assert camera is not None
-    assert camera_form.values_of(camera)["lattice.focus"] == pytest.approx((2, 3, 5))
+REFUSED: dict[str, tuple[Any, ...]] = {
+    **{"optics.f_number": (0.0, -1.0), "optics.blades": (2,), "optics.working_distance_um": (1.0,)},
+    **{"lattice.pitch_um": (math.nan,), "lattice.focus": ((), (2.0, 3.0), (1.0,), (1e40,)), "sensor.rows": (0,)},
+    **{"sensor.bit_depth": (99,), "sensor.cfa": ("XY",), "sensor.saturation": (1e6,), "sensor.dsnu_e": (-1.0,)},
+    "camera.wavelength_um": (0.0,),
+}
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("optics.f_number", 0.0),
-        ("optics.f_number", -1.0),
-        ("optics.blades", 2),
-        ("optics.working_distance_um", 1.0),
-        ("lattice.pitch_um", math.nan),
-        ("lattice.focus", ()),
-        ("lattice.focus", (2.0, 3.0)),
-        ("lattice.focus", (1.0,)),
-        ("lattice.focus", (1e40,)),
-        ("sensor.rows", 0),
-        ("sensor.bit_depth", 99),
-        ("sensor.cfa", "XY"),
-        ("sensor.saturation", 1e6),
-        ("sensor.dsnu_e", -1.0),
-        ("camera.wavelength_um", 0.0),
-    ],
-)
-def test_refusals_are_one_line(key: str, value: Any) -> None:
-    camera, error = camera_form.apply_change(preset("bench"), key, value)
-    assert camera is None and error and "\n" not in error
+def test_refusals_are_one_line() -> None:
+    for key, values in REFUSED.items():
+        for value in values:
+            camera, error = camera_form.apply_change(preset("bench"), key, value)
+            assert camera is None and error and "\n" not in error, (key, value)
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_description_begins_with_assumed_values_that_have_names(name: str) -> None:
-    """One value was called by its path."""
-    paths = camera_form.all_assumed(preset(name)).marks.paths("assumed")
-    assert paths and not any("_" in camera_form.name_at(path) or "." in camera_form.name_at(path) for path in paths)
-
-
-def test_another_kind_of_optics_is_assumed() -> None:
-    camera, _ = camera_form.apply_change(preset("bench"), "optics.kind", "Microscope")
-    assert camera is not None and "optics.magnification" in camera.marks.paths("assumed")
-    again, _ = camera_form.apply_change(camera, "optics.magnification", 40.0)
-    assert again is not None and again.marks["optics.magnification"] == "stated"
-    assert camera_form.mark_of(again, "optics.tube_length_um") == "assumed"
-    assert camera_form.mark_of(again, "optics.kind") == "stated"
-    back, _ = camera_form.apply_change(again, "optics.kind", "MainLens")
-    assert back is not None and not any(path == "optics.magnification" for path, _ in back.marks)
-
-
-def test_values_in_the_wrong_unit_are_questioned() -> None:
-    camera, error = camera_form.apply_change(preset("bench"), "sensor.pixel_um", 0.0055)
-    assert camera is not None and not error
-    assert "did you mean 5.5 µm" in camera_form.facts(camera)
-    assert "⚠" not in camera_form.facts(preset("bench"))
+def changed(key: str, value: Any, camera: Camera | None = None) -> Camera:
+    found, error = camera_form.apply_change(camera or preset("bench"), key, value)
+    assert not error and found is not None
+    return found
 
 
 def test_the_plan_of_a_camera_described_otherwise_keeps_what_was_chosen_in_it() -> None:
@@ -155,3 +143,33 @@ def test_the_plan_of_a_camera_described_otherwise_keeps_what_was_chosen_in_it() 
     assert isinstance(halved, ScanPlan) and halved.period != plan.period
     small = replace(camera, sensor=replace(camera.sensor, shape=(20, 20)))
     assert camera_form.state_with(state, small, same=True)["plan"] is None
+
+
+def rows_of(plan: ScanPlan, **rates: float) -> list[tuple[str, str]]:
+    return ScanCosts.of(plan, PlanSettings(**rates), None, None).rows()  # type: ignore[arg-type]
+
+
+def test_plan_changes() -> None:
+    plan = plan_form.default_plan(preset("bench"))
+    deeper, _ = plan_form.apply_change(plan, "virtual_depths", "2, 3")
+    assert deeper.virtual_depths == pytest.approx((2, 3))
+    turned, _ = plan_form.apply_change(plan, "stage", "-y,+x,+z")
+    assert (turned.stage.right, turned.stage.down, turned.stage.away) == ("-y", "+x", "+z")
+    for key, value in (("cutout", "10"), ("virtual_depths", ""), ("exposure", "-1"), ("anchor", "1e6,0")):
+        nothing, error = plan_form.apply_change(plan, key, value)
+        assert nothing is None and "\n" not in error and error
+    shown = [str(value) for value in plan_form.values_of(plan_form.default_plan(preset("lfm_20x05"))).values()]
+    assert not [text for text in shown if re.search(r"-0(\.0)?([, ]|$)", text)], "no minus before a zero"
+
+
+def test_scan_path_and_forecast() -> None:
+    plan = plan_form.default_plan(preset("bench"))
+    path = plan_form.scan_path(plan)
+    assert len(path) == 19 * 33 and tuple(path[0]) == plan.anchor
+    rows = dict(rows_of(plan))
+    assert rows["Positions"] == f"{plan.n_positions:,}" and rows["H, float32"].endswith("B")
+    assert "Time without readout" in rows and rows["  whole frames at"].endswith("B/s"), "what is not counted is told"
+    assert "  moving at 1 mm/s" in rows, "what is assumed is told"
+    rows = dict(rows_of(plan, speed=2000.0, frame_rate=10.0))
+    assert {"Time", "  reading out", "  moving at 2 mm/s"} <= rows.keys()
+    assert isinstance(plan.camera.optics, MainLens)

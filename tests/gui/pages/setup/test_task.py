@@ -1,4 +1,4 @@
-"""Plan as tasks: the page, its commands, their Python and their job files write the same plans."""
+"""Plan as tasks: the page, its commands and their Python write the same plans."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from lfcal.base import InputError, drain
 from lfcal.camera import ScanPlan, StageAxes, preset
 from lfcal.records import rows
-from lfcal.tasks import PlanScan, PlanTarget, Task, command_of, job_of
+from lfcal.tasks import PlanScan, PlanTarget, Task, command_of
 from lfcal_gui.models import CommandStep, ProjectState, fields_of
 from lfcal_gui.pages.setup.model_picture import ScanCosts
 from lfcal_gui.pages.setup.model_scan import (
@@ -59,37 +59,30 @@ def edited(plan: ScanPlan, edits: dict[str, Any]) -> ScanPlan:
 
 
 def go_every_route(lfcal: Lfcal, made: CommandStep, task: Task, out: str) -> None:
-    """Write ``out`` with ``command``, ``python`` and ``job`` in the place of its name."""
+    """Write ``out`` with ``command`` and ``python`` in the place of its name."""
     for name, text in made.files:
         Path(name).write_text(text, encoding="utf-8")
     assert made.arguments == tuple(shlex.split(command_of(task))[1:])
     done = lfcal(*(word.replace(out, "command") for word in made.arguments))
     assert done.code == 0, done.err
     exec(made.script().replace(out, "python"), {})
-    Path("job.toml").write_text(job_of(task).replace(out, "job"), encoding="utf-8")
-    done = lfcal("run", "job.toml")
-    assert done.code == 0, done.err
 
 
 @pytest.mark.parametrize("case", EDITS)
-def test_all_routes_write_the_plan_of_the_page(
-    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str
-) -> None:
+def test_every_route_writes_the_plan(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str) -> None:
     monkeypatch.chdir(tmp_path)
     plan = edited(default_plan(SCAN.camera) if case == "left to the camera" else SCAN, EDITS[case])
     project = ProjectState(camera=plan.camera, plan=plan, settings={"plan": {"speed": 500.0, "frame_rate": 20.0}})
     task = scan_task(plan, "mine.json", speed=500.0, frame_rate=20.0)
     go_every_route(lfcal, scan_step(project, "mine.json"), task, "mine")
-    for name in ("command", "python", "job"):
+    for name in ("command", "python"):
         assert Path(f"{name}.json").read_text(encoding="utf-8") == plan.to_json(), name
 
 
 HALF = ScanPlan.for_camera(camera_of((6.0, 12.0), 1), virtual_depths=(3.0, 4.0), cutout=31)
 
 
-def test_all_routes_write_the_half_cell_scan_of_the_page(
-    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_route_writes_half_cell_scans(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     settings = PlanSettings(half_cell=True)
     project = ProjectState(camera=HALF.camera, plan=HALF, settings=settings.into(ProjectState()))
@@ -100,7 +93,7 @@ def test_all_routes_write_the_half_cell_scan_of_the_page(
     exec(scan_step(moved, "moved.json").script(), {})
     half = half_of(HALF)
     assert 2 * len(half) == HALF.n_positions
-    for name in ("command", "python", "job", "moved"):
+    for name in ("command", "python", "moved"):
         if name != "moved":
             assert Path(f"{name}.json").read_text(encoding="utf-8") == HALF.to_json(), name
         assert Path(f"{name}_positions.json").read_text(encoding="utf-8") == list_text(half), name
@@ -125,14 +118,14 @@ def test_a_half_cell_scan_is_drawn_and_forecast_by_half() -> None:
         PlanSettings("array,hole=20um", 0.4, 0.02, 3, pose_within="rotation=0.5", frame_rate=20.0),
     ],
 )
-def test_all_routes_write_the_target_plan_of_the_page(
+def test_every_route_writes_targets(
     lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, settings: PlanSettings
 ) -> None:
     monkeypatch.chdir(tmp_path)
     made = drain(iter_target(SCAN, settings)).plan
     project = ProjectState(camera=SCAN.camera, plan=SCAN, settings=settings.into(ProjectState()))
     go_every_route(lfcal, target_step(project, "mine.json"), target_task(settings, "mine.json"), "mine")
-    for name in ("command", "python", "job"):
+    for name in ("command", "python"):
         assert Path(f"{name}.json").read_text(encoding="utf-8") == made.to_json(), name
 
 
