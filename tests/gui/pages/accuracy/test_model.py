@@ -10,12 +10,18 @@ import numpy as np
 import pytest
 
 from lfcal.accuracy import PARTS, CostPoint, Curve, Subject, measure_curve
-from lfcal.base.errors import InputError
-from lfcal.base.progress import drain
+from lfcal.base import InputError, drain
 from lfcal.psf import PSFMatrix, save
-from lfcal_gui.models.cost import MeasuredCurves, axis_labels, iter_measure, point_words, points_of, subject_of
-from lfcal_gui.models.project import ProjectState
-from lfcal_gui.models.settings import OpeningSettings
+from lfcal_gui.models import (
+    MeasuredCurves,
+    OpeningSettings,
+    ProjectState,
+    axis_labels,
+    iter_measure,
+    points_of,
+    subject_of,
+)
+from lfcal_gui.models.cost import point_words
 from lfcal_gui.pages.accuracy.model import NO_USE, AccuracySettings, in_use, subjects, use_of, words_of
 from lfcal_gui.pages.accuracy.step import step
 from lfcal_gui.pages.frames.model import FrameSettings
@@ -50,20 +56,13 @@ def test_points_are_logarithms_with_the_front_and_the_pick() -> None:
     assert np.isfinite(points[3].y), "an error of nothing is shown, too"
     assert point_words(made.points[0], "10 %") == "point 1\nerror 10 %, costs 1.0 s\nread (s): 2.5\nnote"
     assert axis_labels(made) == ("time (s)", "relative L1 error (%)")
-
-
-def test_names_distinguish_points() -> None:
-    """Different thresholds had the same name."""
-    labels = (
-        "sparse, f4, above 1",
-        "sparse, f4, above 0.1",
-        "sparse, f8, above 1",
-        "sparse, f4",
-        "tolerance 3 %, grid, of 2",
+    sizes = Curve("storage", "Title", "error", "size of the file", "bytes")
+    sizes = sizes.with_point(CostPoint("a", {}, 0.1, 2.5e7, "bytes"))
+    assert axis_labels(sizes)[0] == "size of the file (MB)" and points_of(sizes, None)[0].x == pytest.approx(
+        np.log10(25)
     )
-    made = curve(*(CostPoint(label, {}, 0.1, k + 1.0, "seconds") for k, label in enumerate(labels)))
-    names = ["sparse, f4, above 1", "sparse, f4, above 0.1", "sparse, f8", "sparse, f4", "3 %, grid"]
-    assert [p.name for p in points_of(made, None)] == names
+    frames = Curve("planes", "Title", "error", "frames of the scan", "frames")
+    assert axis_labels(frames)[0] == "frames of the scan"
 
 
 def test_different_errors_never_read_the_same() -> None:
@@ -76,29 +75,20 @@ def test_different_errors_never_read_the_same() -> None:
 
 
 def test_words_say_what_to_do_and_why_there_is_nothing() -> None:
-    assert words_of(None, 0.01, running=False)[0] == "Not measured yet: press Measure."
-    assert words_of(curve(), 0.01, running=True)[0] == "measuring the reference …"
-    assert words_of(curve(stopped="no camera"), 0.01, running=False)[0] == "Not measured: no camera"
-    late = words_of(curve(stopped="not begun: reference takes about 20 s"), 0.01, running=False)[0]
-    assert late == "Not measured: not begun: reference takes about 20 s; increase the time per measurement"
+    for found, running, words in (
+        (None, False, "Not measured yet: press Measure."),
+        (curve(), True, "measuring the reference …"),
+        (curve(stopped="no camera"), False, "Not measured: no camera"),
+        (
+            curve(stopped="not begun: reference takes about 20 s"),
+            False,
+            "Not measured: not begun: reference takes about 20 s; increase the time per measurement",
+        ),
+    ):
+        assert words_of(found, 0.01, running=running)[0] == words
     answer, how = words_of(curve(point(0.1, 1.0), stopped="ended after 10 s"), 0.2, running=False)
     assert answer == "An error of 20 % costs 1.0 s: point 1 (10 %)"
     assert how == "Measured by: the values.\na note\nended after 10 s"
-
-
-@pytest.mark.parametrize("change", [{"error": 0.0}, {"seconds": 0.0}, {"subject": "moon"}, {"seconds": float("nan")}])
-def test_settings_that_cannot_be_are_refused(change: dict[str, Any]) -> None:
-    with pytest.raises(InputError):
-        replace(AccuracySettings(), **change)
-
-
-def test_what_can_be_measured(tmp_path: Path) -> None:
-    state = ProjectState()
-    assert subjects(state) == ()
-    save(PSFMatrix(np.ones((1, 2, 2, 3, 3), np.float32)), tmp_path / "H.h5")
-    both = replace(state, plan=PLAN, psf=str(tmp_path / "H.h5"))
-    assert subjects(both) == ("plan", "psf")
-    assert subjects(replace(both, psf=str(tmp_path / "gone.h5"))) == ("plan",)
 
 
 def test_h_is_measured_and_closed(tmp_path: Path) -> None:
@@ -110,16 +100,6 @@ def test_h_is_measured_and_closed(tmp_path: Path) -> None:
     assert "H of an unknown camera" in curves["lattice"].stopped
     took = {part: kept.took(subject_of(state, "psf"), part) for part in curves}
     assert took["storage"].startswith("measured in ") and not took["lattice"], "nothing was measured"
-
-
-def test_closed_at_any_record_it_keeps_what_it_has() -> None:
-    state, kept = replace(ProjectState(), plan=PLAN), MeasuredCurves()
-    work, key = iter_measure(state, "plan", 10.0, ("bases",), kept), subject_of(state, "plan")
-    while len(kept.of(key).get("bases", curve()).points) < 2:
-        next(work)
-    work.close()
-    assert len(kept.of(key)["bases"].points) == 2 and kept.took(key, "bases").startswith("measured in ")
-    assert not kept.of(subject_of(replace(state, plan=small_plan(planes=1)), "plan"))
 
 
 def used(state: ProjectState, part: str, **settings: Any) -> tuple[ProjectState, Any]:
@@ -174,55 +154,33 @@ def test_the_point_in_use_is_that_of_the_project() -> None:
     assert sentence == "An error of 20 % costs 1.0 s: point 1 (10 %)\nIn use: point 2 (30 % for 2.0 s)"
 
 
-def test_points_change_the_plan() -> None:
+def test_points_change_the_plan_or_say_why_not() -> None:
     state = replace(ProjectState(), plan=PLAN)
     changed, use = used(state, "averaging", frames_averaged=4, exposure_s=[0.005] * 3)
     assert changed.plan == replace(PLAN, frames_averaged=4, exposure_s=(0.005,) * 3)
     assert use.words == "Plan: 4 frames averaged, exposure 5 ms."
     low, high = min(PLAN.depths_um), max(PLAN.depths_um)
     changed, _ = used(state, "planes", depths_um=list(np.linspace(low, high, 5)))
-    assert changed.plan is not None and changed.plan.shape == (5, *PLAN.shape[1:])
-
-
-@pytest.mark.parametrize(("dtype", "compression"), [("float64", "gzip"), ("float16", "gzip"), ("rounded", "zstd")])
-def test_types_that_the_window_does_not_export_say_so(dtype: str, compression: str) -> None:
-    use = use_of(ProjectState(), curve(part="storage"), point(0.1, 1.0, dtype=dtype, compression=compression))
-    assert use.changes is None and use.words.startswith("Nothing was changed: the window exports H rounded or")
-
-
-def test_sizes_are_shown_in_megabytes() -> None:
-    sizes = Curve("storage", "Title", "error", "size of the file", "bytes")
-    sizes = sizes.with_point(CostPoint("a", {}, 0.1, 2.5e7, "bytes"))
-    assert axis_labels(sizes)[0] == "size of the file (MB)" and points_of(sizes, None)[0].x == pytest.approx(
-        np.log10(25)
-    )
-    frames = Curve("planes", "Title", "error", "frames of the scan", "frames")
-    assert axis_labels(frames)[0] == "frames of the scan"
-
-
-@pytest.mark.parametrize("part", NO_USE)
-def test_a_point_that_cannot_be_used_says_so(part: str) -> None:
-    use = use_of(replace(ProjectState(), plan=PLAN), curve(part=part), point(0.1, 1.0, dtype="uint8"))
-    assert use.changes is None and use.words.startswith("Nothing was changed: ")
-
-
-def test_without_a_plan_and_with_a_strange_point_it_says_so_too() -> None:
-    for part in ("planes", "averaging"):
-        use = use_of(ProjectState(), curve(part=part), point(0.1, 1.0))
-        assert use.changes is None and use.words == "Nothing was changed: there is no scan plan."
-    foreign = use_of(ProjectState(), curve(part="mine"), point(0.1, 1.0))
-    assert foreign.words == "Nothing was changed: the window has no setting for it."
-    for wrong in ({}, {"solver": "rl", "iterations": None}):
-        assert use_of(ProjectState(), curve(part="solvers"), point(0.1, 1.0, **wrong)).changes is None
-
-
-def test_every_part_can_be_used_or_says_why_not() -> None:
-    """A point as each part makes it, of those that are quick to measure."""
+    assert changed.plan.shape == (5, *PLAN.shape[1:])
     state = replace(ProjectState(), plan=PLAN)
     for name in ("bases", "averaging", "filters", "storage"):
         found = measure_curve(PARTS.get(name), Subject("small", PLAN, workers=1), 1.0)
         use = use_of(state, found, found.points[0])
         assert (use.changes is None) == (name == "storage" and found.points[0].settings["dtype"] == "uint8"), use.words
+
+
+def test_a_point_that_cannot_be_used_says_so() -> None:
+    state, planned = ProjectState(), replace(ProjectState(), plan=PLAN)
+    for dtype, compression in (("float64", "gzip"), ("float16", "gzip"), ("rounded", "zstd")):
+        words = refusal(state, "storage", dtype=dtype, compression=compression)
+        assert words.startswith("the window exports H rounded or"), dtype
+    for part in NO_USE:
+        assert refusal(planned, part, dtype="uint8"), part
+    for part in ("planes", "averaging"):
+        assert refusal(state, part) == "there is no scan plan."
+    assert refusal(state, "mine") == "the window has no setting for it."
+    for wrong in ({}, {"solver": "rl", "iterations": None}):
+        assert refusal(state, "solvers", **wrong)
 
 
 def test_the_command_names_the_order_of_axes_that_was_stated() -> None:
@@ -231,3 +189,21 @@ def test_the_command_names_the_order_of_axes_that_was_stated() -> None:
     project = replace(project, settings=OpeningSettings().with_order("H.mat", "rows-first").into(project))
     made = step(project)
     assert "--mat-order=rows-first" in made.arguments and "open_psf('H.mat', mat_order='rows-first')" in made.python
+
+
+def refusal(state: ProjectState, part: str, **settings: Any) -> str:
+    """Return why a point of a part cannot be used."""
+    use = use_of(state, curve(part=part), point(0.1, 1.0, **settings))
+    assert use.changes is None
+    return use.words.removeprefix("Nothing was changed: ")
+
+
+def test_what_can_be_measured_and_settings_that_cannot_be(tmp_path: Path) -> None:
+    assert subjects(ProjectState()) == ()
+    save(PSFMatrix(np.ones((1, 2, 2, 3, 3), np.float32)), tmp_path / "H.h5")
+    both = replace(ProjectState(), plan=PLAN, psf=str(tmp_path / "H.h5"))
+    assert subjects(both) == ("plan", "psf")
+    assert subjects(replace(both, psf=str(tmp_path / "gone.h5"))) == ("plan",)
+    for change in ({"error": 0.0}, {"seconds": 0.0}, {"subject": "moon"}, {"seconds": float("nan")}):
+        with pytest.raises(InputError):
+            replace(AccuracySettings(), **change)

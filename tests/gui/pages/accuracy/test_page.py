@@ -14,11 +14,10 @@ from PySide6.QtCore import QPointF, Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
-from lfcal.accuracy import PARTS, AccuracyPart, AccuracyStep, CostPoint, Subject, Truth
+from lfcal.accuracy import PARTS, AccuracyPart, AccuracyStep, CostPoint, Curve, Subject, Truth
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.context import Context
-from lfcal_gui.models.page import PageState
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import PageState, ProjectState
 from lfcal_gui.pages.accuracy import PAGE
 from lfcal_gui.pages.accuracy.page import Page
 from lfcal_gui.theme import DARK, apply_theme
@@ -84,45 +83,15 @@ def click(page: Page, number: int, qtbot: QtBot) -> None:
     qtbot.mouseClick(chart.graphics.viewport(), Qt.MouseButton.LeftButton, pos=at)
 
 
-def test_a_part_is_measured_drawn_and_answered(page: Page, qtbot: QtBot) -> None:
-    look_at(page, "bases")
-    assert page.panel.answer.text() == "Not measured yet: press Measure." and not points(page)
-    page.measure_button.click()
-    assert page.stop_button.isEnabled() and not page.measure_button.isEnabled()
-    idle(page.context.jobs, qtbot)
-    assert page.curve is not None and len(points(page)) == len(page.curve.points) == 16
-    x, y = np.array(points(page)).T
-    np.testing.assert_allclose(10**x, [r.cost for r in page.curve.points])
-    np.testing.assert_allclose(10**y, [100 * r.error for r in page.curve.points])
-    front = np.transpose(page.panel.chart.front.getData())
-    np.testing.assert_allclose(10 ** front[:, 1], [100 * r.error for r in page.curve.front])
-    assert page.panel.answer.text() == page.curve.answer(0.01)
-    assert page.measure_button.isEnabled() and not page.stop_button.isEnabled()
-    axis = page.panel.chart.plot.getAxis("left")
-    ((_, ticks),) = axis.tickValues(0.0, 2.0, 400)
-    assert axis.tickStrings(ticks, 1, 1) == ["1", "2", "5", "10", "20", "50", "100"]
-    ((_, ticks),) = axis.tickValues(-7.2, 1.0, 400)
-    assert axis.tickStrings(ticks, 1, 1)[-1] == "1" and 4 <= len(ticks) <= 8
-    look_at(page, "storage")
-    assert not points(page) and page.panel.answer.text().startswith("Not measured yet")
-    look_at(page, "bases")
-    assert len(points(page)) == 16, "what was measured stays"
-
-
 def test_another_error_is_answered_at_once(page: Page, qtbot: QtBot) -> None:
-    look_at(page, "bases")
-    page.measure()
-    idle(page.context.jobs, qtbot)
-    editor: Any = page.panel.form.editor("error")
-    editor.setText("30")
-    editor.textEdited.emit("30")
-    assert page.settings.error == 0.3 and page.curve is not None
-    assert page.panel.answer.text() == page.curve.answer(0.3)
+    found, editor = measure(page, "bases", qtbot), page.panel.form.editor("error")
+    for text, taken in (("30", 0.3), ("0", 0.3)):
+        editor.setText(text)
+        editor.textEdited.emit(text)
+        assert page.settings.error == taken and bool(editor.property("invalid")) is (text == "0")
+        editor.editingFinished.emit()
+    assert page.panel.answer.text() == found.answer(0.3)
     assert page.panel.chart.limit.value() == pytest.approx(np.log10(30))
-    editor.editingFinished.emit()
-    editor.setText("0")
-    editor.textEdited.emit("0")
-    assert editor.property("invalid") and page.settings.error == 0.3
 
 
 def endless() -> Iterator[Any]:
@@ -134,49 +103,13 @@ def endless() -> Iterator[Any]:
         yield CostPoint(f"point {k}", {"k": k}, 1 / k, float(k), "seconds")
 
 
-def test_it_fills_while_it_is_measured_and_keeps_what_it_has(
-    page: Page, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made = AccuracyPart("bases", "Bases", "error", "cost", "seconds", lambda s, t: endless())  # type: ignore[arg-type]
-    monkeypatch.setattr("lfcal.accuracy.PARTS", SimpleNamespace(get=lambda name: made))
-    look_at(page, "bases")
-    page.activateWindow()
-    qtbot.waitUntil(page.isActiveWindow, timeout=GUARD_MS)
-    qtbot.mouseClick(page.measure_button, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: len(points(page)) > 3, timeout=GUARD_MS)
-    assert "measuring …" in page.panel.how.text()
-    focus = QApplication.focusWidget()  # the button that was pressed is grey by now
-    assert focus is not None
-    qtbot.keyClick(focus, Qt.Key.Key_Escape)
-    idle(page.context.jobs, qtbot)
-    count = len(points(page))
-    assert page.curve is not None and count == len(page.curve.points) > 3
-    assert "measuring" not in page.panel.how.text() and page.panel.answer.text() == page.curve.answer(0.01)
-
-
-def test_stop_says_that_it_stops(page: Page, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = AccuracyPart("bases", "Bases", "error", "cost", "seconds", lambda s, t: endless())  # type: ignore[arg-type]
-    monkeypatch.setattr("lfcal.accuracy.PARTS", SimpleNamespace(get=lambda name: made))
-    look_at(page, "bases")
-    page.measure()
-    qtbot.waitUntil(lambda: len(points(page)) > 1, timeout=GUARD_MS)
-    page.stop()
-    assert page.stop_button.text() == "Stopping …"
-    idle(page.context.jobs, qtbot)
-    assert page.stop_button.text() == "Stop" and not page.stop_button.isEnabled()
-
-
 def test_a_click_uses_a_point_and_undo_takes_it_back(page: Page, context: Context, qtbot: QtBot) -> None:
-    look_at(page, "averaging")
-    page.measure()
-    idle(page.context.jobs, qtbot)
-    assert page.curve is not None
-    before = context.state.plan
-    number = next(k for k, r in enumerate(page.curve.points) if r.settings["frames_averaged"] == 8)
-    wanted = page.curve.points[number].settings
+    found, before = measure(page, "averaging", qtbot), context.state.plan
+    number = next(k for k, r in enumerate(found.points) if r.settings["frames_averaged"] == 8)
     click(page, number, qtbot)
     plan = context.state.plan
-    assert plan is not None and (plan.frames_averaged, list(plan.exposures)) == (8, wanted["exposure_s"])
+    assert plan.frames_averaged == 8
+    assert list(plan.exposures) == found.points[number].settings["exposure_s"]
     assert "Plan: 8 frames averaged" in page.panel.used.text() and page.panel.used.isVisible()
     assert points(page), "the curve that it was chosen from stays"
     context.project.undo()
@@ -184,39 +117,12 @@ def test_a_click_uses_a_point_and_undo_takes_it_back(page: Page, context: Contex
 
 
 def test_a_point_that_cannot_be_used_says_so_and_changes_nothing(page: Page, context: Context, qtbot: QtBot) -> None:
-    look_at(page, "storage")
-    page.measure()
-    idle(page.context.jobs, qtbot)
-    before = context.state
-    assert page.curve is not None
-    unusable = next(k for k, point in enumerate(page.curve.points) if point.settings["dtype"] in ("float16", "float64"))
-    click(page, unusable, qtbot)
+    found, before = measure(page, "storage", qtbot), context.state
+    click(page, next(k for k, r in enumerate(found.points) if r.settings["dtype"] in ("float16", "float64")), qtbot)
     assert context.state == before and "Nothing was changed" in page.panel.used.text()
     page.use(999)
     look_at(page, "bases")
     assert not page.panel.used.isVisible()
-
-
-def test_another_plan_forgets_the_curves(page: Page, context: Context, qtbot: QtBot) -> None:
-    look_at(page, "bases")
-    page.measure()
-    idle(page.context.jobs, qtbot)
-    context.project.update("plan", plan=small_plan(planes=1))
-    assert not points(page) and page.curve is None
-
-
-def test_h_is_measured_where_there_is_no_plan(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
-    save(PSFMatrix(np.random.default_rng(0).random((1, 2, 2, 3, 3)).astype(np.float32)), tmp_path / "H.h5")
-    context.project.update("H", plan=None, psf=str(tmp_path / "H.h5"))
-    assert page.settings.subject == "psf"
-    box: Any = page.panel.form.editor("subject")
-    assert not box.model().item(box.findData("plan")).isEnabled()
-    look_at(page, "lattice")
-    page.measure()
-    idle(page.context.jobs, qtbot)
-    assert page.panel.answer.text().startswith(
-        "Not measured: scan of the measurement: expected a scan plan with its camera"
-    )
 
 
 def test_nothing_to_measure_says_what_to_do(page: Page, context: Context) -> None:
@@ -228,28 +134,84 @@ def test_nothing_to_measure_says_what_to_do(page: Page, context: Context) -> Non
     assert PAGE.state(replace(context.state, plan=small_plan())) is PageState.READY
 
 
-def test_a_damaged_h_is_said(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
-    (tmp_path / "H.h5").write_bytes(b"no hdf5")
-    context.project.update("H", plan=None, psf=str(tmp_path / "H.h5"))
+def measure(page: Page, name: str, qtbot: QtBot) -> Curve:
+    look_at(page, name)
+    page.measure()
+    idle(page.context.jobs, qtbot)
+    assert page.curve is not None
+    return page.curve
+
+
+def test_a_part_is_measured_and_drawn(
+    page: Page, context: Context, qtbot: QtBot, qapp: QApplication, tmp_path: Path
+) -> None:
+    panel, chart = page.panel, page.panel.chart
+    look_at(page, "bases")
+    assert panel.answer.text() == "Not measured yet: press Measure." and not points(page)
+    page.measure_button.click()
+    assert page.stop_button.isEnabled() and not page.measure_button.isEnabled()
+    idle(context.jobs, qtbot)
+    found = page.curve
+    assert len(points(page)) == len(found.points) == 16
+    x, y = np.array(points(page)).T
+    np.testing.assert_allclose(10**x, [r.cost for r in found.points])
+    np.testing.assert_allclose(10**y, [100 * r.error for r in found.points])
+    np.testing.assert_allclose(10 ** np.transpose(chart.front.getData())[:, 1], [100 * r.error for r in found.front])
+    assert panel.answer.text() == found.answer(0.01)
+    assert page.measure_button.isEnabled() and not page.stop_button.isEnabled()
+    axis = chart.plot.getAxis("left")
+    ((_, ticks),) = axis.tickValues(0.0, 2.0, 400)
+    assert axis.tickStrings(ticks, 1, 1) == ["1", "2", "5", "10", "20", "50", "100"]
+    ((_, ticks),) = axis.tickValues(-7.2, 1.0, 400)
+    assert axis.tickStrings(ticks, 1, 1)[-1] == "1" and 4 <= len(ticks) <= 8
+    apply_theme(qapp, DARK)
+    context.theme_changed.emit()
+    assert chart.front.opts["pen"].color().name() == DARK.accent
+    chart.save_data(str(tmp_path / "a.csv"))
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    cost, error = (float(v) for v in lines[1].split(",")[:2])
+    assert len(lines) == 1 + len(found.points)
+    assert (cost, error) == (pytest.approx(found.points[0].cost), pytest.approx(100 * found.points[0].error))
+    look_at(page, "storage")
+    assert not points(page) and panel.answer.text().startswith("Not measured yet")
+    look_at(page, "bases")
+    assert len(points(page)) == 16, "what was measured stays"
+    context.project.update("plan", plan=small_plan(planes=1))
+    assert not points(page) and page.curve is None, "it is of another plan"
+
+
+def test_it_fills_while_it_is_measured_and_keeps_what_it_has_when_it_is_stopped(
+    page: Page, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = AccuracyPart("bases", "Bases", "error", "cost", "seconds", lambda s, t: endless())  # type: ignore[arg-type]
+    monkeypatch.setattr("lfcal.accuracy.PARTS", SimpleNamespace(get=lambda name: made))
+    look_at(page, "bases")
+    page.activateWindow()
+    qtbot.waitUntil(page.isActiveWindow, timeout=GUARD_MS)
+    qtbot.mouseClick(page.measure_button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: len(points(page)) > 3, timeout=GUARD_MS)
+    assert "measuring …" in page.panel.how.text()
+    focus = QApplication.focusWidget()  # the button that was pressed is grey by now
+    qtbot.keyClick(focus, Qt.Key.Key_Escape)
+    assert page.stop_button.text() == "Stopping …"
+    idle(page.context.jobs, qtbot)
+    assert page.stop_button.text() == "Stop" and not page.stop_button.isEnabled()
+    count = len(points(page))
+    assert count == len(page.curve.points) > 3
+    assert "measuring" not in page.panel.how.text() and page.panel.answer.text() == page.curve.answer(0.01)
+
+
+def test_h_is_measured_where_there_is_no_plan_unless_it_is_damaged(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
+    save(PSFMatrix(np.random.default_rng(0).random((1, 2, 2, 3, 3)).astype(np.float32)), tmp_path / "H.h5")
+    page.context.project.update("H", plan=None, psf=str(tmp_path / "H.h5"))
+    assert page.settings.subject == "psf"
+    box: Any = page.panel.form.editor("subject")
+    assert not box.model().item(box.findData("plan")).isEnabled()
+    measure(page, "lattice", qtbot)
+    words = "Not measured: scan of the measurement: expected a scan plan with its camera"
+    assert page.panel.answer.text().startswith(words)
+    (tmp_path / "bad.h5").write_bytes(b"no hdf5")
+    page.context.project.update("H", psf=str(tmp_path / "bad.h5"))
     page.measure()
     idle(page.context.jobs, qtbot)
     assert "HDF5" in page.notice.label.text() and page.measure_button.isEnabled()
-
-
-def test_both_themes_and_a_saved_table(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
-    look_at(page, "bases")
-    page.measure()
-    idle(page.context.jobs, qtbot)
-    app = QApplication.instance()
-    assert isinstance(app, QApplication)
-    apply_theme(app, DARK)
-    context.theme_changed.emit()
-    assert page.panel.chart.front.opts["pen"].color().name() == DARK.accent
-    page.panel.chart.save_data(str(tmp_path / "a.csv"))
-    lines = (tmp_path / "a.csv").read_text().splitlines()
-    assert page.curve is not None and len(lines) == 1 + len(page.curve.points)
-    cost, error = (float(v) for v in lines[1].split(",")[:2])
-    assert (cost, error) == (
-        pytest.approx(page.curve.points[0].cost),
-        pytest.approx(100 * page.curve.points[0].error),
-    )

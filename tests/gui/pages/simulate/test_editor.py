@@ -13,12 +13,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from PySide6.QtCore import QRectF, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QLineEdit
+from PySide6.QtWidgets import QLineEdit
 from pytestqt.qtbot import QtBot
 
-from lfcal.base.errors import StorageError
+from lfcal.base import StorageError
 from lfcal.camera import Marks
 from lfcal.frames import open_frames
 from lfcal.psf import open_psf
@@ -27,13 +27,12 @@ from lfcal.simulate.sensor import session
 from lfcal.tasks import simulate
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.simulate.model import SimulateSettings
-from lfcal_gui.theme import DARK, LIGHT, apply_theme
+from tests.gui.conftest import OpenPage
 from tests.gui.pages.simulate.test_model import small_plan
 from tests.gui.waiting import GUARD_MS, idle
 
-OpenPage = Callable[..., Any]
 RAYS = SimulateSettings(0.3, "geometric")
 
 
@@ -113,6 +112,98 @@ REFUSED = (
 )
 
 
+@pytest.fixture
+def full_after(monkeypatch: pytest.MonkeyPatch) -> Callable[[int | None], list[Path]]:
+    """Return a function that fills the disk after some frames, or frees it, and returns what is written."""
+    real, written, limit = session._write_png, list[Path](), list[int | None]([None])
+
+    def write(path: Path, frame: Any) -> None:
+        if limit[0] is not None and len(written) >= limit[0]:
+            raise StorageError(f"{path}: the disk is full; make room")
+        real(path, frame)
+        written.append(path)
+
+    def fill(count: int | None) -> list[Path]:
+        limit[0] = count
+        return written
+
+    monkeypatch.setattr(session, "_write_png", write)
+    return fill
+
+
+@pytest.mark.long
+def test_frames_of_a_session_that_is_stopped_are_kept_and_it_continues_to_the_same(
+    page: Any, qtbot: QtBot, tmp_path: Path, full_after: Callable[[int | None], list[Path]]
+) -> None:
+    context, folder, written = page.context, tmp_path / "session", full_after(3)
+    page.simulate_frames(str(folder))
+    idle(context.jobs, qtbot)
+    job = context.jobs.jobs()[0]
+    assert job.state is JobState.FAILED and job.kept == f"3 of {context.state.plan.n_positions} frames"
+    full_after(None)
+    context.jobs.go_on(job.number)
+    idle(context.jobs, qtbot)
+    assert len(written) == len(set(written)), "no frame is made twice"
+    page.simulate_frames(str(tmp_path / "whole"))
+    idle(context.jobs, qtbot)
+
+    def contents(of: Path) -> dict[str, bytes]:
+        return {str(path.relative_to(of)): path.read_bytes() for path in of.rglob("*") if path.is_file()}
+
+    assert contents(folder) == contents(tmp_path / "whole") and not (folder / session.UNFINISHED).exists()
+
+
+def test_frames_of_a_session_that_failed_are_discarded_and_those_of_another_are_not_continued(
+    page: Any, qtbot: QtBot, tmp_path: Path, full_after: Callable[[int | None], list[Path]]
+) -> None:
+    jobs, third = page.context.jobs, tmp_path / "third"
+    full_after(1)
+    page.simulate_frames(str(third))
+    idle(jobs, qtbot)
+    job = jobs.jobs()[0]
+    assert job.kept == f"1 of {page.context.state.plan.n_positions} frames"
+    jobs.discard(job.number)
+    idle(jobs, qtbot)
+    assert not list(third.iterdir())
+    page.simulate_frames(str(third))
+    idle(jobs, qtbot)
+    assert not jobs.jobs()[0].kept and not list(third.iterdir()), "nothing was written"
+    (third / session.UNFINISHED).write_text('{"frames": 5}')
+    page.simulate_frames(str(third))
+    idle(jobs, qtbot)
+    assert jobs.jobs()[0].state is JobState.FAILED and "frames of the same session" in jobs.jobs()[0].error
+
+
+def test_effects_on_frames_make_one_frame_or_those_of_the_plan(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
+    editors = choose(page, "read_noise", qtbot)
+    effect, panel, folder = page.panel.effect, page.panel, tmp_path / "session"
+    assert "affects sensor frames, not H" in effect.title.text()
+    assert "samples differ" in effect.influence.words.text()
+    assert "sensor column" in effect.influence.pictures[0].toolTip()
+    noisy = effect.influence.influence
+    assert noisy.difference.std() > 0
+    panel.show_frame_tab()
+    panel.frame.make_button.click()
+    idle(page.context.jobs, qtbot)
+    frame = panel.frame.frame
+    assert panel.tabs.currentWidget() is panel.frame and frame is not None
+    assert frame.samples.shape == page.context.state.camera.sensor.shape and frame.samples.dtype == np.uint16
+    assert np.array_equal(frame.cutout()[0], noisy.with_it), "the same seed gives the same frame"
+    for name in ("frame.tif", "frame.png"):
+        panel.frame.save(str(tmp_path / name))
+        assert np.array_equal(cv2.imread(str(tmp_path / name), cv2.IMREAD_UNCHANGED), frame.samples)
+    assert "not rounded" not in panel.frame.words.text()
+    type_into(editors["rms_e"].edit, "30", qtbot)
+    page.simulate_frames(str(folder))
+    idle(page.context.jobs, qtbot)
+    job = page.context.jobs.jobs()[0]
+    assert job.state is JobState.DONE, job.error
+    assert {"name": "read_noise", "rms_e": 30} in json.loads((folder / "truth.json").read_text())["effects"]
+    assert len(open_frames(folder / "frames")) == page.context.state.plan.n_positions
+    page.simulate_frames(str(folder))
+    assert "new or empty folder" in page.notice.label.text()
+
+
 @pytest.mark.long
 def test_a_bad_value_is_refused_beside_its_field(page: Any, qtbot: QtBot) -> None:
     for effect, field, text, words in REFUSED:
@@ -122,10 +213,9 @@ def test_a_bad_value_is_refused_beside_its_field(page: Any, qtbot: QtBot) -> Non
         assert editor.edit.property("invalid") and given(page).magnitudes == ()
         page._set("tolerance", given(page).tolerance * 0.9)
         idle(page.context.jobs, qtbot)
-        assert editor.edit.text() == text and editor.error.isVisible(), "what is being mended stays"
-        source = editor.source
-        source.setCurrentIndex(0)
-        source.activated.emit(0)
+        assert editor.edit.text() == text and editor.error.isVisible(), "what is being corrected stays"
+        editor.source.setCurrentIndex(0)
+        editor.source.activated.emit(0)
         idle(page.context.jobs, qtbot)
         assert editor.error.isHidden() and editor.edit.text() == editor.magnitude.text(editor.magnitude.counts)
 
@@ -173,7 +263,7 @@ def test_the_influence_of_an_effect_on_h(page: Any, qtbot: QtBot) -> None:
     view = page.panel.effect.influence
     plan = page.context.state.plan
     typical = view.influence
-    assert typical is not None and typical.without.shape == plan.cutout
+    assert typical.without.shape == plan.cutout
     assert "At a typical size" in view.words.text() and "% of the light differs" in view.words.text()
     changed = np.abs(typical.difference).sum() / np.abs(typical.with_it).sum()
     assert changed > 0.02 and f"{100 * changed:.2g} % of the light differs" in view.words.text()
@@ -190,27 +280,6 @@ def test_the_influence_of_an_effect_on_h(page: Any, qtbot: QtBot) -> None:
     # 1 % to each of four neighbours, of two lines: the middle keeps 0.98 squared
     assert light.with_it.sum() == pytest.approx(light.without.sum(), rel=1e-3)
     assert light.with_it.max() < light.without.max()
-
-
-def test_the_pictures_of_an_influence_fill_their_views(page: Any, qtbot: QtBot) -> None:
-    """Linked views with locked aspects grew apart with every size: pictures were half as large as there was room."""
-    choose(page, "coma", qtbot)
-    view = page.panel.effect.influence
-    for size in ((1280, 800), (1900, 1000), (1300, 820)):
-        page.resize(*size)
-        for _ in range(5):
-            QApplication.processEvents()
-        widths = []
-        for one in view.pictures:
-            seen, picture = one.box.viewRect(), one.item.mapRectToParent(one.item.boundingRect())
-            assert seen.contains(picture)
-            assert min(seen.width() / picture.width(), seen.height() / picture.height()) < 1.05
-            widths.append(one.box.width())
-        assert max(widths) < 1.1 * min(widths)
-    view.pictures[1].box.setRange(QRectF(10, 10, 8, 8), padding=0)
-    view.pictures[1].box.sigRangeChangedManually.emit([True, True])
-    for one in view.pictures:
-        assert one.box.viewRect().width() < 30 and one.box.viewRect().contains(QRectF(11, 11, 6, 6))
 
 
 def test_waiting_for_the_influence_can_be_stopped(page: Any, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -237,42 +306,6 @@ def test_waiting_for_the_influence_can_be_stopped(page: Any, qtbot: QtBot, monke
     assert page.panel.effect.influence.influence is not None, "the newest question is answered"
 
 
-def test_effects_on_frames_say_so_and_make_frames(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
-    choose(page, "read_noise", qtbot)
-    effect, panel = page.panel.effect, page.panel
-    assert "affects sensor frames, not H" in effect.title.text()
-    assert "samples differ" in effect.influence.words.text()
-    assert "sensor column" in effect.influence.pictures[0].toolTip()
-    noisy = effect.influence.influence
-    assert noisy.difference.std() > 0
-    panel.show_frame_tab()
-    panel.frame.make_button.click()
-    idle(page.context.jobs, qtbot)
-    frame = panel.frame.frame
-    assert panel.tabs.currentWidget() is panel.frame and frame is not None
-    assert frame.samples.shape == page.context.state.camera.sensor.shape and frame.samples.dtype == np.uint16
-    assert np.array_equal(frame.cutout()[0], noisy.with_it), "the same seed gives the same frame"
-    for name in ("frame.tif", "frame.png"):
-        panel.frame.save(str(tmp_path / name))
-        read = cv2.imread(str(tmp_path / name), cv2.IMREAD_UNCHANGED)
-        assert np.array_equal(read, frame.samples)
-    assert "not rounded" not in panel.frame.words.text()
-
-
-def test_frames_of_the_whole_plan(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    editors = choose(page, "read_noise", qtbot)
-    type_into(editors["rms_e"].edit, "30", qtbot)
-    with qtbot.waitSignal(page.context.jobs.finished, timeout=GUARD_MS) as end:
-        page.simulate_frames(str(folder))
-    assert end.args[0].state is JobState.DONE, end.args[0].error
-    truth = json.loads((folder / "truth.json").read_text())
-    assert {"name": "read_noise", "rms_e": 30} in truth["effects"]
-    assert len(open_frames(folder / "frames")) == page.context.state.plan.n_positions
-    page.simulate_frames(str(folder))
-    assert "new or empty folder" in page.notice.label.text()
-
-
 def test_magnitudes_go_to_a_file_and_come_back(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
     path = tmp_path / "effects.json"
     type_into(choose(page, "coma", qtbot)["waves"].edit, "0.3", qtbot)
@@ -288,36 +321,6 @@ def test_magnitudes_go_to_a_file_and_come_back(page: Any, qtbot: QtBot, tmp_path
     page.import_magnitudes(str(path))
     idle(page.context.jobs, qtbot)
     assert "a number" in page.notice.label.text() and given(page) == before
-
-
-@pytest.mark.long
-def test_the_keyboard_suffices(page: Any, qtbot: QtBot) -> None:
-    table = page.panel.table
-    table.setFocus()
-    table.select("coma")
-    for choice in ("on", "off", "auto"):
-        qtbot.keyClick(table, Qt.Key.Key_Space)
-        assert dict(given(page).overrides).get("coma", "auto") == choice
-        idle(page.context.jobs, qtbot)
-        assert table.selected == "coma" and table._items["coma"].text(2) == choice
-    qtbot.keyClick(table, Qt.Key.Key_Down)
-    assert table._items[table.selected] is table.itemBelow(table._items["coma"])
-    table.select("chromatic_focus")
-    qtbot.keyClick(table, Qt.Key.Key_Return)
-    editor = page.panel.effect.form.editors["rate"]
-    assert page.focusWidget() is editor.edit
-    idle(page.context.jobs, qtbot)
-
-
-def test_both_themes_show_everything(page: Any, context: Context, qtbot: QtBot, qapp: Any) -> None:
-    choose(page, "coma", qtbot)
-    for theme in (DARK, LIGHT):
-        apply_theme(qapp, theme)
-        context.theme_changed.emit()
-        idle(context.jobs, qtbot)
-        shown = page.panel.table._items["coma"].foreground(0).color().name()
-        assert shown == theme.muted
-    assert page.panel.table.horizontalScrollBar().maximum() == 0, "all columns fit into a small window"
 
 
 def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
@@ -362,73 +365,3 @@ def test_a_simulation_in_passes_that_is_stopped_keeps_the_last_whole_h(
     assert sum(line.startswith("pass 2 of 3, join planes") for line in stages) == 1, "what was whole is not made again"
     with open_psf(out) as done:
         assert float(np.max(done.facts.known()["error"])) <= 0.05
-
-
-@pytest.mark.long
-def test_frames_of_a_session_that_is_stopped_are_kept_and_it_goes_on_to_the_same(
-    page: Any, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    context, folder, real = page.context, tmp_path / "session", session._write_png
-    written: list[Path] = []
-    full = True
-
-    def write(path: Path, frame: Any) -> None:
-        if full and len(written) == 3:
-            raise StorageError(f"{path}: the disk is full; make room")
-        real(path, frame)
-        written.append(path)
-
-    monkeypatch.setattr(session, "_write_png", write)
-    page.simulate_frames(str(folder))
-    idle(context.jobs, qtbot)
-    job = context.jobs.jobs()[0]
-    count = context.state.plan.n_positions
-    assert job.state is JobState.FAILED and job.kept == f"3 of {count} frames"
-    full = False
-    context.jobs.go_on(job.number)
-    idle(context.jobs, qtbot)
-    assert len(written) == len(set(written)), "no frame is made twice"
-    page.simulate_frames(str(tmp_path / "whole"))
-    idle(context.jobs, qtbot)
-
-    def contents(of: Path) -> dict[str, bytes]:
-        return {str(path.relative_to(of)): path.read_bytes() for path in of.rglob("*") if path.is_file()}
-
-    assert contents(folder) == contents(tmp_path / "whole") and not (folder / session.UNFINISHED).exists()
-
-
-def test_frames_of_a_session_that_failed_are_discarded_on_request(
-    page: Any, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    context, real = page.context, session._write_png
-    written: list[Path] = []
-
-    def write(path: Path, frame: Any) -> None:
-        if len(written) == 1:
-            raise StorageError(f"{path}: the disk is full; make room")
-        real(path, frame)
-        written.append(path)
-
-    monkeypatch.setattr(session, "_write_png", write)
-    count = context.state.plan.n_positions
-    page.simulate_frames(str(tmp_path / "third"))
-    idle(context.jobs, qtbot)
-    job = context.jobs.jobs()[0]
-    assert job.kept == f"1 of {count} frames"
-    context.jobs.discard(job.number)
-    idle(context.jobs, qtbot)
-    assert not list((tmp_path / "third").iterdir())
-    written[:] = [tmp_path]
-    page.simulate_frames(str(tmp_path / "third"))
-    idle(context.jobs, qtbot)
-    assert not context.jobs.jobs()[0].kept and not list((tmp_path / "third").iterdir()), "nothing was written"
-
-
-def test_frames_of_another_session_are_not_gone_on_with(page: Any, qtbot: QtBot, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    folder.mkdir()
-    (folder / session.UNFINISHED).write_text('{"frames": 5}')
-    page.simulate_frames(str(folder))
-    idle(page.context.jobs, qtbot)
-    job = page.context.jobs.jobs()[0]
-    assert job.state is JobState.FAILED and "frames of the same session" in job.error

@@ -1,5 +1,9 @@
+"""Record > Compute: H and its cost, the verdict on effects, measurements that determine them."""
+
 from __future__ import annotations
 
+import json
+import shlex
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -9,63 +13,28 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QRect, Qt
-from PySide6.QtWidgets import QApplication, QScrollArea
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
 
 import lfcal_gui.pages.simulate.page as simulate_page
 from lfcal.accuracy import PARTS, AccuracyStep, CostPoint, Truth
+from lfcal.acquire import RedoList
 from lfcal.base import format_seconds
 from lfcal.camera import ScanPlan
 from lfcal.psf import open_psf
 from lfcal.simulate import simulate_psf
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState
-from lfcal_gui.pages.simulate._effects_table import EFFECT, SETTING, TEXT
+from lfcal_gui.pages.acquire.model import AcquireSettings
+from lfcal_gui.pages.h.model_fit import FitSettings
+from lfcal_gui.pages.simulate._effects_table import SETTING
 from lfcal_gui.pages.simulate.model import SimulateSettings, pattern_of
 from lfcal_gui.pages.simulate.model_effects import EffectsVerdict, verdict_of
 from lfcal_gui.window import MainWindow
+from tests.cli import conftest
 from tests.gui.pages.simulate.test_model import small_plan
 from tests.gui.waiting import GUARD_MS, idle
-
-
-def test_simulate_both_ways(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> None:
-    small = replace(small_plan(), period=(3, 4))
-    window.project.update("plan", plan=small)
-    window.go("simulate")
-    page: Any = window.page("simulate")
-    idle(window.jobs, qtbot)
-    panel, table = page.panel, page.panel.table
-    assert sum(group.childCount() for group in table.groups.values()) == len(page.verdict.rows) > 20
-    assert panel.view.values is not None and panel.view.values.shape == (41, 41)
-    click(table, "bandwidth", qtbot)
-    assert dict(SimulateSettings.of(window.project.state).overrides)["bandwidth"] == "on"
-    idle(window.jobs, qtbot)
-    assert page.verdict.row("bandwidth").on and table._items["bandwidth"].parent() is table.groups["on"]
-    table.select("bandwidth")
-    assert panel.tabs.currentWidget() is panel.effect
-    assert panel.effect.title.text() == "bandwidth" and "switched on" in panel.effect.why.text()
-    window.project.undo()
-    idle(window.jobs, qtbot)
-    assert not page.verdict.row("bandwidth").on and table.selected == "bandwidth"
-    page._set("tolerance", 0.5)
-    idle(window.jobs, qtbot)
-    level = panel.forms[1].editor("level")
-    level.setCurrentIndex(level.findData("geometric"))
-    idle(window.jobs, qtbot)
-    said: list[str] = []
-    page.context.message.connect(said.append)
-    with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
-        page.simulate(str(tmp_path / "sim.h5"))
-    assert end.args[0].state is JobState.DONE, end.args[0].error
-    assert window.project.state.psf == str(tmp_path / "sim.h5")
-    (told,) = (words for words in said if "sim.h5" in words and words.startswith("simulated"))
-    assert (
-        "planes 0 to 1: geometric, rays integrated over the pixels; " in told
-        and "of processor time; error at most" in told
-    )
-    with open_psf(tmp_path / "sim.h5") as H:
-        assert H.shape == small.shape
 
 
 def click(table: Any, name: str, qtbot: QtBot) -> None:
@@ -79,22 +48,26 @@ def click(table: Any, name: str, qtbot: QtBot) -> None:
 
 
 @pytest.fixture
-def answer(window: MainWindow) -> Iterator[threading.Event]:
-    """Return what a slow planner waits for; the window cannot close before."""
+def answer(context: Context) -> Iterator[threading.Event]:
+    """Return what a slow planner waits for; jobs cannot close before."""
     event = threading.Event()
     yield event
     event.set()
 
 
 def test_before_the_planner_answers_nothing_uses_its_last_answer(
-    window: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: threading.Event
+    open_page: Any,
+    context: Context,
+    qtbot: QtBot,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    answer: threading.Event,
 ) -> None:
-    window.project.update("plan", plan=replace(small_plan(), resample=False))
-    window.go("simulate")
-    page: Any = window.page("simulate")
+    context.project.update("plan", plan=replace(small_plan(), resample=False))
+    page = open_page("simulate")
     level = page.panel.forms[1].editor("level")
     level.setCurrentIndex(level.findData("geometric"))
-    idle(window.jobs, qtbot)
+    idle(context.jobs, qtbot)
     asked: list[tuple[tuple[str, ...], str]] = []
 
     def slow_planner(plan: ScanPlan, settings: SimulateSettings) -> EffectsVerdict:
@@ -109,7 +82,7 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
     monkeypatch.setattr("lfcal_gui.pages.simulate.model.pattern_of", watched)
     assert "vignetting" not in {e.name for e in page.verdict.found}
     page.panel.table.choice_asked.emit("vignetting", "on")
-    with qtbot.waitSignal(window.jobs.finished, timeout=GUARD_MS) as end:
+    with qtbot.waitSignal(context.jobs.finished, timeout=GUARD_MS) as end:
         page.simulate(str(tmp_path / "sim.h5"))
     assert end.args[0].state is JobState.DONE, end.args[0].error
     with open_psf(tmp_path / "sim.h5") as H:
@@ -117,7 +90,7 @@ def test_before_the_planner_answers_nothing_uses_its_last_answer(
     page.panel.place.column_box.setValue(0)
     qtbot.waitUntil(lambda: bool(asked), timeout=GUARD_MS)
     answer.set()
-    idle(window.jobs, qtbot)
+    idle(context.jobs, qtbot)
     assert asked[0] == ((), "geometric"), "rays, which need no planner"
     assert all("vignetting" in names for names, _ in asked[1:]) and len(asked) > 1
 
@@ -190,7 +163,6 @@ def test_the_curve_says_what_the_tolerance_in_force_costs(page: Any, context: Co
 
 
 def test_a_curve_is_kept_for_its_plan(page: Any, context: Context, qtbot: QtBot) -> None:
-    """Undo brought no curve back: it had to be measured again."""
     page.measure()
     idle(context.jobs, qtbot)
     context.project.update("planes", plan=replace(small_plan(), depths_um=small_plan().depths_um[:1], exposure_s=0.01))
@@ -202,9 +174,7 @@ def test_a_curve_is_kept_for_its_plan(page: Any, context: Context, qtbot: QtBot)
     assert page.panel.curve.measure_button.text() == "Measure again"
 
 
-def test_points_that_were_measured_stay_when_measuring_is_stopped(
-    page: Any, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_measured_points_stay(page: Any, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
     go_on = threading.Event()
     measured_by(monkeypatch, lambda: course(go_on))
     page.measure()
@@ -226,7 +196,6 @@ def test_a_long_measurement_is_asked_for_twice(page: Any, context: Context, monk
 
 
 def test_the_pattern_says_which_engine_computed_it(page: Any, context: Context, qtbot: QtBot) -> None:
-    """The page said "level wave" where the grid engine ran."""
     page._set("tolerance", 0.02)
     idle(context.jobs, qtbot)
     z, y, x = page.panel.place.place
@@ -237,7 +206,7 @@ def test_the_pattern_says_which_engine_computed_it(page: Any, context: Context, 
     assert whole.provenance["simulated"]["planes"][z]["engine"] == "grid"
 
 
-def test_the_tip_of_an_effect_says_what_it_costs(page: Any) -> None:
+def test_effects_say_what_they_cost_and_the_largest_unknown_ones_are_named(page: Any) -> None:
     """Time of H with and without it; the share of the image without it is in its row."""
     row = page.verdict.row("lenslet_diffraction")
     planned = page.verdict.found.row("lenslet_diffraction")
@@ -246,10 +215,6 @@ def test_the_tip_of_an_effect_says_what_it_costs(page: Any) -> None:
     before, after = format_seconds(planned.seconds_without), format_seconds(planned.seconds_with)
     assert f"Processor time of H: {after} with it, {before} without it" in tip
     assert "Processor time of H: free" in page.panel.table._items["lens_types"].toolTip(0)
-
-
-def test_the_largest_effects_that_are_not_described_are_named(page: Any) -> None:
-    """Six effects of 30 are on: an unknown cover glass could change more than all of them."""
     rows = sorted((row for row in page.verdict.rows if row.group == "unknown"), key=lambda row: -row.share)
     text = page.panel.unknown.text()
     first, second = (f"{row.title}, up to {row.share_text()}" for row in rows[:2])
@@ -259,26 +224,97 @@ def test_the_largest_effects_that_are_not_described_are_named(page: Any) -> None
     assert page.panel.table.groups["unknown"].text(0) == f"Off, not described: {len(rows)}"
 
 
-@pytest.mark.parametrize("size", [(915, 505), (1190, 690)])
-def test_it_fits_the_least_window(page: Any, qtbot: QtBot, size: tuple[int, int]) -> None:
-    """Nothing is cut; in the least window the settings alone may scroll."""
-    page.measure()
-    idle(page.context.jobs, qtbot)
-    panel = page.panel
-    panel.setParent(None)
-    qtbot.addWidget(panel)
-    panel.resize(*size)
-    panel.show()
-    QApplication.processEvents()
-    assert (panel.width(), panel.height()) == size
-    table = panel.table
-    assert table.columnWidth(SETTING) >= table.fontMetrics().horizontalAdvance("auto") + 6
-    assert max(table.fontMetrics().horizontalAdvance(row.share_text()) for row in page.verdict.rows) <= TEXT - 4
-    for name, item in table._items.items():
-        room = QRect(0, 0, table.columnWidth(EFFECT) - 2 * table.indentation() - 6, 999)
-        wrapped = table.fontMetrics().boundingRect(room, Qt.TextFlag.TextWordWrap, item.text(EFFECT))
-        assert wrapped.height() <= item.sizeHint(EFFECT).height() and wrapped.width() <= room.width(), name
-    assert table.horizontalScrollBar().maximum() == 0 and min(panel.curve.width(), panel.view.width()) > 200
-    (area,) = [one for one in panel.findChildren(QScrollArea) if one.isAncestorOf(table)]
-    assert area.horizontalScrollBar().maximum() == 0
-    assert size[0] == 915 or area.verticalScrollBar().maximum() == 0
+lfcal = conftest.lfcal
+
+
+@pytest.fixture
+def measuring(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Iterator[Any]:
+    """Record > Compute, which shows the measurements for a small plan while positions of bead frames are chosen."""
+    plan = small_plan()
+    window.project.update("plan", camera=plan.camera, plan=plan)
+    window.go("simulate")
+    found: Any = window.page("simulate")
+    idle(window.jobs, qtbot)
+    found.panel.measure_button.click()
+    yield found
+    if found.dialog is not None:
+        found.dialog.close()
+
+
+def test_one_click_plans_the_printed_bead_frames(measuring: Any, qtbot: QtBot, lfcal: Any, tmp_path: Path) -> None:
+    """The plan can be saved, and used: its positions for recording, its unknowns for the fit, with one undo."""
+    idle(measuring.context.jobs, qtbot)
+    beads, before = measuring.dialog.beads, measuring.context.state
+    assert f"{len(beads.made.plan.held_out)} held out" in measuring.dialog.planned.text()
+    measuring.save_beads(str(tmp_path / "beads.json"))
+    planned, fitted = (shlex.split(command) for command in beads.measurement.commands_for("bench")[:2])
+    assert planned[:3] == ["lfcal", "plan", "bench"] and fitted[:3] == ["lfcal", "plan", "fit"]
+    saved = ScanPlan.from_json((tmp_path / "beads.json").read_text())
+    depths = planned[3].partition("=")[2].split(",")
+    assert saved.depths_um == pytest.approx(list(map(float, depths))) and saved.cutout == before.plan.cutout
+    done = lfcal(*(str(tmp_path / word) if word.endswith(".json") else word for word in fitted[1:]))
+    assert done.code == 0, done.err
+    chosen = (tmp_path / "positions.json").read_text()
+    assert json.loads((tmp_path / "beads_positions.json").read_text()) == json.loads(chosen)
+    assert measuring.context.history.taken[-1].step.arguments[:2] == ("plan", "fit")
+    measuring.dialog.use_button.click()
+    state = measuring.context.state
+    assert measuring.dialog is None and state.plan == saved != before.plan
+    settings = AcquireSettings.of(state)
+    settings.options()
+    assert len(RedoList.read(Path(settings.positions)).positions) == beads.measurement.frames
+    assert not FitSettings.of(state).auto and FitSettings.of(state).unknowns == beads.measurement.unknowns
+    measuring.context.project.undo()
+    assert (measuring.context.state.plan, measuring.context.state.settings) == (before.plan, before.settings)
+
+
+def test_other_measurements_lead_to_their_place(measuring: Any, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *given: (asked.append(given[1]), ("", ""))[1])
+    measuring.dialog.white_button.click()
+    assert asked == ["White image"] and measuring.dialog is None
+    measuring.measure_effects()
+    measuring.dialog.values_button.click()
+    (stated,) = [one for one in measuring.verdict.missing.measurements if not one.frames]
+    assert measuring.panel.table.selected == stated.rows[0].name and measuring.dialog is None
+    idle(measuring.context.jobs, qtbot)
+
+
+def test_a_dialog_of_another_plan_is_closed(measuring: Any, qtbot: QtBot) -> None:
+    measuring.context.project.update("no plan", plan=None)
+    assert measuring.dialog is None
+
+
+def test_chosen_effects_are_simulated(open_page: Any, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    small = replace(small_plan(), period=(3, 4))
+    context.project.update("plan", plan=small)
+    page, said = open_page("simulate", 640), list[str]()
+    idle(context.jobs, qtbot)
+    panel, table = page.panel, page.panel.table
+    assert sum(group.childCount() for group in table.groups.values()) == len(page.verdict.rows) > 20
+    assert panel.view.values.shape == (41, 41)
+    click(table, "bandwidth", qtbot)
+    assert dict(SimulateSettings.of(context.state).overrides)["bandwidth"] == "on"
+    idle(context.jobs, qtbot)
+    assert page.verdict.row("bandwidth").on and table._items["bandwidth"].parent() is table.groups["on"]
+    table.select("bandwidth")
+    assert panel.tabs.currentWidget() is panel.effect
+    assert panel.effect.title.text() == "bandwidth" and "switched on" in panel.effect.why.text()
+    context.project.undo()
+    idle(context.jobs, qtbot)
+    assert not page.verdict.row("bandwidth").on and table.selected == "bandwidth"
+    page._set("tolerance", 0.5)
+    idle(context.jobs, qtbot)
+    level = panel.forms[1].editor("level")
+    level.setCurrentIndex(level.findData("geometric"))
+    idle(context.jobs, qtbot)
+    context.message.connect(said.append)
+    with qtbot.waitSignal(context.jobs.finished, timeout=GUARD_MS) as end:
+        page.simulate(str(tmp_path / "sim.h5"))
+    assert end.args[0].state is JobState.DONE, end.args[0].error
+    assert context.state.psf == str(tmp_path / "sim.h5")
+    (told,) = (words for words in said if "sim.h5" in words and words.startswith("simulated"))
+    assert "planes 0 to 1: geometric, rays integrated over the pixels; " in told
+    assert "of processor time; error at most" in told
+    with open_psf(tmp_path / "sim.h5") as H:
+        assert H.shape == small.shape

@@ -16,7 +16,7 @@ import pytest
 from lfcal.base import InputError, drain
 from lfcal.psf import open_psf
 from lfcal.records import rows
-from lfcal.tasks import command_of, job_of, python_of
+from lfcal.tasks import command_of, python_of
 from lfcal_gui.models import PLAN_FILE, ProjectState
 from lfcal_gui.pages.simulate.model import (
     FIELDS,
@@ -36,12 +36,10 @@ from tests.gui.pages.simulate.test_model import small_plan
 
 Lfcal = Callable[..., Run]
 lfcal = conftest.lfcal
-
 GIVEN = SimulateSettings(0.3, overrides=(("bandwidth", "off"), ("coma", "on")))
 GIVEN = GIVEN.with_magnitude("coma", "waves", 0.1 + 0.2, "measured").with_magnitude("coma", "angle_rad", 1e-7)
 GIVEN = GIVEN.with_magnitude("zernike", "terms", ((4, 0, 0.1), (3, -1, -0.05)), "measured")
 CHOSEN = {
-    "as it is": SimulateSettings(0.2),
     "one pass": dataclasses.replace(GIVEN, store_tolerance=0.01),
     "passes": dataclasses.replace(GIVEN, progressive=True, store_tolerance=0.01),
     "rays": SimulateSettings(1.5, "geometric", (("vignetting", "on"),)),
@@ -67,15 +65,13 @@ def test_every_route_gives_the_same_h(lfcal: Lfcal, tmp_path: Path, monkeypatch:
     settings, plan = CHOSEN[case], small_plan()
     drain(matrix_task(settings, "window.h5").work_on(plan, RESUMED)).close()
     project = ProjectState(plan=plan, settings=settings.into(ProjectState()))
-    copied, task = step(project, "command.h5"), matrix_task(settings, "job.h5")
+    copied = step(project, "command.h5")
     for name, text in copied.files:
         Path(name).write_text(text)
     assert lfcal(*shlex.split(shlex.join(copied.arguments))).code == 0
     exec(step(project, "python.h5").script(), {})
-    Path("job.toml").write_text(job_of(task))
-    assert lfcal("run", "job.toml").code == 0
     before = values(Path("window.h5"))
-    for path in map(Path, ("command.h5", "python.h5", "job.h5")):
+    for path in map(Path, ("command.h5", "python.h5")):
         assert known(path) == known(Path("window.h5"))
         after = values(path)
         assert after.keys() == before.keys()
@@ -95,13 +91,11 @@ def test_every_route_gives_the_same_frames(lfcal: Lfcal, tmp_path: Path, monkeyp
     Path(PLAN_FILE).write_text(plan.to_json())
     assert lfcal(*shlex.split(command_of(frames_task(settings, "command")))[1:]).code == 0
     exec(python_of(frames_task(settings, "python")), {})
-    Path("job.toml").write_text(job_of(frames_task(settings, "job")))
-    assert lfcal("run", "job.toml").code == 0
 
     def contents(folder: str) -> dict[str, bytes]:
         return {str(path.relative_to(folder)): path.read_bytes() for path in Path(folder).rglob("*.*")}
 
-    assert contents("window") == contents("command") == contents("python") == contents("job")
+    assert contents("window") == contents("command") == contents("python")
     truth = json.loads(Path("window/truth.json").read_text())
     assert truth["seed"] == 3 and truth["task"]["seed"] == 3 and truth["task"]["peak"] == 0.5
 
@@ -114,7 +108,7 @@ def test_every_field_is_in_the_form_or_has_a_widget_of_its_own() -> None:
         assert field.label and field.tip.endswith((".", ")")), field.key
 
 
-def test_the_form_shows_and_refuses_what_the_command_does() -> None:
+def test_the_form_refuses_what_the_command_does_and_passes_lose_nothing() -> None:
     settings = dataclasses.replace(SimulateSettings(), tolerance="3.5%", store_tolerance="1 %")  # type: ignore[arg-type]
     assert (settings.tolerance, settings.store_tolerance) == (0.035, 0.01)
     assert (shown("tolerance", settings), shown("store_tolerance", SimulateSettings())) == ("3.5 %", "")
@@ -123,9 +117,6 @@ def test_the_form_shows_and_refuses_what_the_command_does() -> None:
     assert "Seed: expected a whole number" in refusal("seed", -1) and not refusal("store_tolerance", None)
     with pytest.raises(InputError, match="peak"):
         SimulateSettings(peak=0)
-
-
-def test_the_loss_in_the_file_is_no_part_of_a_task_in_passes() -> None:
     settings = SimulateSettings(progressive=True, store_tolerance=0.1)
     assert command_of(matrix_task(settings, "H.h5")) == f"lfcal simulate {PLAN_FILE} --out=H.h5 --progressive"
     assert "--store-tolerance=0.1" in command_of(matrix_task(dataclasses.replace(settings, progressive=False), "H.h5"))
