@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import tifffile
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QLineEdit
 from pytestqt.qtbot import QtBot
 
 from lfcal.camera import Camera, LensletLattice, LensType, MainLens, Sensor, preset
@@ -65,14 +64,7 @@ def opened(open_page: OpenPage, context: Context, files: Path, qtbot: QtBot) -> 
     return made
 
 
-def typed(page: Any, key: str, text: str) -> None:
-    editor = page.panel.form.editor(key)
-    assert isinstance(editor, QLineEdit)
-    editor.setText(text)
-    editor.editingFinished.emit()
-
-
-def test_a_frame_is_forecast_measured_and_looked_at(opened: Callable[..., Any], context: Context, qtbot: QtBot) -> None:
+def test_a_frame_is_forecast_and_measured(opened: Callable[..., Any], context: Context, qtbot: QtBot) -> None:
     page = opened()
     panel = page.panel
     assert context.state.light_field.endswith("frame.tif") and "190 × 170 px" in panel.file.text()
@@ -101,8 +93,21 @@ def test_a_frame_is_forecast_measured_and_looked_at(opened: Callable[..., Any], 
     assert panel.view.shot.tint is not None
 
 
-def test_what_is_shown_of_a_map_is_computed_in_its_job(
-    opened: Callable[..., Any], context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+MISSING: dict[str, dict[str, Any]] = {
+    "frame: expected the 170 rows and 190 columns of the sensor, got 140 rows and 160 columns": {"name": "part.tif"},
+    "the 1200 rows and 1200 columns of the sensor, got 170 rows and 190 columns": {"camera": preset("flfm_20x05")},
+    "expected a camera, a white image or a lattice file, got none": {"use_camera": False},
+}
+
+
+def measured(page: Any, context: Context, qtbot: QtBot) -> Any:
+    page.start()
+    idle(context.jobs, qtbot)
+    return page.made.found
+
+
+def test_a_map_is_computed_in_its_job_faded_read_and_saved_with_its_command(
+    opened: Callable[..., Any], context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page, waited = opened(), []
 
@@ -114,68 +119,47 @@ def test_what_is_shown_of_a_map_is_computed_in_its_job(
 
         return computed
 
-    monkeypatch.setattr(MeasuredDepth, "to_dict", watched(MeasuredDepth.to_dict))
-    monkeypatch.setattr(DepthMap, "disparity_sigma", property(watched(vars(DepthMap)["disparity_sigma"].fget)))
-    page.start()
-    idle(context.jobs, qtbot)
-    assert "median" in page.panel.facts.text() and not waited
-
-
-def test_confidence_fades_samples_and_the_pointer_reads_them(
-    opened: Callable[..., Any], context: Context, qtbot: QtBot
-) -> None:
-    page = opened()
-    page.start()
-    idle(context.jobs, qtbot)
-    found, panel = page.made.found, page.panel
+    with monkeypatch.context() as patch:
+        patch.setattr(MeasuredDepth, "to_dict", watched(MeasuredDepth.to_dict))
+        patch.setattr(DepthMap, "disparity_sigma", property(watched(vars(DepthMap)["disparity_sigma"].fget)))
+        found, panel = measured(page, context, qtbot), page.panel
+        assert "median" in panel.facts.text() and not waited
     for percent in (0, 90, 100):
         panel.least.setValue(percent)
         idle(context.jobs, qtbot)
-        assert panel.view.shot.tint is not None
         shown = np.isfinite(panel.view.shot.tint.values)
         np.testing.assert_array_equal(shown, found.known & (found.confidence >= percent / 100))
-    row, column = (int(k) for k in np.argwhere(found.known)[50])
-    panel.view.hovered.emit(row, column, 1.0)
-    words = panel.readout.text()
-    assert "mm ±" in words and "slope" in words and "px" in words and "confidence" in words
-    unknown = np.argwhere(~found.known)
-    assert len(unknown)
-    panel.view.hovered.emit(*map(int, unknown[0]), 1.0)
-    assert "unknown" in panel.readout.text()
+    known, unknown = np.argwhere(found.known)[50], np.argwhere(~found.known)
+    for place, words in ((known, ("mm ±", "slope", "px", "confidence")), (unknown[0], ("unknown",))):
+        panel.view.hovered.emit(*map(int, place), 1.0)
+        assert all(word in panel.readout.text() for word in words)
     panel.view.hovered.emit(-1, -1, np.nan)
     assert panel.readout.text() == " "
-
-
-def test_map_and_points_are_saved_with_their_command(
-    opened: Callable[..., Any], context: Context, tmp_path: Path, qtbot: QtBot
-) -> None:
-    page = opened()
-    page.start()
-    idle(context.jobs, qtbot)
-    page.save("map", str(tmp_path / "a.tif"))
-    idle(context.jobs, qtbot)
-    page.save("points", str(tmp_path / "a.ply"))
-    idle(context.jobs, qtbot)
-    assert tifffile.imread(tmp_path / "a.tif").shape == (5, *page.made.found.slope.shape)
+    for kind, name in (("map", "a.tif"), ("points", "a.ply")):
+        page.save(kind, str(tmp_path / name))
+        idle(context.jobs, qtbot)
+    assert tifffile.imread(tmp_path / "a.tif").shape == (5, *found.slope.shape)
     assert (tmp_path / "a.ply").read_bytes().startswith(b"ply")
     saved = [taken for taken in context.history.taken if taken.out]
     assert [Path(taken.out).name for taken in saved] == ["a.tif", "a.ply"]
-    assert all(taken.step is not None and taken.step.arguments[0] == "depth" for taken in saved)
+    assert all(taken.step.arguments[0] == "depth" for taken in saved)
+    page.start()
+    context.project.start(replace(context.state, light_field=""))
+    idle(context.jobs, qtbot)
+    assert page.made is None and page.empty is not None and not panel.save_map.isEnabled(), "of another project"
 
 
-MISSING: dict[str, dict[str, Any]] = {
-    "frame: expected the 170 rows and 190 columns of the sensor, got 140 rows and 160 columns": {"name": "part.tif"},
-    "the 1200 rows and 1200 columns of the sensor, got 170 rows and 190 columns": {"camera": preset("flfm_20x05")},
-    "expected a camera, a white image or a lattice file, got none": {"use_camera": False},
-}
-
-
-@pytest.mark.parametrize("words", MISSING)
-def test_what_is_missing_is_one_message(opened: Callable[..., Any], words: str) -> None:
-    panel = opened(**MISSING[words]).panel
-    said = panel.status.text().replace("\xa0", " ")
-    assert words in said and said.count(";") == 1 and "--" not in said
-    assert panel.status.property("role") == "error" and not panel.go.isEnabled()
+def test_what_is_missing_is_one_message(opened: Callable[..., Any], context: Context, qtbot: QtBot) -> None:
+    for words, given in MISSING.items():
+        page = opened(**given)
+        said = page.panel.status.text().replace("\xa0", " ")
+        assert words in said and said.count(";") == 1 and "--" not in said
+        assert page.panel.status.property("role") == "error" and not page.panel.go.isEnabled()
+    page = opened()
+    context.edit(page.settings, "slopes", "1.5,9")  # a forecast begins, which does not hide a refusal
+    context.edit(page.settings, "use_camera", False)
+    idle(context.jobs, qtbot)
+    assert "got none" in page.panel.status.text() and not page.panel.go.isEnabled()
 
 
 def test_a_fourier_microscope(opened: Callable[..., Any], files: Path, context: Context, qtbot: QtBot) -> None:
@@ -185,36 +169,18 @@ def test_a_fourier_microscope(opened: Callable[..., Any], files: Path, context: 
     assert "of processor time" in page.panel.status.text() and page.panel.go.isEnabled(), page.panel.status.text()
     page.start()
     idle(context.jobs, qtbot)
-    assert page.made is not None and page.made.to_dict()["depths"][1] == pytest.approx(12, abs=0.3)
+    assert page.made.to_dict()["depths"][1] == pytest.approx(12, abs=0.3)
     assert "median 1" in page.panel.facts.text() and "µm" in page.panel.facts.text()
     assert page.panel.view.shot.caption == "Depth over the central view"
 
 
-def test_a_late_forecast_does_not_hide_a_refusal(opened: Callable[..., Any], context: Context, qtbot: QtBot) -> None:
-    page = opened()
-    context.edit(page.settings, "slopes", "1.5,9")  # a forecast begins
-    context.edit(page.settings, "use_camera", False)
-    idle(context.jobs, qtbot)
-    assert "got none" in page.panel.status.text() and not page.panel.go.isEnabled()
-
-
 def test_a_white_image_gives_slopes(opened: Callable[..., Any], files: Path, context: Context, qtbot: QtBot) -> None:
     page = opened(use_camera=False)
-    typed(page, "white", str(files / "white.tif"))
+    editor = page.panel.form.editor("white")
+    editor.setText(str(files / "white.tif"))
+    editor.editingFinished.emit()
     idle(context.jobs, qtbot)
     assert page.panel.go.isEnabled() and page.panel.status.property("role") != "error"
-    page.start()
-    idle(context.jobs, qtbot)
+    measured(page, context, qtbot)
     assert "Slope" in page.panel.facts.text() and page.panel.quantity.findData("depth") < 0
     assert page.panel.view.shot.caption == "Slope over the central view"
-
-
-def test_another_project_forgets_the_map(opened: Callable[..., Any], context: Context, qtbot: QtBot) -> None:
-    page = opened()
-    page.start()
-    idle(context.jobs, qtbot)
-    assert page.made is not None
-    page.start()
-    context.project.start(replace(context.state, light_field=""))
-    idle(context.jobs, qtbot)
-    assert page.made is None and page.empty is not None and not page.panel.save_map.isEnabled()

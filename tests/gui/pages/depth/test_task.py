@@ -1,4 +1,4 @@
-"""A depth map as a task: the page, its command, its Python and its job file write the same bits."""
+"""A depth map as a task: the page, its command and its Python write the same bits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import tifffile
 from lfcal.base import InputError, drain
 from lfcal.lattice import save_depth, save_points
 from lfcal.records import rows
-from lfcal.tasks import Depth, command_of, job_of
+from lfcal.tasks import Depth, command_of
 from lfcal_gui.models import ProjectState, check_of
 from lfcal_gui.pages.depth.model import FIELDS, HELD, DepthSettings, camera_of, task_of
 from lfcal_gui.pages.depth.step import step
@@ -71,20 +71,15 @@ def test_all_routes_write_the_same_files(lfcal: Lfcal, case: str) -> None:
         Path(name).write_text(text, encoding="utf-8")
     assert lfcal(*copied.arguments).code == 0
     exec(copied.script().replace("command.", "script."), {})
-    Path("job.toml").write_text(job_of(task).replace("command.", "job."))
-    assert lfcal("run", "job.toml").code == 0
-    for name in ("command", "script", "job"):
+    for name in ("command", "script"):
         for suffix in (".tif", ".ply"):
             assert Path(name + suffix).read_bytes() == Path(f"window{suffix}").read_bytes(), name + suffix
 
 
-def test_every_field_is_in_the_form_or_has_a_widget_of_its_own() -> None:
+def test_every_field_is_in_the_form_and_refused_as_by_the_command() -> None:
     names = {row.name for row in rows(Depth)}
     assert {one.key for one in FIELDS} - {"use_camera", "use_h"} | HELD == names
     assert all(one.label and one.tip for one in FIELDS)
-
-
-def test_values_are_refused_as_the_command_refuses_them() -> None:
     settings = DepthSettings()
     for key, value in (("slopes", "a"), ("method", "stereo"), ("origin", "1")):
         assert settings.why_not(key, value), key

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -9,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.base.errors import FileFormatError, InputError
-from lfcal.base.progress import drain
-from lfcal.camera import LatticeDistortion, Sensor, preset
+from lfcal.base import FileFormatError, InputError, drain
+from lfcal.camera import Camera, LatticeDistortion, Sensor, preset
 from lfcal.lattice import fit_lattice, lattice_of
 from lfcal.multiplex import (
     cfa,
@@ -24,7 +22,7 @@ from lfcal.multiplex import (
     pixel_weights,
     snr_gain,
 )
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.frames.model import FrameSettings
 from lfcal_gui.pages.multiplex.model import MultiplexSettings, choices_to_compare, picture, used_by, why_unused
 from lfcal_gui.pages.multiplex.model_compare import compare, number
@@ -47,38 +45,25 @@ def reconstruct(settings: MultiplexSettings) -> Reconstructions:
     return drain(iter_reconstruct(settings, SENSOR))
 
 
-def test_settings_survive_a_saved_session_and_damaged_ones_take_defaults() -> None:
-    settings = MultiplexSettings(family="both", cfa="typed", pattern="RGB/GBR", size=5, compared=("lenslet",))
-    state = ProjectState(settings={"other": 1})
-    again = ProjectState.from_json(replace(state, settings=settings.into(state)).to_json())
-    assert MultiplexSettings.of(again) == settings and again.settings["other"] == 1
-    for damage in ({"size": "big"}, {"pattern": "QQ"}, {"family": 3}, "nothing", {"mask": "MURA", "size": 4}):
-        assert MultiplexSettings.of(ProjectState(settings={"multiplex": damage})) == MultiplexSettings()
-    json.dumps(dict(MultiplexSettings().into(state)))
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "word"),
-    [
-        ("pattern", "RGX", "colour filter pattern"),
-        ("size", 4, "odd prime"),
-        ("size", 99, "1 to 31"),
-        ("gain", 0, "gain"),
-        ("scene", "moon", "Scene"),
-        ("right", "frame", "right"),
-        ("route", "scenic", "Route"),
-        ("spacing", 0.1, "node spacing"),
-        ("smoothness", -1.0, "smoothness"),
-    ],
+REFUSED: tuple[tuple[str, object, str], ...] = (
+    *(("pattern", "RGX", "colour filter pattern"), ("size", 4, "odd prime"), ("size", 99, "1 to 31")),
+    *(("gain", 0, "gain"), ("scene", "moon", "Scene"), ("right", "frame", "right"), ("route", "scenic", "Route")),
+    *(("spacing", 0.1, "node spacing"), ("smoothness", -1.0, "smoothness"), ("figure", 4, ""), ("sought", "gold", "")),
+    *(("search_size", 50, ""), ("crosstalk", 0.9, "")),
 )
-def test_what_cannot_be_is_refused_in_words(key: str, value: object, word: str) -> None:
-    with pytest.raises(InputError, match=word):
-        MultiplexSettings().changed(key, value)
 
 
-def test_a_mask_without_this_size_takes_the_next() -> None:
+def test_what_cannot_be_is_refused_in_words() -> None:
+    for key, value, word in REFUSED:
+        with pytest.raises(InputError, match=word or None):
+            MultiplexSettings().changed(key, value)
     even = MultiplexSettings(mask="lenslet", size=10)
-    assert even.changed("mask", "MURA").size == 11 and even.changed("mask", "pinhole").size == 10
+    assert even.changed("mask", "MURA").size == 11, "a mask without this size takes the next"
+    assert even.changed("mask", "pinhole").size == 10
+    with pytest.raises(InputError, match=r"matrix of sum of sinusoids over .*; reduce Size, or choose other filters"):
+        MultiplexSettings(family="both", mask="sum_of_sinusoids", size=31).modulator()
+    with pytest.raises(InputError, match="built-in scene"):
+        scene_of("edges", mask("lenslet", 31))
 
 
 def test_pictures_are_the_library_s() -> None:
@@ -103,12 +88,7 @@ def test_numbers_and_curves_are_the_library_s() -> None:
     assert rows["Not recoverable"] == "nothing" and found.curves.names[0] == "CYMG"
     np.testing.assert_allclose(found.curves.gains[0], snr_gain(cfa("CYMG"), cfa("Bayer"), found.curves.chi2))
     high = compare(MultiplexSettings(), replace(SENSOR, read_noise_e=0.0, bit_depth=16))
-    assert high.curves is not None and high.curves.chi2[-1] > high.chi2 > 1e4, "quantisation is left"
-
-
-def test_a_mask_that_is_too_large_is_named_as_in_the_form() -> None:
-    with pytest.raises(InputError, match=r"matrix of sum of sinusoids over .*; reduce Size, or choose other filters"):
-        MultiplexSettings(family="both", mask="sum_of_sinusoids", size=31).modulator()
+    assert high.curves.chi2[-1] > high.chi2 > 1e4, "quantisation is left"
 
 
 def test_what_is_lost_is_named_and_not_drawn() -> None:
@@ -154,20 +134,16 @@ def test_reconstructions_are_the_library_s(family: str) -> None:
         assert route.error == pytest.approx(rms_error(expected, scene, modulator.side)) and "% rms" in route.words
     left, middle, difference = shown(found, 1, "difference")
     np.testing.assert_array_equal(difference, left - middle)
-    assert found.truth is not None
     np.testing.assert_array_equal(shown(found, 1, "truth")[2], found.truth[1])
 
 
-def test_the_fourier_route_is_the_sinc_and_smooth_scenes_come_back() -> None:
+def test_the_fourier_route_is_the_sinc_and_noise_has_the_variance_of_the_camera() -> None:
     found = reconstruct(MultiplexSettings(cfa="Bayer", filter="sinc", scene="smooth"))
     np.testing.assert_allclose(found.spatial.samples, found.fourier.samples, atol=1e-9)
     rough = reconstruct(MultiplexSettings(cfa="Bayer", filter="nearest", scene="smooth"))
     assert found.spatial.error is not None and rough.spatial.error is not None
     assert found.spatial.error < rough.spatial.error
     assert all(picture.shape[-1] == 3 for picture in shown(found, -1, "truth"))
-
-
-def test_camera_noise_has_the_camera_s_variance() -> None:
     frame = np.full((200, 200), 0.5)
     seen = noisy(frame, SENSOR, 2.0, np.random.default_rng(0))
     assert seen.std() == pytest.approx(0.5 * math.sqrt(5000 + 100) / 5000, rel=0.02)
@@ -197,11 +173,6 @@ def test_opened_images_are_frames_or_scenes(tmp_path: Path) -> None:
         opened(str(tmp_path / "bad.tif"))
 
 
-def test_too_large_a_light_field_is_refused_in_words() -> None:
-    with pytest.raises(InputError, match="built-in scene"):
-        scene_of("edges", mask("lenslet", 31))
-
-
 def test_stokes_parameters_are_shown_as_light() -> None:
     found = picture(MultiplexSettings(family="written"))
     assert found.colours is None
@@ -213,9 +184,17 @@ def test_stokes_parameters_are_shown_as_light() -> None:
     assert rows["Gain, photon noise"] == "+0.00 dB", "rounding has no sign"
     with pytest.raises(InputError, match="entries"):
         MultiplexSettings(family="written", written="MURA:29").modulator()
-    for key, value in (("figure", 4), ("search_size", 50), ("crosstalk", 0.9), ("sought", "gold")):
-        with pytest.raises(InputError):
-            replace(MultiplexSettings(), **{key: value})
+
+
+def on_lattice(folder: Path, frame: np.ndarray, **changes: Any) -> MultiplexSettings:
+    """Return settings for a MURA mask on the lattice of a camera, in front of a frame."""
+    files = saved(folder, image=frame)
+    settings = MultiplexSettings(family="mask", size=5, route="lattice", filter="linear", scene="image", **files)
+    return replace(settings, **changes)
+
+
+def dice(camera: Camera) -> np.ndarray:
+    return np.random.default_rng(6).random(camera.sensor.shape).astype(np.float32)
 
 
 def saved(folder: Path, **arrays: object) -> dict[str, str]:
@@ -282,7 +261,7 @@ def test_dead_and_clipped_pixels_by_super_pixels(tmp_path: Path) -> None:
     found = reconstruct(settings)
     np.testing.assert_allclose(found.spatial.samples, demultiplex_weighted(frame, cfa("Bayer"), 1.0 - dead).samples)
     np.testing.assert_allclose(found.spatial.samples, 300, rtol=1e-5)
-    assert found.fourier is not None and found.fourier.samples.max() > 400, "the Fourier route has no weights"
+    assert found.fourier.samples.max() > 400, "the Fourier route has no weights"
     dark = replace(SENSOR, black_level=40.0)
     weighted = drain(iter_reconstruct(replace(settings, weighted=True), dark))
     weights = pixel_weights(frame, dark, dead=dead)
@@ -292,12 +271,10 @@ def test_dead_and_clipped_pixels_by_super_pixels(tmp_path: Path) -> None:
 
 def test_masks_on_the_camera_s_own_lattice(tmp_path: Path) -> None:
     camera = preset("bench")
-    frame = np.random.default_rng(6).random(camera.sensor.shape).astype(np.float32)
-    settings = MultiplexSettings(family="mask", size=5, route="lattice", filter="linear", scene="image")
-    settings = replace(settings, **saved(tmp_path, image=frame))
+    frame = dice(camera)
+    settings = on_lattice(tmp_path, frame)
     found = drain(iter_reconstruct(settings, camera.sensor, camera=camera))
     for route, made in (("spatial", found.spatial), ("fourier", found.fourier)):
-        assert made is not None
         wanted = demultiplex_lattice(frame, lattice_of(camera), mask("MURA", 5), route=route)
         np.testing.assert_allclose(made.samples, wanted, rtol=1e-5, atol=1e-5)
     assert found.origin is not None and "lattice of bench" in found.words
@@ -307,16 +284,15 @@ def test_masks_on_the_camera_s_own_lattice(tmp_path: Path) -> None:
     light = frame[10:207, 5:225] - np.float32(camera.sensor.black_level)
     wanted = demultiplex_lattice(light, lattice, mask("MURA", 5))
     np.testing.assert_allclose(live.spatial.samples, wanted, rtol=1e-4, atol=1e-4)
-    other = replace(settings, **saved(tmp_path, image=part))
     with pytest.raises(InputError, match="project's camera"):
-        drain(iter_reconstruct(other, camera.sensor, camera=camera))
+        drain(iter_reconstruct(on_lattice(tmp_path, part), camera.sensor, camera=camera))
 
 
 def test_built_in_scenes_behind_masks_on_the_lattice() -> None:
     camera = preset("bench")
     settings = MultiplexSettings(family="mask", mask="lenslet", size=3, route="lattice")
     found = drain(iter_reconstruct(settings, camera.sensor, camera=camera))
-    assert found.truth is not None and found.truth.shape == found.spatial.samples.shape
+    assert found.truth.shape == found.spatial.samples.shape
     assert found.fourier is not None
     for made, least in ((found.spatial, 0.85), (found.fourier, 0.95)):
         assert np.corrcoef(made.samples.ravel(), found.truth.ravel())[0, 1] > least
@@ -334,12 +310,10 @@ def test_the_lattice_is_measured_where_the_project_has_a_white_image(tmp_path: P
     away = lattice_of(camera).lenslet_at(y - 0.4, x + 0.3)
     away = away - np.rint(away)
     white = np.rint(100 + 2000 * np.exp(-12 * (away**2).sum(-1))).astype(np.uint16)
-    folder = tmp_path / "white"
-    folder.mkdir()
+    (folder := tmp_path / "white").mkdir()
     np.save(folder / "white.npy", white)
-    frame = np.random.default_rng(6).random(camera.sensor.shape).astype(np.float32)
-    settings = MultiplexSettings(family="mask", size=5, route="lattice", filter="linear", scene="image")
-    settings = replace(settings, **saved(tmp_path, image=frame))
+    frame = dice(camera)
+    settings = on_lattice(tmp_path, frame)
     project = ProjectState(camera=camera, settings=FrameSettings(white=str(folder)).into(ProjectState()))
     project = replace(project, settings=settings.into(project))
     measured = replace(settings, white=white_of(project))
@@ -350,29 +324,23 @@ def test_the_lattice_is_measured_where_the_project_has_a_white_image(tmp_path: P
     np.testing.assert_allclose(found.spatial.samples, wanted, atol=1e-4)
     # of another size it is no white image of this frame: that of Record > Folder is left out, the page's own refused
     small = replace(measured, image=saved(tmp_path, small=frame[:300])["small"])
-    with pytest.raises(InputError, match="project's camera"):
-        drain(iter_reconstruct(small, camera.sensor, camera=camera))
-    own = replace(small, white=str(folder))
-    with pytest.raises(InputError, match="white image"):
-        drain(iter_reconstruct(own, camera.sensor, camera=camera))
-    stated = drain(iter_reconstruct(settings, camera.sensor, camera=camera))
-    assert "lattice of bench, stated" in stated.words
-    marked = replace(camera, marks=camera.marks.marked(["lattice.pitch_um"], "measured"))
-    assert "lattice of bench, measured" in drain(iter_reconstruct(settings, camera.sensor, camera=marked)).words
+    for other, word in ((small, "project's camera"), (replace(small, white=str(folder)), "white image")):
+        with pytest.raises(InputError, match=word):
+            drain(iter_reconstruct(other, camera.sensor, camera=camera))
+    for marks, word in ((camera.marks, "stated"), (camera.marks.marked(["lattice.pitch_um"], "measured"), "measured")):
+        known = replace(camera, marks=marks)
+        assert f"lattice of bench, {word}" in drain(iter_reconstruct(settings, camera.sensor, camera=known)).words
 
 
 def test_a_bent_lattice_has_no_fourier_route_and_says_so(tmp_path: Path) -> None:
     camera = preset("bench")
     bend = LatticeDistortion("radial", (0.0, 0.0), 300.0, ((2.0,),))
     bent = replace(camera, lattice=replace(camera.lattice, distortion=bend))
-    frame = np.random.default_rng(6).random(camera.sensor.shape).astype(np.float32)
-    settings = MultiplexSettings(family="mask", size=5, route="lattice", filter="linear", scene="image")
-    settings = replace(settings, **saved(tmp_path, image=frame))
-    found = drain(iter_reconstruct(settings, camera.sensor, camera=bent))
+    frame = dice(camera)
+    found = drain(iter_reconstruct(on_lattice(tmp_path, frame), camera.sensor, camera=bent))
     assert found.fourier is None and "rows are bent" in found.words
-    np.testing.assert_allclose(
-        found.spatial.samples, demultiplex_lattice(frame, lattice_of(bent), mask("MURA", 5)), rtol=1e-5, atol=1e-5
-    )
+    wanted = demultiplex_lattice(frame, lattice_of(bent), mask("MURA", 5))
+    np.testing.assert_allclose(found.spatial.samples, wanted, rtol=1e-5, atol=1e-5)
 
 
 def test_dead_pixels_on_a_lattice_and_no_numbers(tmp_path: Path) -> None:
@@ -388,9 +356,7 @@ def test_dead_pixels_on_a_lattice_and_no_numbers(tmp_path: Path) -> None:
         assert np.isfinite(found.fourier.samples).all() and found.fourier.samples.min() < 0.039
 
 
-def test_the_black_level_that_a_file_states_is_taken_off_place_by_place(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_black_level_that_a_file_states_is_subtracted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import lfcal.frames
 
     frame = np.random.default_rng(1).integers(300, 4000, (240, 241)).astype(np.uint16)

@@ -12,11 +12,18 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication, QFileDialog, QGraphicsView, QLabel, QTableWidget
 from pytestqt.qtbot import QtBot
 
-from lfcal.lattice import lattice_of
-from lfcal.multiplex import cfa, demultiplex, demultiplex_generally, gain_map, mask, modulator_of, multiplex, paper
-from lfcal.multiplex.noise import camera_chi2
-from lfcal.multiplex.paper import paper_figure
-from lfcal.multiplex.scenes import colour_edges
+from lfcal.multiplex import (
+    camera_chi2,
+    cfa,
+    colour_edges,
+    demultiplex,
+    demultiplex_generally,
+    gain_map,
+    mask,
+    multiplex,
+    paper,
+    paper_figure,
+)
 from lfcal_gui.context import Context
 from lfcal_gui.pages.multiplex.model import MultiplexSettings
 from lfcal_gui.pages.multiplex.page import Page
@@ -25,8 +32,7 @@ from lfcal_gui.theme import DARK, LIGHT, apply_theme
 from lfcal_gui.widgets.naming import controls
 from lfcal_gui.widgets.picture import Picture
 from tests.gui.conftest import OpenPage
-from tests.gui.layout_colours import of_other_themes
-from tests.gui.waiting import GUARD_MS, idle
+from tests.gui.waiting import idle
 
 
 @pytest.fixture
@@ -41,16 +47,6 @@ def settle(page: Page, qtbot: QtBot) -> None:
     idle(page.context.jobs, qtbot)
 
 
-@pytest.mark.parametrize("tab", range(4))
-def test_nine_controls_are_seen_first(page: Page, qtbot: QtBot, tab: int) -> None:
-    """Eight check boxes and 25 more controls were seen at once."""
-    page.panel.tabs.setCurrentIndex(tab)
-    settle(page, qtbot)
-    pictures = (QGraphicsView, QTableWidget)
-    seen = [one for one in controls(page) if one.isVisible() and not isinstance(one, pictures)]
-    assert editor_of(page, "family") in seen and len(seen) <= 9, [one.accessibleName() for one in seen]
-
-
 def offered(page: Page) -> tuple[str, ...]:
     others = page.panel.others
     return tuple(others.item(k).data(NAME) for k in range(others.count()))
@@ -60,33 +56,6 @@ def tick(page: Page, name: str) -> None:
     item = page.panel.others.item(offered(page).index(name))
     on = item.checkState() == Qt.CheckState.Checked
     item.setCheckState(Qt.CheckState.Unchecked if on else Qt.CheckState.Checked)
-
-
-def test_pictures_of_a_tab_are_made_when_it_is_first_shown(page: Page, qtbot: QtBot) -> None:
-    """The first look at the window was 190 ms long, half of them for pictures that were not seen."""
-    made = {tab: len(page.panel.tabs.widget(tab).findChildren(Picture)) for tab in range(4)}
-    assert made == {0: 4, 1: 0, 2: 0, 3: 0}
-    for tab, count in ((1, 4), (3, 1)):
-        page.panel.tabs.setCurrentIndex(tab)
-        settle(page, qtbot)
-        pictures = page.panel.tabs.widget(tab).findChildren(Picture)
-        assert len(pictures) == count and all(one.isVisible() for one in pictures)
-
-
-def test_what_is_searched_for_is_read_whole(page: Page, qtbot: QtBot) -> None:
-    """It was cut to "filters, 2 ×"."""
-    page.panel.tabs.setCurrentIndex(3)
-    settle(page, qtbot)
-    box = page.panel.search.form.editor("sought")
-    qtbot.waitUntil(lambda: box.sizeHint().width() <= box.width(), timeout=GUARD_MS)
-
-
-def test_the_list_follows_its_title(page: Page) -> None:
-    """A gap of 110 px was between "Compare with" and the list."""
-    card, others = page.panel.compare_card, page.panel.others
-    title = card.findChild(QLabel)
-    assert title is not None and others.geometry().top() - title.geometry().bottom() < 10
-    assert card.height() == card.sizeHint().height()
 
 
 def browse(page: Page, key: str) -> None:
@@ -169,22 +138,6 @@ def test_gain_curves_follow_ticks_and_camera(page: Page, context: Context, qtbot
         assert page.panel.marker.pen.color().name() == theme.text
 
 
-@pytest.mark.long
-def test_a_bad_pattern_is_marked_with_its_reason(page: Page, context: Context, qtbot: QtBot) -> None:
-    choose(page, "cfa", "typed")
-    assert page.panel.form.editor("pattern").isEnabled()
-    type_in(page, "pattern", "RGX")
-    assert "colour filter pattern" in page.panel.form.error and page.panel.form.editor("pattern").property("invalid")
-    assert page.settings.pattern == "GRBG"
-    type_in(page, "pattern", "RG/RG")
-    settle(page, qtbot)
-    assert page.panel.form.error == "" and page.settings.pattern == "RG/RG"
-    assert cells(page)["Not recoverable"] == "B 100 %" and "Not drawn" in page.panel.curve_hint.text()
-    context.project.undo()
-    editor: Any = page.panel.form.editor("pattern")
-    assert editor.text() == "GRBG"
-
-
 def test_reconstructions_equal_the_library_s_and_zoom_together(page: Page, qtbot: QtBot) -> None:
     shown = page.panel.pictures
     page.panel.tabs.setCurrentIndex(1)
@@ -236,29 +189,7 @@ def test_an_opened_frame_is_demultiplexed_as_a_job(page: Page, context: Context,
     assert page.settings.image.endswith("frame.npy") and shown.views[0].values is not None, "the good one stays"
 
 
-@pytest.mark.long
-def test_any_modulator_as_written(page: Page, qtbot: QtBot) -> None:
-    choose(page, "family", "written")
-    settle(page, qtbot)
-    assert cells(page)["Samples N"] == "3" and cells(page)["Transmission τ"] == "0.5"
-    assert not offered(page) and page.panel.form.editor("written").isEnabled()
-    assert "dB" in cells(page)["Gain, optimal"] and "false" in cells(page)["MTF"]
-    type_in(page, "written", "polarisers:0,45/135,90*RRGG/RRGG/GGBB/GGBB*shutter:10,01")
-    settle(page, qtbot)
-    assert page.body.minimumSizeHint().width() <= 1100, "a long name does not widen the page"
-    type_in(page, "written", "polarisers:0,45/90")
-    settle(page, qtbot)
-    assert "rows of equal length" in page.panel.curve_hint.text() and page.panel.views[2].values is None
-    type_in(page, "written", "shutter:100,010/001,111")
-    type_in(page, "reference_written", "shutter:100,010,001")
-    page.panel.tabs.setCurrentIndex(1)
-    settle(page, qtbot)
-    assert page.panel.pictures.names == ("t0", "t1", "t2") and page.panel.pictures.views[0].values is not None
-
-
-def test_figures_of_the_paper(
-    page: Page, context: Context, qtbot: QtBot, qapp: QApplication, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_figures_of_the_paper(page: Page, qtbot: QtBot, qapp: QApplication, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in (("SIDE", 5), ("UPSAMPLED", 3)):
         monkeypatch.setattr(paper, name, value)
     page.panel.tabs.setCurrentIndex(2)
@@ -272,7 +203,7 @@ def test_figures_of_the_paper(
     assert not any(card.isHidden() for card in shown.cards)
     shown.own.click()
     settle(page, qtbot)
-    assert context.state.camera.name in shown.status.text() and page.settings.own_camera
+    assert page.context.state.camera.name in shown.status.text() and page.settings.own_camera
     for number, visible in ((5, 6), (3, 6)):
         shown.figure.setCurrentIndex(shown.figure.findData(str(number)))
         settle(page, qtbot)
@@ -285,12 +216,12 @@ def test_figures_of_the_paper(
         "Colour filter arrays compared with Bayer",
         "Light-field modulators of 5 × 5 compared with a pinhole",
     ]
-    assert shown.markers[0].value() == pytest.approx(np.log10(camera_chi2(context.state.camera.sensor)))
+    assert shown.markers[0].value() == pytest.approx(np.log10(camera_chi2(page.context.state.camera.sensor)))
     for theme in (DARK, LIGHT):
         apply_theme(qapp, theme)
-        context.theme_changed.emit()
+        page.context.theme_changed.emit()
         assert shown.markers[0].pen.color().name() == theme.text
-    context.project.undo()
+    page.context.project.undo()
     settle(page, qtbot)
     assert shown.figure.currentData() == "7", "one step back from all choices of a figure"
 
@@ -318,7 +249,6 @@ def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: p
     assert not search.buttons["Use"].isEnabled()
     search.buttons["Search"].click()
     settle(page, qtbot)
-    assert search.found is not None
     design = search.found.design
     assert design.exhaustive and "best of all" in search.found.words[2][1] and search.view.shot.coloured
     search.buttons["Use"].click()
@@ -332,7 +262,7 @@ def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: p
     assert search.form.editor("levels").isEnabled() and not search.form.editor("kinds").isEnabled()
     search.buttons["Search"].click()
     settle(page, qtbot)
-    assert search.found is not None and search.found.design.modulator.views == (3, 3)
+    assert search.found.design.modulator.views == (3, 3)
     target = str(tmp_path / "mask.json")
     monkeypatch.setattr("lfcal_gui.saving.QFileDialog.getSaveFileName", lambda *_: (target, ""))
     search.buttons["Use"].click()
@@ -345,86 +275,17 @@ def test_search_and_use(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: p
     assert "Mask side: expected 2 to 13" in search.form.error and page.settings.search_size == 3
 
 
-def test_live_frames_of_another_page_are_demultiplexed(page: Page, context: Context, qtbot: QtBot) -> None:
-    page.panel.tabs.setCurrentIndex(1)
-    choose(page, "scene", "live")
-    settle(page, qtbot)
-    assert "connect the camera in Record > Rig" in page.panel.pictures.status.text()
-    truth = colour_edges((60, 80))
-    sensor = context.state.camera.sensor
-    frame = (500 * multiplex(truth, cfa("CYMG"))[3:, 1:] + sensor.black_level).astype(np.uint16)
-    context.frame_seen.emit(frame, (3, 1))
-    settle(page, qtbot)
-    assert page.found is not None and "live frame" in page.panel.pictures.status.text()
-    part = frame[1:, 1:].astype(np.float32) - np.float32(sensor.black_level)
-    wanted = demultiplex(part, cfa("CYMG"), filter=page.settings.filter)
-    np.testing.assert_allclose(page.found.spatial.samples, wanted, atol=1e-3)
-    inner = np.s_[:, 8:40, 8:60]
-    assert np.abs(page.found.spatial.samples / 500 - truth[:, 4:, 2:][:, :56, :78])[inner].mean() < 0.05
-    context.frame_seen.emit(frame * 2, (3, 1))
-    settle(page, qtbot)
-    assert float(page.found.spatial.samples.max()) > 1.5 * float(wanted.max())
-
-
-@pytest.mark.long
-def test_clipped_pixels_of_a_live_frame_have_no_say(page: Page, context: Context, qtbot: QtBot) -> None:
-    page.panel.tabs.setCurrentIndex(1)
-    settings = MultiplexSettings(family="written", written="nd:1,0.25/0.25,0.0625", reference_written="nd:1")
-    context.project.update("assorted pixels", settings=replace(settings, scene="live").into(context.state))
-    sensor = context.state.camera.sensor
-    light = 2.5 * (sensor.max_value - sensor.black_level)
-    modulator = modulator_of(settings.written)
-    raw = multiplex(np.full((1, 40, 40), light), modulator) + sensor.black_level
-    context.frame_seen.emit(np.minimum(np.rint(raw), sensor.max_value).astype(np.uint16), (0, 0))
-    settle(page, qtbot)
-    assert page.found is not None and page.found.spatial.samples.max() < 0.9 * light
-    box: Any = page.panel.form.editor("weighted")
-    assert box.isEnabled() and not page.panel.form.editor("noise").isEnabled()
-    box.click()
-    settle(page, qtbot)
-    np.testing.assert_allclose(page.found.spatial.samples, light, rtol=2e-3)
-    assert "weighted" in page.panel.pictures.heads[0].text()
-
-
-@pytest.mark.long
-def test_no_filter_is_offered_where_weights_make_it_linear(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
-    page.panel.tabs.setCurrentIndex(1)
-    images = {"frame": np.full((24, 30), 300.0, np.float32), "colours": np.full((24, 30, 3), 300, np.uint16)}
-    np.save(tmp_path / "frame.npy", images["frame"])
-    cv2.imwrite(str(tmp_path / "colours.png"), images["colours"])
-    page.open_image(str(tmp_path / "frame.npy"))
-    settle(page, qtbot)
-    box, weighted = editor_of(page, "filter"), editor_of(page, "weighted")
-    tip = box.toolTip()
-    assert box.isEnabled() and weighted.isEnabled() and "theorem 1" in tip
-    weighted.click()
-    settle(page, qtbot)
-    assert not box.isEnabled() and "untick Ignore saturated" in box.toolTip()
-    page.open_image(str(tmp_path / "colours.png"))  # a scene, whose frame has no clipped pixels
-    settle(page, qtbot)
-    assert box.isEnabled() and box.toolTip() == tip and not weighted.isEnabled()
-    page.open_image(str(tmp_path / "frame.npy"))
-    settle(page, qtbot)
-    assert not box.isEnabled()
-    weighted.click()
-    assert box.isEnabled() and box.toolTip() == tip
-
-
-def test_a_coloured_scene_of_a_project_is_known_by_what_is_made_of_it(
-    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
-) -> None:
+def test_a_coloured_scene_of_a_project_is_known_by_what_is_made_of_it(page: Page, qtbot: QtBot, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "colours.png"), np.full((24, 30, 3), 300, np.uint16))
     settings = MultiplexSettings(scene="image", image=str(tmp_path / "colours.png"), weighted=True)
-    context.project.update("opened", settings=settings.into(context.state))
+    page.context.project.update("opened", settings=settings.into(page.context.state))
     page.panel.tabs.setCurrentIndex(1)
     settle(page, qtbot)
-    assert page.found is not None and page.found.spatial.name == "Spatial, cubic"
+    assert page.found.spatial.name == "Spatial, cubic"
     assert editor_of(page, "filter").isEnabled() and not editor_of(page, "weighted").isEnabled()
 
 
-def test_the_general_route_and_dead_pixels(
-    page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_general_route_of_a_file(page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown = page.panel.pictures
     assert not editor_of(page, "dead").isEnabled() and not editor_of(page, "spacing").isEnabled()
     rng = np.random.default_rng(0)
@@ -469,83 +330,10 @@ def test_a_mask_on_the_lattice_of_the_project_s_camera(page: Page, context: Cont
     lattice = replace(camera.lattice, pitch_um=1.3 * camera.lattice.pitch_um, clear_um=None)
     context.project.update("lattice", camera=replace(camera, lattice=lattice))
     settle(page, qtbot)
-    assert page.found is not None and page.found.step == pytest.approx(1.3 * before)
+    assert page.found.step == pytest.approx(1.3 * before)
     choose(page, "family", "cfa")
     settle(page, qtbot)
     assert "a square super-pixel that samples only views" in shown.status.text() and shown.views[0].values is None
-
-
-@pytest.mark.long
-def test_a_mask_on_the_lattice_of_a_white_image(
-    page: Page, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shown, camera = page.panel.pictures, context.state.camera
-    y, x = np.indices(camera.sensor.shape)
-    away = lattice_of(camera).lenslet_at(y - 0.4, x)
-    away = away - np.rint(away)
-    np.save(tmp_path / "white.npy", np.rint(100 + 2000 * np.exp(-12 * (away**2).sum(-1))).astype(np.uint16))
-    np.save(tmp_path / "frame.npy", np.random.default_rng(0).random(camera.sensor.shape).astype(np.float32))
-    choose(page, "family", "mask")
-    type_in(page, "size", "5")
-    assert not editor_of(page, "white").isEnabled()
-    page.open_image(str(tmp_path / "frame.npy"))
-    choose(page, "route", "lattice")
-    settle(page, qtbot)
-    assert "stated" in shown.status.text() and page.found is not None
-    before = page.found.spatial.samples
-    picked = (str(tmp_path / "white.npy"), "")
-    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: picked)
-    browse(page, "white")
-    settle(page, qtbot)
-    assert page.settings.white == picked[0] and "measured in white.npy" in shown.status.text()
-    assert page.found is not None and np.abs(page.found.spatial.samples - before).max() > 0.01
-    weighted = editor_of(page, "weighted")
-    assert weighted.isEnabled()
-    weighted.click()
-    settle(page, qtbot)
-    assert page.found is not None and page.found.spatial.name == "Spatial, weighted"
-
-
-def test_what_is_said_keeps_to_the_theme(page: Page, qapp: QApplication, qtbot: QtBot) -> None:
-    """Words stayed as pale as they are on dark."""
-    page.panel.tabs.setCurrentIndex(1)
-    page.panel.pictures.show_status("made of light", bad=False)
-    page._refused("no such pattern")
-    for theme in (DARK, LIGHT):
-        apply_theme(qapp, theme)
-        page.take_theme()
-        assert not list(of_other_themes(page))
-    assert page.panel.curve_hint.property("role") == "error"
-    page.panel.pictures.show_status("no <b>light</b>", bad=True)
-    status = page.panel.pictures.status
-    assert status.property("role") == "error" and status.text() == "no <b>light</b>"
-    choose(page, "cfa", "Bayer")
-    settle(page, qtbot)
-    assert page.panel.curve_hint.property("role") == "hint"
-
-
-@pytest.mark.long
-def test_a_file_that_is_opened_again_is_read_again(
-    page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A frame recorded anew under its name was shown as it had been."""
-    path, dead = tmp_path / "frame.npy", tmp_path / "dead.npy"
-    highest = []
-    for light in (1.0, 7.0):
-        np.save(path, np.full((40, 50), light, np.float32))
-        page.open_image(str(path))
-        settle(page, qtbot)
-        assert page.found is not None
-        highest.append(float(page.found.spatial.samples.max()))
-    assert highest[1] == pytest.approx(7 * highest[0])
-    type_in(page, "dead", str(dead))
-    settle(page, qtbot)
-    assert "dead.npy" in page.panel.pictures.status.text() and page.found is None
-    np.save(dead, np.zeros((40, 50), np.uint8))
-    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(dead), ""))
-    browse(page, "dead")
-    settle(page, qtbot)
-    assert page.found is not None and page.panel.pictures.views[0].values is not None
 
 
 def test_no_numbers_of_the_settings_before_stand_beside_others(page: Page, qtbot: QtBot) -> None:
@@ -563,83 +351,80 @@ def test_no_numbers_of_the_settings_before_stand_beside_others(page: Page, qtbot
     assert page.panel.titles[0].text() == "Pattern of CYMG"
 
 
-def test_a_live_frame_is_shown_as_it_is_asked_for_last(page: Page, context: Context, qtbot: QtBot) -> None:
+def test_nine_controls_are_seen_first_and_pictures_are_made_when_they_are_shown(page: Page, qtbot: QtBot) -> None:
+    made = {tab: len(page.panel.tabs.widget(tab).findChildren(Picture)) for tab in range(4)}
+    assert made == {0: 4, 1: 0, 2: 0, 3: 0}
+    for tab, count in ((1, 4), (2, None), (3, 1), (0, 4)):
+        page.panel.tabs.setCurrentIndex(tab)
+        settle(page, qtbot)
+        pictures = page.panel.tabs.widget(tab).findChildren(Picture)
+        assert count is None or (len(pictures) == count and all(one.isVisible() for one in pictures))
+        shown = (QGraphicsView, QTableWidget)
+        seen = [one for one in controls(page) if one.isVisible() and not isinstance(one, shown)]
+        assert editor_of(page, "family") in seen and len(seen) <= 9, [one.accessibleName() for one in seen]
+
+
+def test_live_frames_are_demultiplexed_by_the_latest_settings(page: Page, context: Context, qtbot: QtBot) -> None:
     page.panel.tabs.setCurrentIndex(1)
     choose(page, "scene", "live")
-    context.frame_seen.emit(np.random.default_rng(0).integers(100, 900, (40, 40)).astype(np.uint16), (0, 0))
+    settle(page, qtbot)
+    assert "connect the camera in Record > Rig" in page.panel.pictures.status.text()
+    truth = colour_edges((60, 80))
+    sensor = context.state.camera.sensor
+    frame = (500 * multiplex(truth, cfa("CYMG"))[3:, 1:] + sensor.black_level).astype(np.uint16)
+    context.frame_seen.emit(frame, (3, 1))
+    settle(page, qtbot)
+    assert page.found is not None and "live frame" in page.panel.pictures.status.text()
+    part = frame[1:, 1:].astype(np.float32) - np.float32(sensor.black_level)
+    wanted = demultiplex(part, cfa("CYMG"), filter=page.settings.filter)
+    np.testing.assert_allclose(page.found.spatial.samples, wanted, atol=1e-3)
+    inner = np.s_[:, 8:40, 8:60]
+    assert np.abs(page.found.spatial.samples / 500 - truth[:, 4:, 2:][:, :56, :78])[inner].mean() < 0.05
+    context.frame_seen.emit(frame * 2, (3, 1))
     choose(page, "filter", "nearest")
     settle(page, qtbot)
-    assert page.found is not None and page.found.spatial.name == "Spatial, nearest"
+    assert float(page.found.spatial.samples.max()) > 1.5 * float(wanted.max())
+    assert page.found.spatial.name == "Spatial, nearest"
 
 
 @pytest.mark.long
-def test_nothing_of_a_modulator_is_shown_under_the_refusal_of_another(page: Page, qtbot: QtBot) -> None:
-    shown = page.panel.figures
-    page.panel.tabs.setCurrentIndex(2)
-    shown.figure.setCurrentIndex(shown.figure.findData("0"))
-    settle(page, qtbot)
-    choose(page, "family", "both")
-    type_in(page, "size", "31")
-    settle(page, qtbot)
-    assert "reduce Size" in shown.status.text() and shown.status.property("role") == "error"
-    assert shown.map.values is None and not shown.map_head.text() and not shown.map_words.text()
-    assert [label.text() for label in page.panel.titles][2:] == ["Spatial basis Σ", "Plenoptic basis Π"]
-    assert page.panel.titles[0].text() == "Pattern" and "over" not in page.panel.curve_title.text()
-    choose(page, "family", "cfa")
-    settle(page, qtbot)
-    assert shown.map.values is not None and shown.status.property("role") == "hint"
-
-
-def test_a_design_goes_with_the_wishes_that_it_was_found_for(page: Page, context: Context, qtbot: QtBot) -> None:
-    page.panel.tabs.setCurrentIndex(3)
-    search = page.panel.search
-    search.buttons["Search"].click()
-    settle(page, qtbot)
-    choose(page, "cfa", "Bayer")
-    assert search.found is not None, "the page's modulator is none of its wishes"
-    for key, text in (("kinds", "2"), ("gain", "4")):
-        type_in(page, key, text)
-        assert search.found is None and not search.buttons["Use"].isEnabled() and search.view.values is None
-        type_in(page, key, "4" if key == "kinds" else "1")
-        search.buttons["Search"].click()
-        settle(page, qtbot)
-        assert search.found is not None
-    choose(page, "sought", "mask")
-    type_in(page, "search_size", "13")
-    search.buttons["Search"].click()
-    type_in(page, "search_size", "3")
-    assert context.jobs.jobs()[0].state.value == "stopped" and "searching" not in search.status.text()
-    search.buttons["Search"].click()
-    settle(page, qtbot)
-    assert search.found is not None and search.found.design.modulator.side == (3, 3)
-
-
-@pytest.mark.long
-def test_a_design_written_over_another_is_read_again(
+def test_rewritten_files_are_read_again(
     page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    path, dead, highest, shown = tmp_path / "frame.npy", tmp_path / "dead.npy", list[float](), list[str]()
+    for light in (1.0, 7.0):
+        np.save(path, np.full((40, 50), light, np.float32))
+        page.open_image(str(path))
+        settle(page, qtbot)
+        highest.append(float(page.found.spatial.samples.max()))
+    assert highest[1] == pytest.approx(7 * highest[0])
+    type_in(page, "dead", str(dead))
+    settle(page, qtbot)
+    assert "dead.npy" in page.panel.pictures.status.text() and page.found is None
+    np.save(dead, np.zeros((40, 50), np.uint8))
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(dead), ""))
+    browse(page, "dead")
+    settle(page, qtbot)
+    assert page.found is not None and page.panel.pictures.views[0].values is not None
     monkeypatch.setattr("lfcal_gui.saving.QFileDialog.getSaveFileName", lambda *_: (str(tmp_path / "mask.json"), ""))
     choose(page, "sought", "mask")
     type_in(page, "search_size", "3")
-    shown = []
-    for levels, light in (("2", "0.6"), ("5", "0.2")):
+    for levels, light_share in (("2", "0.6"), ("5", "0.2")):
         type_in(page, "levels", levels)
-        type_in(page, "least_light", light)
-        page.panel.search.buttons["Search"].click()
-        settle(page, qtbot)
-        page.panel.search.buttons["Use"].click()
-        settle(page, qtbot)
-        assert page.panel.search.found is not None
+        type_in(page, "least_light", light_share)
+        for name in ("Search", "Use"):
+            page.panel.search.buttons[name].click()
+            settle(page, qtbot)
         shown.append(cells(page)["Transmission τ"])
-    assert shown[0] != shown[1]
+    assert shown[0] != shown[1], "a design written over another"
 
 
 @pytest.mark.long
-def test_a_search_does_not_fall_back_on_the_value_before(page: Page, context: Context, qtbot: QtBot) -> None:
-    search = page.panel.search
+def test_a_refused_value_is_not_replaced_by_the_one_before(page: Page, context: Context, qtbot: QtBot) -> None:
+    search, form = page.panel.search, page.panel.form
     type_in(page, "kinds", "0")
     search.buttons["Search"].click()
-    assert "Kinds: expected 1 to 6, got 0" in search.status.text() and not context.jobs.jobs()
+    assert "Filter kinds: expected 1 to 6, got 0" in search.status.text() and not context.jobs.jobs()
     assert search.status.property("role") == "error"
     choose(page, "sought", "mask")
     assert not search.form.error, "it is no wish of masks"
@@ -649,29 +434,42 @@ def test_a_search_does_not_fall_back_on_the_value_before(page: Page, context: Co
         settle(page, qtbot)
         assert search.status.property("role") == role and (search.found is None) == (role == "error")
     assert "allow less or more light" in search.status.text()
-
-
-def test_a_design_takes_the_suffix_of_the_chosen_kind(
-    page: Page, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    page.panel.search.buttons["Search"].click()
-    settle(page, qtbot)
-    answer = (str(tmp_path / "design"), "Transmissions only (*.npy)")
-    monkeypatch.setattr("lfcal_gui.saving.QFileDialog.getSaveFileName", lambda *_: answer)
-    page.panel.search.buttons["Save …"].click()
-    assert [path.name for path in tmp_path.glob("design*")] == ["design.npy"]
-
-
-@pytest.mark.long
-def test_the_reason_shown_is_that_of_the_field_touched_last(page: Page) -> None:
-    form = page.panel.form
     choose(page, "family", "mask")
-    type_in(page, "size", "9")
-    assert "odd prime" in form.error
-    type_in(page, "gain", "0")
-    assert "amplifier gain" in form.error
-    type_in(page, "gain", "2")
-    assert "odd prime" in form.error
+    for key, text, reason in (("size", "9", "odd prime"), ("gain", "0", "amplifier gain"), ("gain", "2", "odd prime")):
+        type_in(page, key, text)
+        assert reason in form.error, "the reason of the field that was touched last"
     choose(page, "family", "cfa")
     editor: Any = form.editor("size")
     assert not form.error and editor.text() == "11" and not editor.property("invalid")
+
+
+def test_a_design_goes_with_its_wishes_and_takes_the_suffix_of_the_chosen_kind(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page.panel.tabs.setCurrentIndex(3)
+    search = page.panel.search
+
+    def searched() -> None:
+        search.buttons["Search"].click()
+        settle(page, qtbot)
+        assert search.found is not None
+
+    searched()
+    answer = (str(tmp_path / "design"), "Transmissions only (*.npy)")
+    monkeypatch.setattr("lfcal_gui.saving.QFileDialog.getSaveFileName", lambda *_: answer)
+    search.buttons["Save …"].click()
+    assert [path.name for path in tmp_path.glob("design*")] == ["design.npy"]
+    choose(page, "cfa", "Bayer")
+    assert search.found is not None, "the page's modulator is none of its wishes"
+    for key, text, back in (("kinds", "2", "4"), ("gain", "4", "1")):
+        type_in(page, key, text)
+        assert search.found is None and not search.buttons["Use"].isEnabled() and search.view.values is None
+        type_in(page, key, back)
+        searched()
+    choose(page, "sought", "mask")
+    type_in(page, "search_size", "13")
+    search.buttons["Search"].click()
+    type_in(page, "search_size", "3")
+    assert context.jobs.jobs()[0].state.value == "stopped" and "searching" not in search.status.text()
+    searched()
+    assert search.found.design.modulator.side == (3, 3)

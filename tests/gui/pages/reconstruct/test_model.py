@@ -1,3 +1,5 @@
+"""Light fields, runs of a solver and views of a volume, without a window."""
+
 from __future__ import annotations
 
 from dataclasses import fields, replace
@@ -8,21 +10,13 @@ import pytest
 import tifffile
 from typer.testing import CliRunner
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import drain
-from lfcal.base.units import format_bytes
+from lfcal.base import InputError, drain, format_bytes
 from lfcal.camera import preset
 from lfcal.cli._app import build_app
-from lfcal.psf import PSFMatrix, save
-from lfcal.psf.voxels import voxel_um
-from lfcal.reconstruct import Projector
-from lfcal.reconstruct.margin import usual_margin
-from lfcal.reconstruct.memory import run_memory
-from lfcal.reconstruct.metric_grid import MetricGrid
-from lfcal.reconstruct.resample import resampling_for
-from lfcal.reconstruct.solvers.choice import SolverChoice, reconstruct
+from lfcal.psf import PSFMatrix, save, voxel_um
+from lfcal.reconstruct import MetricGrid, Projector, SolverChoice, reconstruct, resampling_for, run_memory, usual_margin
 from lfcal.reconstruct.solvers.stopping import MOST_ITERATIONS
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.reconstruct.model import FIELDS, ReconstructSettings, used_by
 from lfcal_gui.pages.reconstruct.model_solving import (
     Solving,
@@ -68,68 +62,37 @@ def opened(path: str) -> PSFMatrix:
     return open_psf(path)
 
 
-def test_settings_go_through_json_and_survive_damage() -> None:
-    settings = ReconstructSettings(
-        "rl-tv",
-        7,
-        "left-out",
-        1.5,
-        1.0,
-        2.0,
-        4000.0,
-        0.01,
-        None,
-        "fft",
-        "cuda",
-        0.02,
-        0.01,
-        4,
-        "12.5",
-        True,
-        (0, 1, 20, 30),
-        (1, 2),
-    )
-    again = ProjectState.from_json(ProjectState(settings=settings.into(ProjectState())).to_json())
-    assert ReconstructSettings.of(again) == settings
-    for damaged in (None, 3, {"solver": "magic"}, {"iterations": 0}, {"region": [1]}, {"background": "x"}):
-        assert ReconstructSettings.of(ProjectState(settings={"reconstruct": damaged})) == ReconstructSettings()
-    assert {spec.key for spec in FIELDS} == {f.name for f in fields(ReconstructSettings)}
+REFUSED: dict[str, tuple[object, ...]] = {
+    **{"iterations": (0,), "threshold": (1.0, -0.1), "within": (1.0, -0.1), "margin": (-1,), "subsets": (0,)},
+    **{"voxel": ("0", "-3", "inf", "small"), "background": (-1.0,), "read_noise": (float("nan"),), "anchor": ((1,),)},
+    **{"region": ((0, 0, 0, 5), (1, 2), (0.5, 0, 3, 3)), "device": ("abacus",)},
+}
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("iterations", 0),
-        ("threshold", 1.0),
-        ("threshold", -0.1),
-        ("within", 1.0),
-        ("within", -0.1),
-        ("margin", -1),
-        ("subsets", 0),
-        ("voxel", "0"),
-        ("voxel", "-3"),
-        ("voxel", "inf"),
-        ("voxel", "small"),
-        ("background", -1.0),
-        ("read_noise", float("nan")),
-        ("region", (0, 0, 0, 5)),
-        ("region", (1, 2)),
-        ("region", (0.5, 0, 3, 3)),
-        ("anchor", (1,)),
-        ("device", "abacus"),
-    ],
-)
-def test_refusals_are_one_line(key: str, value: object) -> None:
-    with pytest.raises(InputError) as error:
-        ReconstructSettings().changed(key, value)
-    assert "\n" not in str(error.value)
+def test_refusals_are_one_line() -> None:
+    for key, values in REFUSED.items():
+        for value in values:
+            with pytest.raises(InputError) as error:
+                ReconstructSettings().changed(key, value)
+            assert "\n" not in str(error.value), (key, value)
+    with pytest.raises(InputError, match="end: expected"):
+        ReconstructSettings(stop="sometime")
+    with pytest.raises(InputError, match="Gain: expected a number > 0"):
+        ReconstructSettings(gain=0.0)
 
 
-def test_fields_that_matter() -> None:
+def test_fields_that_matter_and_settings_of_older_projects() -> None:
     assert used_by("rl-tv", "strength") and not used_by("rl", "strength")
     settings = ReconstructSettings("isra", read_noise=3.0, subsets=2)
     assert settings.choice() == SolverChoice("isra"), "greyed out: left alone"
     assert used_by("osem", "subsets") and not used_by("isra", "read_noise") and used_by("rl", "iterations")
+    assert not ReconstructSettings(gain=2.0).choice().auto, "a gain that is left over is no reason to refuse"
+    assert ReconstructSettings.from_dict({"auto": True, "iterations": 7}).stop == "left-out"
+    assert ReconstructSettings.from_dict({"auto": False}).stop == ""
+    assert {spec.key for spec in FIELDS} == {f.name for f in fields(ReconstructSettings)}
+    tips = {field.key: field.tip for field in FIELDS}
+    assert tips["strength"] == "Weight of the regularization term (≥ 0). Empty: 0.002 for rl-tv, 0.02 for rl-tikhonov"
+    assert not [tip for tip in tips.values() if "; empty" in tip or ".;" in tip or ". (" in tip]
 
 
 def test_a_region_moves_the_anchor_with_it(psf: str) -> None:
@@ -148,13 +111,18 @@ def test_a_region_moves_the_anchor_with_it(psf: str) -> None:
         assert "28 × 24 × 2 voxels" in words and "5 iterations" in words
 
 
-def test_what_projections_may_miss_and_the_memory_of_the_run(psf: str) -> None:
+def test_files_voxels_and_tolerance_of_an_h_without_camera(psf: str, tmp_path: Path) -> None:
     with opened(psf) as H:
         P = projector_for([H], (24, 28), ReconstructSettings(within=0.01, method="direct"))
         assert P.tolerance == 0.01 and projector_for([H], (24, 28), ReconstructSettings()).tolerance == 0
         lean, accelerated = (run_memory(P, SolverChoice(name)) for name in ("rl", "rl-biggs"))
         assert accelerated.solver > 1.8 * lean.solver
         assert format_bytes(accelerated.solver) in outlook_of(P, SolverChoice("rl-biggs")).words
+    with opened(psf) as H, pytest.raises(InputError, match="tif"):
+        make_light_field(H, "points", str(tmp_path / "x.png"))
+    assert not list(tmp_path.glob("x*"))
+    with opened(psf) as H, pytest.raises(InputError, match="an H with its camera"):
+        ReconstructSettings(voxel="auto").grid(H, (24, 25))
 
 
 @pytest.mark.parametrize("name", ["points", "vesicle", "plume"])
@@ -172,12 +140,6 @@ def test_made_light_fields_follow_h(psf: str, tmp_path: Path, name: str) -> None
     assert (rows, columns) == (640, 18)
 
 
-def test_only_tiff_is_made(psf: str, tmp_path: Path) -> None:
-    with opened(psf) as H, pytest.raises(InputError, match="tif"):
-        make_light_field(H, "points", str(tmp_path / "x.png"))
-    assert not list(tmp_path.glob("x*"))
-
-
 def test_stopped_and_gone_on_is_the_same_as_at_once(psf: str, tmp_path: Path) -> None:
     with opened(psf) as H:
         made = make_light_field(H, "vesicle", str(tmp_path / "a.tif"), shape=(24, 28))
@@ -190,7 +152,7 @@ def test_stopped_and_gone_on_is_the_same_as_at_once(psf: str, tmp_path: Path) ->
         if halves.history and halves.history[-1].iteration == 2:
             halves.stop()
         assert record.done <= 24
-    assert halves.state is not None and halves.state.iteration == 2
+    assert halves.state.iteration == 2
     drain(halves.work(4))
     assert at_once.state is not None
     np.testing.assert_allclose(halves.volume, at_once.volume, rtol=1e-6)
@@ -233,40 +195,19 @@ def test_a_margin_takes_light_from_beside_the_region(psf: str) -> None:
     solving.close()
 
 
-def test_a_run_that_stops_by_itself_says_why(psf: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("stop", "gain", "reason"), [("left-out", None, "held-out pixels"), ("discrepancy", 1.0, "noise")]
+)
+def test_a_run_that_stops_says_why(psf: str, tmp_path: Path, stop: str, gain: float | None, reason: str) -> None:
     with opened(psf) as H:
         made = make_light_field(H, "points", str(tmp_path / "a.tif"), shape=(48, 56), counts=30)
-    settings = ReconstructSettings("rl-biggs", iterations=2, stop="left-out")
-    solving = Solving(psf, light_field(made.path), settings)
+    solving = Solving(psf, light_field(made.path), ReconstructSettings("rl-biggs", iterations=2, stop=stop, gain=gain))
     drain(solving.work())
-    assert solving.state is not None and 2 < solving.state.iteration < MOST_ITERATIONS
-    assert "held-out pixels" in solving.stopped and solving.stopped in solving.words()
+    assert 1 <= solving.state.iteration < MOST_ITERATIONS
+    assert reason in solving.stopped and solving.stopped in solving.words()
     assert f"{solving.state.iteration} iterations" in solving.words()
     assert solving.details()["iterations"] == solving.state.iteration
     solving.close()
-
-
-def test_a_run_ends_where_the_noise_is_met(psf: str, tmp_path: Path) -> None:
-    with opened(psf) as H:
-        made = make_light_field(H, "points", str(tmp_path / "a.tif"), shape=(48, 56), counts=30)
-    settings = ReconstructSettings("rl-biggs", iterations=2, stop="discrepancy", gain=1.0)
-    solving = Solving(psf, light_field(made.path), settings)
-    drain(solving.work())
-    assert solving.state is not None and 1 <= solving.state.iteration < MOST_ITERATIONS
-    assert "noise" in solving.stopped
-    solving.close()
-
-
-def test_how_a_run_ends_is_a_setting_that_is_checked() -> None:
-    with pytest.raises(InputError, match="end: expected"):
-        ReconstructSettings(stop="sometime")
-    with pytest.raises(InputError, match="Gain: expected a number > 0"):
-        ReconstructSettings(gain=0.0)
-    # a gain that is left over from another choice is no reason to refuse this one
-    assert not ReconstructSettings(gain=2.0).choice().auto
-    # settings of older projects, with one automatic way to stop
-    assert ReconstructSettings.from_dict({"auto": True, "iterations": 7}).stop == "left-out"
-    assert ReconstructSettings.from_dict({"auto": False}).stop == ""
 
 
 VOLUME = np.random.default_rng(1).random((3, 5, 7)).astype(np.float32)
@@ -278,24 +219,47 @@ def sides(intent: VolumeIntent, shown: Prepared) -> dict[str, Side]:
     return {key: side(intent, shown, key, ViewCell(*both, (0, 0, 1, 1))) for key, both in axes.items()}
 
 
-@pytest.mark.parametrize("room", [(620, 520), (306, 526), (520, 1030), (300, 200), (900, 300)])
+def test_volumes_of_hard_values_and_depths_have_pictures_of_bearable_size() -> None:
+    assert prepare(VOLUME, None, None).squeeze == 1
+    deep = prepare(VOLUME, np.array([0.0, 50.0, 100.0]), (1.0, 1.0))  # 150 deep, 7 wide: shorter by a round factor
+    assert deep.squeeze == 0.05 and deep.lengths["z"] == pytest.approx(7.5)
+    assert np.ptp(deep.axes["z"]) == pytest.approx(5)
+    deepest = prepare(VOLUME, np.array([0.0, 1e5, 2e5]), (1.0, 1.0))
+    assert sides(VolumeIntent(mode="Slices"), deepest)["xz"].values.shape[0] <= 1.6 * MOST_ROWS
+    damaged = VOLUME.copy()
+    damaged[0, 0, 0], damaged[2, 1, 1] = np.nan, 9.0
+    shown = prepare(damaged, None, None)
+    assert shown.brightest == (2, 1, 1) and shown.levels == (0.0, 9.0)
+    for values in (np.zeros((3, 4, 5)), np.full((3, 4, 5), np.nan), np.full((1, 1, 6), 2.0), -np.ones((2, 2, 2))):
+        shown = prepare(values.astype(np.float32), None, None)
+        assert shown.levels[1] > shown.levels[0]
+        assert all(0 not in side.values.shape for side in sides(VolumeIntent(mode="Projections"), shown).values())
+    large = np.zeros((2, 301, 250))
+    large[1, 222, 111] = 5
+    tiled = prepare(large, None, None)
+    assert tiled.tiles[1].max() == 5 and max(tiled.tiles[1].shape) <= 100 and tiled.shares.tolist() == [0, 1]
+    assert np.isnan(tiled.depths).all(), "tiles keep the brightest voxel of each block"
+
+
+ROOMS = ((620, 520), (306, 526), (520, 1030), (300, 200), (900, 300))
+
+
 @pytest.mark.parametrize("shape", [(1, 1, 1), (1, 1, 0.3), (1, 1, 0.02), (1, 1, 3.6), (1.6, 1, 2), (1, 3, 0.5)])
-def test_three_views_use_the_room_at_one_scale(room: tuple[int, int], shape: tuple[float, ...]) -> None:
-    """Each was fitted to a quarter of the room, and three quarters of it stayed empty."""
+def test_three_views_use_the_room_at_one_scale(shape: tuple[float, ...]) -> None:
     lengths = dict(zip("xyz", (1000 * n for n in shape), strict=True))
-    cells, pixel = arrange(lengths, room, 3)
-    used, taken = 0.0, np.zeros(room, int)
-    for key, cell in cells.items():
-        assert {cell.across, cell.down} == set(key)
-        left, top, width, height = cell.rect
-        across, down = lengths[cell.across] / pixel, lengths[cell.down] / pixel
-        assert max(across - width, down - height) < 1e-6, "all of it is in view"
-        taken[left : left + width, top : top + height] += 1
-        used += across * down
-    assert taken.max() == 1, "none covers another"
-    assert len(cells) == 3 and taken.mean() > 0.6
-    if max(room) < 1.3 * min(room) and min(shape) > 0.5:
-        assert used > 0.5 * np.prod(room)
+    for room in ROOMS:
+        cells, pixel = arrange(lengths, room, 3)
+        used, taken = 0.0, np.zeros(room, int)
+        for key, cell in cells.items():
+            assert {cell.across, cell.down} == set(key)
+            left, top, width, height = cell.rect
+            across, down = lengths[cell.across] / pixel, lengths[cell.down] / pixel
+            assert max(across - width, down - height) < 1e-6, "all of it is in view"
+            taken[left : left + width, top : top + height] += 1
+            used += across * down
+        assert len(cells) == 3 and taken.max() == 1 and taken.mean() > 0.6, f"none covers another, {room}"
+        if max(room) < 1.3 * min(room) and min(shape) > 0.5:
+            assert used > 0.5 * np.prod(room)
 
 
 def test_a_view_and_its_transposed_one_have_the_same_voxels() -> None:
@@ -307,13 +271,6 @@ def test_a_view_and_its_transposed_one_have_the_same_voxels() -> None:
             other = side(intent, shown, key, ViewCell(down, across, (0, 0, 1, 1)))
             np.testing.assert_array_equal(other.values, found.values.T)
             assert other.origin == found.origin[::-1]
-
-
-def test_a_volume_much_deeper_than_wide_is_drawn_shorter_by_a_round_factor() -> None:
-    assert prepare(VOLUME, None, None).squeeze == 1
-    deep = prepare(VOLUME, np.array([0.0, 50.0, 100.0]), (1.0, 1.0))  # 150 deep, 7 wide
-    assert deep.squeeze == 0.05 and deep.lengths["z"] == pytest.approx(7.5)
-    assert np.ptp(deep.axes["z"]) == pytest.approx(5)
 
 
 def test_slices_and_projections() -> None:
@@ -343,22 +300,6 @@ def test_from_the_side_planes_are_as_far_apart_as_they_are(depths: tuple[float, 
         assert any(np.array_equal(row[::2], VOLUME[k, 2]) for k in np.flatnonzero(distance < distance.min() + 1e-6))
 
 
-def test_a_volume_of_hard_values_is_prepared() -> None:
-    damaged = VOLUME.copy()
-    damaged[0, 0, 0], damaged[2, 1, 1] = np.nan, 9.0
-    shown = prepare(damaged, None, None)
-    assert shown.brightest == (2, 1, 1) and shown.levels == (0.0, 9.0)
-    for values in (np.zeros((3, 4, 5)), np.full((3, 4, 5), np.nan), np.full((1, 1, 6), 2.0), -np.ones((2, 2, 2))):
-        shown = prepare(values.astype(np.float32), None, None)
-        assert shown.levels[1] > shown.levels[0]
-        assert all(0 not in side.values.shape for side in sides(VolumeIntent(mode="Projections"), shown).values())
-
-
-def test_a_volume_that_is_very_deep_has_a_picture_of_bearable_size() -> None:
-    shown = prepare(VOLUME, np.array([0.0, 1e5, 2e5]), (1.0, 1.0))
-    assert sides(VolumeIntent(mode="Slices"), shown)["xz"].values.shape[0] <= 1.6 * MOST_ROWS
-
-
 def test_a_volume_is_saved_with_voxels_of_one_size(tmp_path: Path) -> None:
     """As ``lfcal reconstruct --voxel`` writes it; the size may be chosen when all is done."""
     camera, depths = preset("bench"), (-26_000.0, -20_000.0)
@@ -383,15 +324,8 @@ def test_a_volume_is_saved_with_voxels_of_one_size(tmp_path: Path) -> None:
     solving.close()
 
 
-def test_voxels_of_one_size_need_a_camera(psf: str) -> None:
-    with opened(psf) as H, pytest.raises(InputError, match="an H with its camera"):
-        ReconstructSettings(voxel="auto").grid(H, (24, 25))
-
-
 @pytest.mark.parametrize("as_is", [False, True])
-def test_a_light_field_is_resampled_where_the_lattice_drifts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, as_is: bool
-) -> None:
+def test_a_drifting_lattice_is_resampled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, as_is: bool) -> None:
     """As the command does it; the window used every light field as it is, without a word."""
     monkeypatch.chdir(tmp_path)
     camera = preset("lfm_60x12")
@@ -416,9 +350,3 @@ def test_a_light_field_is_resampled_where_the_lattice_drifts(
         found = tifffile.imread(out)
         np.testing.assert_allclose(found.reshape(expected.shape), expected, rtol=1e-4, atol=1e-4 * expected.max())
     solving.close()
-
-
-def test_tips_are_sentences() -> None:
-    tips = {field.key: field.tip for field in FIELDS}
-    assert tips["strength"] == ("Weight of the regularization term (≥ 0). Empty: 0.002 for rl-tv, 0.02 for rl-tikhonov")
-    assert not [tip for tip in tips.values() if "; empty" in tip or ".;" in tip or ". (" in tip]

@@ -1,3 +1,5 @@
+"""Use > Reconstruct: a light field is opened or made, reconstructed, judged and saved."""
+
 from __future__ import annotations
 
 import threading
@@ -7,22 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QComboBox, QLineEdit
+from PySide6.QtWidgets import QComboBox
 from pytestqt.qtbot import QtBot
 
 from lfcal.accuracy import CostPoint, Curve
 from lfcal.psf import PSFMatrix, save
+from lfcal.reconstruct import SolverChoice, load_volume, save_volume
 from lfcal.reconstruct.projectors.device import ArrayDevice
-from lfcal.reconstruct.solvers.choice import SolverChoice
-from lfcal.reconstruct.volumes import load_volume, save_volume
 from lfcal_gui.context import Context
-from lfcal_gui.models.cost import subject_of
-from lfcal_gui.models.project import ProjectState
+from lfcal_gui.models import ProjectState, subject_of
 from lfcal_gui.pages.reconstruct import model
 from lfcal_gui.pages.reconstruct.model import NO_DEVICE, ReconstructSettings, device_reason
 from lfcal_gui.pages.reconstruct.page import Page
-from lfcal_gui.theme import DARK, LIGHT, apply_theme
-from lfcal_gui.widgets import CostCurve, LinePlot
 from tests.gui.conftest import OpenPage
 from tests.gui.pages.reconstruct.test_model import matrix_file
 from tests.gui.waiting import GUARD_MS, idle
@@ -52,34 +50,30 @@ def test_empty_states_say_what_comes_next(page: Page, context: Context, qtbot: Q
     assert not page.panel.view.light_field.isVisibleTo(page) and page.panel.export.isVisibleTo(page)
     assert page.panel.misfit.blank.isVisibleTo(page) and "Reconstruct" in page.panel.misfit.blank.text()
     context.project.update("none", psf="")
-    assert page.empty is not None and "need an H" in page.empty.label.text()
+    assert "need an H" in page.empty.label.text()
 
 
-def test_charts_are_made_when_they_are_unfolded(page: Page, context: Context, qtbot: QtBot) -> None:
-    """The first look at the place was 140 ms long, a third of them for what was folded."""
-    qtbot.waitUntil(lambda: context.matrix(context.state.psf) is not None, timeout=GUARD_MS)
-    panel = page.panel
-    assert not panel.findChildren(CostCurve) and panel.findChildren(LinePlot) == [panel.misfit]
-    panel.more.open()
-    assert panel.findChildren(CostCurve) == [panel.curve]
-    panel.folded.open()
-    assert panel.likelihood in panel.findChildren(LinePlot)
-    qtbot.waitUntil(lambda: panel.curve.isVisible() and panel.likelihood.isVisible(), timeout=GUARD_MS)
-
-
-def test_missing_positions_of_h_are_named(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+def test_missing_positions_of_h_and_the_scale_of_a_saved_volume_are_said(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
     recorded = np.ones((2, 4, 4), int)
     recorded[1, 2, 3] = 0
     path = str(save(PSFMatrix(np.ones((2, 4, 4, 5, 5), np.float32), recorded=recorded), tmp_path / "gaps.h5"))
     context.project.update("open", psf=path)
     qtbot.waitUntil(lambda: context.matrix(path) is not None, timeout=GUARD_MS)
     assert "1 of 32 positions is missing, the first at (z, y, x) = (1, 2, 3)" in page.hint.text()
+    save_volume(tmp_path / "v.tif", np.ones((2, 4, 5)), depths_um=[30.0, 10.0], voxel_um=(2.5, 3.0))
+    context.project.update("open", volume=str(tmp_path / "v.tif"))
+    idle(context.jobs, qtbot)
+    prepared = page.panel.view.prepared
+    assert prepared.solid.measured
+    np.testing.assert_allclose(prepared.solid.sides, (2.5, 3.0), rtol=1e-5)
+    assert prepared.solid.given.tolist() == [30.0, 10.0]
 
 
-def test_a_light_field_that_cannot_be_made_yet_is_refused_in_words(
+def test_no_light_field_without_h(
     page: Page, context: Context, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """It was ignored in silence while H was being opened."""
     said: list[str] = []
     context.message.connect(said.append)
     monkeypatch.setattr(context.matrices, "get", lambda _: None)
@@ -87,7 +81,7 @@ def test_a_light_field_that_cannot_be_made_yet_is_refused_in_words(
     assert any("H is being opened" in words for words in said)
 
 
-def test_a_made_light_field_is_reconstructed_and_judged(
+def test_a_light_field_is_reconstructed(
     page: Page, context: Context, open_page: OpenPage, qtbot: QtBot, tmp_path: Path
 ) -> None:
     make(page, qtbot, tmp_path / "v.tif")
@@ -97,15 +91,15 @@ def test_a_made_light_field_is_reconstructed_and_judged(
     assert page.panel.go.text() == "Reconstruct"
     qtbot.mouseClick(page.panel.go, Qt.MouseButton.LeftButton)
     assert not page.panel.form.isEnabled() and page.panel.go.text() == "Stop" and page.panel.go.isEnabled()
-    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    ended(page, qtbot)
     words = page.panel.status.text()
     assert "5 iterations" in words and "misfit" in words and "NRMSE" in words
-    assert page.panel.view.volume is not None and page.panel.view.volume.shape == (2, 24, 28)
+    assert page.panel.view.volume.shape == (2, 24, 28)
     first = page.solving
-    assert first is not None and len(first.history) == 5
+    assert len(first.history) == 5
     assert page.panel.go.text() == "Run 5 more" and page.panel.took.text().startswith("done in")
     qtbot.mouseClick(page.panel.go, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    ended(page, qtbot)
     assert [r.iteration for r in first.history] == list(range(1, 11)) and page.solving is first
     x, y = page.panel.misfit._curves["misfit"].getData()
     # an accelerated method may overshoot by a little
@@ -136,40 +130,53 @@ def test_a_made_light_field_is_reconstructed_and_judged(
     assert again.panel.view.stack.currentWidget() is again.panel.view.looking
 
 
-def test_a_saved_volume_has_the_scale_of_its_file(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
-    """It was drawn with cubes for voxels, whatever the file said."""
-    save_volume(tmp_path / "v.tif", np.ones((2, 4, 5)), depths_um=[30.0, 10.0], voxel_um=(2.5, 3.0))
-    context.project.update("open", volume=str(tmp_path / "v.tif"))
-    idle(context.jobs, qtbot)
-    prepared = page.panel.view.prepared
-    assert prepared is not None and prepared.solid.measured
-    np.testing.assert_allclose(prepared.solid.sides, (2.5, 3.0), rtol=1e-5)
-    assert prepared.solid.given.tolist() == [30.0, 10.0]
-
-
 def test_stop_keeps_what_there_is(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
     make(page, qtbot, tmp_path / "v.tif")
     context.project.update("n", settings=ReconstructSettings(iterations=100_000).into(context.state))
     page.start()
     solving = page.solving
-    assert solving is not None
     qtbot.waitUntil(lambda: len(solving.history) > 2, timeout=GUARD_MS)
     qtbot.mouseClick(page.panel.go, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    ended(page, qtbot)
     assert page.panel.go.text().startswith("Run") and page.panel.save.isEnabled()
     assert page.panel.view.stack.currentWidget() is page.panel.view.looking
     page.panel.again.click()
     assert page.solving is not solving, "it starts again"
     qtbot.waitUntil(lambda: page.solving is not None and len(page.solving.history) > 2, timeout=GUARD_MS)
     context.jobs.cancel(page._job)  # the stop button of the status area
-    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    ended(page, qtbot)
     assert "misfit" in page.panel.status.text()
+
+
+def ended(page: Page, qtbot: QtBot) -> None:
+    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+
+
+def test_a_device_is_chosen_where_there_is_one_and_otherwise_refused_in_a_line(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    idle(context.jobs, qtbot)
+    box = page.panel.more.editor("device")
+    assert isinstance(box, QComboBox) and [box.itemData(k) for k in range(box.count())] == ["auto", "cpu", "cuda"]
+    page._device_looked_for("")
+    assert box.isEnabled() and "processor" in box.toolTip() and "Greyed" not in box.toolTip()
+    box.setCurrentIndex(box.findData("cpu"))
+    assert ReconstructSettings.of(context.state).device == "cpu"
+    page._device_looked_for(NO_DEVICE)
+    assert not box.isEnabled() and NO_DEVICE in box.toolTip() and box.accessibleDescription() == NO_DEVICE
+    make(page, qtbot, tmp_path / "light.tif")
+    monkeypatch.setattr("lfcal.reconstruct.projectors.device.device_count", lambda library: 0)
+    for device, words in (("cuda", "device cuda"), ("cpu", "<b>processor</b>")):
+        context.project.update("device", settings=ReconstructSettings(device=device).into(context.state))
+        idle(context.jobs, qtbot)
+        told = page.panel.forecast.text()
+        assert words in told and (device == "cpu" or ("choose cpu" in told and "\n" not in told))
+        assert device == "cpu" or (box.isEnabled() and box.currentData() == "cuda"), "it can be taken back"
 
 
 def test_stop_answers_at_once_also_while_it_is_set_up(
     page: Page, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It said nothing, and went through all of the preparation and an iteration first."""
     import lfcal_gui.pages.reconstruct.model_solving as module
 
     make(page, qtbot, tmp_path / "v.tif")
@@ -189,13 +196,13 @@ def test_stop_answers_at_once_also_while_it_is_set_up(
     stop.click()
     assert "stopping" in page.panel.status.text()
     go_on.set()
-    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    ended(page, qtbot)
     assert solving.history == () and page.panel.status.text() == "stopped"
     monkeypatch.undo()
     page.start()
     page.panel.go.click()  # before its thread has come to anything
-    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
-    assert page.solving is not None and len(page.solving.history) <= 1
+    ended(page, qtbot)
+    assert len(page.solving.history) <= 1
 
 
 def test_faults_come_in_words(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
@@ -203,7 +210,7 @@ def test_faults_come_in_words(page: Page, context: Context, qtbot: QtBot, tmp_pa
     context.project.update("n", settings=ReconstructSettings(region=(0, 0, 99, 5)).into(context.state))
     qtbot.waitUntil(lambda: "region" in page.panel.forecast.text(), timeout=GUARD_MS)
     page.start()
-    qtbot.waitUntil(lambda: page._job == 0, timeout=GUARD_MS)
+    ended(page, qtbot)
     assert "region" in page.panel.status.text() and page.panel.status.property("role") == "error"
     bad = tmp_path / "bad.tif"
     bad.write_bytes(b"nothing")
@@ -218,7 +225,6 @@ def test_form_and_project_follow_each_other(page: Page, context: Context, qtbot:
     idle(context.jobs, qtbot)  # the form is shown once H is open
     form = page.panel.form
     editor: Any = form.editor("iterations")
-    assert isinstance(editor, QLineEdit)
     editor.setText("7")
     editor.textEdited.emit("7")
     assert page.settings.iterations == 7
@@ -262,68 +268,11 @@ def test_a_solver_that_cannot_end_as_asked_says_so(page: Page, monkeypatch: pyte
         assert "cannot hold out" not in panel.solver_words.text()
 
 
-def test_it_fits_small_screens_and_both_themes(page: Page, context: Context, qapp: QApplication) -> None:
-    assert page.minimumSizeHint().width() <= 1280 - 85 and page.minimumSizeHint().height() <= 620
-    apply_theme(qapp, DARK)
-    context.theme_changed.emit()
-    apply_theme(qapp, LIGHT)
-    context.theme_changed.emit()
-
-
-def test_a_device_can_be_chosen_where_there_is_one(page: Page, context: Context, qtbot: QtBot) -> None:
-    """There was no way to say so in the window."""
-    idle(context.jobs, qtbot)
-    box = page.panel.more.editor("device")
-    assert isinstance(box, QComboBox) and [box.itemData(k) for k in range(box.count())] == ["auto", "cpu", "cuda"]
-    page._device_looked_for("")
-    assert box.isEnabled() and "processor" in box.toolTip() and "Greyed" not in box.toolTip()
-    box.setCurrentIndex(box.findData("cpu"))
-    assert ReconstructSettings.of(context.state).device == "cpu"
-    page._device_looked_for(NO_DEVICE)
-    assert not box.isEnabled() and NO_DEVICE in box.toolTip() and box.accessibleDescription() == NO_DEVICE
-    settings = ReconstructSettings(device="cuda").into(context.state)
-    context.project.update("made elsewhere", settings=settings)
-    assert box.isEnabled() and box.currentData() == "cuda", "what cannot be used here can be taken back"
-
-
-def test_a_device_that_is_not_there_is_refused_in_a_line(
-    page: Page, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("lfcal.reconstruct.projectors.device.device_count", lambda library: 0)
-    make(page, qtbot, tmp_path / "light.tif")
-    context.project.update("device", settings=ReconstructSettings(device="cuda").into(context.state))
-    idle(context.jobs, qtbot)
-    words = page.panel.forecast.text()
-    assert "device cuda" in words and "choose cpu" in words and "\n" not in words
-    context.project.update("device", settings=ReconstructSettings(device="cpu").into(context.state))
-    idle(context.jobs, qtbot)
-    assert "<b>processor</b>" in page.panel.forecast.text()
-
-
 def test_no_library_is_loaded_where_there_is_no_driver(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfcal.reconstruct.projectors.find_device", lambda text: None)
     assert device_reason() == NO_DEVICE
     monkeypatch.setattr("lfcal.reconstruct.projectors.find_device", lambda text: ArrayDevice("torch", 0))
     assert device_reason() == ""
-
-
-def test_it_fits_small_screens_with_all_that_is_told(
-    page: Page, context: Context, qtbot: QtBot, tmp_path: Path
-) -> None:
-    """What was told of a run and its forecast made the column longer than the window."""
-    make(page, qtbot, tmp_path / "light.tif")
-    idle(context.jobs, qtbot)
-    assert "Memory" in page.panel.forecast.text() and page.panel.took.text().startswith(("about", "less than"))
-    context.project.update("few", settings=ReconstructSettings(iterations=2).into(context.state))
-    page.start()
-    idle(context.jobs, qtbot)
-    assert "misfit" in page.panel.status.text()
-    for fold in (page.panel.export.other, page.panel.more):
-        fold.open()
-    QApplication.processEvents()
-    inner = page.panel.area.widget()
-    assert inner.minimumSizeHint().width() <= page.panel.area.viewport().width(), "nothing of the inspector is cut"
-    assert page.minimumSizeHint().width() <= 1000 - 85 and page.minimumSizeHint().height() <= 600 - 54 - 26
 
 
 def test_the_forecast_reaches_the_next_step(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
@@ -363,15 +312,13 @@ def test_a_measured_point_sets_solver_and_iterations(page: Page, context: Contex
     assert page.costing.part == "projection" and not page.panel.curve._points
 
 
-def test_a_curve_is_measured_as_a_job(
-    page: Page, context: Context, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_curve_is_measured_as_a_job(page: Page, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfcal_gui.pages.reconstruct._costing.SECONDS", 0.2)
-    idle(context.jobs, qtbot)
+    idle(page.context.jobs, qtbot)
     page.panel.more.open()
     page.panel.curve.measure_button.click()
     assert not page.panel.curve.measure_button.isEnabled() and page.panel.go.text() == "Reconstruct"
-    idle(context.jobs, qtbot)
-    found = context.curves.of(subject_of(context.state, "psf"))["solvers"]
+    idle(page.context.jobs, qtbot)
+    found = page.context.curves.of(subject_of(page.context.state, "psf"))["solvers"]
     assert found.points and len(page.panel.curve._points) == len(found.points)
     assert page.panel.curve.measure_button.text() == "Measure again"

@@ -1,4 +1,4 @@
-"""Reconstruct as a task: the page, its command, its Python and its job file give the same volume."""
+"""Reconstruct as a task: the page, its command and its Python give the same volume."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import tifffile
 from lfcal.base import InputError, drain
 from lfcal.psf import PSFMatrix, save
 from lfcal.records import rows
-from lfcal.tasks import Reconstruct, command_of, job_of
+from lfcal.tasks import Reconstruct, command_of
 from lfcal_gui.models import OpeningSettings, ProjectState
 from lfcal_gui.pages.reconstruct.model import FIELDS, ROWS, ReconstructSettings, task_of
 from lfcal_gui.pages.reconstruct.model_solving import Solving
@@ -43,11 +43,13 @@ def frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
 
 
 CHOSEN = {
-    "as it is": ReconstructSettings(device="cpu"),
-    "a penalty": ReconstructSettings("rl-tv", 4, strength=0.01, background=2.0, anchor=(3.1234567, 1.5), margin=4),
+    "a penalty with dark and white": ReconstructSettings(
+        *("rl-tv", 4),
+        **{"strength": 0.01, "background": 2.0, "anchor": (3.1234567, 1.5), "margin": 4},
+        **{"dark": "dark.tif", "white": "white.tif", "device": "cpu"},
+    ),
     "by held-out pixels": ReconstructSettings("osem", stop="left-out", goal="measure", subsets=2, threshold=0.01),
     "until it changes little": ReconstructSettings("rl", 30, tolerance=0.05, memory=1.0),
-    "with dark and white": ReconstructSettings("rl", 4, dark="dark.tif", white="white.tif"),
     "of two regions": ReconstructSettings("rl", 4, regions="other.h5", white="white.tif"),
     "by noise": ReconstructSettings("isra", stop="discrepancy", gain=1.5, saturation=80.0, double=True, margin=0),
 }
@@ -66,9 +68,7 @@ def test_all_routes_give_the_same_volume(lfcal: Lfcal, frame: np.ndarray, case: 
     assert copied.arguments == tuple(shlex.split(command_of(task))[1:])
     assert lfcal(*copied.arguments).code == 0
     exec(copied.script().replace("command.npy", "script.npy"), {})
-    Path("job.toml").write_text(job_of(task).replace("command.npy", "job.npy"))
-    assert lfcal("run", "job.toml").code == 0
-    for name in ("command", "script", "job"):
+    for name in ("command", "script"):
         np.testing.assert_array_equal(np.load(f"{name}.npy"), shown, err_msg=name)
 
 
@@ -86,9 +86,7 @@ def test_every_field_is_in_the_form_or_has_an_entry_of_its_own() -> None:
         assert next(one for one in FIELDS if one.key == key).tip.startswith(ROWS[key].tip)
 
 
-def test_a_mat_file_is_read_in_the_order_that_was_stated(
-    lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mat_file_is_read_in_its_order(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     noise = np.random.default_rng(5)
     save_v73(tmp_path / "H.mat", H=noise.random((5, 5, 3, 3, 2)))
@@ -110,15 +108,12 @@ def test_a_mat_file_is_read_in_the_order_that_was_stated(
     assert np.abs(volumes[0] - volumes[1]).max() > 0.1
 
 
-def test_a_lattice_resamples_h_of_one_region() -> None:
+def test_a_task_has_the_fields_that_apply() -> None:
     assert ReconstructSettings(regions="all", as_is=True).other_regions == ("all",)
     with pytest.raises(InputError, match="lattice: expected no file for an H of several regions"):
         ReconstructSettings(regions="all", lattice="lattice.json")
     with pytest.raises(InputError, match="lattice: expected no file, because As is is ticked"):
         ReconstructSettings(lattice="lattice.json", as_is=True)
-
-
-def test_fields_that_the_solver_does_not_use_are_left_out_of_the_task() -> None:
     task = task_of(ReconstructSettings("isra", read_noise=3.0, subsets=2, strength=0.1), "H.h5", "f.tif", "v.tif")
     assert isinstance(task, Reconstruct) and command_of(task) == (
         "lfcal reconstruct H.h5 f.tif --solver=isra --out=v.tif"
