@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.conftest import lfcal
+
+__all__ = ["lfcal"]
+
 IN_MEMORY, NEEDED = Path("/dev/shm"), 4 << 30
 
 

@@ -1,6 +1,6 @@
-"""Record a session and tell each acknowledged position on standard output; run by the crash tests as a program.
+"""Record a session and print each acknowledged position on standard output; run by the crash tests as a program.
 
-``python -m tests.acquire.crash_child FOLDER [resume]``; the plan lies beside the folder as ``FOLDER.plan.json``.
+``python -m tests.acquire.crash_child FOLDER [resume]``; the plan is next to the folder, as ``FOLDER.plan.json``.
 """
 
 from __future__ import annotations

@@ -11,11 +11,12 @@ import json
 import random
 import shutil
 import tempfile
-import time
 from pathlib import Path
 
-from tests.acquire.crashing import equal_matrices, kill_and_resume, power_cuts, undisturbed, why_no_power_cut
+from tests.acquire.crashing import Tally, equal_matrices, kill_and_resume, power_cuts, undisturbed, why_no_power_cut
 from tests.acquire.rigs import small_plan
+
+PLAN = small_plan((40, 50), 6, cutout=(101, 101), shape=(200, 220))
 
 
 def main() -> None:
@@ -36,31 +37,20 @@ def main() -> None:
 
 
 def kills(work: Path, count: int, rng: random.Random) -> dict[str, object]:
-    plan = small_plan((40, 50), 6, cutout=(101, 101), shape=(200, 220))
-    began = time.monotonic()
-    undisturbed(work / "calm", plan)
-    tally = kill_and_resume(work / "killed", plan, count, rng, 0.4)
-    return {
-        "kill -9": tally.crashes,
-        "positions": plan.n_positions,
-        "frames acknowledged": tally.acknowledged,
-        "acknowledged frames lost": tally.lost,
-        "H equal to that of an undisturbed run": equal_matrices(work / "calm", work / "killed"),
-        "seconds": round(time.monotonic() - began, 1),
-    }
+    undisturbed(work / "calm", PLAN)
+    tally = kill_and_resume(work / "killed", PLAN, count, rng, 0.4)
+    equal = equal_matrices(work / "calm", work / "killed")
+    found = {"kill -9": tally.crashes, "positions": PLAN.n_positions, "H equal to that of an undisturbed run": equal}
+    return {**found, **lost(tally)}
 
 
 def cuts(work: Path, count: int, rng: random.Random) -> dict[str, object]:
-    plan = small_plan((40, 50), 6, cutout=(101, 101), shape=(200, 220))
-    began = time.monotonic()
-    tally = power_cuts(work, plan, count, rng, 2.0, 600 << 20)
-    return {
-        "power cuts": tally.crashes,
-        "files that open": tally.crashes - tally.unreadable,
-        "frames acknowledged": tally.acknowledged,
-        "acknowledged frames lost": tally.lost,
-        "seconds": round(time.monotonic() - began, 1),
-    }
+    tally = power_cuts(work, PLAN, count, rng, 2.0, 600 << 20)
+    return {"power cuts": tally.crashes, "files that open": tally.crashes - tally.unreadable, **lost(tally)}
+
+
+def lost(tally: Tally) -> dict[str, object]:
+    return {"frames acknowledged": tally.acknowledged, "acknowledged frames lost": tally.lost}
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Programs killed and disks cut off at random times, and what is left then."""
+"""Programs killed and disks cut off at random times, and what is left."""
 
 from __future__ import annotations
 
@@ -45,13 +45,11 @@ def start(folder: Path, plan: ScanPlan) -> subprocess.Popen[bytes]:
     Path(f"{folder}.plan.json").write_text(plan.to_json())
     resume = ["resume"] if (folder / "session.json").exists() else []
     command = [sys.executable, "-m", "tests.acquire.crash_child", str(folder), *resume]
-    root = Path(__file__).parents[2]
-    return subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    return subprocess.Popen(command, cwd=Path(__file__).parents[2], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 
 def read_for(child: subprocess.Popen[bytes], seconds: float) -> bytes:
-    """Return what the child says until ``seconds`` after its first word."""
-    assert child.stdout is not None
+    """Return what the child writes until ``seconds`` after its first output."""
     descriptor = child.stdout.fileno()
     said = os.read(descriptor, 1 << 16)
     end = time.monotonic() + seconds
@@ -65,9 +63,7 @@ def read_for(child: subprocess.Popen[bytes], seconds: float) -> bytes:
 
 
 def rest(child: subprocess.Popen[bytes]) -> tuple[bytes, str]:
-    """Return what the dead child had still said, and its complaints."""
-    assert child.stdout is not None
-    assert child.stderr is not None
+    """Return the remaining output of the dead child, and its errors."""
     os.set_blocking(child.stdout.fileno(), True)
     said, complaint = child.stdout.read(), child.stderr.read().decode(errors="replace")
     child.stdout.close()
@@ -81,20 +77,16 @@ def heard(said: bytes) -> set[int]:
 
 
 def check(folder: Path, tally: Tally) -> None:
-    """Count acknowledged frames that are not there or not whole."""
+    """Count acknowledged frames that are missing or damaged."""
     if not tally.frames:
         return
     with h5py.File(folder / "recording.h5", "r", locking=False) as file:  # any reader may open it
         file["frames"][0]
     with RecordingSource(folder) as source:
-        _, ny, nx = source.plan.shape[:3]
-        there = {
-            (p.z * ny + p.y) * nx + p.x: k for k, p in enumerate(source.info(i).position for i in range(len(source)))
-        }
-        for flat in tally.frames:
-            if flat not in there:
-                tally.lost += 1
-                continue
+        places = [source.info(k).position for k in range(len(source))]
+        there = {int(np.ravel_multi_index(place, source.plan.shape[:3])): k for k, place in enumerate(places)}
+        tally.lost += len(tally.frames - there.keys())
+        for flat in tally.frames & there.keys():
             source.read(there[flat])  # its CRC is checked
 
 
@@ -184,35 +176,38 @@ class Disk:
             time.sleep(0.1)
 
 
+def power_cut(work: Path, plan: ScanPlan, seconds: float, size: int) -> Tally:
+    """Cut the power while a session is recorded on a new file system, and count what is lost."""
+    disk = Disk(work / "disk.img", work / "mnt", size)
+    if not disk.attach():
+        raise RuntimeError("the file system does not mount")
+    try:
+        folder = disk.mount / "session"
+        child = start(folder, plan)
+        trial = Tally(crashes=1, frames=heard(read_for(child, seconds)))  # acknowledged before the cut
+        disk.cut()
+        child.kill()
+        child.wait()
+        rest(child)
+        disk.detach()
+        try:
+            if not disk.attach():
+                raise RuntimeError("the file system does not mount again")
+            check(folder, trial)
+        except Exception as error:
+            print(f"unreadable: {error}", file=sys.stderr)
+            trial.unreadable, trial.lost = 1, len(trial.frames)
+    finally:
+        disk.detach()
+    trial.acknowledged = len(trial.frames)
+    return trial
+
+
 def power_cuts(work: Path, plan: ScanPlan, cuts: int, rng: random.Random, longest_s: float, size: int) -> Tally:
-    """Cut the power ``cuts`` times, each in a new session on a new file system, and count what is lost."""
+    """Cut the power ``cuts`` times, each in a new session, and count what is lost."""
     total = Tally()
     for _ in range(cuts):
-        disk = Disk(work / "disk.img", work / "mnt", size)
-        if not disk.attach():
-            raise RuntimeError("the file system does not mount")
-        try:
-            folder = disk.mount / "session"
-            child = start(folder, plan)
-            said = read_for(child, rng.uniform(0.0, longest_s))  # what is said after the cut does not count
-            disk.cut()
-            child.kill()
-            child.wait()
-            rest(child)
-            disk.detach()
-            trial = Tally(frames=heard(said))
-            if not disk.attach():
-                trial.unreadable, trial.lost = 1, len(trial.frames)
-            else:
-                try:
-                    check(folder, trial)
-                except Exception as error:
-                    print(f"unreadable: {error}", file=sys.stderr)
-                    trial.unreadable, trial.lost = 1, len(trial.frames)
-        finally:
-            disk.detach()
-        total.crashes += 1
-        total.acknowledged += len(trial.frames)
-        total.lost += trial.lost
-        total.unreadable += trial.unreadable
+        trial = power_cut(work, plan, rng.uniform(0.0, longest_s), size)
+        for name in ("crashes", "acknowledged", "lost", "unreadable"):
+            setattr(total, name, getattr(total, name) + getattr(trial, name))
     return total

@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfcal.acquire.control import Control
 from lfcal.acquire.options import Options
 from lfcal.acquire.recording.source import RecordingSource
+from lfcal.acquire.runner import Outcome
+from lfcal.acquire.session import record
 from lfcal.camera import ScanPlan, preset
 from lfcal.devices.protocols import Point
 from lfcal.devices.rig import Rig
@@ -19,7 +22,7 @@ from lfcal.devices.simulated.backend import simulated_rig
 from lfcal.devices.simulated.faults import DeviceFault
 
 CAREFUL = Options(darks=0, reference_every=0, origin_tolerance_px=0.5, keep_free_bytes=0, check_stage=False)
-"""Positions alone, all checks of frames on; that of the stage moves and exposes, which counted faults do not expect."""
+"""Positions alone, with all checks of frames; the check of the stage would shift the counts at which faults begin."""
 
 
 def small_plan(
@@ -39,6 +42,28 @@ def small_plan(
 
 def rig_for(plan: ScanPlan, *faults: DeviceFault, **options: Any) -> Rig:
     return simulated_rig(plan, faults=faults, **options)
+
+
+def stopped(
+    folder: Path, plan: Any, count: int, options: Options | None = CAREFUL, rig: Rig | None = None, how: str = "stop"
+) -> Outcome:
+    """Record, and stop (or abort) the session when it has so many frames."""
+    control, frames = Control(), 0
+
+    def watch(*_: object) -> None:
+        nonlocal frames
+        frames += 1
+        if frames == count:
+            getattr(control, how)()
+
+    return record(folder, plan, rig or rig_for(plan), options, control=control, observers=(watch,))
+
+
+def intercept(rig: Rig, device: str, call: str, act: Callable[..., Any]) -> None:
+    """Let ``act(works, *arguments)`` answer a call of a device; ``works`` is the device's own answer."""
+    own = getattr(rig, device).device
+    works = getattr(own, call)
+    setattr(own, call, lambda *arguments: act(works, *arguments))
 
 
 class Deceived:

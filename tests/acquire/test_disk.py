@@ -1,12 +1,17 @@
-"""A short disk is refused before anything moves; a hold and its end are said on every way out."""
+"""Disks that are short, full or slow, power cuts and killed programs: no acknowledged frame is lost."""
 
 from __future__ import annotations
 
 import datetime
 import errno
+import itertools
 import json
 import os
+import random
 import shutil
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,6 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from lfcal.acquire._forecast import forecast
@@ -25,11 +31,12 @@ from lfcal.acquire.session_file import SessionFile
 from lfcal.base.errors import StorageError
 from lfcal.base.system import sync_data
 from lfcal.camera import RegionPlan
-from tests.acquire.rigs import assert_same_frames, frames_of, rig_for, small_plan
-from tests.cli.conftest import Run, lfcal
+from tests.acquire.crashing import equal_matrices, kill_and_resume, power_cuts, undisturbed, why_no_power_cut
+from tests.acquire.rigs import assert_same_frames, frames_of, rig_for, small_plan, stopped
+from tests.cli.conftest import Run
 from tests.cli.test_disks import Mount, mount
 
-__all__ = ["lfcal", "mount"]
+__all__ = ["mount"]
 
 PLAN = small_plan(planes=1)
 OPTIONS = Options(darks=0, reference_every=0, retries=0)
@@ -55,48 +62,27 @@ def test_the_reserve_is_a_share_of_the_recording() -> None:
 
 
 def test_a_short_disk_is_refused_before_anything_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the same rule as the forecast: a disk of 500 MB once let a session of 9 MB wait for ever."""
+    """By the same rule as the forecast: a disk of 500 MB once let a session of 9 MB wait forever."""
     folder, rig = tmp_path / "s", rig_for(PLAN)
     disk(monkeypatch, 10 << 20)
+    words = r"the recording and its reserve in .*expected at least .* MB, got 10\.5 MB"
     for refused in (lambda: forecast(PLAN, rig, OPTIONS, folder), lambda: record(folder, PLAN, rig, OPTIONS)):
-        with pytest.raises(
-            StorageError, match=r"the recording and its reserve in .*expected at least .* MB, got 10\.5 MB"
-        ):
+        with pytest.raises(StorageError, match=words):
             refused()
-    assert rig.stage.moves == 0 and not folder.exists()  # type: ignore[attr-defined]
+    assert rig.stage.moves == 0 and not folder.exists()
     disk(monkeypatch, 500 << 20)
     assert record(folder, PLAN, rig, OPTIONS).how == "complete"
 
 
-def test_a_session_that_goes_on_is_refused_on_a_short_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = tmp_path / "s"
-    control = Control()
-    for step in iter_record(folder, PLAN, rig_for(PLAN), OPTIONS, control=control):
-        if step.stage == "record" and step.done >= 4:
-            control.stop()
-    rig = rig_for(PLAN)
+def test_a_resumed_session_is_refused_on_a_short_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stopped(tmp_path, PLAN, 4, OPTIONS)
     disk(monkeypatch, 1 << 20)
-    with pytest.raises(
-        StorageError,
-        match=r"disk low: 1.0 MB free, 16.8 MB required; free some space, or keep less space free \(--keep-free\)",
-    ):
-        record(folder, PLAN, rig, resume=True)
+    words = r"disk low: 1.0 MB free, 16.8 MB required; free some space, or keep less space free \(--keep-free\)"
+    with pytest.raises(StorageError, match=words):
+        record(tmp_path, PLAN, rig_for(PLAN), resume=True)
     monkeypatch.undo()
-    assert record(folder, PLAN, rig, resume=True).how == "complete" and len(frames_of(folder)) == PLAN.n_positions
-
-
-def holding(monkeypatch: pytest.MonkeyPatch, seen: list[Any], folder: Path) -> None:
-    """Let the disk be short for three looks after the fourth, and note what the folder's lock says meanwhile."""
-    looks = 0
-
-    def short(self: DiskGuard) -> str:
-        nonlocal looks
-        looks += 1
-        if looks > 6:
-            seen.append(holder_of(folder))
-        return "disk low: 1 MB free, 2 MB required; free some space" if 4 < looks <= 7 else ""
-
-    monkeypatch.setattr(DiskGuard, "__call__", short)
+    assert record(tmp_path, PLAN, rig_for(PLAN), resume=True).how == "complete"
+    assert len(frames_of(tmp_path)) == PLAN.n_positions
 
 
 @pytest.mark.parametrize("regions", [False, True])
@@ -105,17 +91,24 @@ def test_holds_are_lines_on_stderr_and_in_the_status(
 ) -> None:
     plan = RegionPlan.spread(PLAN, (1, 2)) if regions else PLAN
     (tmp_path / "plan.json").write_text(plan.to_json())
-    folder, seen = tmp_path / "s", list[Any]()
+    folder, held, looks = tmp_path / "s", list[Any](), itertools.count(1)
     own = folder / plan.names[0] if isinstance(plan, RegionPlan) else folder
-    holding(monkeypatch, seen, own)
+
+    def short(self: DiskGuard) -> str:
+        """Be short for three looks after the fourth, and note what the folder's lock states meanwhile."""
+        look = next(looks)
+        held.extend([holder_of(own)] if look > 6 else [])
+        return "disk low: 1 MB free, 2 MB required; free some space" if 4 < look <= 7 else ""
+
+    monkeypatch.setattr(DiskGuard, "__call__", short)
     words = ("--darks", 0, "--reference-every", 0, "--no-check-stage", "--option", "optics=pattern")
     done = lfcal("acquire", tmp_path / "plan.json", "--out", folder, *words)
     assert done.code == 0, done.err
     lines = done.err.splitlines()
     start = next(k for k, line in enumerate(lines) if "on hold: disk low: 1 MB free, 2 MB required" in line)
     assert any("recording again" in line for line in lines[start:]), done.err
-    held = [one for one in seen if one is not None and one.held]
-    assert held and held[0].held.startswith("disk low") and held[0].process > 0
+    (first, *_) = (one for one in held if one is not None and one.held)
+    assert first.held.startswith("disk low") and first.process > 0
     assert holder_of(own) is None and "complete" in lfcal("status", own).out
 
 
@@ -187,7 +180,7 @@ def test_a_disk_that_is_full_loses_no_frame_and_the_session_goes_on(tmp_path: Pa
 
 def test_a_slow_disk_records_the_same_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     record(tmp_path / "quick", PLAN, rig_for(PLAN), OPTIONS)
-    syncs = list[float]()
+    syncs, acknowledged = list[float](), list[float]()
 
     def slow(descriptor: int) -> None:
         time.sleep(0.05)
@@ -195,7 +188,6 @@ def test_a_slow_disk_records_the_same_frames(tmp_path: Path, monkeypatch: pytest
         syncs.append(time.monotonic())
 
     monkeypatch.setattr("lfcal.acquire.recording.recording_file.sync_data", slow)
-    acknowledged = list[float]()
     watch = lambda *_: acknowledged.append(time.monotonic())  # noqa: E731
     assert record(tmp_path / "slow", PLAN, rig_for(PLAN), OPTIONS, observers=(watch,)).how == "complete"
     assert_same_frames(frames_of(tmp_path / "slow"), frames_of(tmp_path / "quick"))
@@ -203,13 +195,10 @@ def test_a_slow_disk_records_the_same_frames(tmp_path: Path, monkeypatch: pytest
     assert len(syncs) < PLAN.n_positions and min(acknowledged) > syncs[0]
 
 
-def test_a_clock_that_is_set_back_between_runs_changes_nothing_but_the_dates(
+def test_a_clock_that_is_set_back_between_runs_changes_only_the_dates(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lfcal: Lfcal
 ) -> None:
-    control = Control()
-    for step in iter_record(tmp_path / "s", PLAN, rig_for(PLAN), OPTIONS, control=control):
-        if step.stage == "record" and step.done >= 4:
-            control.stop()
+    stopped(tmp_path / "s", PLAN, 4, OPTIONS)
     real = datetime.datetime
 
     class Back(datetime.datetime):
@@ -218,15 +207,67 @@ def test_a_clock_that_is_set_back_between_runs_changes_nothing_but_the_dates(
             return real.now(tz) - datetime.timedelta(hours=1)
 
     monkeypatch.setattr("lfcal.acquire.session.datetime.datetime", Back)
-    # what an earlier clock wrote lies in the future now
-    future = time.time() + 3600
+    future = time.time() + 3600  # what an earlier clock wrote lies in the future now
     for path in (tmp_path / "s").iterdir():
         os.utime(path, (future, future))
     assert record(tmp_path / "s", PLAN, rig_for(PLAN), resume=True).how == "complete"
     first, second = SessionFile.read(tmp_path / "s").runs
     assert (first.how, second.how) == ("stopped", "complete") and second.started < first.started
-    assert min(first.seconds, second.seconds) >= 0
-    assert "complete" in lfcal("status", tmp_path / "s").out
+    assert min(first.seconds, second.seconds) >= 0 and "complete" in lfcal("status", tmp_path / "s").out
     monkeypatch.undo()
     record(tmp_path / "whole", PLAN, rig_for(PLAN), OPTIONS)
     assert_same_frames(frames_of(tmp_path / "s"), frames_of(tmp_path / "whole"))
+
+
+# -- kills and power cuts; `tests.acquire.crash_figures` gives the full figures -----------------------------
+CRASHED = small_plan((16, 20), 3, cutout=(65, 65), shape=(110, 110))
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no kill -9 on this platform")
+@pytest.mark.parametrize("kills", [1, pytest.param(3, marks=pytest.mark.long)])
+def test_killed_and_resumed_equals_undisturbed(tmp_path: Path, kills: int) -> None:
+    undisturbed(tmp_path / "calm", CRASHED)
+    tally = kill_and_resume(tmp_path / "killed", CRASHED, kills, random.Random(3), 0.12)
+    assert tally.crashes >= 1 and tally.lost == 0
+    assert equal_matrices(tmp_path / "calm", tmp_path / "killed")
+
+
+@pytest.mark.skipif(bool(why_no_power_cut()), reason=why_no_power_cut() or "possible")
+def test_power_cut_loses_nothing_acknowledged(tmp_path: Path) -> None:
+    tally = power_cuts(tmp_path, CRASHED, 1, random.Random(4), 0.2, 64 << 20)
+    assert tally.acknowledged > 0 and (tally.unreadable, tally.lost) == (0, 0)
+
+
+MEASURING = """
+import json, os, sys
+from pathlib import Path
+from lfcal.acquire.live_quality import LiveQuality
+from lfcal.acquire.preview import Preview
+from lfcal.acquire.schedule import window_shape
+from lfcal.acquire.session import iter_record
+from tests.acquire.rigs import CAREFUL, rig_for, small_plan
+
+page = os.sysconf("SC_PAGE_SIZE")
+plan = small_plan((50, 50), 4, cutout=(41, 41), shape=(150, 150))
+quality = LiveQuality(plan, window_shape(plan, CAREFUL))
+found = []
+for progress in iter_record(Path(sys.argv[1]) / "s", plan, rig_for(plan), CAREFUL, preview=Preview(),
+                            observers=(quality,)):
+    if progress.done % 250 == 0:
+        resident = int(open("/proc/self/statm").read().split()[1]) * page
+        found.append((progress.done, resident))
+print(json.dumps(found))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="resident memory is read from /proc")
+@pytest.mark.long
+def test_memory_is_flat_over_ten_thousand_positions(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", MEASURING, str(tmp_path)]
+    child = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=300)
+    assert child.returncode == 0, child.stderr
+    done, resident = np.array(json.loads(child.stdout), float).T
+    assert done[-1] == 10_000
+    later = done >= 1000  # after the first tables and buffers have been made
+    slope = np.polyfit(done[later], resident[later], 1)[0] * 1000
+    assert slope < 1e6, f"{slope / 1e6:.2f} MB per 1,000 positions"

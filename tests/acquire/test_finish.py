@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -21,7 +21,17 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.frames.source import Position
 from lfcal.psf import AssemblySettings, open_psf
 from lfcal.simulate.sensor.camera_source import SimulatedCamera
-from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
+from tests.acquire.rigs import (
+    CAREFUL,
+    assert_same_frames,
+    deceived_rig,
+    frames_of,
+    rig_for,
+    scaled,
+    small_plan,
+    stopped,
+)
+from tests.acquire.rotting import rot_frame
 
 PLAN = small_plan()
 EXACT = AssemblySettings(strict=True, dtype="float32")
@@ -32,16 +42,17 @@ def session(folder: Path, plan: ScanPlan = PLAN) -> Path:
     return folder
 
 
-def test_h_is_the_recorded_cutouts(tmp_path: Path) -> None:
-    folder = session(tmp_path / "s")
-    report = drain(iter_assemble_session(folder, tmp_path / "H.h5", settings=EXACT))
-    frames = frames_of(folder)
-    assert report.frames == 27
-    assert report.residual_px == (0.0, 0.0)
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return session(tmp_path_factory.mktemp("whole") / "s")
+
+
+def test_h_is_the_recorded_cutouts(whole: Path, tmp_path: Path) -> None:
+    report = drain(iter_assemble_session(whole, tmp_path / "H.h5", settings=EXACT))
+    assert report.frames == 27 and report.residual_px == (0.0, 0.0)
     with open_psf(tmp_path / "H.h5") as matrix:
-        assert matrix.shape == (3, 3, 3, 21, 21)
-        assert np.allclose(matrix.depths, PLAN.depths_um)
-        for (z, y, x), frame in frames.items():
+        assert matrix.shape == (3, 3, 3, 21, 21) and np.allclose(matrix.depths, PLAN.depths_um)
+        for (z, y, x), frame in frames_of(whole).items():
             assert np.array_equal(matrix[z, y, x], frame - np.float32(64)), "less the black level of the plan"
 
 
@@ -79,7 +90,7 @@ def test_a_complete_plane_is_assembled_while_the_next_is_recorded(tmp_path: Path
 
 
 def test_packing_keeps_every_frame_and_note(tmp_path: Path) -> None:
-    folder = session(tmp_path / "s", small_plan((8, 8), 2, cutout=(41, 41)))
+    folder = session(tmp_path / "s", small_plan((4, 4), 2, cutout=(41, 41)))
     before = frames_of(folder)
     with h5py.File(folder / "recording.h5", "r", locking=False) as file:
         records = file["records"][...]
@@ -96,30 +107,23 @@ def test_packing_keeps_every_frame_and_note(tmp_path: Path) -> None:
     assert sorted(p.name for p in folder.iterdir()) == ["recording.h5", "session.json", "session.lock"]
 
 
-def test_packing_names_a_damaged_frame_and_leaves_the_recording(tmp_path: Path) -> None:
-    folder = session(tmp_path / "s")
+def test_packing_names_a_damaged_frame_and_leaves_the_recording(whole: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(whole, tmp_path / "s"))
     path = folder / "recording.h5"
-    layout = read_layout(path)
-    with path.open("r+b") as file:
-        file.seek(layout.frames_at + 4 * layout.frame_bytes + 50)
-        file.write(b"\xff\xff\xff")
+    rot_frame(path, 4)
     raw = path.read_bytes()
     with pytest.raises(FileFormatError, match=r"recording\.h5\[4\]: .*record it again"):
         drain(iter_repack(path))
-    assert path.read_bytes() == raw
-    assert len(list(folder.iterdir())) == 3
     packed = drain(iter_finish(folder))
+    assert path.read_bytes() == raw and len(list(folder.iterdir())) == 3
     assert packed.bytes_gained == 0 and packed.left[0].startswith("recording.h5 is not packed: recording.h5[4]: ")
-    with (
-        RecordingSource(folder) as source,
-        pytest.raises(FileFormatError, match=r"recording\.h5\[4\], \(z, y, x\) = \(0, 1, 1\): .*--skip-damaged"),
-    ):
+    damaged = r"recording\.h5\[4\], \(z, y, x\) = \(0, 1, 1\): .*--skip-damaged"
+    with RecordingSource(folder) as source, pytest.raises(FileFormatError, match=damaged):
         source.read(4)
 
 
-def test_an_unfinished_recording_is_not_packed_and_one_in_use_is_left_alone(tmp_path: Path) -> None:
-    control = Control()
-    record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(lambda *_: control.stop(),))
+def test_unfinished_recordings_and_those_in_use_are_not_packed(tmp_path: Path) -> None:
+    stopped(tmp_path / "s", PLAN, 1)
     assert drain(iter_finish(tmp_path / "s")) == (0, ())
     assert read_layout(tmp_path / "s" / "recording.h5").in_place
     report = drain(iter_assemble_session(tmp_path / "s"))
@@ -134,11 +138,11 @@ def test_an_unfinished_recording_is_not_packed_and_one_in_use_is_left_alone(tmp_
     record(tmp_path / "t", PLAN, rig_for(PLAN), CAREFUL, observers=(pack,))
 
 
-def test_a_finished_session_resumes_to_nothing_and_redoes_beside(tmp_path: Path) -> None:
-    folder = session(tmp_path / "s")
+def test_positions_of_a_packed_session_are_recorded_again_into_another_file(whole: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(whole, tmp_path / "s"))
     drain(iter_finish(folder))
     outcome = record(folder, PLAN, rig_for(PLAN), CAREFUL, resume=True)
-    assert (outcome.how, outcome.acknowledged) == ("complete", 27)
+    assert (outcome.how, outcome.acknowledged) == ("complete", 27), "nothing is left to record"
     record(folder, PLAN, rig_for(PLAN, seed=3), CAREFUL, redo=[Position(1, 1, 1)])
     drain(iter_finish(folder))
     with RecordingSource(folder) as source:
@@ -181,27 +185,10 @@ def test_frames_of_the_simulated_camera_pass_through_a_session(tmp_path: Path) -
             assert float(error.std()) < 1.6
 
 
-class Reversed:
-    """A stage whose x axis is wired the wrong way round."""
-
-    def __init__(self, stage: Any) -> None:
-        self.stage = stage
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.stage, name)
-
-    def move(self, target: Any, *more: Any, **options: Any) -> Any:
-        return self.stage.move((-target[0], *target[1:]), *more, **options)
-
-    def position(self) -> Any:
-        x, *rest = self.stage.position()
-        return (-x, *rest)
-
-
-def test_a_session_that_ran_otherwise_than_planned_makes_no_h(tmp_path: Path) -> None:
+def test_a_session_with_a_reversed_axis_makes_no_h(tmp_path: Path) -> None:
     plan = small_plan((7, 9), 1, cutout=(31, 31))
-    rig = rig_for(plan)
-    record(tmp_path / "s", plan, replace(rig, stage=Reversed(rig.stage)), replace(CAREFUL, origin_tolerance_px=None))
+    rig = deceived_rig(plan, scaled(-1.0, 1.0, 1.0))
+    record(tmp_path / "s", plan, rig, replace(CAREFUL, origin_tolerance_px=None))
     with pytest.raises(InputError, match="expected an image that moves as planned"):
         drain(iter_assemble_session(tmp_path / "s", tmp_path / "H.h5"))
     assert not (tmp_path / "H.h5").exists()

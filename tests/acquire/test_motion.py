@@ -1,4 +1,4 @@
-"""Moves that arrive: backlash, limits, settling, drift."""
+"""Moves of the stage: backlash, limits, settling, drift."""
 
 from __future__ import annotations
 
@@ -20,30 +20,19 @@ def mover(stage: SimStage, time: VirtualTime, control: Control | None = None, **
 
 
 def true_errors(overshoot: float) -> np.ndarray:
+    """Return the range of the true errors on each axis along a path of moves."""
     time = VirtualTime()
     stage = SimStage(time, StageModel(backlash_um=(4.0, 5.0, 6.0)))
-    drive = mover(stage, time, overshoot_um=(overshoot,) * 3)
-    errors = []
+    drive, errors = mover(stage, time, overshoot_um=(overshoot,) * 3), []
     for target in PATH:
-        drive.go(target)
+        assert drive.go(target) == pytest.approx(target, abs=1e-3), "the read-back cannot show the backlash"
         errors.append(np.subtract(stage.true_position(), target))
-    return np.array(errors)
+    return np.ptp(errors, axis=0)
 
 
 def test_backlash_is_taken_up_by_approaching_from_one_side() -> None:
-    assert np.ptp(true_errors(20.0), axis=0) == pytest.approx([0, 0, 0], abs=1e-9)
-
-
-def test_without_the_approach_the_play_shows() -> None:
-    assert np.ptp(true_errors(0.0), axis=0)[:2] == pytest.approx([4.0, 5.0], abs=1e-9)
-
-
-def test_read_back_alone_cannot_see_the_play() -> None:
-    time = VirtualTime()
-    stage = SimStage(time, StageModel(backlash_um=(4.0,) * 3))
-    drive = mover(stage, time, overshoot_um=(0.0,) * 3)
-    for target in PATH:
-        assert drive.go(target) == pytest.approx(target, abs=1e-3)
+    assert true_errors(20.0) == pytest.approx([0, 0, 0], abs=1e-9)
+    assert true_errors(0.0)[:2] == pytest.approx([4.0, 5.0], abs=1e-9), "without the approach the backlash shows"
 
 
 def test_moves_in_the_positive_sense_need_no_detour() -> None:
@@ -82,20 +71,17 @@ def test_limits_are_checked_with_the_approach_and_before_anything_moves() -> Non
     assert stage.moves == 0
 
 
-@pytest.mark.parametrize(
-    ("kind", "error"),
-    [
+def test_faults_of_the_stage_are_detected() -> None:
+    for kind, error in (
         ("move fails", StageError),
         ("stops short", NotInPosition),
         ("drifts", NotInPosition),
         ("never arrives", StageError),
-    ],
-)
-def test_faults_of_the_stage_are_seen(kind: str, error: type[Exception]) -> None:
-    time = VirtualTime()
-    stage = SimStage(time, faults=[DeviceFault(kind, 1)])
-    with pytest.raises(error):
-        mover(stage, time, timeout_s=5.0, settle_s=0.1).go((100.0, 100.0, 100.0))
+    ):
+        time = VirtualTime()
+        with pytest.raises(error):
+            stage = SimStage(time, faults=[DeviceFault(kind, 1)])
+            mover(stage, time, timeout_s=5.0, settle_s=0.1).go((100.0, 100.0, 100.0))
 
 
 def test_abort_is_heard_on_the_way() -> None:

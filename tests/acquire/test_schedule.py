@@ -63,13 +63,16 @@ def test_plan_order_is_kept_and_extras_come_where_they_should() -> None:
     assert kinds == "DR" + "P" * 10 + "R" + "P" * 10 + "DR" + "P" * 7 + "R" + "C" * 12
 
 
-def test_darks_are_taken_for_every_exposure() -> None:
+def test_each_exposure_has_darks_and_the_defaults_cost_little() -> None:
     plan = small_plan(exposure_s=(0.01, 0.02, 0.01))
     steps = [s for s in Schedule.of(plan, Options(darks=2)).steps() if s.kind is Kind.DARK]
     assert [plan.exposures[s.z] for s in steps] == [0.01, 0.02]
+    schedule = Schedule.of(ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0, 4.0]), Options())
+    assert (schedule.count(Kind.POSITION), schedule.count(Kind.DARK)) == (1254, 1)
+    assert 2 <= schedule.count(Kind.REFERENCE) <= 0.02 * 1254 and Options().darks >= 2
 
 
-def test_coarse_order_sees_all_planes_first_and_refines() -> None:
+def test_coarse_order_visits_all_planes_first_and_refines() -> None:
     plan = small_plan((8, 12), 3)
     order = coarse_order(plan)
     assert sorted(map(tuple, order.tolist())) == sorted(plan.positions())
@@ -91,24 +94,18 @@ def test_control_frames_lie_whole_periods_away_and_on_the_sensor() -> None:
     middle = plan.image_px(np.array([0, 2, 3])) - 10
     for s in steps:
         assert (s.row, s.column) == (middle[0] + 5 * s.period_y, middle[1] + 7 * s.period_x)
-        assert 0 <= s.row <= 96 - 21
-        assert 0 <= s.column <= 96 - 21
+        assert 0 <= s.row <= 96 - 21 and 0 <= s.column <= 96 - 21
     farthest = max(s.column for s in steps)
     assert farthest + 21 + 7 > 96 - 7
     roi = schedule.control_roi
-    assert schedule.roi.rows == 21 + 4
-    assert schedule.roi.columns == 21 + 6
-    assert roi.rows > schedule.roi.rows
+    assert (schedule.roi.rows, schedule.roi.columns) == (21 + 4, 21 + 6) and roi.rows > schedule.roi.rows
 
 
-def test_cutouts_with_their_margin_must_lie_on_the_sensor() -> None:
+def test_cutouts_have_a_margin_for_interpolation_and_lie_on_the_sensor() -> None:
     plan = small_plan((3, 3), 1, cutout=(41, 41))
     Schedule.of(plan, Options(margin_px=25))
     with pytest.raises(InputError, match=r"z=0, y=0, x=2.*smaller margin"):
         Schedule.of(plan, Options(margin_px=26))
-
-
-def test_margin_is_kept_where_interpolation_needs_it() -> None:
     plan = small_plan()
     assert window_shape(plan, Options()) == (21, 21)
     between = ScanPlan(plan.camera, (3, 3), (21, 21), plan.depths_um, (48.25, 48.0))
@@ -116,7 +113,7 @@ def test_margin_is_kept_where_interpolation_needs_it() -> None:
     assert window_shape(between, Options(margin_px=1)) == (23, 23)
 
 
-def test_redo_takes_each_position_once() -> None:
+def test_positions_recorded_again_are_taken_once_and_those_done_are_left_out() -> None:
     plan = small_plan()
     redo = [Position(2, 1, 0), Position(0, 0, 1), Position(2, 1, 0)]
     schedule = Schedule.of(plan, Options(reference_every=0), redo)
@@ -125,27 +122,5 @@ def test_redo_takes_each_position_once() -> None:
         Schedule.of(plan, Options(), [Position(3, 0, 0)])
     with pytest.raises(InputError, match="at least one"):
         Schedule.of(plan, Options(), [])
-
-
-def test_a_full_session_is_planned_in_arrays() -> None:
-    """57,475 positions of the R29: made and gone through once; `python -m benchmarks acquire` times it."""
-    plan = ScanPlan.for_camera(preset("r29"), virtual_depths=[-3, -2, 1.5, 2, 2.5, 3, 3.5, 4, 4.5, 5, 5.5])
-    schedule = Schedule.of(plan, Options(reference_every=500, darks=0))
-    assert schedule.count(Kind.POSITION) == plan.n_positions == 57475
-    assert sum(1 for _ in schedule.steps()) == len(schedule) == 57475 + 116
-
-
-def test_darks_and_references_are_on_by_default_at_little_cost() -> None:
-    plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0, 4.0])
-    schedule = Schedule.of(plan, Options())
-    assert schedule.count(Kind.POSITION) == 1254
-    assert schedule.count(Kind.DARK) == 1
-    assert 2 <= schedule.count(Kind.REFERENCE) <= 0.02 * 1254
-    assert Options().darks >= 2
-
-
-def test_todo_leaves_out_what_is_done() -> None:
-    schedule = Schedule.of(small_plan(), Options())
-    todo = np.zeros(27, np.bool_)
-    todo[[3, 20]] = True
-    assert [s.slot for s in schedule.steps(todo)] == [s.slot for k, s in enumerate(schedule.steps()) if k in (3, 20)]
+    whole, todo = Schedule.of(plan, Options()), np.isin(np.arange(27), [3, 20])
+    assert [s.slot for s in whole.steps(todo)] == [s.slot for k, s in enumerate(whole.steps()) if k in (3, 20)]

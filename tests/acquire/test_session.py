@@ -1,8 +1,9 @@
-"""Sessions begun, paused, stopped, aborted, resumed, redone."""
+"""Sessions begun, paused, stopped, aborted, resumed, and recorded again."""
 
 from __future__ import annotations
 
 import json
+import shutil
 import threading
 from contextlib import suppress
 from dataclasses import replace
@@ -12,28 +13,35 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lfcal.acquire._forecast import forecast
 from lfcal.acquire.control import Control
 from lfcal.acquire.errors import AcquisitionStopped
+from lfcal.acquire.finish import iter_assemble_session, iter_finish
 from lfcal.acquire.options import Options
 from lfcal.acquire.preview import Preview
+from lfcal.acquire.recording._verify import verify
 from lfcal.acquire.recording.recording_file import RecordingFile
 from lfcal.acquire.recording.records import Kind
 from lfcal.acquire.recording.source import RecordingSource, read_checks
+from lfcal.acquire.redo import RedoList
 from lfcal.acquire.session import iter_record, record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.acquire.setup.live import levels
+from lfcal.acquire.suspending import Bound, Suspender
 from lfcal.base.errors import FileFormatError, InputError, StorageError
-from lfcal.base.progress import drain
-from lfcal.camera import StageAxes
-from lfcal.devices.errors import DeviceLost, LimitError
-from lfcal.devices.protocols import Frame, Point, Roi, Setting
-from lfcal.devices.rig import Rig
+from lfcal.base.progress import Progress, drain
+from lfcal.camera import Forecast, StageAxes
+from lfcal.devices.errors import DeviceError, DeviceLost, LimitError
+from lfcal.devices.protocols import Frame, Gauge, Point, Roi, Setting
+from lfcal.devices.rig import FileGauge, Rig
 from lfcal.devices.simulated._camera import LightPatch, Renderer
 from lfcal.devices.simulated._optics import PatternRenderer
+from lfcal.devices.simulated._stage import StageModel
+from lfcal.devices.simulated.faults import DeviceFault
 from lfcal.frames import CorrectionRecipe, corrected_view
 from lfcal.frames.described import sensor_noise
 from lfcal.frames.source import FrameSource, Position
-from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
+from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, intercept, rig_for, small_plan, stopped
 
 PLAN = small_plan()
 
@@ -45,134 +53,82 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def stop_after(count: int, control: Control, how: str = "stop") -> Any:
-    seen = []
-
-    def observer(*_: object) -> None:
-        seen.append(1)
-        if len(seen) == count:
-            getattr(control, how)()
-
-    return observer
-
-
-def test_a_session_is_a_frame_source(whole: Path) -> None:
+def test_a_session_is_a_frame_source_with_its_plan_and_options(whole: Path) -> None:
     with RecordingSource(whole) as source:
-        assert isinstance(source, FrameSource)
-        assert source.shape == (21, 21)
-        assert source.dtype == np.uint16
-        assert len(source) == 27
+        assert isinstance(source, FrameSource) and len(source) == 27
+        assert (source.shape, source.dtype, source.metadata.bit_depth) == ((21, 21), np.uint16, 12)
         assert [source.info(k).position for k in range(27)] == sorted(PLAN.positions())
-        row, column = source.info(5).origin
         y, x = source.info(5).position[1:]
-        assert (row, column) == (48 + y - 10, 48 + x - 10)
-        assert source.info(0).exposure_s == 0.02
-        assert source.info(3).label == "recording.h5[3]"
-        assert source.metadata.bit_depth == 12
-
-
-def test_cutouts_follow_the_source(whole: Path) -> None:
-    """The brightest pixel stays near the middle of every cutout though the source moves."""
-    for frame in frames_of(whole).values():
+        assert source.info(5).origin == (48 + y - 10, 48 + x - 10)
+        assert (source.info(0).exposure_s, source.info(3).label) == (0.02, "recording.h5[3]")
+    for frame in frames_of(whole).values():  # the cutouts follow the source: its image stays in the middle
         at = np.unravel_index(np.argmax(frame), frame.shape)
         assert np.all(np.abs(np.array(at) - 10) <= 3)
+    data = json.loads((whole / "session.json").read_text())
+    assert data["format"] == "lfcal-session" and data["devices"]["camera"] == "simulated camera"
+    assert data["plan"] == json.loads(PLAN.to_json()) and Options.from_dict(data["options"]) == CAREFUL
+    assert SessionFile.read(whole).plan == PLAN
 
 
-@pytest.mark.parametrize("how", ["stop", "abort"])
-def test_stop_and_abort_end_and_can_be_resumed(tmp_path: Path, whole: Path, how: str) -> None:
-    control = Control()
-    outcome = record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(6, control, how),))
-    assert outcome.how == {"stop": "stopped", "abort": "aborted"}[how]
-    assert 6 <= outcome.acknowledged < 16
-    assert len(frames_of(tmp_path)) == outcome.acknowledged
-    assert record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, resume=True).how == "complete"
+@pytest.mark.parametrize("how", ["stop", "abort", "close"])
+def test_a_session_that_was_stopped_aborted_or_closed_is_resumed(tmp_path: Path, whole: Path, how: str) -> None:
+    threads = threading.active_count()
+    if how == "close":
+        work = iter_record(tmp_path, PLAN, rig_for(PLAN), CAREFUL)
+        next(progress for progress in work if progress.done >= 6)
+        work.close()
+    else:
+        outcome = stopped(tmp_path, PLAN, 6, how=how)
+        assert outcome.how == {"stop": "stopped", "abort": "aborted"}[how]
+        assert len(frames_of(tmp_path)) == outcome.acknowledged
+    assert 6 <= len(frames_of(tmp_path)) < 16
+    # how careful a session is may change
+    patient = replace(CAREFUL, retries=9, tolerance_um=(2.0, 2.0, 9.0), order="coarse")
+    assert record(tmp_path, PLAN, rig_for(PLAN), patient, resume=True).how == "complete"
     assert_same_frames(frames_of(tmp_path), frames_of(whole))
-    runs = SessionFile.read(tmp_path).runs
-    assert [run.how for run in runs] == [outcome.how, "complete"]
+    assert SessionFile.read(tmp_path).runs[-1].how == "complete" and threading.active_count() == threads
     with RecordingSource(tmp_path) as source:
-        elapsed = sorted(float(source.record(k)["elapsed_s"]) for k in range(27))
-    assert np.all(np.diff(elapsed) > 0)
+        notes = sorted((source.record(k) for k in range(27)), key=lambda note: int(note["sequence"]))
+    assert np.all(np.diff([float(note["elapsed_s"]) for note in notes]) > 0)
 
 
-def test_pause_holds_with_everything_safe_and_resume_goes_on(tmp_path: Path, whole: Path) -> None:
-    control = Control()
-    rig = rig_for(PLAN)
-    work = iter_record(tmp_path, PLAN, rig, CAREFUL, control=control, observers=(stop_after(4, control, "pause"),))
-    held = 0
-    moves = -1
-    for progress in work:
+def test_a_paused_session_holds_with_all_frames_safe_and_resumes(tmp_path: Path, whole: Path) -> None:
+    control, rig, held, moves = Control(), rig_for(PLAN), 0, -1
+    for progress in iter_record(tmp_path / "s", PLAN, rig, CAREFUL, control=control):
+        if progress.done >= 4 and not held:
+            control.pause()
         if progress.note == "paused":
             held += 1
             assert control.held == "paused"
             if held == 2:
-                moves = rig.stage.moves  # type: ignore[attr-defined]
-                assert len(frames_of(tmp_path)) == progress.done
+                moves = rig.stage.moves
+                assert len(frames_of(tmp_path / "s")) == progress.done
             if held == 4:
-                assert rig.stage.moves == moves  # type: ignore[attr-defined]
+                assert rig.stage.moves == moves
                 control.resume()
-    assert held >= 4
-    assert control.held == ""
-    assert_same_frames(frames_of(tmp_path), frames_of(whole))
-
-
-def test_stop_is_heard_while_paused(tmp_path: Path) -> None:
-    control = Control()
+    assert held >= 4 and control.held == ""
+    assert_same_frames(frames_of(tmp_path / "s"), frames_of(whole))
     control.pause()
     threading.Timer(0.1, control.stop).start()
-    outcome = record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control)
-    assert (outcome.how, outcome.acknowledged) == ("stopped", 0)
+    outcome = record(tmp_path / "t", PLAN, rig_for(PLAN), CAREFUL, control=control)
+    assert (outcome.how, outcome.acknowledged) == ("stopped", 0), "a paused session can be stopped"
 
 
-def test_closing_the_work_ends_the_session_in_order(tmp_path: Path, whole: Path) -> None:
-    work = iter_record(tmp_path, PLAN, rig_for(PLAN), CAREFUL)
-    for progress in work:
-        if progress.done >= 5:
-            break
-    work.close()
-    assert 5 <= len(frames_of(tmp_path)) < 27
-    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, resume=True)
-    assert_same_frames(frames_of(tmp_path), frames_of(whole))
+def test_what_cannot_be_recorded_is_refused_before_anything_moves_or_is_made(tmp_path: Path) -> None:
+    narrow = rig_for(PLAN, model=StageModel(limits=((-1e5, 1e5), (-1e5, 0.0), (-1e5, 1e5))))
+    for plan, rig, error, words in (
+        (PLAN, narrow, LimitError, "nothing was moved"),
+        (small_plan(shape=(97, 96)), rig_for(PLAN), InputError, "sensor of simulated camera: expected 97 x 96 px"),
+    ):
+        with pytest.raises(error, match=words):
+            record(tmp_path / "s", plan, rig, CAREFUL)
+        assert rig.stage.moves == 0 and not list((tmp_path / "s").glob("*.h5")), words
+        assert not (tmp_path / "s" / "session.json").exists(), words
 
 
-def test_low_disk_holds_until_there_is_space(tmp_path: Path, whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from lfcal.acquire import session as session_module
-
-    class Low:
-        def __init__(self, *_: object) -> None:
-            self.calls = 0
-
-        def __call__(self) -> str:
-            self.calls += 1
-            return "disk low: free some space" if 5 < self.calls < 9 else ""
-
-    monkeypatch.setattr(session_module, "DiskGuard", Low)
-    notes = [p.note for p in iter_record(tmp_path, PLAN, rig_for(PLAN), CAREFUL) if p.note]
-    assert notes
-    assert set(notes) == {"disk low: free some space"}
-    assert_same_frames(frames_of(tmp_path), frames_of(whole))
-
-
-def test_disk_that_cannot_hold_the_session_is_refused_before_anything_is_made(tmp_path: Path) -> None:
-    huge = small_plan((200, 200), 3, cutout=(1501, 1501), shape=(2400, 2400))
-    with pytest.raises(StorageError, match="disk space for the recording"):
-        record(tmp_path / "s", huge, rig_for(huge), CAREFUL)
-    assert not list((tmp_path / "s").glob("*.h5"))
-    assert not (tmp_path / "s" / "session.json").exists()
-
-
-def test_limits_are_checked_before_anything_moves_or_is_made(tmp_path: Path) -> None:
-    from lfcal.devices.simulated._stage import StageModel
-
-    rig = rig_for(PLAN, model=StageModel(limits=((-1e5, 1e5), (-1e5, 0.0), (-1e5, 1e5))))
-    with pytest.raises(LimitError, match="nothing was moved"):
-        record(tmp_path / "s", PLAN, rig, CAREFUL)
-    assert rig.stage.moves == 0  # type: ignore[attr-defined]
-    assert not list((tmp_path / "s").glob("*.h5"))
-
-
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
+def test_only_the_same_session_is_resumed(whole: Path, tmp_path: Path) -> None:
+    before = (whole / "session.json").read_bytes()
+    for change, named in (
         ({"plan": small_plan(settle_s=0.1)}, "plan.settle_s"),
         ({"plan": small_plan(stage=StageAxes(origin_um=(1.0, 0.0, 0.0)))}, "plan.stage.origin_um"),
         ({"plan": small_plan((3, 4))}, "plan.period"),
@@ -180,46 +136,28 @@ def test_limits_are_checked_before_anything_moves_or_is_made(tmp_path: Path) -> 
         ({"options": replace(CAREFUL, bracket=(1.0, 0.5))}, "option bracket"),
         ({"camera": "another camera"}, "devices.camera"),
         ({"stage": "another stage"}, "devices.stage"),
-    ],
-)
-def test_resume_takes_only_the_same_session(whole: Path, change: dict[str, Any], named: str) -> None:
-    plan = change.get("plan", PLAN)
-    rig = rig_for(plan)
-    for device in ("camera", "stage"):
-        if device in change:
+    ):
+        plan: Any = change.get("plan", PLAN)
+        rig = rig_for(plan)
+        for device in change.keys() & {"camera", "stage"}:
             getattr(rig, device).name = change[device]
-    before = (whole / "session.json").read_bytes()
-    with pytest.raises(InputError, match=named):
-        record(whole, plan, rig, change.get("options", CAREFUL), resume=True)
-    assert (whole / "session.json").read_bytes() == before
-
-
-def test_resume_may_change_how_careful_it_is(tmp_path: Path) -> None:
-    control = Control()
-    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))
-    patient = replace(CAREFUL, retries=9, tolerance_um=(2.0, 2.0, 9.0), order="coarse")
-    assert record(tmp_path, PLAN, rig_for(PLAN), patient, resume=True).how == "complete"
+        with pytest.raises(InputError, match=named):
+            record(whole, plan, rig, change.get("options", CAREFUL), resume=True)
+        assert (whole / "session.json").read_bytes() == before, named
+    stopped(tmp_path, PLAN, 3)
+    (tmp_path / "recording.h5").write_bytes((whole / "recording.h5").read_bytes())
+    with pytest.raises(FileFormatError, match="restore this session's file"):
+        record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, resume=True)
 
 
 def moved_origin(plan: Any, px: float) -> Rig:
-    """Return a rig whose stage lost its zero: the source stands elsewhere than its encoder says."""
+    """Return a rig whose stage lost its zero: its encoder does not show where the source is."""
     step = plan.camera.step_um(plan.depths_um[0])
     return rig_for(plan, axes=StageAxes(origin_um=(px * step, 0.0, 0.0)))
 
 
-def test_resume_sees_a_lost_origin(tmp_path: Path) -> None:
-    control = Control()
-    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))
-    done = frames_of(tmp_path)
-    with pytest.raises(InputError, match=r"moved by \(-?0\.\d+, -(1\.9|2\.0)\d\) px"):
-        record(tmp_path, PLAN, moved_origin(PLAN, 2.0), CAREFUL, resume=True)
-    assert_same_frames(frames_of(tmp_path), done)
-    record(tmp_path, PLAN, moved_origin(PLAN, 0.1), CAREFUL, resume=True)
-    assert len(frames_of(tmp_path)) == 27
-
-
 class Refocused:
-    """Optics that somebody refocused: the image stands where it was, a third as wide."""
+    """Optics that were refocused: the image has the same place, and a third of the width."""
 
     optics = PatternRenderer.optics
 
@@ -237,25 +175,30 @@ class Refocused:
         return patch._replace(counts=(counts * (patch.counts.max() / counts.max())).astype(np.float32))
 
 
-def test_resume_sees_optics_that_changed_though_the_image_stands_where_it_was(tmp_path: Path) -> None:
-    control = Control()
-    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))
+def test_a_resumed_session_detects_a_lost_origin_and_other_optics(tmp_path: Path) -> None:
+    stopped(tmp_path, PLAN, 3)
     done = frames_of(tmp_path)
-    rig = rig_for(PLAN, optics=Refocused(PatternRenderer(PLAN)))
-    with pytest.raises(InputError, match=r"expected a correlation above 0\.8, got 0\.[0-7]"):
-        record(tmp_path, PLAN, rig, CAREFUL, resume=True)
-    assert_same_frames(frames_of(tmp_path), done)
+    refocused = rig_for(PLAN, optics=Refocused(PatternRenderer(PLAN)))
+    for rig, words in (
+        (moved_origin(PLAN, 2.0), r"moved by \(-?0\.\d+, -(1\.9|2\.0)\d\) px"),
+        (refocused, r"expected a correlation above 0\.8, got 0\.[0-7]"),
+    ):
+        with pytest.raises(InputError, match=words):
+            record(tmp_path, PLAN, rig, CAREFUL, resume=True)
+        assert_same_frames(frames_of(tmp_path), done)
+    record(tmp_path, PLAN, moved_origin(PLAN, 0.1), resume=True)
+    assert len(frames_of(tmp_path)) == 27
+    assert SessionFile.read(tmp_path).options == CAREFUL, "without others it has the options it began with"
 
 
-def test_redo_records_some_positions_again_and_the_later_frame_counts(tmp_path: Path, whole: Path) -> None:
-    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL)
-    again = [Position(0, 1, 2), Position(2, 0, 0)]
-    control = Control()
-    record(
-        tmp_path, PLAN, rig_for(PLAN, seed=7), CAREFUL, redo=again, control=control, observers=(stop_after(1, control),)
-    )
-    record(tmp_path, PLAN, rig_for(PLAN, seed=7), CAREFUL, resume=True)
-    assert SessionFile.read(tmp_path).recordings == ("recording.h5", "recording-002.h5")
+def test_positions_recorded_again_replace_the_earlier_frames(tmp_path: Path, whole: Path) -> None:
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
+    again, control = [Position(0, 1, 2), Position(2, 0, 0)], Control()
+    stop = lambda *_: control.stop()  # noqa: E731
+    record(tmp_path, PLAN, rig_for(PLAN, seed=7), CAREFUL, redo=again, control=control, observers=(stop,))
+    record(tmp_path, PLAN, rig_for(PLAN, seed=7), resume=True)
+    session = SessionFile.read(tmp_path)
+    assert session.recordings == ("recording.h5", "recording-002.h5") and session.options == CAREFUL
     old, new = frames_of(whole), frames_of(tmp_path)
     assert {key for key in old if not np.array_equal(old[key], new[key])} == set(again)
 
@@ -269,33 +212,16 @@ def test_nothing_is_recorded_over_a_session(whole: Path, tmp_path: Path) -> None
         record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, redo=[Position(0, 0, 0)])
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"format": "lfcal-session", "version": 1}', '{"format": "x"}'])
-def test_damaged_session_files_are_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / "session.json").write_text(text)
-    with pytest.raises(FileFormatError):
-        SessionFile.read(tmp_path)
-
-
-def test_names_that_lead_out_of_the_folder_are_refused(tmp_path: Path, whole: Path) -> None:
+def test_damaged_session_files_and_paths_out_of_the_folder_are_refused(tmp_path: Path, whole: Path) -> None:
+    for text in ("", "{", "[]", '{"format": "lfcal-session", "version": 1}', '{"format": "x"}'):
+        (tmp_path / "session.json").write_text(text)
+        with pytest.raises(FileFormatError):
+            SessionFile.read(tmp_path)
     data = json.loads((whole / "session.json").read_text())
     for names in (["../../other.h5"], [], ["recording.h5", "recording.h5"]):
         (tmp_path / "session.json").write_text(json.dumps({**data, "recordings": names, "redo": [[]] * len(names)}))
         with pytest.raises(FileFormatError, match="recordings"):
             RecordingSource(tmp_path)
-
-
-def test_a_recording_of_another_session_is_refused(tmp_path: Path, whole: Path) -> None:
-    control = Control()
-    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))
-    (tmp_path / "recording.h5").write_bytes((whole / "recording.h5").read_bytes())
-    with pytest.raises(FileFormatError, match="restore it from a copy"):
-        record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, resume=True)
-
-
-def test_wrong_camera_is_refused(tmp_path: Path) -> None:
-    other = small_plan(shape=(97, 96))
-    with pytest.raises(InputError, match="sensor of simulated camera: expected 97 x 96 px"):
-        record(tmp_path, other, rig_for(PLAN), CAREFUL)
 
 
 def test_darks_references_controls_and_exposures_per_plane(tmp_path: Path) -> None:
@@ -350,15 +276,12 @@ class Watched:
 def test_darks_have_the_region_and_every_exposure_of_the_positions(tmp_path: Path) -> None:
     plan = small_plan(exposure_s=(0.01, 0.02, 0.04))
     rig = rig_for(plan)
-    camera = Watched(rig)
+    camera, switched = Watched(rig), list[bool]()
     rig = replace(rig, camera=camera)
-    switched: list[bool] = []
-    switch = rig.light.device.switch  # type: ignore[union-attr]
-    rig.light.device.switch = lambda on: (switched.append(on), switch(on))[1]  # type: ignore[union-attr, method-assign]
+    intercept(rig, "light", "switch", lambda works, on: (switched.append(on), works(on))[1])
     record(tmp_path, plan, rig, replace(CAREFUL, darks=3, bracket=(1.0, 0.5)))
     assert sorted(seconds for seconds, _ in set(camera.dark)) == [0.005, 0.01, 0.02, 0.04]
-    assert set(camera.dark) == camera.lit
-    assert len(camera.dark) == 3 * 2 * 3
+    assert set(camera.dark) == camera.lit and len(camera.dark) == 3 * 2 * 3, "each dark frame is a mean of three"
     assert switched == [False, True]
     with RecordingFile(tmp_path / "darks.h5") as darks, RecordingFile(tmp_path / "recording.h5") as recording:
         roi = Roi(int(darks.records["row"][0]), int(darks.records["column"][0]), *darks.layout.shape)
@@ -368,42 +291,22 @@ def test_darks_have_the_region_and_every_exposure_of_the_positions(tmp_path: Pat
             assert roi.holds(Roi(int(note["row"]), int(note["column"]), *recording.layout.shape))
 
 
-@pytest.mark.parametrize("count", [1, 5])
-def test_a_dark_frame_is_the_mean_of_as_many_as_were_asked_for(tmp_path: Path, count: int) -> None:
-    rig = rig_for(PLAN)
-    camera = Watched(rig)
-    record(tmp_path, PLAN, replace(rig, camera=camera), replace(CAREFUL, darks=count))
-    assert len(camera.dark) == count
-    with RecordingSource(tmp_path) as source:
-        assert sorted(source.metadata.darks) == [0.02]
-
-
 @pytest.mark.parametrize("how", ["stop", "abort", "fault"])
 def test_the_light_is_on_again_however_a_session_ends(tmp_path: Path, how: str) -> None:
-    control, rig = Control(), rig_for(PLAN)
-    grab, grabbed = rig.camera.device.grab, []  # type: ignore[attr-defined]
+    control, rig, grabbed = Control(), rig_for(PLAN), list[bool]()
 
-    def interrupted(timeout_s: float) -> Frame:
-        grabbed.append(rig.light.on)  # type: ignore[union-attr]
+    def interrupted(works: Any, timeout_s: float) -> Frame:
+        grabbed.append(rig.light.on)
         if len(grabbed) == 3:
             if how == "fault":
                 raise DeviceLost("camera: no answer; check the cable")
             getattr(control, how)()
-        return grab(timeout_s)
+        return works(timeout_s)
 
-    rig.camera.device.grab = interrupted  # type: ignore[attr-defined]
+    intercept(rig, "camera", "grab", interrupted)
     with suppress(AcquisitionStopped):
         record(tmp_path, PLAN, rig, replace(CAREFUL, darks=8), control=control)
-    assert not any(grabbed[:3])
-    assert rig.light.on  # type: ignore[union-attr]
-
-
-def test_a_session_goes_on_with_its_own_options_unless_others_are_given(tmp_path: Path) -> None:
-    control = Control()
-    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, control=control, observers=(stop_after(3, control),))
-    assert record(tmp_path, PLAN, rig_for(PLAN), resume=True).how == "complete"
-    record(tmp_path, PLAN, rig_for(PLAN), redo=[Position(0, 0, 0)])
-    assert SessionFile.read(tmp_path).options == CAREFUL
+    assert not any(grabbed[:3]) and rig.light.on
 
 
 def test_averaging_and_bracketing_record_floats(tmp_path: Path) -> None:
@@ -449,16 +352,191 @@ def test_only_the_preview_may_drop_frames(tmp_path: Path) -> None:
     assert np.array_equal(shown.data[top : top + 21, left : left + 21], last)
 
 
-def test_session_json_tells_what_was_recorded(whole: Path) -> None:
-    data = json.loads((whole / "session.json").read_text())
-    assert data["format"] == "lfcal-session"
-    assert data["plan"] == json.loads(PLAN.to_json())
-    assert data["devices"]["camera"] == "simulated camera"
-    assert Options.from_dict(data["options"]) == CAREFUL
-    assert SessionFile.read(whole).plan == PLAN
+# -- chosen positions: recorded, interrupted, resumed, extended ------------------------------------------
+CHOSEN = [Position(*p) for p in ((2, 1, 1), (0, 0, 2), (0, 2, 0), (1, 1, 1), (2, 0, 0))]
+WHOLE = Options(darks=2, reference_every=2, keep_free_bytes=0)
 
 
-def test_no_thread_is_left_behind(tmp_path: Path) -> None:
-    before = threading.active_count()
-    record(tmp_path, PLAN, rig_for(PLAN), CAREFUL)
-    assert threading.active_count() == before
+def test_only_chosen_positions_are_recorded(tmp_path: Path) -> None:
+    outcome = record(tmp_path / "s", PLAN, rig_for(PLAN), WHOLE, only=CHOSEN, kept_aside=CHOSEN[:1])
+    assert (outcome.how, outcome.acknowledged, outcome.total) == ("complete", 5, 5)
+    session = SessionFile.read(tmp_path / "s")
+    schedule = session.schedule(0)
+    assert schedule.count(Kind.POSITION) == 5 and schedule.count(Kind.DARK) == 1 and schedule.count(Kind.REFERENCE) == 4
+    # in the order of the scan, and all over the region that the whole scan needs
+    flat = schedule.flat[schedule.kinds == Kind.POSITION]
+    order = PLAN.order_indices()
+    place = {int(np.ravel_multi_index(tuple(p), PLAN.shape[:3])): k for k, p in enumerate(order)}
+    assert [place[int(f)] for f in flat] == sorted(place[int(f)] for f in flat)
+    report = verify(tmp_path / "s")
+    assert report.ok and not report.never_taken and session.was_complete(0)
+    record(tmp_path / "all", PLAN, rig_for(PLAN), WHOLE)
+    assert schedule.roi == SessionFile.read(tmp_path / "all").schedule(0).roi
+    with RecordingSource(tmp_path / "s") as source:
+        assert source.metadata.kept_aside == [[2, 1, 1]] and len(source.metadata.darks) == 1
+    made = drain(iter_assemble_session(tmp_path / "s"))
+    assert {tuple(p) for p in np.argwhere(made.matrix.recorded > 0).tolist()} == set(CHOSEN)
+
+
+def test_a_session_of_chosen_positions_is_interrupted_and_resumed(tmp_path: Path) -> None:
+    options = replace(CAREFUL, retries=0)
+    with pytest.raises(AcquisitionStopped, match="2 of 5 positions are safe"):
+        record(tmp_path / "s", PLAN, rig_for(PLAN, DeviceFault("times out", 2, 9)), options, only=CHOSEN)
+    assert len(verify(tmp_path / "s").never_taken) == 3
+    done = record(tmp_path / "s", PLAN, rig_for(PLAN), resume=True)
+    assert done.how == "complete" and done.acknowledged == 5 and set(frames_of(tmp_path / "s")) == set(CHOSEN)
+
+
+def test_further_positions_are_added_to_a_packed_session(tmp_path: Path) -> None:
+    record(tmp_path / "s", PLAN, rig_for(PLAN), WHOLE, only=CHOSEN[:3], kept_aside=CHOSEN[:1])
+    before = frames_of(tmp_path / "s")
+    drain(iter_finish(tmp_path / "s"))
+    record(tmp_path / "s", PLAN, rig_for(PLAN), redo=CHOSEN[3:], kept_aside=CHOSEN[3:4])
+    session = SessionFile.read(tmp_path / "s")
+    assert session.kept_aside == (tuple(CHOSEN[0]), tuple(CHOSEN[3])) and len(session.recordings) == 2
+    found = frames_of(tmp_path / "s")
+    assert set(found) == set(CHOSEN) and verify(tmp_path / "s").ok
+    assert_same_frames(before, {place: found[place] for place in before})
+
+
+def test_an_interrupted_recording_of_as_many_positions_as_another_is_not_complete(tmp_path: Path) -> None:
+    """Frames never taken are not called lost because another recording of the session had as many positions."""
+    record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL, only=CHOSEN[:2])
+    with pytest.raises(AcquisitionStopped):
+        faulty = rig_for(PLAN, DeviceFault("times out", 1, 99))
+        record(tmp_path / "s", PLAN, faulty, replace(CAREFUL, retries=0), redo=CHOSEN[2:4])
+    assert len(frames_of(tmp_path / "s")) == 3
+    report = verify(tmp_path / "s")
+    assert report.ok and len(report.never_taken) == 1
+    session = SessionFile.read(tmp_path / "s")
+    assert session.was_complete(0) and not session.was_complete(1)
+    # a session of an older version does not say of which recording a run is
+    data = json.loads((tmp_path / "s" / "session.json").read_text())
+    for run in data["runs"]:
+        del run["recording"]
+    (tmp_path / "s" / "session.json").write_text(json.dumps(data))
+    assert SessionFile.read(tmp_path / "s").was_complete(0)
+    assert record(tmp_path / "s", PLAN, rig_for(PLAN), resume=True).how == "complete"
+
+
+def test_the_forecast_of_chosen_positions_counts_only_these(tmp_path: Path) -> None:
+    some, every = (forecast(PLAN, rig_for(PLAN), CAREFUL, tmp_path / "s", only=only) for only in (CHOSEN, ()))
+    assert some.positions == 5 and every.positions == 27 and some.recording_bytes < 0.2 * every.recording_bytes
+    cost = Forecast.of(PLAN, positions=PLAN.in_scan_order(CHOSEN))
+    assert some.seconds == pytest.approx(3600 * cost.hours) and cost.frames == 5
+    steps = np.diff(PLAN.stage_um(PLAN.in_scan_order(CHOSEN)), axis=0)
+    assert cost.move_hours * 3600 == pytest.approx(np.abs(steps).max(axis=1).sum() / 1000)
+    assert cost.exposure_hours * 3600 == pytest.approx(5 * 0.02)
+    assert cost.h_float32_bytes == Forecast.of(PLAN).h_float32_bytes
+    assert Forecast.of(PLAN, positions=PLAN.order_indices()) == Forecast.of(PLAN)
+    uneven = replace(PLAN, exposure_s=(0.01, 0.02, 0.04))
+    exposed = Forecast.of(uneven, positions=uneven.in_scan_order(CHOSEN)).exposure_hours
+    assert exposed * 3600 == pytest.approx(2 * 0.01 + 0.02 + 2 * 0.04)
+
+
+def test_the_forecast_counts_the_readout_of_every_exposure(tmp_path: Path) -> None:
+    """Exposures of a bracket, of repetitions, and of dark frames; without a known rate, none is counted."""
+    plan, options = replace(PLAN, frames_averaged=3), replace(CAREFUL, bracket=(1.0, 0.25), darks=4)
+    rates = (None, 10.0)
+    without, known = (forecast(plan, rig_for(plan), options, tmp_path / "s", frames_per_s=rate) for rate in rates)
+    lit = known.positions + known.other_frames - 1  # a dark frame at the start
+    assert without.readout_seconds is None
+    assert known.readout_seconds == pytest.approx(2 * (3 * lit + 4) / 10)
+    assert known.seconds == pytest.approx(without.seconds + known.readout_seconds)
+
+
+def test_choices_that_cannot_be_recorded_leave_nothing(tmp_path: Path) -> None:
+    for only, what in (([], "at least one"), ([Position(0, 0, 3)], r"inside \(3, 3, 3\)")):
+        with pytest.raises(InputError, match=what):
+            record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL, only=only)
+        assert not (tmp_path / "s").exists()
+
+
+def test_redo_lists_are_read_as_written_and_checked(tmp_path: Path) -> None:
+    path = tmp_path / "list.json"
+    RedoList.of(CHOSEN, ["why"], kept_aside=CHOSEN[1:3]).write(path)
+    found = RedoList.read(path)
+    assert found.positions == tuple(CHOSEN) and found.kept_aside == tuple(CHOSEN[1:3])
+    RedoList.of([(0, 1, 2), (3, 4, 5)], ["missing"]).write(path)
+    plain = {"format": "lfcal-redo", "version": 1, "positions": [[0, 1, 2], [3, 4, 5]], "reasons": ["missing", ""]}
+    assert json.loads(path.read_text()) == plain and RedoList.read(path).kept_aside == ()
+    kept = [{"kept_aside": wrong} for wrong in ([[9, 9, 9]], [1], "x", [[True, 0, 0]])]
+    places = [{"positions": wrong} for wrong in ([[0, 1]], [[0, 1, 2.5]], [])]
+    for change in (*kept, *places, {"version": 2}):
+        path.write_text(json.dumps({**plain, **change}))
+        with pytest.raises(FileFormatError, match="version" if "version" in change else "positions|reasons"):
+            RedoList.read(path)
+    for text in ("", "[]"):
+        path.write_text(text)
+        with pytest.raises(FileFormatError):
+            RedoList.read(path)
+
+
+def test_a_whole_scan_is_no_session_of_chosen_positions(tmp_path: Path) -> None:
+    """Positions of it that are recorded again do not make a fit take all of it."""
+    record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL)
+    data = json.loads((tmp_path / "s" / "session.json").read_text())
+    assert "kept_aside" not in data and all("recording" not in run for run in data["runs"]), "the file is as before"
+    record(tmp_path / "s", PLAN, rig_for(PLAN), redo=CHOSEN[:3], kept_aside=CHOSEN[:1])
+    with RecordingSource(tmp_path / "s") as source:
+        assert not source.metadata.kept_aside and len(source) == 27
+
+
+# -- sessions that hold while a gauge is out of bounds ---------------------------------------------------
+def test_bounds_are_read_and_others_refused() -> None:
+    for text, bound in (
+        ("temperature=20:22", Bound("temperature", 20, 22)),
+        ("lamp=95:", Bound("lamp", low=95)),
+        ("/lab/a=b.csv=:0.5", Bound("/lab/a=b.csv", high=0.5)),
+    ):
+        assert Bound.parse(text) == bound
+    for text in ("", "temperature", "temperature=20", "=1:2", "t=:", "t=2:1", "t=nan:1", "t=a:b"):
+        with pytest.raises(InputError, match=r"GAUGE=LOW:HIGH"):
+            Options(suspend=(text,))
+
+
+@pytest.mark.parametrize(("gauge", "fault"), [("temperature=20:22", "too warm"), ("lamp=95:105", "lamp low")])
+def test_a_session_holds_and_resumes_automatically(tmp_path: Path, gauge: str, fault: str) -> None:
+    record(tmp_path / "usual", PLAN, rig_for(PLAN), CAREFUL)
+    rig = rig_for(PLAN, DeviceFault(fault, 1, 5))
+    assert all(isinstance(one, Gauge) for one in rig.gauges)
+    shown: list[Progress] = []
+    options = replace(CAREFUL, suspend=(gauge,), steady_s=3.0)
+    outcome = drain(iter_record(tmp_path / "held", PLAN, rig, options), shown.append)
+    held = [(one.done, one.note) for one in shown if one.note]
+    assert outcome.how == "complete" and SessionFile.read(tmp_path / "held").options == options
+    # what is under way when it begins to hold is acknowledged then
+    assert held and 0 < held[1][0] < 27, "it began, held in between, and continued"
+    assert len({done for done, _ in held[1:]}) == 1, "nothing is recorded while it holds"
+    assert gauge.partition("=")[0] in held[0][1] and "outside" in held[0][1]
+    assert "continues in" in held[-1][1]
+    assert_same_frames(frames_of(tmp_path / "held"), frames_of(tmp_path / "usual"))
+    # a reading each second: five bad ones, then three seconds within
+    assert outcome.seconds < 8 < rig.time.monotonic(), "the time that was held is no recording time"
+
+
+def test_the_file_of_a_logger_is_a_gauge(tmp_path: Path) -> None:
+    file = tmp_path / "room.csv"
+    file.write_text("time, T\n2026-05-04 12:00:03, 21.5\n2026-05-04 12:00:04, 2")
+    assert FileGauge(file).read() == 21.5, "the last line is half written"
+    rig = rig_for(PLAN)
+    suspended = Suspender(rig, (Bound(str(file), 20, 22),), 0.0)
+    assert suspended() == ""
+    for text, words in (("27.5\n", "27.5, outside 20 to 22"), ("no number\n", "a last line with a number")):
+        file.write_text(text)
+        rig.time.sleep(2)
+        assert words in suspended()
+    file.unlink()
+    rig.time.sleep(2)
+    assert "cannot be read" in suspended()
+    file.write_text("21\n")
+    rig.time.sleep(2)
+    assert suspended() == ""
+    with pytest.raises(DeviceError, match="cannot be read"):
+        FileGauge(tmp_path / "none").read()
+
+
+def test_an_unknown_gauge_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"temperature, lamp.*humidity"):
+        record(tmp_path / "s", PLAN, rig_for(PLAN), replace(CAREFUL, suspend=("humidity=0:50",)))
+    assert not (tmp_path / "s").exists()

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from lfcal.acquire.frame_plan import frame_grid
-from lfcal.acquire.options import Options
 from lfcal.acquire.recording._verify import verify
 from lfcal.acquire.recording.source import RecordingSource, TargetRecording, read_checks
 from lfcal.acquire.redo import read_suspects
@@ -64,27 +63,21 @@ def test_the_frames_of_a_session_are_those_of_its_plan(plan: TargetPlan, session
     assert source.target == plan and source.frames == plan.frames and len(source) == 11
     assert source.shape == plan.scan.camera.sensor.shape
     assert frame_grid(plan) == (2, 1, 6)
+    period = np.array(plan.scan.camera.period_px)
     for index, (z, k) in enumerate(plan.frames):
         info = source.info(index)
         assert info.origin == (0, 0) and info.exposure_s == pytest.approx(plan.scan.exposures[z])
         points = plan.points(z, k)
         assert len(info.points) == len(points) and {p.z for p in info.points} == {z}
-        # light is where the holes are planned to be imaged, by a count that knows no session
+        # positions are next to the holes: half a pixel, and what the period is not whole by
+        for place, position in zip(points.pixels, info.points, strict=True):
+            off = place - plan.scan.image_px(position)
+            off -= period * np.round(off / period)
+            assert np.abs(off).max() <= 0.5 + np.abs(period - plan.scan.period).max()
+        # the holes are imaged where the plan expects them
         frame = source.read(index).astype(float)
         for row, column in np.rint(points.pixels).astype(int).tolist():
             assert frame[row - 3 : row + 4, column - 3 : column + 4].max() > 4 * np.median(frame)
-
-
-def test_points_are_the_positions_next_to_the_holes(plan: TargetPlan, session: Path) -> None:
-    source, scan = open_frames(session), plan.scan
-    period = np.array(scan.camera.period_px)
-    for index in (0, 7):
-        z, k = plan.frames[index]
-        for place, position in zip(plan.points(z, k).pixels, source.info(index).points, strict=True):
-            off = place - scan.image_px(position)
-            off -= period * np.round(off / period)
-            # half a pixel, and what the period is not whole by
-            assert np.abs(off).max() <= 0.5 + np.abs(period - scan.period).max()
 
 
 def test_darks_and_references_belong_to_it(plan: TargetPlan, session: Path) -> None:
@@ -99,16 +92,20 @@ def test_darks_and_references_belong_to_it(plan: TargetPlan, session: Path) -> N
     assert report.ok and not report.never_taken
 
 
-@pytest.mark.parametrize("at", [3, 9])
-def test_an_interrupted_session_goes_on(plan: TargetPlan, session: Path, tmp_path: Path, at: int) -> None:
+def test_an_interrupted_session_is_resumed_unless_the_stage_was_moved(
+    plan: TargetPlan, session: Path, tmp_path: Path
+) -> None:
     folder = tmp_path / "session"
     with pytest.raises(Exception, match=r"vanish|no answer"):
-        record(folder, plan, rig_of(plan, DeviceFault("vanishes", at)), CAREFUL)
+        record(folder, plan, rig_of(plan, DeviceFault("vanishes", 5)), CAREFUL)
     before = SessionFile.read(folder).runs[-1].acknowledged
-    assert 0 < before < 11
     part = open_frames(folder)
-    assert isinstance(part, TargetRecording) and part.frames == plan.frames[:before]
+    assert isinstance(part, TargetRecording) and part.frames == plan.frames[:before] and 0 < before < 11
     assert len(verify(folder).never_taken) == 11 - before
+    step = plan.scan.camera.step_um(plan.scan.depths_um[0])
+    lost = replace(plan.target, pose=replace(plan.target.pose, right_um=3 * step))
+    with pytest.raises(InputError, match="image of the last recorded position"):
+        record(folder, plan, rig_of(plan, target=lost), CAREFUL, resume=True)
     assert record(folder, plan, rig_of(plan), CAREFUL, resume=True).how == "complete"
     assert_same(session, folder)
 
@@ -118,21 +115,17 @@ def assert_same(one: Path, other: Path) -> None:
     assert len(a) == len(b) and all(np.array_equal(a.read(k), b.read(k)) for k in range(len(a)))
 
 
-def test_a_rotten_frame_is_named_and_taken_again(plan: TargetPlan, session: Path, tmp_path: Path) -> None:
+def test_damaged_frames_and_frames_of_a_list_are_taken_again(plan: TargetPlan, session: Path, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     record(folder, plan, rig_of(plan), CAREFUL)
+    with TargetRecording(folder) as source:  # a frame whose holes all moved is as planned: nothing is taken twice
+        assert [int(source.record(k)["attempts"]) for k in range(len(source))] == [1] * 11
     rot_frame(folder / "recording.h5", 7)
-    report = verify(folder)
-    assert report.to_redo == (Position(1, 0, 2),)
+    assert verify(folder).to_redo == (Position(1, 0, 2),)
     with pytest.raises(FileFormatError, match=r"\(1, 0, 2\)"):
         open_frames(folder).read(7)
     assert record(folder, plan, rig_of(plan), CAREFUL, resume=True).damaged == 1
     assert_same(session, folder)
-
-
-def test_frames_are_recorded_again_by_their_position(plan: TargetPlan, session: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    record(folder, plan, rig_of(plan), CAREFUL)
     record(folder, plan, rig_of(plan), CAREFUL, redo=[Position(1, 0, 5)])
     assert SessionFile.read(folder).recordings == ("recording.h5", "recording-002.h5")
     assert_same(session, folder)
@@ -140,17 +133,7 @@ def test_frames_are_recorded_again_by_their_position(plan: TargetPlan, session: 
         record(folder, plan, rig_of(plan), CAREFUL, redo=[Position(0, 0, 5)])  # the first plane has five
 
 
-def test_a_moved_stage_is_found_on_resuming(plan: TargetPlan, tmp_path: Path) -> None:
-    folder = tmp_path / "session"
-    with pytest.raises(Exception, match=r"vanish|no answer"):
-        record(folder, plan, rig_of(plan, DeviceFault("vanishes", 5)), CAREFUL)
-    step = plan.scan.camera.step_um(plan.scan.depths_um[0])
-    lost = replace(plan.target, pose=replace(plan.target.pose, right_um=3 * step))
-    with pytest.raises(InputError, match="image of the last recorded position"):
-        record(folder, plan, rig_of(plan, target=lost), CAREFUL, resume=True)
-
-
-def test_another_plan_does_not_go_on(plan: TargetPlan, session: Path) -> None:
+def test_only_the_same_plan_is_resumed(plan: TargetPlan, session: Path) -> None:
     other = replace(plan, tolerance_px=0.2)
     with pytest.raises(InputError, match=r"plan\.tolerance_px"):
         record(session, other, rig_of(plan), FULL, resume=True)
@@ -158,28 +141,18 @@ def test_another_plan_does_not_go_on(plan: TargetPlan, session: Path) -> None:
         record(session, plan.scan, rig_of(plan), FULL, resume=True)
 
 
-@pytest.mark.parametrize(("fault", "doubt"), [("blank", "light"), ("frozen", "repeats a buffer")])
-def test_spoilt_frames_never_count(plan: TargetPlan, tmp_path: Path, fault: str, doubt: str) -> None:
-    with pytest.raises(Exception, match=doubt):
-        record(tmp_path / "s", plan, rig_of(plan, DeviceFault(fault, 4, 20)), CAREFUL)
-    assert SessionFile.read(tmp_path / "s").runs[-1].acknowledged == 4
-
-
-def test_a_torn_frame_is_taken_again(plan: TargetPlan, session: Path, tmp_path: Path) -> None:
+def test_wrong_frames_never_count_and_a_torn_one_is_taken_again(
+    plan: TargetPlan, session: Path, tmp_path: Path
+) -> None:
+    for fault, doubt in (("blank", "light"), ("frozen", "repeats a buffer")):
+        with pytest.raises(Exception, match=doubt):
+            record(tmp_path / fault, plan, rig_of(plan, DeviceFault(fault, 4, 20)), CAREFUL)
+        assert SessionFile.read(tmp_path / fault).runs[-1].acknowledged == 4
     record(tmp_path / "s", plan, rig_of(plan, DeviceFault("torn", 4)), CAREFUL)
     with TargetRecording(tmp_path / "s") as source, TargetRecording(session) as good:
         assert [int(source.record(k)["attempts"]) > 1 for k in range(len(source))] == [k == 4 for k in range(11)]
         for k in range(11):
-            light = good.read(k).astype(float)
-            assert np.corrcoef(light.ravel(), source.read(k).ravel())[0, 1] > 0.9
-
-
-def test_offsets_are_no_displacement(plan: TargetPlan, tmp_path: Path) -> None:
-    """A frame whose holes all moved is what was asked for: nothing is taken twice."""
-    rig = rig_of(plan)
-    record(tmp_path / "s", plan, rig, CAREFUL)
-    with TargetRecording(tmp_path / "s") as source:
-        assert [int(source.record(k)["attempts"]) for k in range(len(source))] == [1] * 11
+            assert np.corrcoef(good.read(k).astype(float).ravel(), source.read(k).ravel())[0, 1] > 0.9
 
 
 def test_options_of_single_points_are_refused(plan: TargetPlan, tmp_path: Path) -> None:
@@ -222,7 +195,6 @@ def test_brackets_and_averages_make_floats(plan: TargetPlan, tmp_path: Path) -> 
     record(tmp_path / "s", twice, rig_of(twice), CAREFUL)
     with TargetRecording(tmp_path / "s") as source:
         assert source.dtype == np.float32 and source.metadata.noise
-    assert Options().plain
 
 
 def test_frames_of_a_display_are_recorded_where_its_points_are_switched(

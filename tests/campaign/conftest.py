@@ -6,7 +6,10 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.cli.conftest import lfcal
 from tests.fit.shared import shared_models
+
+__all__ = ["lfcal"]
 
 
 @pytest.fixture(scope="package", autouse=True)

@@ -1,4 +1,4 @@
-"""Adaptive sessions of the simulated camera: they end by the error of H, go on after a crash, and say why they end."""
+"""Adaptive sessions of the simulated camera: they end by the error of H, resume after a crash, and state why."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lfcal.acquire.recording._verify import verify
 from lfcal.acquire.session import record
 from lfcal.acquire.session_file import SessionFile
 from lfcal.base.errors import InputError
-from lfcal.base.progress import Work, drain
+from lfcal.base.progress import Progress, drain
 from lfcal.camera import ScanPlan
 from lfcal.campaign import Adapted, AdaptiveStep, Goal, adaptive, iter_adaptive
 from lfcal.campaign.adaptive import FEWEST, _gained_nothing, iter_session_patterns
@@ -59,7 +59,7 @@ def adapted(place: Path, goal: Goal = GOAL, *, resume: bool = False, faults: str
 
 
 class Whole(NamedTuple):
-    """A session from its beginning to its end: folder, what came of it, steps and notes that were told on the way."""
+    """A session from its beginning to its end: folder, result, and the steps and notes shown on the way."""
 
     place: Path
     found: Adapted
@@ -69,31 +69,21 @@ class Whole(NamedTuple):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
-    place, seen, notes = tmp_path_factory.mktemp("whole"), list[AdaptiveStep](), list[str]()
-
-    def noted(work: Work[Adapted]) -> Work[Adapted]:
-        while True:
-            try:
-                one = next(work)
-            except StopIteration as end:
-                found: Adapted = end.value
-                return found
-            notes.extend([one.note] if one.stage == "error of H" else [])
-            yield one
-
+    place, seen, shown = tmp_path_factory.mktemp("whole"), list[AdaptiveStep](), list[Progress]()
     with rig(place) as own:
         work = iter_adaptive(place / "s", PLAN, own, GOAL, OPTIONS, workers=1, seen=seen.append)
-        return Whole(place, drain(noted(work)), seen, notes)
+        found = drain(work, shown.append)
+    return Whole(place, found, seen, [one.note for one in shown if one.stage == "error of H"])
 
 
-def test_a_session_ends_when_h_is_as_good_as_wanted(whole: Whole) -> None:
-    place, found, seen, _ = whole
+def test_a_session_ends_when_h_reaches_its_error(whole: Whole) -> None:
+    place, found, seen, notes = whole
     assert found.how == "reached" and found.outcome.how == "complete" and tuple(seen) == found.steps
     assert len(seen) > 1 and seen[0].positions == 6 and seen[-1].positions == found.outcome.acknowledged < 40
     assert seen[0].expected_error > GOAL.error >= seen[-1].expected_error
-    assert (
-        "positions: expected error of H 0." in str(seen[-1]) and seen[-1].complete and seen[-1].groups == ("geometry",)
-    )
+    assert "positions: expected error of H 0." in str(seen[-1])
+    assert seen[-1].complete and seen[-1].groups == ("geometry",)
+    assert notes == [str(step) for step in seen] and notes[0].startswith("6 positions: expected error of H")
     fit = found.fit
     assert fit is not None and fit.camera.lattice.gap_um == pytest.approx(GAP * PLAN.camera.lattice.gap_um, rel=2e-3)
     # everything is in the session: some kept aside in each part, never fitted
@@ -105,13 +95,8 @@ def test_a_session_ends_when_h_is_as_good_as_wanted(whole: Whole) -> None:
     assert aside == set(session.kept_aside) and fit.held_out_error.patterns == len(aside)
 
 
-def test_progress_says_the_error(whole: Whole) -> None:
-    assert len(whole.notes) == len(whole.seen) > 1 and whole.notes[0].startswith("6 positions: expected error of H")
-    assert whole.notes == [str(step) for step in whole.seen]
-
-
 @pytest.mark.long
-def test_after_a_crash_it_goes_on_from_what_is_recorded(tmp_path: Path) -> None:
+def test_after_a_crash_it_resumes_from_the_recorded_positions(tmp_path: Path) -> None:
     with pytest.raises(AcquisitionStopped):
         adapted(tmp_path, faults="times out@12*99")
     before, session = frames_of(tmp_path / "s"), SessionFile.read(tmp_path / "s")
@@ -124,7 +109,7 @@ def test_after_a_crash_it_goes_on_from_what_is_recorded(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_it_is_stopped_between_positions_and_during_fits(tmp_path: Path) -> None:
+def test_it_can_be_stopped_between_positions_and_during_fits(tmp_path: Path) -> None:
     control = Control()
     found = adapted(tmp_path, control=control, seen=lambda _: control.stop())
     assert found.how == "stopped" and found.outcome.how == "stopped" and len(found.steps) == 1
@@ -138,16 +123,19 @@ def test_it_is_stopped_between_positions_and_during_fits(tmp_path: Path) -> None
 
 
 @pytest.mark.long
-def test_a_model_that_does_not_suffice_ends_it(whole: Whole) -> None:
-    """Focal lengths that are none of the unknowns: the gap alone does not explain the patterns."""
+def test_an_incomplete_model_ends_it(whole: Whole) -> None:
+    """Focal lengths are not among the unknowns: the gap alone does not explain the patterns."""
     found = adapted(whole.place, Goal(1e-3, first=6, unknowns=("iris",), candidates=40), resume=True)
     assert found.how == "incomplete" and not found.steps[-1].complete and "model incomplete" in str(found.steps[-1])
     assert len(found.steps) <= 3
 
 
-@pytest.mark.parametrize(
-    ("errors", "groups", "nothing"),
-    [
+def step_of(expected: float, squared: float, sigma: float, groups: tuple[str, ...] = ()) -> AdaptiveStep:
+    return AdaptiveStep(9, expected, ModelError(squared, sigma, expected, 2), 1.0, True, groups, 0)
+
+
+def test_further_patterns_gain_something_by_the_last_two_steps() -> None:
+    for errors, groups, nothing in (
         ((0.2,), "a", False),
         ((0.2, 0.19), "aa", True),
         ((0.2, 0.1), "aa", False),
@@ -155,19 +143,20 @@ def test_a_model_that_does_not_suffice_ends_it(whole: Whole) -> None:
         ((0.2, 0.03, 0.03), "aaa", True),
         ((0.2, 0.03, 0.03), "aab", False),
         ((0.2, 0.03, 0.03), "baa", True),
-    ],
-)
-def test_patterns_gain_something_or_not(errors: tuple[float, ...], groups: str, nothing: bool) -> None:
-    """By the last two steps, whatever came before."""
-    steps = [
-        SimpleNamespace(held_out_error=ModelError(error**2, 1e-9, 0.0, 5), groups=(group,))
-        for error, group in zip(errors, groups, strict=True)
-    ]
-    assert _gained_nothing(steps) is nothing  # type: ignore[arg-type]
+    ):
+        steps = [step_of(0.1, e**2, 1e-9, (group,)) for e, group in zip(errors, groups, strict=True)]
+        assert _gained_nothing(steps) is nothing, (errors, groups)
+    # a change within its standard deviation is none
+    assert _gained_nothing([step_of(0.1, 1e-2, 1e-4), step_of(0.1, 0.98e-2, 1e-4)])
 
 
-@pytest.mark.parametrize(("there", "added"), [(1, FEWEST), (12, 12), (30, 10)])
-def test_as_many_positions_are_added_as_there_are(monkeypatch: pytest.MonkeyPatch, there: int, added: int) -> None:
+def test_a_goal_is_reached_only_if_patterns_kept_aside_agree() -> None:
+    assert step_of(0.004, 0.0, 1e-6).reaches(0.005) and not step_of(0.006, 0.0, 1e-6).reaches(0.005)
+    assert not step_of(0.004, 0.01**2, 1e-6).reaches(0.005), "patterns kept aside differ"
+    assert not replace(step_of(0.004, 0.0, 1e-6), complete=False).reaches(0.005)
+
+
+def test_as_many_positions_are_added_as_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
     """No fewer than a step needs, and no more than are left of 40."""
     asked: list[int] = []
 
@@ -175,30 +164,16 @@ def test_as_many_positions_are_added_as_there_are(monkeypatch: pytest.MonkeyPatc
         asked.append(count)
         yield
 
-    class Patterns:
+    class Patterns(list[None]):
         patterns = np.ones((1, 2, 2))
-
-        def __len__(self) -> int:
-            return there
 
     monkeypatch.setattr(adaptive, "iter_next_positions", chosen)
     monkeypatch.setattr(adaptive, "Earlier", SimpleNamespace(of=lambda fit: None))
-    own = SimpleNamespace(_most=40, _recorded=lambda: [None] * there, _plan=PLAN, _goal=GOAL, _workers=None)
-    list(adaptive._Campaign.choice(own, SimpleNamespace(spread=Spread()), Patterns()))  # type: ignore[arg-type]
-    assert asked == [added]
-
-
-def test_what_lies_in_the_model_is_not_reached() -> None:
-    def step(expected: float, squared: float, sigma: float, groups: tuple[str, ...] = ()) -> AdaptiveStep:
-        return AdaptiveStep(9, expected, ModelError(squared, sigma, expected, 2), 1.0, True, groups, 0)
-
-    assert step(0.004, 0.0, 1e-6).reaches(0.005) and not step(0.006, 0.0, 1e-6).reaches(0.005)
-    assert not step(0.004, 0.01**2, 1e-6).reaches(0.005), "patterns kept aside say otherwise"
-    assert not replace(step(0.004, 0.0, 1e-6), complete=False).reaches(0.005)
-    assert _gained_nothing([step(0.1, 1e-2, 1e-4), step(0.1, 0.98e-2, 1e-4)])
-    assert not _gained_nothing([step(0.1, 1e-2, 1e-4), step(0.1, 0.5e-2, 1e-4)])
-    assert not _gained_nothing([step(0.1, 1e-2, 1e-4), step(0.1, 1e-2, 1e-4, ("iris",))])
-    assert not _gained_nothing([step(0.1, 1e-2, 1e-4)])
+    for there in (1, 12, 30):
+        recorded = Patterns([None] * there)
+        own = SimpleNamespace(_most=40, _recorded=lambda r=recorded: r, _plan=PLAN, _goal=GOAL, _workers=None)
+        list(adaptive._Campaign.choice(own, SimpleNamespace(spread=Spread()), recorded))
+    assert asked == [FEWEST, 12, 10]
 
 
 def ideal_rig(plan: ScanPlan) -> Rig:
@@ -222,54 +197,46 @@ def test_what_is_refused_before_anything_moves(tmp_path: Path) -> None:
     refused("a session of chosen positions, got a scan of all", small, OPTIONS, resume=True)
 
 
-@pytest.mark.parametrize(
-    ("values", "what"),
-    [
+def test_impossible_goals_are_refused() -> None:
+    for values, what in (
         ({"error": 0.0}, "target error of H"),
         ({"error": 1.5}, "target error of H"),
         ({"error": 1e-4}, "itself has an error of 0.06 %"),
         ({"error": 0.01, "first": 3}, "before the first fit"),
         ({"error": 0.01, "most": 7}, "largest number of positions"),
-    ],
-)
-def test_goals_that_are_none(values: dict[str, Any], what: str) -> None:
-    with pytest.raises(InputError, match=what):
-        Goal(**values)
+    ):
+        with pytest.raises(InputError, match=what):
+            Goal(**values)
 
 
 @pytest.mark.parametrize("black", [64.0, 0.0])
-def test_patterns_of_a_session_without_darks(tmp_path: Path, black: float) -> None:
-    """A level that the description states is subtracted; one that nobody states is part of the background."""
+def test_patterns_without_darks_keep_an_unstated_level_and_need_a_known_noise(tmp_path: Path, black: float) -> None:
+    """A stated level is subtracted; an unstated one is part of the background."""
     only = [Position(0, y, x) for y in (0, 9) for x in (0, 9, 20)]
     camera = replace(PLAN.camera, sensor=replace(PLAN.camera.sensor, black_level=black))
     record(tmp_path / "s", replace(PLAN, camera=camera), ideal_rig(PLAN), replace(OPTIONS, darks=0), only=only)
     measured = drain(iter_session_patterns(tmp_path / "s"))
     assert len(measured) == 6 and (measured.noise[:, 0] > 0).all()
     assert measured.patterns.min() == pytest.approx(64.0 - black, abs=6.0)
+    if black:
+        record(tmp_path / "t", PLAN, rig_for(PLAN), replace(OPTIONS, bracket=(1.0, 0.5)), only=only)
+        with pytest.raises(InputError, match="noise of the frames: expected a known variance, got none"):
+            drain(iter_session_patterns(tmp_path / "t"))
 
 
-def test_frames_of_unknown_noise_are_not_fitted(tmp_path: Path) -> None:
-    only = [Position(0, y, x) for y in (0, 9) for x in (0, 9, 20)]
-    record(tmp_path / "s", PLAN, rig_for(PLAN), replace(OPTIONS, bracket=(1.0, 0.5)), only=only)
-    with pytest.raises(InputError, match="noise of the frames: expected a known variance, got none"):
-        drain(iter_session_patterns(tmp_path / "s"))
-
-
-@pytest.mark.parametrize(("goal", "recorded"), [(0.01, 8), (0.004, 20), (0.0008, 40)])
-def test_no_more_positions_are_recorded_than_the_goal_is_expected_to_need(goal: float, recorded: int) -> None:
+def test_no_more_positions_are_recorded_than_the_goal_is_expected_to_need() -> None:
     """Of 40 that were chosen; a fifth of them are kept aside."""
     index = np.stack([np.zeros(40, int), np.arange(40) // 8, np.arange(40) % 8], 1)
     curve = tuple(CurvePoint(n, error, error, 0.0) for n, error in ((8, 0.008), (20, 0.004), (40, 0.001)))
     design = PositionDesign(index[:32], index[32:], curve, 0.01, 0.02, {}, 40)
-    asked: dict[str, list[Position]] = {}
+    for goal, recorded in ((0.01, 8), (0.004, 20), (0.0008, 40)):
+        asked: dict[str, list[Position]] = {}
 
-    def record_them(**parts: list[Position]) -> Iterator[None]:
-        asked.update(parts)
-        yield
+        def record_them(asked: dict[str, list[Position]] = asked, **parts: list[Position]) -> Iterator[None]:
+            asked.update(parts)
+            yield
 
-    own = SimpleNamespace(_goal=replace(GOAL, error=goal), _record=record_them)
-    step = AdaptiveStep(9, 0.02, ModelError(0.0, 1e-6, 0.02, 2), 1.0, True, (), 0)
-    list(adaptive._Campaign.more(own, design, step))  # type: ignore[arg-type]
-    assert len(asked["redo"]) == recorded
-    assert asked["redo"][-recorded // 5 :] == asked["kept_aside"]
-    assert asked["redo"][0] == Position(0, 0, 0)
+        own = SimpleNamespace(_goal=replace(GOAL, error=goal), _record=record_them)
+        list(adaptive._Campaign.more(own, design, step_of(0.02, 0.0, 1e-6)))
+        assert len(asked["redo"]) == recorded, goal
+        assert asked["redo"][-recorded // 5 :] == asked["kept_aside"] and asked["redo"][0] == Position(0, 0, 0)

@@ -1,4 +1,4 @@
-"""The size of a target's holes as an unknown: what it does to patterns, when it is found, and what is told of it."""
+"""The size of a target's holes as an unknown: its effect on patterns, when it is found, and how it is reported."""
 
 from __future__ import annotations
 
@@ -93,20 +93,12 @@ def test_light_changes_with_the_square_of_the_diameter(view: FrameSource, points
     plan, which, k = next(iter(measured.parts()))
     j = int(which[0])
     alone = replace(plan, period=(1, 1), anchor=tuple((np.array(plan.anchor) + measured.index[j, 1:]).tolist()))
-    own = problem.vector.setup.of_region(k)
-
+    own, at = problem.vector.setup.of_region(k), np.zeros((1, 3), int)
     small, large = (
-        predict(
-            own.with_effect(FiniteSource(size)),
-            alone,
-            np.zeros((1, 3), int),
-            measured.places_px[j : j + 1],
-            Fineness.coarse,
-        )[0]
+        predict(own.with_effect(FiniteSource(size)), alone, at, measured.places_px[j : j + 1], Fineness.coarse)[0]
         for size in (DESCRIBED, REAL)
     )
-    away = np.linalg.norm(more[j] - (large - small)) / np.linalg.norm(large - small)
-    assert away < 0.15
+    assert np.linalg.norm(more[j] - (large - small)) < 0.15 * np.linalg.norm(large - small)
     assert measured.more_light(None) is measured.extra_light
     assert np.array_equal(measured.of(np.arange(len(measured)) > 0).blur, measured.blur[1:])
 
@@ -115,14 +107,14 @@ def test_light_changes_with_the_square_of_the_diameter(view: FrameSource, points
 def test_holes_larger_than_described_are_found(view: FrameSource, points: Points) -> None:
     problem = problem_with(view, points, DESCRIBED, REAL, 1e-3)
     held = fitted(problem, ("iris",))
-    assert drain(iter_hole_is_needed(held)), "chi² of the fit calls for it"
+    assert drain(iter_hole_is_needed(held)), "by chi² of the fit"
     found = fitted(problem, ("iris", HOLE))
     assert hole_of(*found[:2]) == pytest.approx(REAL, rel=0.04)
     assert hole_is_determined(found)
     assert problem.cost(found[1], held[1]) < 0.95 * problem.cost(held[1])
 
 
-def test_holes_as_described_are_not_called_for(view: FrameSource, points: Points) -> None:
+def test_holes_as_described_need_no_fit(view: FrameSource, points: Points) -> None:
     problem = problem_with(view, points, DESCRIBED, DESCRIBED, 1e-3)
     assert not drain(iter_hole_is_needed(fitted(problem, ("iris",))))
     found = fitted(problem, ("iris", HOLE))
@@ -130,7 +122,7 @@ def test_holes_as_described_are_not_called_for(view: FrameSource, points: Points
 
 
 @pytest.mark.long
-def test_holes_far_smaller_than_the_light_s_details_are_not_told(view: FrameSource, points: Points) -> None:
+def test_holes_far_smaller_than_details_of_the_light_are_undetermined(view: FrameSource, points: Points) -> None:
     problem = problem_with(view, points, 2.0, 2.8, 0.02)
     found = fitted(problem, ("iris", HOLE))
     assert not hole_is_determined(found)
@@ -139,7 +131,7 @@ def test_holes_far_smaller_than_the_light_s_details_are_not_told(view: FrameSour
 
 
 @pytest.mark.long
-def test_noise_stated_too_low_makes_no_hole_plain(view: FrameSource, points: Points) -> None:
+def test_noise_stated_too_low_determines_no_hole(view: FrameSource, points: Points) -> None:
     """What the model leaves, by chi², counts as noise."""
     problem = problem_with(view, points, 8.0, 8.0, 0.02)
     assert not hole_is_determined(fitted(problem, ("iris", HOLE)))
@@ -147,25 +139,20 @@ def test_noise_stated_too_low_makes_no_hole_plain(view: FrameSource, points: Poi
     assert not hole_is_determined(fitted(sure, ("iris", HOLE)))
 
 
-def test_what_is_told_of_the_holes() -> None:
+def test_the_size_of_the_holes_is_reported_with_its_description() -> None:
     def words(described: float, found: tuple[float, float] | None, unhelpful: tuple[str, ...] = ()) -> str:
         given = {} if found is None else {"hole_um": Parameter("hole_um", HOLE, "µm", *found, described, found[1])}
         setup = Setup(SCAN.camera, EFFECTS, (0.0,), hole_um=described)
-        return hole_words(SimpleNamespace(parameters=given, unhelpful=unhelpful, setup=setup))  # type: ignore[arg-type]
+        return hole_words(SimpleNamespace(parameters=given, unhelpful=unhelpful, setup=setup))
 
-    assert words(20.0, None) == ""
-    assert words(20.0, (20.2, 0.3)) == ""
+    assert words(20.0, None) == words(20.0, (20.2, 0.3)) == ""
     assert words(20.0, (28.3, 0.29)) == "size of the holes: 28.3 ± 0.29 µm measured, 20 µm described"
     assert words(0.0, (28.3, 0.29)).endswith("points described")
-    told = "size of the holes: undetermined, because their images are too small; fixed at the described size of 2 µm"
-    assert words(2.0, None, (HOLE,)) == told
-    # with all groups tried, that one did not help is no news
-    tried = SimpleNamespace(parameters={}, unhelpful=(HOLE,), setup=None)
-    assert hole_words(tried, asked=False) == ""  # type: ignore[arg-type]
-
-
-def test_a_scan_of_single_points_has_no_holes() -> None:
-    with pytest.raises(InputError, match="frames of a target"):
+    fixed = "size of the holes: undetermined, because their images are too small; fixed at the described size of 2 µm"
+    assert words(2.0, None, (HOLE,)) == fixed
+    # with all groups tried, a group that did not help is not reported
+    assert hole_words(SimpleNamespace(parameters={}, unhelpful=(HOLE,), setup=None), asked=False) == ""
+    with pytest.raises(InputError, match="frames of a target"):  # a scan of single points has no holes
         check_groups(Setup(SCAN.camera, EFFECTS, (0.0,)), SCAN, (HOLE,))
 
 
@@ -204,12 +191,12 @@ def test_holes_forty_percent_larger_than_described_cost_nothing_once_they_are_fo
         return error_of(predicted(own.ideal_places, own.planned, at), right), fit.first
 
     wrong, held = error(called_for=False)
-    mended, found = error(called_for=True)
+    corrected, found = error(called_for=True)
     assert HOLE not in held.groups and HOLE in found.groups
     one = found.parameters["hole_um"]
     # frames are computed otherwise than the fit computes them, which its deviation does not hold
     assert one.value == pytest.approx(28.0, abs=1.6) and one.sigma < 1.0
-    assert found.chi2 < held.chi2 and mended < 0.6 * wrong
+    assert found.chi2 < held.chi2 and corrected < 0.6 * wrong
     assert "20 µm described" in hole_words(found)
 
 

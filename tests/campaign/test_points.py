@@ -1,4 +1,4 @@
-"""Points of a target gathered: each at its place, as bright as others, repeats averaged, neighbours left out."""
+"""Points of a target: their places, brightness and noise, and the positions of a scan that they show."""
 
 from __future__ import annotations
 
@@ -63,21 +63,14 @@ def test_patterns_of_parts_lie_at_their_pixels(view: FrameSource, points: Points
     assert 0 < measured.held_out.sum() < len(measured) / 3
 
 
-def test_the_variance_of_repeats_is_that_of_their_mean(view: FrameSource, points: Points) -> None:
+def test_noise_is_that_of_averaged_repeats_and_of_equalised_brightness(view: FrameSource, points: Points) -> None:
     once = measured_points(view, points.only(points.frame < 2), (1, 1))
     twice = measured_points(view, points, (1, 1))
-    constant = np.sort(twice.noise[:, 0]), np.sort(once.noise[:, 0])
-    assert np.median(constant[1]) == pytest.approx(np.median(once.noise[:, 0]))
-    assert (twice.noise[:, 0] < 0.6 * np.median(once.noise[:, 0])).sum() >= 18
-
-
-def test_a_brighter_hole_has_less_noise_once_it_is_as_bright_as_others(view: FrameSource, points: Points) -> None:
-    own = points.only(points.frame == 0)
-    measured = measured_points(view, own, (1, 1))
+    assert (twice.noise[:, 0] < 0.6 * np.median(once.noise[:, 0])).sum() >= 18, "the variance of a mean of two"
+    measured = measured_points(view, points.only(points.frame == 0), (1, 1))
     totals = measured.patterns.sum((1, 2))
     assert totals.std() / totals.mean() < 0.05
-    usual = np.median(measured.noise[:, 1])
-    assert measured.noise[:, 1].min() == pytest.approx(usual / 1.4, rel=0.05)
+    assert measured.noise[:, 1].min() == pytest.approx(np.median(measured.noise[:, 1]) / 1.4, rel=0.05)
 
 
 def test_pixels_that_neighbours_reach_are_not_used(view: FrameSource, points: Points) -> None:
@@ -91,20 +84,13 @@ def test_pixels_that_neighbours_reach_are_not_used(view: FrameSource, points: Po
 def test_points_are_spread_over_the_parts(view: FrameSource, points: Points) -> None:
     measured = measured_points(view, points, (2, 2), most=12)
     assert np.bincount(measured.region).tolist() == [3, 3, 3, 3]
-    again = measured_points(view, points, (2, 2), most=12)
-    assert np.array_equal(measured.index, again.index)
+    assert np.array_equal(measured.index, measured_points(view, points, (2, 2), most=12).index)
     with pytest.raises(InputError, match="number of points to fit"):
         measured_points(view, points, most=1)
-
-
-def test_parts_hold_every_whole_cutout_once() -> None:
     counts = np.zeros((100, 90), int)
     for rows, columns in tiles_of((100, 90), (21, 31), (3, 2)):
         counts[rows, columns] += 1
-    assert (counts[10:90, 15:75] == 1).all() and counts.sum() == 80 * 60
-
-
-def test_modulo_the_period_positions_are_those_of_one_scan(view: FrameSource, points: Points) -> None:
+    assert (counts[10:90, 15:75] == 1).all() and counts.sum() == 80 * 60, "each whole cutout is in one part"
     measured = measured_modulo(view, points)
     assert measured.plan == SCAN and not measured.places_px.any()
     assert (measured.index[:, 1:] < np.array(SCAN.period)).all()
@@ -168,19 +154,20 @@ def test_points_are_assembled_as_positions(view: FrameSource, points: Points) ->
         PointFrames(view, points, 1e-6)
 
 
-def test_what_is_wrong_with_a_target_is_told_by_its_frames() -> None:
+def test_faults_of_a_target_and_its_stage_are_found_in_its_frames(points: Points) -> None:
     plan = plan_of(OFFSETS[:2])
     gone = tuple((2, c) for c in range(5))
-    points = points_of(view_of(plan, frames_of_drawn(plan, without=gone, light={(4, 3): 3.0, (4, 4): 2.5})), plan)
-    said = {one.kind: count for one, count in points.mistakes}
+    bad = points_of(view_of(plan, frames_of_drawn(plan, without=gone, light={(4, 3): 3.0, (4, 4): 2.5})), plan)
+    said = {one.kind: count for one, count in bad.mistakes}
     assert said["missing row"] == 2 and said["bright"] >= 1
-    facts = target_facts(points)
-    assert facts["missing"] == 5 and facts["points"] == len(points)
+    facts = target_facts(bad)
+    assert facts["missing"] == 5 and facts["points"] == len(bad)
     assert facts["crosstalk"] == pytest.approx(0.004 * 3.0, rel=0.1)
     assert facts["stage_px"] < 0.1 and facts["pose_rms_px"] < 0.3 and facts["doubtful"] < 0.2
-
-
-def test_what_most_frames_show_is_said_first(points: Points) -> None:
+    plan, really = plan_of([(0.0, 0.0), (6.0, 6.0)]), plan_of([(0.0, 0.0), (4.0, 6.0)])
+    moving = points_of(view_of(plan, frames_of_drawn(really)), plan)
+    assert target_facts(moving)["stage_px"] == pytest.approx(1.0, abs=0.1)
+    # what most frames show is first
     once, often = (
         Finding(kind=kind, what=kind, positions=(hole,)) for kind, hole in (("missing", (1, 1)), ("bright", (2, 2)))
     )
@@ -189,20 +176,14 @@ def test_what_most_frames_show_is_said_first(points: Points) -> None:
     assert replace(points, found=seen).mistakes == ((often, 2), (once, 1))
 
 
-def test_a_stage_that_moves_otherwise_is_told() -> None:
-    plan = plan_of([(0.0, 0.0), (6.0, 6.0)])
-    really = plan_of([(0.0, 0.0), (4.0, 6.0)])
-    points = points_of(view_of(plan, frames_of_drawn(really)), plan)
-    assert target_facts(points)["stage_px"] == pytest.approx(1.0, abs=0.1)
-
-
-def test_frames_that_are_not_the_plans_are_refused() -> None:
+def test_frames_of_another_plan_are_refused() -> None:
     plan = plan_of(OFFSETS[:2])
     frames = frames_of_drawn(plan)
-    with pytest.raises(InputError, match="as in the plan"):
-        view_of(plan_of(OFFSETS), frames)
-    with pytest.raises(InputError, match="whole sensor"):
-        view_of(plan, frames[:, :300])
-    frames[1] = 64 + (np.arange(360) % 3).astype(np.uint16)
-    with pytest.raises(InputError, match=r"^frames\[1\]: points of light"):
-        points_of(view_of(plan, frames), plan)
+    dark = np.stack([frames[0], 64 + (np.arange(360 * 360) % 3).astype(np.uint16).reshape(360, 360)])
+    for other, seen, words in (
+        (plan_of(OFFSETS), frames, "as in the plan"),
+        (plan, frames[:, :300], "whole sensor"),
+        (plan, dark, r"^frames\[1\]: points of light"),
+    ):
+        with pytest.raises(InputError, match=words):
+            points_of(view_of(other, seen), plan)

@@ -1,8 +1,9 @@
-"""Settings by which a camera changes samples: switched off, read back, and told, whatever the driver calls them."""
+"""Settings by which a camera changes samples: switched off, read back, and reported, under the names of each driver."""
 
 from __future__ import annotations
 
 import ctypes
+import itertools
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -123,7 +124,7 @@ def test_gentl_switches_off_what_it_can_and_reads_back() -> None:
 
 
 @GENTL
-def test_gentl_leaves_what_the_user_set_and_tells_it() -> None:
+def test_gentl_keeps_and_reports_what_the_user_set() -> None:
     nodes = {"GainAuto": Node("Off"), "ExposureAuto": Node("Continuous")}
     camera = gentl(nodes, set="GainAuto=Continuous")
     assert stays(camera.fixed_settings()) == {"GainAuto": "Continuous"}
@@ -132,17 +133,13 @@ def test_gentl_leaves_what_the_user_set_and_tells_it() -> None:
 
 
 @GENTL
-@pytest.mark.parametrize(
-    ("nodes", "gamma"),
-    [
+def test_gamma_is_left_alone_where_it_has_no_effect_or_another_scale() -> None:
+    for nodes, gamma in (
         ({"GammaEnable": Node("1"), "Gamma": Node("2.2")}, "2.2"),  # of no effect once it is switched off
         ({"Gamma": Node("100")}, "100"),  # a straight line, in percent: 1 would not be one
-    ],
-)
-def test_gamma_is_left_alone_where_it_bends_nothing_or_has_another_scale(nodes: dict[str, Node], gamma: str) -> None:
-    settings = gentl(nodes).fixed_settings()
-    assert not stays(settings)
-    assert settings["Gamma"] == Setting(None, gamma)
+    ):
+        settings = gentl(nodes).fixed_settings()
+        assert not stays(settings) and settings["Gamma"] == Setting(None, gamma)
 
 
 SAMPLES = np.array([[0, 4095, 1, 2048, 77], [5, 6, 7, 8, 9], [4094, 16, 256, 255, 3]], np.uint16)
@@ -155,24 +152,20 @@ def buffer_of(layout: str, padding: int = 0, start: bytes = b"") -> bytes:
 
 
 @GENTL
-@pytest.mark.parametrize("layout", ["12p", "12Packed"])
-@pytest.mark.parametrize(
-    ("padding", "start", "said"),
-    [(0, b"", {}), (4, b"", {"padding_x": 4}), (0, b"head", {"image_offset": 4, "size_filled": 999})],
-)
-def test_gentl_unpacks_buffers(layout: str, padding: int, start: bytes, said: dict[str, int]) -> None:
-    data = buffer_of(layout, padding, start)
-    said = {"pixel_format": PFNC[layout], "width": 5, "height": 3, "data_size": len(data) - len(start), **said}
-    buffer = Buffer(data + b"chunk data", **said)
-    camera = gentl({"PixelFormat": Node(f"Mono{layout}")}, buffer)
-    frame = camera.grab(1.0)
-    np.testing.assert_array_equal(frame.data, SAMPLES)
-    assert (camera.bit_depth, camera.max_value, frame.data.dtype) == (12, 4095, np.uint16)
-    assert buffer.queued  # it goes back to the producer
-
-
-@GENTL
-def test_gentl_unpacks_the_first_part_and_buffers_that_say_nothing_of_themselves() -> None:
+def test_gentl_unpacks_buffers() -> None:
+    for layout, (padding, start, more) in itertools.product(
+        ("12p", "12Packed"),
+        ((0, b"", {}), (4, b"", {"padding_x": 4}), (0, b"head", {"image_offset": 4, "size_filled": 999})),
+    ):
+        data = buffer_of(layout, padding, start)
+        said = {"pixel_format": PFNC[layout], "width": 5, "height": 3, "data_size": len(data) - len(start), **more}
+        buffer = Buffer(data + b"chunk data", **said)
+        camera = gentl({"PixelFormat": Node(f"Mono{layout}")}, buffer)
+        frame = camera.grab(1.0)
+        np.testing.assert_array_equal(frame.data, SAMPLES, err_msg=f"{layout} {more}")
+        assert (camera.bit_depth, camera.max_value, frame.data.dtype) == (12, 4095, np.uint16)
+        assert buffer.queued  # it goes back to the producer
+    # the first part of several, and a buffer without any description
     data = buffer_of("12p")
     part = SimpleNamespace(data_format=PFNC["12p"], data_offset=3, data_size=len(data), x_padding=0, width=5, height=3)
     for buffer in (Buffer(b"abc" + data, parts=(part,)), Buffer(data)):
@@ -238,10 +231,9 @@ def test_aravis_switches_off_what_it_can_and_takes_packed_frames(tmp_path: Path)
                 camera: Any = rig.camera
                 settings = camera.fixed_settings()
                 assert stays(settings) == {"ExposureAuto": "Continuous"}
-                assert settings["GainAuto"] == Setting("Off", "Off")
-                assert settings["Gamma"] == Setting("1", "1")
+                for name, setting in (("GainAuto", ("Off", "Off")), ("Gamma", ("1", "1")), ("GainRaw", (None, "0"))):
+                    assert settings[name] == Setting(*setting)
                 assert settings["LUTEnable"] == Setting("False", "False")
-                assert settings["GainRaw"] == Setting(None, "0")
                 assert (camera.bit_depth, camera.max_value) == (12, 4095)
                 frame = camera.grab(5.0)
                 assert (frame.data.shape, frame.data.dtype, frame.status) == ((512, 512), np.uint16, "complete")
@@ -253,7 +245,9 @@ class Memory:
     """Functions of libaravis for one buffer in memory."""
 
     def __init__(self, data: NDArray[np.uint8], shape: tuple[int, int], number: int, padding: int) -> None:
-        self._data, self._shape, self._number, self._padding = data, shape, number, padding
+        self._data, self._padding = data, padding
+        for name, value in (("height", shape[0]), ("width", shape[1]), ("pixel_format", number)):
+            setattr(self, f"buffer_get_image_{name}", lambda _, value=value: value)
 
     def buffer_get_image_data(self, _: object, size: Any) -> int:
         size._obj.value = len(self._data)
@@ -262,46 +256,37 @@ class Memory:
     def buffer_get_image_padding(self, _: object, x: Any, y: Any) -> None:
         x._obj.value, y._obj.value = self._padding, 0
 
-    def buffer_get_image_width(self, _: object) -> int:
-        return self._shape[1]
 
-    def buffer_get_image_height(self, _: object) -> int:
-        return self._shape[0]
-
-    def buffer_get_image_pixel_format(self, _: object) -> int:
-        return self._number
-
-
-@pytest.mark.parametrize("layout", ["12p", "12Packed"])
-@pytest.mark.parametrize("padding", [0, 2])
-def test_aravis_unpacks_buffers(layout: str, padding: int) -> None:
+def aravis_camera(**more: Any) -> Any:
     from lfcal.devices.backends.aravis import _Camera
 
     camera: Any = object.__new__(_Camera)
-    camera.name, camera._format = "camera", PixelFormat.named(f"Mono{layout}", "camera")
-    data = as_array(buffer_of(layout, padding))
-    camera._lib = Memory(data, SAMPLES.shape, PFNC[layout], padding)
-    np.testing.assert_array_equal(camera._copy(None), SAMPLES)
-    camera._lib = Memory(data[:20], SAMPLES.shape, PFNC[layout], padding)
-    with pytest.raises(CameraError, match=r"camera: expected .* bytes of Mono12.*, got 20"):
-        camera._copy(None)
-    camera._lib = Memory(data, SAMPLES.shape, 0x01100007, padding)
-    with pytest.raises(
-        CameraError, match=f"frame: expected Mono{layout}, got 16 bits per pixel; set the device option format"
-    ):
-        camera._copy(None)
+    vars(camera).update(name="camera", **more)
+    return camera
 
 
-def test_aravis_takes_no_camera_that_is_lost_for_one_without_settings() -> None:
+def test_aravis_unpacks_buffers() -> None:
+    for layout, padding in itertools.product(("12p", "12Packed"), (0, 2)):
+        camera = aravis_camera(_format=PixelFormat.named(f"Mono{layout}", "camera"))
+        data = as_array(buffer_of(layout, padding))
+        camera._lib = Memory(data, SAMPLES.shape, PFNC[layout], padding)
+        np.testing.assert_array_equal(camera._copy(None), SAMPLES)
+        for part, number, words in (
+            (data[:20], PFNC[layout], r"camera: expected .* bytes of Mono12.*, got 20"),
+            (data, 0x01100007, f"frame: expected Mono{layout}, got 16 bits per pixel; set the device option format"),
+        ):
+            camera._lib = Memory(part, SAMPLES.shape, number, padding)
+            with pytest.raises(CameraError, match=words):
+                camera._copy(None)
+
+
+def test_aravis_does_not_take_a_lost_camera_for_one_without_settings() -> None:
     from lfcal.devices.backends._aravis_lib import AravisError
-    from lfcal.devices.backends.aravis import _Camera
 
     def silent(*_: object) -> None:
         raise AravisError("timeout", silent=True)
 
-    camera: Any = object.__new__(_Camera)
-    camera.name, camera._camera = "camera", None
-    camera._lib = SimpleNamespace(camera_is_feature_available=silent)
+    camera = aravis_camera(_camera=None, _lib=SimpleNamespace(camera_is_feature_available=silent))
     with pytest.raises(DeviceLost, match=r"camera: no answer \(timeout\)"):
         camera.fixed_settings()
 
@@ -312,48 +297,25 @@ class Core:
 
     def __init__(self, properties: dict[str, tuple[str, tuple[str, ...]]], fixed: tuple[str, ...] = ()) -> None:
         self.values = {key: value for key, (value, _) in properties.items()}
-        self._allowed = {key: allowed for key, (_, allowed) in properties.items()}
         self._fixed = fixed
-
-    def getDevicePropertyNames(self, _: str) -> tuple[str, ...]:
-        return tuple(self.values)
-
-    def getAllowedPropertyValues(self, _: str, key: str) -> tuple[str, ...]:
-        return self._allowed[key]
-
-    def hasProperty(self, _: str, key: str) -> bool:
-        return key in self.values
-
-    def getProperty(self, _: str, key: str) -> str:
-        return self.values[key]
+        answers = {
+            "getDevicePropertyNames": lambda _: tuple(self.values),
+            "getAllowedPropertyValues": lambda _, key: properties[key][1],
+            "hasProperty": lambda _, key: key in self.values,
+            "getProperty": lambda _, key: self.values[key],
+            "hasPropertyLimits": lambda _, key: key == "Gamma",
+            "getPropertyUpperLimit": lambda *_: 4.0,
+            "getNumberOfComponents": lambda: 1,
+            **dict.fromkeys(("getImageHeight", "getImageWidth", "getImageBitDepth"), lambda: 8),
+            **dict.fromkeys(("getDeviceLibrary", "getDeviceName"), lambda _: "Driver"),
+            **dict.fromkeys(("clearROI", "reset"), lambda: None),
+        }
+        vars(self).update(answers)
 
     def setProperty(self, _: str, key: str, value: str) -> None:
         if key in self._fixed:
             raise RuntimeError("read-only")
         self.values[key] = value
-
-    def hasPropertyLimits(self, _: str, key: str) -> bool:
-        return key == "Gamma"
-
-    def getPropertyUpperLimit(self, *_: str) -> float:
-        return 4.0
-
-    def getImageHeight(self) -> int:
-        return 8
-
-    getImageWidth = getImageBitDepth = getImageHeight
-
-    def getNumberOfComponents(self) -> int:
-        return 1
-
-    def getDeviceLibrary(self, _: str) -> str:
-        return "Driver"
-
-    getDeviceName = getDeviceLibrary
-
-    def clearROI(self) -> None: ...
-
-    def reset(self) -> None: ...
 
 
 def test_micromanager_finds_the_properties_of_many_drivers() -> None:
@@ -380,11 +342,9 @@ def test_micromanager_finds_the_properties_of_many_drivers() -> None:
     assert {name for name, found in settings.items() if found.requested is None} == {"Gamma", "Gain"}
     assert "Exposure Auto Upper Limit" not in settings
     camera.close()
-
-
-def test_micromanager_straightens_gamma_and_leaves_what_the_user_set() -> None:
-    properties: dict[str, tuple[str, tuple[str, ...]]] = {"Gamma": ("2.2", ()), "GainAuto": ("On", ("On", "Off"))}
-    camera = MicroManagerCamera(Core(properties), "Camera", {"GainAuto"})
+    # gamma is straightened where it can be, and what the user set is kept
+    own = Core({"Gamma": ("2.2", ()), "GainAuto": ("On", ("On", "Off"))})
+    camera = MicroManagerCamera(own, "Camera", {"GainAuto"})
     assert stays(camera.fixed_settings()) == {"GainAuto": "On"}
     assert camera.fixed_settings()["Gamma"] == Setting("1", "1")
     camera.close()

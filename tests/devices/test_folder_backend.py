@@ -1,4 +1,4 @@
-"""Another program records; only complete, fresh files are taken."""
+"""Frames recorded by another program: only complete, fresh files are taken."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ from lfcal.devices.registry import open_rig
 from tests.acquire.rigs import CAREFUL, assert_same_frames, frames_of, rig_for, small_plan
 
 PLAN = small_plan((2, 3), 1, settle_s=0.0)
-QUICK = {"quiet": "0.01", "wait": "2"}
+
+
+def options_of(folder: Path, wait: str = "2", **more: str) -> dict[str, str]:
+    return {"path": str(folder), "quiet": "0.01", "wait": wait, **more}
 
 
 @contextmanager
@@ -86,7 +89,7 @@ def test_a_session_recorded_by_another_program_equals_one_of_our_own(tmp_path: P
             time.sleep(0.005)
             file.write(data[len(data) // 2 :])
 
-    with other_program(files, answer), open_rig(PLAN, "folder", {"path": str(files), **QUICK}) as rig:
+    with other_program(files, answer), open_rig(PLAN, "folder", options_of(files)) as rig:
         record(tmp_path / "s", PLAN, rig, CAREFUL)
     want = {}
     for position in PLAN.positions():
@@ -102,7 +105,7 @@ def test_numbered_files_answer_their_own_request_only(tmp_path: Path) -> None:
     def late(number: int, _request: dict[str, object]) -> None:
         np.save(tmp_path / f"f{number - 1:03d}.npy", np.full((96, 96), number, np.uint16))
 
-    options = {"path": str(tmp_path), "pattern": "f{number:03d}.npy", "quiet": "0.01", "wait": "0.15"}
+    options = options_of(tmp_path, "0.15", pattern="f{number:03d}.npy")
     with other_program(tmp_path, late), open_rig(PLAN, "folder", options) as rig:
         for _ in range(2):
             with pytest.raises(FrameTimeout, match=r"no complete image file .* within 0\.15 s; check .* file format$"):
@@ -110,52 +113,38 @@ def test_numbered_files_answer_their_own_request_only(tmp_path: Path) -> None:
 
 
 def test_unnumbered_files_that_come_too_late_end_the_session(tmp_path: Path) -> None:
-    options = {"path": str(tmp_path), "quiet": "0.01", "wait": "0.1"}
-    with open_rig(PLAN, "folder", options) as rig:
+    with open_rig(PLAN, "folder", options_of(tmp_path, "0.1")) as rig:
         with pytest.raises(DeviceLost, match=r"within 0\.2 s; check .*use \{number\} in the pattern"):
             rig.camera.grab(0.2)
         with pytest.raises(AcquisitionStopped):
             record(tmp_path / "s", PLAN, rig, replace(CAREFUL, grab_timeout_s=0.05))
 
 
-def test_a_file_that_stays_empty_is_not_called_missing(tmp_path: Path) -> None:
-    def answer(_number: int, _request: dict[str, object]) -> None:
-        (tmp_path / "a.tif").touch()
-
-    options = {"path": str(tmp_path), "quiet": "0.01", "wait": "0.1"}
-    with other_program(tmp_path, answer), open_rig(PLAN, "folder", options) as rig:
-        with pytest.raises(DeviceLost, match=r"no complete image file matching .* file format, and use \{number\}"):
-            rig.camera.grab(0.1)
-
-
-def test_half_a_file_and_a_wrong_one_are_never_taken(tmp_path: Path) -> None:
+def test_empty_half_and_wrong_files_are_never_taken_and_named(tmp_path: Path) -> None:
     def answer(number: int, _request: dict[str, object]) -> None:
-        if number == 1:
-            tifffile.imwrite(tmp_path / "a.tif", np.ones((96, 96), np.uint16))
-            data = (tmp_path / "a.tif").read_bytes()
-            (tmp_path / "a.tif").write_bytes(data[: len(data) // 2])
-        else:
-            tifffile.imwrite(tmp_path / "b.tif", np.ones((95, 96), np.uint16))
+        tifffile.imwrite(tmp_path / f"{number}.tif", np.ones((95 if number == 2 else 96, 96), np.uint16))
+        data = (tmp_path / f"{number}.tif").read_bytes()
+        (tmp_path / f"{number}.tif").write_bytes(data[: len(data) // {1: 2, 2: 1}.get(number, len(data) + 1)])
 
-    options = {"path": str(tmp_path), "quiet": "0.01", "wait": "0.3"}
-    with other_program(tmp_path, answer), open_rig(PLAN, "folder", options) as rig:
-        with pytest.raises(IncompleteFrame, match="unreadable"):
-            rig.camera.grab(0.1)
-        with pytest.raises(IncompleteFrame, match="correct the sensor of the plan"):
-            rig.camera.grab(0.1)
+    with other_program(tmp_path, answer), open_rig(PLAN, "folder", options_of(tmp_path, "0.3")) as rig:
+        for error, words in (
+            (IncompleteFrame, "unreadable"),
+            (IncompleteFrame, "correct the sensor of the plan"),
+            (DeviceLost, r"no complete image file matching .* file format, and use \{number\}"),
+        ):
+            with pytest.raises(error, match=words):
+                rig.camera.grab(0.1)
 
 
 def test_a_file_written_again_counts_as_new(tmp_path: Path) -> None:
     def answer(number: int, _request: dict[str, object]) -> None:
         np.save(tmp_path / "latest.npy", np.full((96, 96), number, np.uint16))
 
-    with other_program(tmp_path, answer), open_rig(PLAN, "folder", {"path": str(tmp_path), **QUICK}) as rig:
+    with other_program(tmp_path, answer), open_rig(PLAN, "folder", options_of(tmp_path)) as rig:
         assert [int(rig.camera.grab(1.0).data[0, 0]) for _ in range(3)] == [1, 2, 3]
 
 
-@pytest.mark.parametrize(
-    "options", [{}, {"path": "/nowhere"}, {"path": ".", "pattern": "a/b"}, {"path": ".", "bits": "x"}]
-)
-def test_bad_options_are_refused(options: dict[str, str]) -> None:
-    with pytest.raises(InputError):
-        open_rig(PLAN, "folder", options)
+def test_bad_options_are_refused() -> None:
+    for options in ({}, {"path": "/nowhere"}, {"path": ".", "pattern": "a/b"}, {"path": ".", "bits": "x"}):
+        with pytest.raises(InputError):
+            open_rig(PLAN, "folder", options)

@@ -46,37 +46,25 @@ def as_array(data: bytes | bytearray) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize("layout", PACKED)
-@pytest.mark.parametrize("shape", SHAPES)
-def test_lines_of_one_stream_are_unpacked_exactly(layout: str, shape: tuple[int, int]) -> None:
+def test_lines_are_unpacked_exactly_as_one_stream_or_with_bytes_of_their_own(layout: str) -> None:
+    for shape in SHAPES:
+        expected = frame(layout, shape)
+        data = as_array(packed(expected, layout))
+        for mosaic in MOSAICS:
+            found = PixelFormat.named(mosaic + layout, "camera").samples(data, shape)
+            assert found.dtype == np.uint16
+            np.testing.assert_array_equal(found, expected, err_msg=f"{mosaic} {shape}")
+        form, lines = PixelFormat.named(f"Mono{layout}", "camera"), [packed(row, layout) for row in expected]
+        for padding in (0, 1, 6):
+            data = as_array(b"".join(bytes(line) + b"\xa5" * padding for line in lines))
+            data = data[: len(data) - padding]  # nothing needs to follow the last line
+            np.testing.assert_array_equal(form.samples(data, shape, padding), expected, err_msg=f"{padding} {shape}")
+    # lines filled up to whole groups are known by the size of the buffer
+    shape, size = (6, 7), 5 if layout == "10p" else 3
     expected = frame(layout, shape)
-    for mosaic in MOSAICS:
-        form = PixelFormat.named(mosaic + layout, "camera")
-        found = form.samples(as_array(packed(expected, layout)), shape)
-        assert found.dtype == np.uint16
-        np.testing.assert_array_equal(found, expected)
-
-
-@pytest.mark.parametrize("layout", PACKED)
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("padding", [0, 1, 6])
-def test_lines_with_bytes_of_their_own_are_unpacked_exactly(layout: str, shape: tuple[int, int], padding: int) -> None:
-    expected = frame(layout, shape)
-    lines = [packed(row, layout) for row in expected]
-    data = as_array(b"".join(bytes(line) + b"\xa5" * padding for line in lines))
-    if padding:
-        data = data[: len(data) - padding]  # nothing needs to follow the last line
-    form = PixelFormat.named(f"Mono{layout}", "camera")
-    np.testing.assert_array_equal(form.samples(data, shape, padding), expected)
-
-
-@pytest.mark.parametrize("layout", PACKED)
-def test_lines_filled_up_to_whole_groups_are_known_by_the_size_of_the_buffer(layout: str) -> None:
-    shape = (6, 7)
-    expected = frame(layout, shape)
-    size = 3 if layout != "10p" else 5
     lines = [bytes(packed(row, layout)) for row in expected]
     data = as_array(b"".join(line + bytes(-len(line) % size) for line in lines))
-    np.testing.assert_array_equal(PixelFormat.named(f"Mono{layout}", "camera").samples(data, shape), expected)
+    np.testing.assert_array_equal(form.samples(data, shape), expected)
 
 
 def test_known_bytes_give_the_pixels_that_makers_document() -> None:
@@ -91,15 +79,15 @@ def test_known_bytes_give_the_pixels_that_makers_document() -> None:
         assert form.samples(as_array(data), (1, len(pixels))).tolist() == [list(pixels)], name
 
 
-@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
-def test_samples_that_are_not_packed_lose_their_padding(bits: int) -> None:
-    form = PixelFormat.named(f"BayerBG{bits}", "camera")
-    expected = np.random.default_rng(bits).integers(0, 1 << bits, (3, 5)).astype(form.dtype)
-    plain = np.ascontiguousarray(expected).astype(form.dtype.newbyteorder("<")).tobytes()
-    np.testing.assert_array_equal(form.samples(as_array(plain), (3, 5)), expected)
-    size = len(plain) // 3
-    padded = b"".join(plain[size * k : size * (k + 1)] + b"\xff\xff\xff" for k in range(3))
-    np.testing.assert_array_equal(form.samples(as_array(padded), (3, 5), 3), expected)
+def test_samples_that_are_not_packed_lose_their_padding() -> None:
+    for bits in (8, 10, 12, 14, 16):
+        form = PixelFormat.named(f"BayerBG{bits}", "camera")
+        expected = np.random.default_rng(bits).integers(0, 1 << bits, (3, 5)).astype(form.dtype)
+        plain = np.ascontiguousarray(expected).astype(form.dtype.newbyteorder("<")).tobytes()
+        np.testing.assert_array_equal(form.samples(as_array(plain), (3, 5)), expected)
+        size = len(plain) // 3
+        padded = b"".join(plain[size * k : size * (k + 1)] + b"\xff\xff\xff" for k in range(3))
+        np.testing.assert_array_equal(form.samples(as_array(padded), (3, 5), 3), expected)
 
 
 def test_samples_are_a_new_array() -> None:
@@ -110,26 +98,20 @@ def test_samples_are_a_new_array() -> None:
         assert not found.any(), name
 
 
-@pytest.mark.parametrize("layout", ["8", "16", *PACKED])
-def test_a_buffer_that_is_too_short_is_named_with_both_sizes(layout: str) -> None:
-    form = PixelFormat.named(f"Mono{layout}", "camera")
-    needed = -(-35 * form.stored_bits // 8)
-    with pytest.raises(ValueError, match=f"expected {needed} bytes of Mono{layout} for 5 x 7 pixels, got {needed - 1}"):
-        form.samples(np.zeros(needed - 1, np.uint8), (5, 7))
+def test_a_buffer_that_is_too_short_is_named_with_both_sizes() -> None:
+    for layout in ("8", "16", *PACKED):
+        form = PixelFormat.named(f"Mono{layout}", "camera")
+        needed = -(-35 * form.stored_bits // 8)
+        words = f"expected {needed} bytes of Mono{layout} for 5 x 7 pixels, got {needed - 1}"
+        with pytest.raises(ValueError, match=words):
+            form.samples(np.zeros(needed - 1, np.uint8), (5, 7))
 
 
-@pytest.mark.parametrize(
-    ("name", "bits", "stored"),
-    [("Mono8", 8, 8), ("Mono14", 14, 16), ("BayerGR10p", 10, 10), ("BayerBG12p", 12, 12), ("Mono10Packed", 10, 12)],
-)
-def test_bit_depth_follows_the_format(name: str, bits: int, stored: int) -> None:
-    form = PixelFormat.named(name, "camera")
-    assert (form.bits, form.stored_bits) == (bits, stored)
-
-
-@pytest.mark.parametrize("name", ["RGB8", "YUV422_8", "Mono1p", "Mono32", "Mono14p", "BayerXY8", "Mono12c3a32p", ""])
-def test_other_formats_get_a_message_that_names_the_supported_ones(name: str) -> None:
-    with pytest.raises(
-        InputError, match=r"Cam 7: expected Mono or Bayer .* 10p, 12p, .*12Packed, got .*; set the device"
-    ):
-        PixelFormat.named(name, "Cam 7")
+def test_bit_depth_follows_the_format_and_others_are_refused_with_the_supported_ones() -> None:
+    for name, *bits in (("Mono8", 8, 8), ("Mono14", 14, 16), ("BayerGR10p", 10, 10), ("Mono10Packed", 10, 12)):
+        form = PixelFormat.named(name, "camera")
+        assert [form.bits, form.stored_bits] == bits
+    words = r"Cam 7: expected Mono or Bayer .* 10p, 12p, .*12Packed, got .*; set the device"
+    for name in ("RGB8", "YUV422_8", "Mono1p", "Mono32", "Mono14p", "BayerXY8", "Mono12c3a32p", ""):
+        with pytest.raises(InputError, match=words):
+            PixelFormat.named(name, "Cam 7")

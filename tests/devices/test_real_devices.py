@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import shutil
 import subprocess
 import sys
@@ -31,8 +32,7 @@ from tests.acquire.rigs import CAREFUL, small_plan
 REASONS = {finding.name: finding.reason for finding in find_backends()}
 FAKE = shutil.which("arv-fake-gv-camera-0.8")
 ADDRESS = "127.0.0.1"
-# these cameras show their own test picture wherever the stage is, so the origin cannot be compared
-# the images of test cameras do not follow the stage
+# test cameras show their own picture wherever the stage is
 OPTIONS = replace(CAREFUL, origin_tolerance_px=None, retries=2, on_suspect="flag")
 
 
@@ -54,30 +54,23 @@ def plan_for(shape: tuple[int, int], bits: int) -> ScanPlan:
 def check_session(folder: Path, plan: ScanPlan) -> None:
     tolerance = np.array(OPTIONS.motion(plan).tolerance_um)
     with RecordingSource(folder) as source:
-        assert len(source) == 27
+        assert len(source) == 27 and source.read(26).shape == (21, 21)
         for k in range(27):
-            assert source.read(k).shape == (21, 21)
-            note = source.record(k)
-            assert np.all(np.abs(note["stage_um"] - plan.stage_um(np.array(source.info(k).position))) <= tolerance)
+            away = source.record(k)["stage_um"] - plan.stage_um(np.array(source.info(k).position))
+            assert np.all(np.abs(away) <= tolerance)
 
 
 def check_camera(rig: Rig, bits: int) -> None:
-    camera = rig.camera
-    assert isinstance(camera, CameraDevice)
-    assert isinstance(rig.stage, StageDevice)
-    assert camera.bit_depth == bits
-    assert camera.max_value == 2**bits - 1
+    camera, roi = rig.camera, Roi(10, 20, 33, 45)
+    assert isinstance(camera, CameraDevice) and isinstance(rig.stage, StageDevice)
+    assert (camera.bit_depth, camera.max_value) == (bits, 2**bits - 1)
     setting = camera.set_exposure(0.002)
-    assert setting.requested == 0.002
-    assert setting.actual == pytest.approx(0.002, rel=0.1)
-    roi = Roi(10, 20, 33, 45)
+    assert setting.requested == 0.002 and setting.actual == pytest.approx(0.002, rel=0.1)
     taken = camera.set_roi(roi)
-    assert taken.requested == roi
-    assert taken.actual.holds(roi)
+    assert taken.requested == roi and taken.actual.holds(roi)
     first, second = camera.grab(5.0), camera.grab(5.0)
     assert first.data.shape == second.data.shape == taken.actual.shape
-    assert second.number > first.number
-    assert first.status == "complete"
+    assert second.number > first.number and first.status == "complete"
 
 
 # -- Micro-Manager -------------------------------------------------------------------------------------
@@ -107,8 +100,7 @@ def micromanager(plan: ScanPlan, **changes: str) -> Iterator[Rig]:
 
 @MM
 def test_micromanager_demo_records_27_positions(tmp_path: Path) -> None:
-    plan = plan_for((512, 512), 12)
-    plan = replace(plan, depths_um=(0.0, 60.0, 120.0))
+    plan = replace(plan_for((512, 512), 12), depths_um=(0.0, 60.0, 120.0))
     with micromanager(plan) as rig:
         check_camera(rig, 12)
         assert "DemoCamera" in rig.camera.name
@@ -180,7 +172,7 @@ def test_a_running_core_without_devices_or_in_live_view_is_refused(running: Any)
         open_rig(plan, "pymmcore-plus", limits)
 
 
-def test_without_pymmcore_plus_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_pymmcore_plus_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pymmcore_plus", None)
     with pytest.raises(DeviceMissing, match="pymmcore-plus: not installed; run pip install pymmcore-plus"):
         open_rig(plan_for((512, 512), 12), "pymmcore-plus", {})
@@ -196,12 +188,13 @@ def test_micromanager_faults_are_typed() -> None:
         rig.camera._core.unloadDevice("Camera")  # type: ignore[attr-defined]
         with pytest.raises(CameraError, match="check the camera"):
             rig.camera.grab(1.0)
-    with pytest.raises(InputError, match="give the travel"):
-        open_rig(plan, "micromanager", {"config": "demo"})
-    with pytest.raises(InputError, match="check the path"):
-        open_rig(plan, "micromanager", {"config": "/nowhere.cfg", "limits": MM_OPTIONS["limits"]})
-    with pytest.raises(DeviceMissing, match="Micro-Manager camera"):
-        open_rig(plan, "micromanager", {**MM_OPTIONS, "camera": "Nikon"})
+    for options, error, words in (
+        ({"config": "demo"}, InputError, "give the travel"),
+        ({"config": "/nowhere.cfg", "limits": MM_OPTIONS["limits"]}, InputError, "check the path"),
+        ({**MM_OPTIONS, "camera": "Nikon"}, DeviceMissing, "Micro-Manager camera"),
+    ):
+        with pytest.raises(error, match=words):
+            open_rig(plan, "micromanager", options)
 
 
 # -- Aravis --------------------------------------------------------------------------------------------
@@ -256,28 +249,20 @@ def test_aravis_losing_packets_retries_and_keeps_only_whole_frames(tmp_path: Pat
 @ARAVIS
 @pytest.mark.long
 def test_aravis_camera_killed_in_the_middle_stops_and_resumes(tmp_path: Path) -> None:
-    plan = plan_for((2048, 2048), 8)
+    plan, taken = plan_for((2048, 2048), 8), itertools.count(1)
     options = replace(OPTIONS, grab_timeout_s=0.3)
     with fake_camera() as process, aravis(plan) as rig:
-        taken = 0
-
-        def kill(*_: object) -> None:
-            nonlocal taken
-            taken += 1
-            if taken == 8:
-                process.kill()
-
+        watch = lambda *_: process.kill() if next(taken) == 8 else None  # noqa: E731
         with pytest.raises(AcquisitionStopped, match="no answer") as caught:
-            record(tmp_path, plan, rig, options, observers=(kill,))
-    assert isinstance(caught.value.cause, DeviceLost)
-    assert 8 <= caught.value.acknowledged < 27
+            record(tmp_path, plan, rig, options, observers=(watch,))
+    assert isinstance(caught.value.cause, DeviceLost) and 8 <= caught.value.acknowledged < 27
     with fake_camera(), aravis(plan) as rig:
         assert record(tmp_path, plan, rig, options, resume=True).how == "complete"
     check_session(tmp_path, plan)
 
 
 @ARAVIS
-def test_aravis_says_what_is_missing() -> None:
+def test_aravis_names_what_is_missing() -> None:
     plan = plan_for((2048, 2048), 8)
     with pytest.raises(DeviceMissing, match="check power, cable and address"):
         aravis(plan, camera="127.0.0.99")
@@ -309,13 +294,12 @@ def test_gentl_records_27_positions(tmp_path: Path) -> None:
 
 
 @GENTL
-def test_gentl_says_what_is_missing() -> None:
-    plan = plan_for((320, 320), 8)
-    with pytest.raises(InputError, match="give the manufacturer's file"):
-        open_rig(plan, "gentl", {"cti": "/nowhere.cti"}, stage="sim")
-    with pytest.raises(DeviceMissing, match="0 to 2"):
-        open_rig(plan, "gentl", {**GENTL_OPTIONS, "camera": "77"}, stage="sim")
-    with pytest.raises(InputError, match=r"expected Mono or Bayer.* 12Packed, got R"):
-        open_rig(plan, "gentl", {**GENTL_OPTIONS, "format": "RGBa8"}, stage="sim")
-    with pytest.raises(CameraError, match="check that the camera has this feature"):
-        open_rig(plan, "gentl", {**GENTL_OPTIONS, "set": "NoSuchFeature=1"}, stage="sim")
+def test_gentl_names_what_is_missing() -> None:
+    for options, error, words in (
+        ({"cti": "/nowhere.cti"}, InputError, "give the manufacturer's file"),
+        ({**GENTL_OPTIONS, "camera": "77"}, DeviceMissing, "0 to 2"),
+        ({**GENTL_OPTIONS, "format": "RGBa8"}, InputError, r"expected Mono or Bayer.* 12Packed, got R"),
+        ({**GENTL_OPTIONS, "set": "NoSuchFeature=1"}, CameraError, "check that the camera has this feature"),
+    ):
+        with pytest.raises(error, match=words):
+            open_rig(plan_for((320, 320), 8), "gentl", options, stage="sim")

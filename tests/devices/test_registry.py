@@ -5,14 +5,17 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from importlib import metadata
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.ndimage import label
 
+from lfcal.acquire.session import record
 from lfcal.base.errors import InputError
 from lfcal.camera import ScanPlan, preset
 from lfcal.devices import registry
@@ -22,27 +25,23 @@ from lfcal.devices.protocols import CameraDevice, Light, StageDevice
 from lfcal.devices.registry import Backend, find_backends, get_backend, open_rig
 from lfcal.devices.rig import Rig
 from lfcal.devices.simulated._camera import SimCamera
-from tests.acquire.rigs import rig_for, small_plan
+from tests.acquire.rigs import CAREFUL, frames_of, rig_for, small_plan
+from tests.distribution import code_of
 
 PLAN = small_plan()
 
 
-def test_all_own_backends_are_listed() -> None:
+def test_all_own_backends_are_listed_and_the_simulated_devices_fulfil_the_protocols() -> None:
     found = {finding.name: finding for finding in find_backends()}
-    assert list(found)[:5] == ["sim", "aravis", "folder", "gentl", "micromanager"]
-    for name in list(found)[:5]:
+    names = ["sim", "aravis", "folder", "gentl", "micromanager"]
+    assert list(found)[:5] == names and found["sim"].available
+    for name in names:
         backend = get_backend(name)
-        assert isinstance(backend, Backend)
-        assert backend.name == name
+        assert isinstance(backend, Backend) and backend.name == name
         assert found[name].available == bool(found[name].version)
-    assert found["sim"].available
-
-
-def test_simulated_devices_fulfil_the_protocols() -> None:
     rig = rig_for(PLAN)
-    assert isinstance(rig.camera, CameraDevice)
-    assert isinstance(rig.stage, StageDevice)
-    assert isinstance(rig.light, Light)
+    for device, protocol in ((rig.camera, CameraDevice), (rig.stage, StageDevice), (rig.light, Light)):
+        assert isinstance(device, protocol)
 
 
 def test_absence_has_a_reason_and_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,9 +64,7 @@ def test_absence_has_a_reason_and_a_remedy(monkeypatch: pytest.MonkeyPatch) -> N
 class Foreign:
     """A backend of another package."""
 
-    name = "foreign"
-    title = "camera of somebody else"
-    has_stage = True
+    name, title, has_stage = "foreign", "camera of another maker", True
     options: Mapping[str, str] = {"gain": "gain (dB)"}
 
     def probe(self) -> str:
@@ -77,31 +74,36 @@ class Foreign:
         return rig_for(plan)
 
 
+class Named(Foreign):
+    """A backend whose name is known once it is made."""
+
+    def __init__(self) -> None:
+        self.name = "late"
+
+
 def points(monkeypatch: pytest.MonkeyPatch, **values: Any) -> None:
     """Pretend that other packages declare these entry points."""
 
-    class Point:
-        def __init__(self, name: str, value: Any) -> None:
-            self.name, self.value = name, value
+    def load(value: Any) -> Any:
+        if isinstance(value, Exception):
+            raise value
+        return value
 
-        def load(self) -> Any:
-            if isinstance(self.value, Exception):
-                raise self.value
-            return self.value
-
-    monkeypatch.setattr(metadata, "entry_points", lambda group: [Point(k, v) for k, v in values.items()])
+    made = [SimpleNamespace(name=name, load=partial(load, value)) for name, value in values.items()]
+    monkeypatch.setattr(metadata, "entry_points", lambda group: made)
     monkeypatch.setattr(registry, "BACKENDS", registry.backend_registry())
 
 
-def test_another_package_registers_through_an_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
-    points(monkeypatch, foreign=Foreign)
+def test_another_package_registers_a_class_or_an_object_through_an_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    points(monkeypatch, foreign=Foreign(), late=Named)
+    assert isinstance(get_backend("late"), Named)
     with open_rig(PLAN, "foreign", {"gain": "3"}) as rig:
         assert rig.camera.sensor_shape == (96, 96)
     with pytest.raises(InputError, match="option of foreign: expected gain"):
         open_rig(PLAN, "foreign", {"brightness": "3"})
 
 
-def test_broken_packages_are_named_and_harm_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_broken_packages_are_named_and_leave_the_others_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     points(monkeypatch, broken=ImportError("no libfoo.so"), wrong=object(), sim=Foreign)
     found = {finding.name: finding for finding in find_backends()}
     assert "no libfoo.so" in found["broken"].reason
@@ -112,58 +114,31 @@ def test_broken_packages_are_named_and_harm_nobody(monkeypatch: pytest.MonkeyPat
             get_backend(name)
 
 
-class Named:
-    """A backend whose name is known once it is made."""
-
-    title, has_stage, options = "made late", True, Foreign.options
-
-    def __init__(self) -> None:
-        self.name = "late"
-
-    probe, open = Foreign.probe, Foreign.open
+BENCH = replace(ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0]), period=(2, 3))
 
 
-def test_an_entry_point_may_be_an_object_or_a_class(monkeypatch: pytest.MonkeyPatch) -> None:
-    points(monkeypatch, foreign=Foreign(), late=Named)
-    assert isinstance(get_backend("foreign"), Foreign)
-    assert isinstance(get_backend("late"), Named)
+def simulated_frame(**options: str) -> np.ndarray:
+    """Return a frame of the simulator, less its black level."""
+    with open_rig(BENCH, "sim", options) as rig:
+        rig.stage.move(tuple(BENCH.stage_um(np.array([0, 1, 1])).tolist()))
+        rig.time.sleep(1e4)
+        rig.camera.set_exposure(BENCH.exposures[0])
+        return rig.camera.grab(1.0).data.astype(float) - BENCH.camera.sensor.black_level
 
 
-def test_the_simulator_shows_plenoptic_frames_to_whoever_opens_it() -> None:
+def test_the_simulator_shows_plenoptic_frames() -> None:
     """The lenslets image the pupil: many separate spots, where the quick pattern is a single blurred one."""
-    camera = preset("bench")
-    plan = replace(ScanPlan.for_camera(camera, virtual_depths=[4.0]), period=(2, 3))
-    light = []
-    for optics in ("geometric", "wave"):
-        with open_rig(plan, "sim", {"optics": optics}) as rig:
-            x, y, z = plan.stage_um(np.array([0, 1, 1])).tolist()
-            rig.stage.move((x, y, z))
-            rig.time.sleep(1e4)
-            rig.camera.set_exposure(plan.exposures[0])
-            light.append(rig.camera.grab(1.0).data.astype(float) - camera.sensor.black_level)
-    with pytest.raises(InputError, match="option optics"):
-        open_rig(plan, "sim", {"optics": "magic"})
-    spots = [int(label(frame > 0.3 * frame.max())[1]) for frame in light]
-    assert min(spots) >= 5
+    light = [simulated_frame(optics=optics) for optics in ("geometric", "wave")]
+    assert min(int(label(frame > 0.3 * frame.max())[1]) for frame in light) >= 5
     assert np.corrcoef(light[0].ravel(), light[1].ravel())[0, 1] > 0.5
 
 
 def test_the_simulator_takes_the_effects_of_a_file(tmp_path: Path) -> None:
     """Crosstalk of 20 % to each neighbour of two lines leaves (1 - 0.4)² in the middle and spreads the rest."""
-    camera = preset("bench")
-    plan = replace(ScanPlan.for_camera(camera, virtual_depths=[4.0]), period=(2, 3))
     path = tmp_path / "effects.json"
     path.write_text('[{"name": "crosstalk", "share": 0.2}, {"name": "lenslet_diffraction", "setting": "off"}]')
-    spread = []
-    for options in ({}, {"effects": str(path)}):
-        with open_rig(plan, "sim", {"optics": "geometric", **options}) as rig:
-            x, y, z = plan.stage_um(np.array([0, 1, 1])).tolist()
-            rig.stage.move((x, y, z))
-            rig.time.sleep(1e4)
-            rig.camera.set_exposure(plan.exposures[0])
-            frame = rig.camera.grab(1.0).data.astype(float) - camera.sensor.black_level
-            spread.append(int((frame > 0.1 * frame.max()).sum()))
-    assert spread[1] > 1.5 * spread[0]
+    plain, spread = simulated_frame(optics="geometric"), simulated_frame(optics="geometric", effects=str(path))
+    assert (spread > 0.1 * spread.max()).sum() > 1.5 * (plain > 0.1 * plain.max()).sum()
 
 
 def test_stage_of_another_backend_and_its_options() -> None:
@@ -182,9 +157,8 @@ def test_stage_of_another_backend_and_its_options() -> None:
         open_rig(PLAN, "nothing")
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
+def test_bad_options_of_the_simulator_are_refused() -> None:
+    for options in (
         {"velocity": "fast"},
         {"limits": "0:1"},
         {"limits": "1:0,0:1,0:1"},
@@ -195,8 +169,20 @@ def test_stage_of_another_backend_and_its_options() -> None:
         {"optics": "magic"},
         {"seed": "-1"},
         {"optics": "pattern", "effects": "effects.json"},
-    ],
-)
-def test_bad_options_of_the_simulator_are_refused(options: dict[str, str]) -> None:
-    with pytest.raises(InputError):
-        open_rig(PLAN, "sim", options)
+    ):
+        with pytest.raises(InputError, match="option"):
+            open_rig(PLAN, "sim", options)
+
+
+# -- the backend of the documentation --------------------------------------------------------------------
+def test_the_documented_backend_works(tmp_path: Path) -> None:
+    (block,) = code_of("extending.md", "A device")
+    assert len([line for line in block.splitlines() if line.strip()]) <= 40
+    names: dict[str, Any] = {}
+    exec(block, names)
+    backend, plan = names["CountingBackend"](), small_plan(shape=(320, 320), settle_s=0.0)
+    assert isinstance(backend, Backend)
+    with backend.open(plan, {}) as rig:
+        assert isinstance(rig.camera, CameraDevice) and isinstance(rig.stage, StageDevice)
+        assert record(tmp_path, plan, rig, replace(CAREFUL, origin_tolerance_px=None)).how == "complete"
+    assert len({frame.tobytes() for frame in frames_of(tmp_path).values()}) == 27

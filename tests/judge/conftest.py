@@ -30,7 +30,7 @@ def _fewer_patterns(pytestconfig: pytest.Config) -> Iterator[None]:
 
 @pytest.fixture
 def all_patterns(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compare as many as with --long: fewer do not tell."""
+    """Compare as many as with --long: fewer are not enough."""
     monkeypatch.setattr(common, "PATTERNS", common.ALL)
 
 

@@ -14,16 +14,17 @@ from tests.judge.common import (
     Values,
     added,
     clean,
+    compared,
     compressed,
-    evidence_of,
+    displaced,
     light,
+    mixed_focus,
     noisy,
     plan,
     recording,
     scaled,
     sensor,
 )
-from tests.judge.test_stage_faults import displaced, grid
 
 __all__ = ["INJECTIONS", "Injection"]
 
@@ -88,7 +89,7 @@ def _region() -> Values:
 
 
 def _stage() -> Values:
-    y, x = grid()
+    y, x = recording().grid()
     turn = np.radians(1.0)
     return displaced(0.02 * y + turn * x, 0.02 * x - turn * y)
 
@@ -105,7 +106,7 @@ def _jitter() -> Values:
 
 def _exposure() -> Values:
     values = light()
-    values[tuple(evidence_of(clean()).index[17])] *= 3
+    values[tuple(compared()[17])] *= 3
     return noisy(values)
 
 
@@ -118,18 +119,6 @@ def _course() -> Values:
 def _flicker() -> Values:
     lamp = 1 + 0.05 * np.random.default_rng(2).standard_normal(light().shape[:3])
     return noisy((light() * lamp[..., None, None]).astype(np.float32))
-
-
-def _focus() -> Values:
-    from tests.judge.test_stage_faults import _patterns, _scale
-
-    moved = plan().camera.depth_of(3.0 * 1.03) - plan().depths_um[0]
-    ny = plan().period[0]
-    come = (np.arange(ny)[:, None, None, None] + 0.5) / ny
-    values = clean()
-    mixed = (1 - come) * _patterns(0.0, 0.0) + come * _patterns(0.0, 0.0, moved)
-    values[0] = noisy(mixed[None].astype(np.float32) * np.float32(_scale()))[0]
-    return values
 
 
 def _ghost() -> Values:
@@ -263,7 +252,7 @@ INJECTIONS: dict[str, Injection] = {
     "focus_drift": Injection(
         "the virtual depth of the first plane changes by 3 % during its scan",
         "the fitted depth of patterns changes over the scan of a plane",
-        _focus,
+        lambda: mixed_focus(0.03),
     ),
     "ghost": Injection(
         "2 % of the light forms a second pattern, mirrored top to bottom, 7 pixels lower and 5 pixels to the left",

@@ -1,9 +1,8 @@
-"""Two H in numbers: shift, scale and noise that are known, planes that are swapped, lens types, what is left out."""
+"""Two H compared in numbers: known shifts, scales and noise, swapped planes, lens types, and omitted positions."""
 
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,52 +20,59 @@ from lfcal.judge.comparison import compare, iter_compare
 from lfcal.judge.pairing import pair
 from lfcal.judge.report.two import compared_words, figure_rows, map_levels, verdict
 from lfcal.psf import PSFMatrix, open_psf, save
-from tests.judge.test_comparison_formulas import spots
 
 SHAPE = (2, 3, 4, 25, 27)
 Values = NDArray[np.float64]
 
 
+def spots(shape: tuple[int, ...] = SHAPE, at: tuple[float, float] = (0.0, 0.0), seed: int = 1) -> Values:
+    """Gaussian spots, each a little elsewhere and of another brightness; their centres moved by ``at``."""
+    rng = np.random.default_rng(seed)
+    rows, columns = np.mgrid[: shape[3], : shape[4]]
+    out = np.empty(shape)
+    for place in np.ndindex(shape[:3]):
+        row, column = 10 + rng.uniform(-1, 1), 11 + rng.uniform(-1, 1)
+        spot = np.exp(-((rows - row - at[0]) ** 2 + (columns - column - at[1]) ** 2) / 8)
+        out[place] = rng.uniform(1, 2) * spot
+    return out
+
+
 def moved(at: tuple[float, float] = (0.0, 0.0), seed: int = 1) -> Values:
-    """Gaussian spots with the source ``at`` (row, column) pixels elsewhere, by their formula."""
+    """Return spots with the source ``at`` (row, column) pixels elsewhere."""
     return spots(SHAPE, at, seed)
 
 
 @pytest.mark.parametrize("at", [(0.37, -0.21), (-1.4, 0.6), (0.0, 0.05), (2.8, -3.1)])
-def test_a_known_shift_is_found(at: tuple[float, float]) -> None:
-    found = compare(moved(at), moved()).all
-    assert found.shift_px == pytest.approx(at, abs=2e-3)
-    assert found.scale < 1 and found.left < 2e-3 < 0.01 < found.scaled and found.nrmse > 0.01
-
-
-def test_the_sign_of_a_shift_is_that_of_the_first() -> None:
-    ahead, behind = compare(moved((0.5, 0.0)), moved()).all, compare(moved(), moved((0.5, 0.0))).all
-    assert ahead.shift_px[0] == pytest.approx(0.5, abs=2e-3)
-    assert behind.shift_px[0] == pytest.approx(-0.5, abs=2e-3)
+def test_a_known_shift_is_found_with_its_sign(at: tuple[float, float]) -> None:
+    found = compare(moved(at), moved())
+    assert found.all.shift_px == pytest.approx(at, abs=2e-3)
+    assert found.all.scale < 1 and found.all.left < 2e-3 < 0.01 < found.all.scaled and found.all.nrmse > 0.01
+    assert found.max_shift_px == pytest.approx(np.hypot(*at), abs=0.03 + 0.02 * np.hypot(*at))
+    assert found.rms_shift_px <= found.max_shift_px
+    if np.hypot(*at) < 0.5:
+        np.testing.assert_allclose(found.shift_px, np.broadcast_to(at, found.shift_px.shape), atol=0.02)
+        assert compare(moved(), moved(at)).all.shift_px == pytest.approx(np.negative(at), abs=2e-3)
 
 
 def test_a_known_scale_is_found() -> None:
-    found = compare(2.5 * moved(), moved()).all
-    assert found.scale == pytest.approx(2.5) and found.nrmse == pytest.approx(1.5)
-    assert found.scaled < 1e-6 and found.left < 1e-6 and found.correlation == pytest.approx(1)
-    assert found.shift_px == pytest.approx((0, 0), abs=1e-6)
+    found = compare(2.5 * moved(), moved())
+    assert found.all.scale == pytest.approx(2.5) and found.all.nrmse == pytest.approx(1.5)
+    assert found.all.scaled < 1e-6 and found.all.left < 1e-6 and found.correlation == pytest.approx(1, abs=1e-12)
+    assert found.all.shift_px == pytest.approx((0, 0), abs=1e-6)
+    assert found.max_shift_px < 1e-6 and found.rms_error < 1e-6
+    assert found.error.shape == SHAPE[:3] and found.shift_px.shape == (*SHAPE[:3], 2)
 
 
 def test_scale_and_shift_together_leave_the_noise() -> None:
     rng = np.random.default_rng(3)
-    first = 1.7 * moved((0.3, 0.4))
-    noise = rng.normal(0, 0.02, SHAPE)
+    first, noise = 1.7 * moved((0.3, 0.4)), rng.normal(0, 0.02, SHAPE)
     found = compare(first + noise, moved()).all
     assert found.scale != pytest.approx(1.7, rel=0.005), "of the shifted pattern the plain scale is less"
     assert found.left == pytest.approx(float(np.linalg.norm(noise) / np.linalg.norm(first + noise)), rel=0.02)
     assert found.shift_px == pytest.approx((0.3, 0.4), abs=0.01)
-
-
-def test_known_noise_is_the_error() -> None:
-    clean = moved()
-    noise = np.random.default_rng(5).normal(0, 0.05, SHAPE)
-    found = compare(clean + noise, clean).all
-    assert found.nrmse == pytest.approx(float(np.linalg.norm(noise) / np.linalg.norm(clean)), rel=1e-9)
+    assert compare(spots((1, 4, 4, 21, 23)).swapaxes(1, 2), spots((1, 4, 4, 21, 23))).max_shift_px > 0.5
+    far = moved() + rng.normal(0, 0.005, SHAPE)
+    assert compare(far, moved()).max_shift_px < 0.05, "noise far out does not move centroids"
 
 
 def test_figures_are_the_plain_formulae_for_each_plane() -> None:
@@ -81,11 +87,15 @@ def test_figures_are_the_plain_formulae_for_each_plane() -> None:
         assert one.all.scaled == pytest.approx(np.linalg.norm(p - scale * q) / np.linalg.norm(p))
         assert one.all.correlation == pytest.approx(p @ q / np.linalg.norm(p) / np.linalg.norm(q))
         assert one.positions == 12 and one.types == ()
-    whole = found.all
-    assert whole.nrmse == pytest.approx(np.linalg.norm(a - b) / np.linalg.norm(b))
+    assert found.all.nrmse == pytest.approx(np.linalg.norm(a - b) / np.linalg.norm(b))
+    assert found.correlation == pytest.approx((a * b).sum() / np.sqrt((a * a).sum() * (b * b).sum()))
+    for place in np.ndindex(SHAPE[:3]):
+        scaled = a[place] / a[place].sum() * b[place].sum()
+        want = np.sqrt(((scaled - b[place]) ** 2).sum() / (b[place] ** 2).sum())
+        assert found.error[place] == pytest.approx(want, rel=1e-5)
 
 
-def test_swapped_planes_are_told() -> None:
+def test_swapped_planes_are_reported() -> None:
     values = np.concatenate([moved(seed=1)[:1], ndimage.gaussian_filter(moved(seed=2)[:1], (0, 0, 0, 2, 2))])
     right = PSFMatrix(values, depths=[-2000.0, -1000.0])
     wrong = PSFMatrix(values[::-1].copy(), depths=[-2000.0, -1000.0])
@@ -105,20 +115,21 @@ def test_the_position_that_differs_most_is_named() -> None:
     assert found.shift_px[1, 2, 3] == pytest.approx((4, 0), abs=0.1)
 
 
-def test_missing_dark_and_spoilt_positions_are_left_out() -> None:
-    spoilt, recorded = moved(), np.ones(SHAPE[:3], int)
+def test_missing_dark_and_damaged_positions_are_left_out() -> None:
+    damaged, recorded = moved(), np.ones(SHAPE[:3], int)
     recorded[0, 1, 2] = 0
-    spoilt[0, 1, 2] = 99.0
-    spoilt[1, 0, 0] = 0
-    spoilt[1, 2, 3, 4, 4] = np.nan
-    found = compare(PSFMatrix(spoilt, recorded=recorded), moved())
+    damaged[0, 1, 2] = 99.0
+    damaged[1, 0, 0] = 0
+    damaged[1, 2, 3, 4, 4] = np.nan
+    found = compare(PSFMatrix(damaged, recorded=recorded), moved())
     assert np.argwhere(np.isnan(found.error)).tolist() == [[0, 1, 2], [1, 0, 0], [1, 2, 3]]
-    assert found.all.nrmse < 1e-9 and [one.positions for one in found.planes] == [11, 10]
+    assert found.all.nrmse < 1e-9 and [one.positions for one in found.planes] == [11, 10] and found.compared == 21
 
 
 def test_nothing_to_compare_is_no_number() -> None:
     found = compare(np.zeros(SHAPE), moved())
-    assert math.isnan(found.all.nrmse) and math.isnan(found.all.left) and not found.worst()
+    assert np.isnan([found.all.nrmse, found.all.left, found.correlation, found.max_shift_px, found.rms_error]).all()
+    assert not found.worst() and found.compared == 0
     assert json.dumps(plain(found.to_dict()), allow_nan=False)
     assert all(row[2:] == ("–",) * 6 for row in figure_rows(found))
     assert compared_words(found).startswith("0 of 24 positions") and not found.notes, "the verdict says it"
@@ -133,9 +144,8 @@ def test_a_plane_without_light_is_not_compared_and_like_no_other() -> None:
     assert figure_rows(found)[2][2:] == ("–",) * 6 and "–" not in figure_rows(found)[1]
 
 
-def test_differences_that_rounding_alone_sets_apart_are_drawn_alike() -> None:
-    even = np.array([[12.7217, 12.72169], [np.nan, 12.7217]])
-    assert map_levels(even) == (0.0, 12.7217)
+def test_values_that_differ_by_rounding_are_drawn_alike() -> None:
+    assert map_levels(np.array([[12.7217, 12.72169], [np.nan, 12.7217]])) == (0.0, 12.7217)
     assert map_levels(np.array([[3.0, 5.0], [np.nan, 4.0]])) == (3.0, 5.0)
     assert map_levels(np.zeros((2, 2))) == map_levels(np.full((2, 2), np.nan)) == (0.0, 1.0)
 
@@ -149,7 +159,7 @@ def bench() -> ScanPlan:
     return ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0,), cutout=31)
 
 
-def test_a_lens_type_that_differs_is_told() -> None:
+def test_a_lens_type_that_differs_is_found() -> None:
     plan = bench()
     ny, nx = plan.period
     nt, ns = plan.cutout
@@ -176,7 +186,7 @@ def test_a_lens_type_that_differs_is_told() -> None:
 
 
 # -- what is common ----------------------------------------------------------------------------------------
-def test_depths_pair_planes_and_the_rest_is_said() -> None:
+def test_planes_are_paired_by_depth_and_the_others_are_named() -> None:
     values = np.concatenate([moved(), moved(seed=4)])
     first = PSFMatrix(values[:3], depths=[-3000.0, -2000.0, -1000.0])
     second = PSFMatrix(values[1:], depths=[-2000.5, -1000.0, -500.0])
@@ -194,9 +204,12 @@ def test_planes_of_other_depths_are_refused_unless_numbers_count() -> None:
     assert both.planes == ((0, 0), (1, 1)) and "2 of them differ in depth" in both.notes[0]
 
 
-def test_the_larger_cutout_is_cut_about_the_source() -> None:
+def test_the_larger_cutout_is_cut_about_the_source_unless_compared_by_index() -> None:
     found = compare(moved()[..., 2:-2, 3:-3], moved())
     assert found.pair.cutout == (21, 21) and "21 × 21" in found.notes[0] and found.all.nrmse < 1e-12
+    with pytest.raises(InputError, match="expected shape"):
+        compare(moved()[..., 2:-2, 3:-3], moved(), by_index=True)
+    assert compare(PSFMatrix(moved()).T, PSFMatrix(moved())).all.nrmse < 1e-12, "a transposed view is the H behind it"
 
 
 def test_positions_are_paired_by_the_sensor() -> None:
@@ -216,19 +229,12 @@ def test_positions_are_paired_by_the_sensor() -> None:
     assert pair(first, PSFMatrix(later[:], depths=plan.depths_um)).moved == (0, 0), "without a camera nothing is known"
 
 
-def test_a_transposed_view_is_the_h_behind_it() -> None:
-    H = PSFMatrix(moved())
-    assert compare(H.T, H).all.nrmse < 1e-12
-
-
-@pytest.mark.parametrize(
-    ("other", "words"),
-    [(spots((2, 4, 4, 25, 27)), "period"), (spots(SHAPE).astype(complex), "real numbers")],
-)
-def test_what_cannot_be_compared_is_one_line(other: Values, words: str) -> None:
-    with pytest.raises(InputError, match=words) as error:
-        pair(moved(), other)
-    assert "\n" not in str(error.value) and "second H" in str(error.value)
+def test_what_cannot_be_compared_is_one_line() -> None:
+    for other, words in ((spots((2, 4, 4, 25, 27)), "period"), (moved().astype(complex), "real numbers")):
+        for refusing in (pair, compare):
+            with pytest.raises(InputError, match=words) as error:
+                refusing(moved(), other)
+            assert "\n" not in str(error.value) and "second H" in str(error.value)
 
 
 def test_a_refused_file_is_called_by_its_name(tmp_path: Path) -> None:
@@ -248,7 +254,7 @@ def test_a_refused_file_is_called_by_its_name(tmp_path: Path) -> None:
             assert pair(a, again).notes == ("both are the same file",)
 
 
-def test_cameras_of_other_names_are_said() -> None:
+def test_cameras_of_other_names_are_noted() -> None:
     plan = bench()
     values = spots((1, *plan.period, 31, 31))
     other = PSFMatrix(values, depths=plan.depths_um, camera=replace(plan.camera, name="spare"), anchor=plan.anchor)
@@ -301,9 +307,9 @@ def test_noise_alone_has_no_far_shift() -> None:
     assert np.isfinite(found).all() and np.abs(found).max() <= 4.5
 
 
-def test_values_of_other_units_are_said_to_be_so() -> None:
-    """Counts beside shares of the light: millions of per cent say nothing."""
-    told = verdict(compare(4e4 * moved((0.2, 0.0)), moved()))
-    assert told.startswith("Their values are in different units: those of the first H are ") and "e+06" not in told
+def test_values_of_other_units_are_named_as_such() -> None:
+    """Counts compared with shares of the light: millions of per cent mean nothing."""
+    words = verdict(compare(4e4 * moved((0.2, 0.0)), moved()))
+    assert words.startswith("Their values are in different units: those of the first H are ") and "e+06" not in words
     assert figure_rows(compare(4e4 * moved(), moved()))[0][2] == "> 1000"
     assert verdict(compare(2.5 * moved(), moved())).startswith("They differ by 150 % (NRMSE) as they are")

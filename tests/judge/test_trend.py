@@ -1,4 +1,4 @@
-"""Fits of a camera over months: what has moved is told from what noise does."""
+"""Fits of a camera over months: real changes are distinguished from noise."""
 
 from __future__ import annotations
 
@@ -63,13 +63,17 @@ def months(place: Path, count: int = 6, drift: float = 0.0, jump: float = 0.0, s
     return made
 
 
+def trend_of(*folders: Path, **more: float) -> Any:
+    return trend([read_dated_fit(one) for one in folders], **more)
+
+
 def by_name(found: Any) -> dict[str, Any]:
     return {one.name: one for one in found.courses}
 
 
 def test_noise_is_no_trend(tmp_path: Path) -> None:
     for seed in range(8):
-        found = trend([read_dated_fit(one) for one in months(tmp_path / str(seed), seed=seed)])
+        found = trend_of(*months(tmp_path / str(seed), seed=seed))
         assert not found.worse and not found.notes
         gap = by_name(found)["gap_um"]
         # the slope of six monthly values: sigma / sqrt(sum of squared months from their mean)
@@ -77,7 +81,7 @@ def test_noise_is_no_trend(tmp_path: Path) -> None:
 
 
 def test_a_drift_is_found_with_its_rate(tmp_path: Path) -> None:
-    found = trend([read_dated_fit(one) for one in reversed(months(tmp_path, drift=0.25))])
+    found = trend_of(*reversed(months(tmp_path, drift=0.25)))
     gap, aperture = by_name(found)["gap_um"], by_name(found)["f_number"]
     assert gap.worse and not aperture.worse and [one.name for one in found.worse] == ["gap_um"]
     assert abs(gap.per_month - 0.25) < 4 * gap.per_month_sigma < 0.15
@@ -91,30 +95,30 @@ def test_fits_of_one_day_have_a_change_and_no_rate(tmp_path: Path) -> None:
     for days, known in ((1 / 24, False), (6.9, False), (7.0, True)):
         place = tmp_path / str(days)
         paths = [write_fit(place / name, day, {"gap_um": gap}) for name, day, gap in (("a", 0, 400), ("b", days, 402))]
-        found = trend([read_dated_fit(path) for path in paths])
+        found = trend_of(*paths)
         gap = by_name(found)["gap_um"]
         assert gap.worse and gap.change == pytest.approx(2.0) and gap.span_s == pytest.approx(days * 86400)
         assert math.isfinite(gap.per_month) is known and math.isfinite(gap.per_month_sigma) is known
         assert any("a change per month is not estimated" in note for note in found.notes) is not known
 
 
-def test_a_source_elsewhere_is_named_beside_a_gap_that_moved(tmp_path: Path) -> None:
-    told = "the distance was fixed in these fits"
+def test_a_moved_source_is_named_as_another_cause_of_a_changed_gap(tmp_path: Path) -> None:
+    words = "the distance was fixed in these fits"
     fits = [read_dated_fit(path) for path in months(tmp_path / "a", drift=0.5)]
-    assert any(note.startswith(told) for note in trend(fits).notes)
+    assert any(note.startswith(words) for note in trend(fits).notes)
     found = [replace(one, groups=one.groups | {"distance"}) for one in fits]
-    assert not any(note.startswith(told) for note in trend(found).notes)
+    assert not any(note.startswith(words) for note in trend(found).notes)
     still = [read_dated_fit(path) for path in months(tmp_path / "b")]
-    assert not any(note.startswith(told) for note in trend(still).notes)
+    assert not any(note.startswith(words) for note in trend(still).notes)
 
 
 def test_a_jump_is_found_where_it_was(tmp_path: Path) -> None:
-    fits = [read_dated_fit(one) for one in months(tmp_path, jump=1.5)]
-    gap = by_name(trend(fits))["gap_um"]
+    fits = months(tmp_path, jump=1.5)
+    gap = by_name(trend_of(*fits))["gap_um"]
     assert gap.worse and [(one.before, one.after) for one in gap.jumps] == [("fit2", "fit3")]
     assert abs(gap.jumps[0].change - 1.5) < 4 * math.sqrt(2) * 0.1
     assert abs(gap.jumps[0].sigmas - gap.jumps[0].change / (math.sqrt(2) * 0.1)) < 1e-9
-    assert not trend(fits, sigmas=30.0).worse
+    assert not trend_of(*fits, sigmas=30.0).worse
 
 
 def test_offsets_are_places_of_the_array_whatever_each_fit_started_from(tmp_path: Path) -> None:
@@ -125,25 +129,25 @@ def test_offsets_are_places_of_the_array_whatever_each_fit_started_from(tmp_path
         write_fit(tmp_path / "a", 0, {"offset_x_um": 0.4}, moved),
         write_fit(tmp_path / "b", 30, {"offset_x_um": 0.0}, moved),
     ]
-    assert by_name(trend([read_dated_fit(one) for one in same]))["offset_x_um"].change == pytest.approx(0.0, abs=1e-9)
+    assert by_name(trend_of(*same))["offset_x_um"].change == pytest.approx(0.0, abs=1e-9)
     # and one that finds 0 from another description has moved
     back = write_fit(tmp_path / "c", 60, {"offset_x_um": 0.0}, camera)
-    found = by_name(trend([read_dated_fit(one) for one in (*same, back)]))
+    found = by_name(trend_of(*same, back))
     assert found["offset_x_um"].change == pytest.approx(-0.4) and found["offset_x_um"].worse
     assert not found["offset_y_um"].worse
     # an array displaced by a whole period of its types is where it was
     step = camera.lattice.basis_um()[0]
     whole = replace(moved, lattice=replace(moved.lattice, offset_um=tuple(np.array(moved.lattice.offset_um) + step)))
     again = write_fit(tmp_path / "d", 90, {}, whole)
-    change = by_name(trend([read_dated_fit(one) for one in (same[0], again)]))["offset_x_um"].change
+    change = by_name(trend_of(same[0], again))["offset_x_um"].change
     assert change == pytest.approx(0.0, abs=1e-9)
 
 
-def test_what_means_something_else_is_not_compared(tmp_path: Path) -> None:
-    """A gap found beside an aberration is another number than one found without."""
+def test_parameters_of_other_models_are_not_compared(tmp_path: Path) -> None:
+    """A gap fitted together with an aberration is another number than one fitted without."""
     first = write_fit(tmp_path / "a", 0, {"gap_um": 402.0}, groups=["geometry", "iris", "spherical"])
     rest = [write_fit(tmp_path / name, day, {"gap_um": 400.0}) for name, day in (("b", 30), ("c", 60))]
-    found = trend([read_dated_fit(one) for one in (first, *rest)])
+    found = trend_of(first, *rest)
     gap = by_name(found)["gap_um"]
     assert not found.worse and [point.compared for point in gap.points if point] == [False, True, True]
     assert any(note.startswith("a: not compared, because their unknowns") for note in found.notes)
@@ -155,51 +159,43 @@ def test_what_means_something_else_is_not_compared(tmp_path: Path) -> None:
     for folder in (deeper, other):
         data = json.loads((folder / "fit.json").read_text()) | {"parameters": distance["parameters"]}
         (folder / "fit.json").write_text(json.dumps(data))
-    assert not by_name(trend([read_dated_fit(deeper), read_dated_fit(other)]))["distance_um"].points[0].compared
+    assert not by_name(trend_of(deeper, other))["distance_um"].points[0].compared
 
 
-def test_poor_fits_and_missing_dates_are_said(tmp_path: Path) -> None:
+def test_poor_fits_and_missing_dates_are_noted(tmp_path: Path) -> None:
     one = write_fit(tmp_path / "a", 0, complete=False)
     two = write_fit(tmp_path / "b", 0, recorded=None, fitted="2026-03-01T00:00:00+00:00")
     three = write_fit(tmp_path / "c", 0, recorded=None)
-    notes = " ".join(trend([read_dated_fit(path) for path in (one, two, three)]).notes)
+    notes = " ".join(trend_of(one, two, three).notes)
     assert "a: the model was incomplete" in notes and "b: dated by the fit" in notes and "c: no date" in notes
 
 
 def test_fits_of_several_cameras_or_one_fit_alone_are_refused(tmp_path: Path) -> None:
     one, two = write_fit(tmp_path / "a", 0), write_fit(tmp_path / "b", 30, camera=small_camera("r29"))
-    with pytest.raises(InputError, match="of one camera"):
-        trend([read_dated_fit(one), read_dated_fit(two)])
-    with pytest.raises(InputError, match="at least two"):
-        trend([read_dated_fit(one)])
-    with pytest.raises(InputError, match="fits with different times"):
-        trend([read_dated_fit(one), read_dated_fit(one)])
-    with pytest.raises(InputError, match=r"threshold of an alarm \(standard deviations\)"):
-        trend([read_dated_fit(one), read_dated_fit(one)], sigmas=0.0)
+    for folders, more, words in (
+        ((one, two), {}, "of one camera"),
+        ((one,), {}, "at least two"),
+        ((one, one), {}, "fits with different times"),
+        ((one, one), {"sigmas": 0.0}, r"threshold of an alarm \(standard deviations\)"),
+    ):
+        with pytest.raises(InputError, match=words):
+            trend_of(*folders, **more)
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["", "[]", "{}", '{"format": "lfcal-fit"}', '{"format": "lfcal-fit", "parameters": [1], "groups": []}', "\0"],
-)
-def test_other_files_are_no_fits(tmp_path: Path, text: str) -> None:
-    folder = write_fit(tmp_path / "a", 0)
-    (folder / "fit.json").write_text(text)
-    with pytest.raises(FileFormatError, match=r"fit\.json"):
-        read_dated_fit(folder)
-
-
-def test_values_that_are_no_numbers_are_a_damaged_file(tmp_path: Path) -> None:
-    for k, (name, value) in enumerate((("value", None), ("sigma", "x"), ("value", True))):
-        folder = write_fit(tmp_path / str(k), 0)
-        data = json.loads((folder / "fit.json").read_text())
-        data["parameters"][0][name] = value
-        (folder / "fit.json").write_text(json.dumps(data))
+def test_other_and_damaged_files_are_refused(tmp_path: Path) -> None:
+    folder = write_fit(tmp_path, 0)
+    path, whole = folder / "fit.json", (folder / "fit.json").read_text()
+    listed = '{"format": "lfcal-fit", "parameters": [1], "groups": []}'
+    for text in ("", "[]", "{}", '{"format": "lfcal-fit"}', listed, "\0"):
+        path.write_text(text)
+        with pytest.raises(FileFormatError, match=r"fit\.json"):
+            read_dated_fit(folder)
+    for name, value in (("value", None), ("sigma", "x"), ("value", True), ("recorded", "yesterday")):
+        data = json.loads(whole)
+        (data if name == "recorded" else data["parameters"][0])[name] = value
+        path.write_text(json.dumps(data))
         with pytest.raises(FileFormatError, match="damaged"):
             read_dated_fit(folder)
-    dated = write_fit(tmp_path / "date", 0, recorded="yesterday")
-    with pytest.raises(FileFormatError, match="damaged"):
-        read_dated_fit(dated)
 
 
 def test_folders_of_fits_are_found(tmp_path: Path) -> None:
@@ -211,14 +207,14 @@ def test_folders_of_fits_are_found(tmp_path: Path) -> None:
 
 
 def test_the_picture_shows_every_parameter(tmp_path: Path) -> None:
-    found = trend([read_dated_fit(one) for one in months(tmp_path, 3, jump=3.0)])
+    found = trend_of(*months(tmp_path, 3, jump=3.0))
     draw_trend(found, tmp_path / "trend.svg")
     text = (tmp_path / "trend.svg").read_text()
     assert text.count('<g id="axes_') == 6 and len(found.courses) == 5, "one panel stays empty"
 
 
 def test_a_coarser_pitch_moves_no_lenslet_that_it_leaves_in_place(tmp_path: Path) -> None:
-    """The lenslet that is looked at is the one nearest the middle, not one beside it."""
+    """The lenslet that is compared is the one nearest the middle, not its neighbour."""
     camera = small_camera()
     lattice = camera.lattice
     middle = lattice.centres_um(np.array(0.9), np.array(0.9))

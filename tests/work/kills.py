@@ -1,4 +1,4 @@
-"""Commands in units that are killed again and again, they or single workers, and what their journals tell of it."""
+"""Commands in units that are killed several times, or their workers, and what their journals show of it."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class Killed:
 def kill_until_whole(words: Sequence[str], out: Path, place: Path, kills: int) -> Killed:
     """Run ``lfcal WORDS --resume`` in ``place``, kill it or a worker ``kills`` times, let it end.
 
-    Kills come by what has happened, never by the clock: after so many lines of the journal. A run that ends before its
-    kill begins anew.
+    Kills come after a number of lines of the journal, never by the clock. A run that ends before its kill is started
+    again.
     """
     found, tries = Killed(), 0
     journal = parts_folder(out) / JOURNAL
@@ -68,7 +68,7 @@ def kill_until_whole(words: Sequence[str], out: Path, place: Path, kills: int) -
                     found.workers += 1
                 _wait(run, journal, before, 5 + tries % 4)
             if run.poll() is None:
-                # now and then the run goes on without its worker, and ends
+                # sometimes the run continues without its worker, and ends
                 if not pids or tries % 4 == 1:
                     run.kill()
                     found.runs += 1

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lfcal.devices.errors import DeviceLost, FrameTimeout, StageError
 from lfcal.devices.protocols import Point, Roi
 from lfcal.devices.simulated._camera import SPREAD, LightPatch, SimCamera
+from lfcal.devices.simulated.faults import DeviceFault
 from tests.acquire.rigs import rig_for, small_plan
 
 PLAN = small_plan()
@@ -58,3 +60,19 @@ def test_no_two_frames_have_the_noise_of_four_rows_in_common() -> None:
     frames = [camera.grab(1.0).data for _ in range(600)]
     rows = {frame[at].tobytes() for frame in frames for at in (slice(4), slice(-4, None))}
     assert len(rows) == 2 * len(frames)
+
+
+# -- errors of the simulated devices name the simulated fault and a remedy -------------------------------
+def test_the_simulated_fault_is_named() -> None:
+    for kind, error, remedy in (
+        ("times out", FrameTimeout, "try again"),
+        ("vanishes", DeviceLost, "connect again"),
+        ("move fails", StageError, "try again"),
+        ("stage vanishes", DeviceLost, "connect again"),
+    ):
+        rig = rig_for(PLAN, DeviceFault(kind, 0))
+        with pytest.raises(error, match=f"because of the simulated fault '{kind}'; {remedy}"):
+            if error is StageError or kind.startswith("stage"):
+                rig.stage.move((0.0, 0.0, 0.0))
+            else:
+                rig.camera.grab(0.1)

@@ -6,7 +6,10 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.cli.conftest import lfcal
 from tests.psf.shared_apertures import shared_apertures
+
+__all__ = ["lfcal"]
 
 
 @pytest.fixture(scope="package", autouse=True)

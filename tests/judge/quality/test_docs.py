@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 
 from lfcal.judge.quality import METRICS, MetricSpec, inspect
 from lfcal.psf import PSFMatrix, save
-from tests.cli.conftest import Run, lfcal  # noqa: F401  the fixture
+from tests.cli.conftest import Run
 from tests.distribution import names_of
 from tests.judge.plain_report import undrawn
 
@@ -20,22 +21,11 @@ from tests.judge.plain_report import undrawn
 @pytest.fixture
 def declare(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Pretend that other distributions declare these metrics."""
-
-    class Point:
-        def __init__(self, name: str, value: Any) -> None:
-            self.name, self.value = name, value
-
-        def load(self) -> Any:
-            return self.value
-
     real = metadata.entry_points
 
     def pretend(**values: Any) -> None:
-        points = [Point(name, value) for name, value in values.items()]
-
-        def found(**wanted: Any) -> Any:
-            return points if wanted.get("group") == "lfcal.metrics" else real(**wanted)
-
+        points = [SimpleNamespace(name=name, load=lambda value=value: value) for name, value in values.items()]
+        found = lambda **wanted: points if wanted.get("group") == "lfcal.metrics" else real(**wanted)  # noqa: E731
         monkeypatch.setattr(metadata, "entry_points", found)
         monkeypatch.setattr(METRICS, "_parts", None)
         monkeypatch.setattr(METRICS, "_failures", {})
@@ -72,7 +62,7 @@ def test_the_documented_metric_measures_what_it_says(declare: Callable[..., None
 
 def test_the_documented_metric_is_shown(
     declare: Callable[..., None],
-    lfcal: Callable[..., Run],  # noqa: F811
+    lfcal: Callable[..., Run],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -87,7 +77,7 @@ def test_the_documented_metric_is_shown(
 
 def test_others_cannot_hide_or_break_what_is_there(
     declare: Callable[..., None],
-    lfcal: Callable[..., Run],  # noqa: F811
+    lfcal: Callable[..., Run],
     tmp_path: Path,
 ) -> None:
     own = METRICS.get("snr")

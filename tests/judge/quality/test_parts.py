@@ -56,14 +56,10 @@ def test_the_table_of_patterns_equals_numpy():
         sensor[y : y + 15, x : x + 17] += lit[y, x] > 0
     assert np.array_equal(frames.sensor, sensor)
     assert set(FRAME_COLUMNS) >= set(known)
-
-
-def test_equal_patterns_have_equal_checksums_and_others_not():
     plane = RNG.normal(0, 1, (2, 3, 9, 9)).astype(np.float32)
     plane[1, 2] = plane[0, 1]
     digest = PatternTable.of(plane, dark_corners(plane)).digest
-    assert digest[1, 2] == digest[0, 1]
-    assert len(np.unique(digest)) == 5
+    assert digest[1, 2] == digest[0, 1] and len(np.unique(digest)) == 5, "equal patterns have equal checksums"
 
 
 def test_sums_against_waves_equal_the_fourier_transform():
@@ -103,11 +99,10 @@ def test_a_field_splits_into_ramp_ripple_and_residual():
     assert np.abs(parts.ripple - ripple).max() < 0.08
     assert parts.rms == pytest.approx(0.05, rel=0.12)
     assert parts.sure_ramp(1) == pytest.approx(1.5, abs=0.06)
-
-
-def test_chance_makes_no_sure_ramp():
     ramps = [split(np.random.default_rng(k).normal(0, 1, (15, 15))).sure_ramp(0) for k in range(20)]
-    assert np.mean(np.array(ramps) > 0) < 0.25
+    assert np.mean(np.array(ramps) > 0) < 0.25, "chance makes no sure ramp"
+    field = np.where(np.arange(19)[:, None] % 2, 0.4, -0.4) + np.zeros((19, 33))
+    assert split(field).alternation == pytest.approx(0.4, rel=0.05)
 
 
 def test_outliers_and_holes_do_not_pull_the_fit():
@@ -120,11 +115,6 @@ def test_outliers_and_holes_do_not_pull_the_fit():
     assert parts.residual[4, 0] > 49 and np.isnan(parts.residual[10]).all()
     assert parts.spread == pytest.approx(0.1, rel=0.2)
     assert max(map(abs, parts.ramp)) < 0.1
-
-
-def test_rows_to_and_fro_alternate():
-    field = np.where(np.arange(19)[:, None] % 2, 0.4, -0.4) + np.zeros((19, 33))
-    assert split(field).alternation == pytest.approx(0.4, rel=0.05)
 
 
 def test_wave_vectors_are_those_of_the_camera_or_of_the_period():

@@ -1,3 +1,7 @@
+"""Frames whole periods away: where they agree, and what their difference says of the period."""
+
+from __future__ import annotations
+
 import dataclasses
 
 import numpy as np
@@ -42,30 +46,25 @@ def test_frames_one_period_away_agree_where_the_lattice_is_regular():
     assert found.difference.max() < 0.01 and np.abs(found.shift).max() < 0.05
 
 
-def test_the_period_of_a_wider_lattice_is_found():
+def test_the_period_of_a_wider_or_narrower_lattice_is_found():
     scene = square()
-    wide = stretched(scene, 1.01)
     ny, nx = scene.period
+    wide, narrow = stretched(scene, 1.01), stretched(scene, 0.99)
     places = np.array([[3 + 4 * ny, 4], [3, 4 - 5 * nx], [3 + 3 * ny, 4 + 6 * nx]])
     found = periodicity(at(wide, places), places, wide.planes[0])
     assert found.fitting_period == pytest.approx((15.15, 15.15), abs=0.03)
     assert (found.best < found.difference).all()
-
-
-def test_the_sign_of_the_shift_is_told():
-    scene = square()
-    ny = scene.period[0]
     places = np.array([[3 + 5 * ny, 4]])
-    narrow = stretched(scene, 0.99)
     found = periodicity(at(narrow, places), places, narrow.planes[0])
-    assert found.period[0, 0] == pytest.approx(14.85, abs=0.03)
-    assert np.isnan(found.period[0, 1])
+    assert found.period[0, 0] == pytest.approx(14.85, abs=0.03) and np.isnan(found.period[0, 1])
 
 
-def test_another_pattern_is_no_match():
+def test_another_pattern_is_no_match_and_a_wrong_shape_is_refused():
     scene = square()
     places = np.array([[3 + 15, 4]])
     assert periodicity(at(scene, places, z=1), places, scene.planes[0]).difference[0] > 0.3
+    with pytest.raises(InputError, match="control frames"):
+        periodicity(np.zeros((2, 5, 5)), np.zeros((2, 2)), np.zeros((3, 3, 7, 7)))
 
 
 def test_a_cell_of_unequal_sides_and_an_anchor():
@@ -88,8 +87,3 @@ def test_the_inspection_takes_control_frames_along():
     assert good["tiling"].merit == "good" and good.tilings[0] is not None
     assert bad["tiling"].merit == "bad"
     assert "fits best" in bad["tiling"].detail
-
-
-def test_wrong_shapes_are_an_input_error():
-    with pytest.raises(InputError, match="control frames"):
-        periodicity(np.zeros((2, 5, 5)), np.zeros((2, 2)), np.zeros((3, 3, 7, 7)))

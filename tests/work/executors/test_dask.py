@@ -1,4 +1,4 @@
-"""Units on dask.distributed: the same files, whatever happens to a worker."""
+"""Units on dask.distributed: the same files as in one process, even if a worker is killed."""
 
 from __future__ import annotations
 
@@ -40,6 +40,11 @@ def test_the_same_files_as_in_one_process(scheduler: str, tmp_path: Path) -> Non
     state = read_run(tmp_path / "there")
     assert (state.executor, state.workers, state.count("done")) == ("dask", 2, 5)
     assert all(u.worker.startswith("tcp://") and u.seconds >= 0 for u in state.units)
+    with pytest.raises(InputError, match="open the shutter"):
+        drain(iter_run([unit("a", "refuse")], tmp_path / "refused", Dask(None, scheduler)))
+    parts = drain(iter_run([unit(f"plane {k}", "count") for k in range(6)], tmp_path / "run", Dask(None, scheduler)))
+    numbers = {u.worker: part.read_text() for u, part in zip(read_run(tmp_path / "run").units, parts, strict=True)}
+    assert set(numbers.values()) <= {"0", "1"} and len(set(numbers.values())) == len(numbers), "of each worker"
 
 
 def test_units_are_done_in_order_and_joined_meanwhile(scheduler: str, tmp_path: Path) -> None:
@@ -57,7 +62,7 @@ def test_units_are_done_in_order_and_joined_meanwhile(scheduler: str, tmp_path: 
 
     following = Following(join)
     drain(iter_run(units, tmp_path / "run", Dask(None, scheduler), following=following))
-    # the last ones may all be told of at once
+    # the last ones may all be reported at once
     assert taken == list(range(len(taken))) and len(taken) > 15
     following.close()
 
@@ -73,11 +78,6 @@ def test_a_worker_that_is_killed(scheduler: str, tmp_path: Path) -> None:
     assert {tuple(line.split()[1:]) for line in seen.read_text().splitlines()} == {("1", "1")}
 
 
-def test_what_a_unit_refuses_is_told(scheduler: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="open the shutter"):
-        drain(iter_run([unit("a", "refuse")], tmp_path / "run", Dask(None, scheduler)))
-
-
 @pytest.mark.long
 def test_a_cluster_of_this_machine(tmp_path: Path) -> None:
     parts = drain(iter_run([unit("a", text="a")], tmp_path / "run", Dask(1)))
@@ -86,7 +86,7 @@ def test_a_cluster_of_this_machine(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_workers_keep_the_memory_of_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By default dask tells glibc to hand all of it back, a fifth of a unit's time; what the user says of it holds."""
+    """By default dask makes glibc return all of it, a fifth of a unit's time; a setting of the user is kept."""
     monkeypatch.delenv(TRIM, raising=False)  # other clusters of this process leave theirs
     for said in (None, "123456"):
         if said is not None:
@@ -95,58 +95,36 @@ def test_workers_keep_the_memory_of_arrays(monkeypatch: pytest.MonkeyPatch) -> N
             assert set(executor._client.run(os.environ.get, TRIM).values()) == {said}
 
 
-def test_idle_loops_are_looked_at_seldom() -> None:
-    """On the scheduler and on every worker; elsewhere in this process dask's own setting holds."""
+def test_a_cluster_has_slow_idle_loops_and_logs_no_warnings() -> None:
+    """On the scheduler and on every worker; elsewhere in this process dask's own settings hold."""
     from dask import config
 
-    setting = "distributed.admin.tick.interval"
-    before = config.get(setting)
+    setting, logger = "distributed.admin.tick.interval", logging.getLogger("distributed.nanny")
+    before, level = config.get(setting), logger.getEffectiveLevel()
     with Dask(1) as executor:
         assert set(executor._client.run(config.get, setting).values()) == {"500ms"}
-        scheduler = executor._client.run_on_scheduler(_periods)
-        assert scheduler["tick"] == 500
-    assert config.get(setting) == before != "500ms"
+        assert executor._client.run_on_scheduler(_periods)["tick"] == 500
+        assert not logger.isEnabledFor(logging.WARNING)
+    assert config.get(setting) == before != "500ms" and logger.getEffectiveLevel() == level
 
 
 def _periods(dask_scheduler: Any) -> dict[str, float]:
     return {name: call.callback_time for name, call in dask_scheduler.periodic_callbacks.items()}
 
 
-def test_workers_have_numbers(scheduler: str, tmp_path: Path) -> None:
-    units = [unit(f"plane {k}", "count") for k in range(6)]
-    parts = drain(iter_run(units, tmp_path / "run", Dask(None, scheduler)))
-    assert {part.read_text() for part in parts} <= {"0", "1"}
-    numbers = {u.worker: part.read_text() for u, part in zip(read_run(tmp_path / "run").units, parts, strict=True)}
-    assert len(set(numbers.values())) == len(numbers)
-
-
-def test_nobody_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_does_not_answer_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfcal.work.executors.dask.CONNECT_TIMEOUT_S", 0.3)
     with pytest.raises(InputError, match=r"an answer from tcp://127\.0\.0\.1:9 within 0\.3 s, got none"):
         drain(iter_run([unit("a")], tmp_path / "run", Dask(None, "tcp://127.0.0.1:9")))
     assert not (tmp_path / "run").exists(), "nothing was begun, and nothing is left that the next run would refuse"
 
 
-@pytest.mark.parametrize("address", ["nonsense", "tcp://:x", "tcp://host", "tcp://host:8786:1", "//host:8786"])
-def test_what_is_no_address(address: str) -> None:
-    with pytest.raises(InputError, match=r"an address such as tcp://host:8786, got '"):
-        Dask(None, address)
-
-
-def test_dask_says_nothing_beside_the_journal() -> None:
-    logger = logging.getLogger("distributed.nanny")
-    before = logger.getEffectiveLevel()
-    with Dask(1):
-        assert not logger.isEnabledFor(logging.WARNING)
-    assert logger.getEffectiveLevel() == before
-
-
-def test_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_addresses_that_are_none_and_a_missing_library_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    for address in ("nonsense", "tcp://:x", "tcp://host", "tcp://host:8786:1", "//host:8786"):
+        with pytest.raises(InputError, match=r"an address such as tcp://host:8786, got '"):
+            Dask(None, address)
+    with pytest.raises(InputError, match=r"an executor with a scheduler \(dask\), got processes"):
+        RunChoice("processes", address="tcp://127.0.0.1:8786")
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r'pip install "lfcal\[cluster\]"'):
         Dask(1)
-
-
-def test_an_address_is_for_dask_alone() -> None:
-    with pytest.raises(InputError, match=r"an executor with a scheduler \(dask\), got processes"):
-        RunChoice("processes", address="tcp://127.0.0.1:8786")

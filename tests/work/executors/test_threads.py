@@ -1,4 +1,4 @@
-"""Units beside each other in one process: as many as there are threads and memory for, and stopped together."""
+"""Concurrent units in one process: as many as threads and memory allow, and stopped together."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from lfcal.work.journal import JOURNAL
 from tests.work.tasks import unit
 
 
-def beside(name: str, task: str = "write", size: int = 1, **arguments: Any) -> Unit:
-    """Return a unit that may be done beside others like it."""
+def concurrent(name: str, task: str = "write", size: int = 1, **arguments: Any) -> Unit:
+    """Return a unit that may be done at the same time as others."""
     return replace(unit(name, task, **arguments), concurrent_bytes=size)
 
 
-@pytest.mark.parametrize(
-    ("sizes", "threads", "memory", "count"),
-    [
+def test_as_many_as_threads_and_memory_allow() -> None:
+    for sizes, threads, memory, count in (
         ([1, 1, 1], 2, 100, 2),
         ([1, 1, 1], 8, 100, 3),
         ([40, 40, 40], 8, 100, 2),
@@ -32,14 +31,12 @@ def beside(name: str, task: str = "write", size: int = 1, **arguments: Any) -> U
         ([0, 1], 8, 100, 0),
         ([1], 0, 100, 0),
         ([], 4, 100, 0),
-    ],
-)
-def test_as_many_as_threads_and_memory_allow(sizes: list[int], threads: int, memory: int, count: int) -> None:
-    assert concurrent_units(sizes, threads, memory) == count
+    ):
+        assert concurrent_units(sizes, threads, memory) == count, (sizes, threads)
 
 
-def test_they_are_under_way_at_the_same_time(tmp_path: Path) -> None:
-    units = [beside(f"plane {k}", "meet", marks=str(tmp_path / "marks"), count=3) for k in range(3)]
+def test_concurrent_units_are_under_way_at_the_same_time(tmp_path: Path) -> None:
+    units = [concurrent(f"plane {k}", "meet", marks=str(tmp_path / "marks"), count=3) for k in range(3)]
     parts = drain(iter_run(units, tmp_path / "run", Threads(3)))
     assert sorted(part.read_text() for part in parts) == ["0", "1", "2"]  # each worker's number
     state = read_run(tmp_path / "run")
@@ -50,7 +47,7 @@ def test_they_are_under_way_at_the_same_time(tmp_path: Path) -> None:
 def test_threads_are_divided_and_nothing_is_begun_twice(tmp_path: Path) -> None:
     def used(count: int, threads: int) -> list[int]:
         seen = tmp_path / f"seen {count} {threads}"
-        units = [beside(f"plane {k}", text=f"{k}", seen=str(seen)) for k in range(count)]
+        units = [concurrent(f"plane {k}", text=f"{k}", seen=str(seen)) for k in range(count)]
         parts = drain(iter_run(units, tmp_path / f"run {count} {threads}", Threads(threads)))
         assert [part.read_text() for part in parts] == [f"{k}" for k in range(count)]
         return [int(line.split()[1]) for line in seen.read_text().splitlines()]
@@ -62,17 +59,19 @@ def test_threads_are_divided_and_nothing_is_begun_twice(tmp_path: Path) -> None:
     assert used(4, 1) == [1] * 4
 
 
-def test_what_is_too_large_is_done_alone_with_all_threads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_units_that_are_too_large_are_done_alone_with_all_threads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("lfcal.work.executors.threads.free_memory", lambda: 100)
     seen = tmp_path / "seen"
-    units = [beside(f"plane {k}", size=50, seen=str(seen)) for k in range(3)]
+    units = [concurrent(f"plane {k}", size=50, seen=str(seen)) for k in range(3)]
     drain(iter_run(units, tmp_path / "run", Threads(4)))
     assert {line.split()[1] for line in seen.read_text().splitlines()} == {"4"}
     assert {u.worker for u in read_run(tmp_path / "run").units} == {"this process"}
 
 
-def test_what_is_not_made_for_it_waits_until_it_is_alone(tmp_path: Path) -> None:
-    units = [beside("a"), beside("b"), unit("c"), beside("d"), beside("e")]
+def test_other_units_wait_until_they_are_alone(tmp_path: Path) -> None:
+    units = [concurrent("a"), concurrent("b"), unit("c"), concurrent("d"), concurrent("e")]
     seen = tmp_path / "seen"
     units = [replace(u, arguments={**u.arguments, "seen": str(seen)}) for u in units]
     drain(iter_run(units, tmp_path / "run", Threads(2)))
@@ -81,22 +80,19 @@ def test_what_is_not_made_for_it_waits_until_it_is_alone(tmp_path: Path) -> None
     assert seen.read_text().splitlines()[2].split()[1] == "2"
 
 
-def test_one_that_is_refused_stops_the_others(tmp_path: Path) -> None:
-    units = [beside("a", "endless", begun=str(tmp_path / "begun")), beside("b", "refuse"), beside("c")]
+def test_a_unit_that_fails_stops_the_others(tmp_path: Path) -> None:
+    units = [concurrent("a", "endless", begun=str(tmp_path / "begun")), concurrent("b", "refuse"), concurrent("c")]
     with pytest.raises(InputError, match="open the shutter"):
         drain(iter_run(units, tmp_path / "run", Threads(2)))
     assert [path.name for path in (tmp_path / "run").iterdir()] == [JOURNAL]
     assert [u.state for u in read_run(tmp_path / "run").units] == ["waiting", "failed", "waiting"]
-
-
-def test_what_is_no_message_for_people_is_raised_as_it_is(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError, match="one by nothing"):
-        drain(iter_run([beside("a", "stumble"), beside("b")], tmp_path / "run", Threads(2)))
+    with pytest.raises(ZeroDivisionError, match="one by nothing"):  # no message for people: as it is
+        drain(iter_run([concurrent("a", "stumble"), concurrent("b")], tmp_path / "other", Threads(2)))
 
 
 def test_closing_stops_all_and_leaves_nothing_half_written(tmp_path: Path) -> None:
     marks = [tmp_path / "one", tmp_path / "other"]
-    units = [beside(f"plane {k}", "endless", begun=str(mark)) for k, mark in enumerate(marks)]
+    units = [concurrent(f"plane {k}", "endless", begun=str(mark)) for k, mark in enumerate(marks)]
     work = iter_run(units, tmp_path / "run", Threads(2))
     for _ in work:
         if all(mark.exists() for mark in marks):
