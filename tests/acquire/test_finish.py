@@ -102,7 +102,7 @@ def test_packing_keeps_every_frame_and_note(tmp_path: Path) -> None:
     with h5py.File(folder / "recording.h5", "r") as file:
         assert np.array_equal(file["records"][...], records)
         assert file["frames"].chunks == (1, 41, 41)
-        assert np.array_equal(file["frames"][5], before[0, 0, 5])
+        assert np.array_equal(file["frames"][5], before[0, 1, 1])
     assert drain(iter_finish(folder)) == (0, ())
     assert sorted(p.name for p in folder.iterdir()) == ["recording.h5", "session.json", "session.lock"]
 

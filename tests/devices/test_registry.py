@@ -170,7 +170,7 @@ def test_bad_options_of_the_simulator_are_refused() -> None:
         {"seed": "-1"},
         {"optics": "pattern", "effects": "effects.json"},
     ):
-        with pytest.raises(InputError, match="option"):
+        with pytest.raises(InputError, match="expected"):
             open_rig(PLAN, "sim", options)
 
 

@@ -183,7 +183,7 @@ def test_fits_of_several_cameras_or_one_fit_alone_are_refused(tmp_path: Path) ->
 
 
 def test_other_and_damaged_files_are_refused(tmp_path: Path) -> None:
-    folder = write_fit(tmp_path, 0)
+    folder = write_fit(tmp_path / "fit", 0)
     path, whole = folder / "fit.json", (folder / "fit.json").read_text()
     listed = '{"format": "lfcal-fit", "parameters": [1], "groups": []}'
     for text in ("", "[]", "{}", '{"format": "lfcal-fit"}', listed, "\0"):
