@@ -28,7 +28,6 @@ from lfcal.lattice import (
 from tests.lattice.lattices import Straight
 from tests.lattice.plenoptic_scenes import Drawn, Surface, ball, draw, plane, step, texture
 
-LONG = pytest.mark.long
 SHAPE = (230, 260)
 GOOD_PX = 0.3
 OFFSET = (0.3, -0.2)
@@ -45,9 +44,6 @@ FOCUSED: dict[str, tuple[float, str, Surface, dict[str, Any]]] = {
     "far plane": (24.0, "hexagonal", plane(9.0), {"noise": 0.01}),
     "defocused everywhere": (24.0, "hexagonal", plane(3.0), {"noise": 0.01, "focus": (1.2,)}),
 }
-QUICK = ("step", "three lens types", "small micro-images", "images in front")
-"""Of each kind, for a plain run."""
-
 VIEWS: dict[str, tuple[str, Surface, dict[str, Any]]] = {
     "plane": ("square", plane(0.7), {"noise": 0.02}),
     "slant": ("square", plane(-0.5, 0.6, 0.6), {"noise": 0.01}),
@@ -99,7 +95,7 @@ def check(found: DepthMap, drawn: Drawn, share: float = 0.9, *, edges: bool = Fa
     assert found.image.shape == found.slope.shape and np.isfinite(found.image).all()
 
 
-@pytest.mark.parametrize("name", [one if one in QUICK else pytest.param(one, marks=LONG) for one in FOCUSED])
+@pytest.mark.parametrize("name", FOCUSED)
 def test_micro_images(name: str) -> None:
     pitch, kind, surface, how = FOCUSED[name]
     drawn = draw(SHAPE, pitch, surface, kind=kind, rotation=0.02, **how)
@@ -108,9 +104,7 @@ def test_micro_images(name: str) -> None:
     check(found, drawn, edges=name in ("step", "ball"))
 
 
-@pytest.mark.parametrize(
-    "name", ["hexagonal slant", "step", *(pytest.param(n, marks=LONG) for n in ("plane", "slant"))]
-)
+@pytest.mark.parametrize("name", VIEWS)
 def test_views(name: str) -> None:
     kind, surface, how = VIEWS[name]
     drawn = drawn_views(kind, surface, **how)
@@ -118,13 +112,13 @@ def test_views(name: str) -> None:
     check(found, drawn, edges=name == "step")
 
 
-@pytest.mark.parametrize("rotation", [pytest.param(0.3, marks=LONG), -0.8])
+@pytest.mark.parametrize("rotation", [0.3, -0.8])
 def test_rotated_lattices(rotation: float) -> None:
     drawn = draw(SHAPE, 22.0, plane(3.0, 0.3, 0.2), rotation=rotation, noise=0.01)
     check(depth_map(drawn.frame, lattice(SHAPE, 22.0, rotation=rotation), white=drawn.white, slopes=(1.5, 12.0)), drawn)
 
 
-@pytest.mark.parametrize("slope", [pytest.param(3.0, marks=LONG), 4.0, pytest.param(5.0, marks=LONG)])
+@pytest.mark.parametrize("slope", [3.0, 4.0, 5.0])
 def test_a_small_pupil_makes_disparities_too_large_by_at_most_0_2_px(slope: float) -> None:
     """The pupil clips the blurred spots of lenslets out of focus on one side."""
     bias = []
@@ -159,14 +153,9 @@ def test_the_rim_of_small_micro_images_does_not_move_the_depth() -> None:
         assert abs(np.median(off[found.known])) < 0.1 and found.known.mean() > 0.9
 
 
-@pytest.mark.parametrize(
-    ("method", "noise", "white"),
-    [
-        ("micro-images", 0.03, True),
-        ("views", 0.0, False),
-        *(pytest.param(*one, marks=LONG) for one in (("micro-images", 0.0, False), ("views", 0.03, True))),
-    ],
-)
+@pytest.mark.parametrize("method", ["micro-images", "views"])
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+@pytest.mark.parametrize("white", [True, False])
 def test_a_uniform_scene_has_no_depth(method: str, noise: float, white: bool) -> None:
     focus = 3.0 if method == "micro-images" else math.inf
     how: dict[str, Any] = {"shade": lambda y, x: np.full(np.shape(y), 0.6), "noise": noise, "focus": (focus,)}
@@ -200,16 +189,15 @@ def test_saturated_dead_and_hot_pixels(flat: Drawn) -> None:
     check(depth_map(np.where(bad, 6000, flat.frame), lattice(SHAPE, 24.0), **given), flat)
 
 
-def test_nan_and_masks_leave_pixels_out_and_threads_change_nothing(flat: Drawn) -> None:
+def test_nan_and_masks_leave_pixels_out(flat: Drawn) -> None:
     bad = np.random.default_rng(0).random(SHAPE) < 0.01
     bad[100:140, 100:150] = True
     frame = np.where(bad, np.where(np.indices(SHAPE)[0] % 2, np.nan, np.inf), flat.frame)
     given: dict[str, Any] = {"white": flat.white, "slopes": (1.5, 12.0)}
-    found = depth_map(frame, lattice(SHAPE, 24.0), workers=1, **given)
+    found = depth_map(frame, lattice(SHAPE, 24.0), **given)
     check(found, flat)
-    same = depth_map(np.where(bad, 1e6, flat.frame), lattice(SHAPE, 24.0), mask=bad, workers=4, **given)
+    same = depth_map(np.where(bad, 1e6, flat.frame), lattice(SHAPE, 24.0), mask=bad, **given)
     np.testing.assert_array_equal(found.slope, same.slope)
-    np.testing.assert_allclose(found.image, same.image, rtol=1e-5)
 
 
 def test_few_lenslets() -> None:
@@ -219,6 +207,12 @@ def test_few_lenslets() -> None:
         off, _ = errors(found, drawn)
         assert np.abs(off[found.known]).max(initial=0) < 1
         assert found.known.any() == (size == 60), "one lenslet alone has no disparity"
+
+
+def test_threads_do_not_change_the_map(flat: Drawn) -> None:
+    one, four = (depth_map(flat.frame, lattice(SHAPE, 24.0), slopes=(1.5, 12.0), workers=workers) for workers in (1, 4))
+    np.testing.assert_array_equal(one.slope, four.slope)
+    np.testing.assert_allclose(one.image, four.image, rtol=1e-5)
 
 
 def test_metric_depths_are_those_of_the_camera() -> None:
@@ -280,19 +274,20 @@ def test_files(flat: Drawn, tmp_path: Path) -> None:
     )
 
 
-def test_bad_input_is_refused(flat: Drawn) -> None:
+def test_bad_input(flat: Drawn) -> None:
     field = lattice(SHAPE, 24.0)
-    for frame, how, words in (
-        (flat.frame[1:], {}, "shape"),
-        (flat.frame, {"mask": np.zeros((3, 3))}, "mask"),
-        (flat.frame, {"method": "stereo"}, "method"),
-        (flat.frame, {"method": "micro-images", "slopes": (-1.0, 5.0)}, "slopes"),
-        (flat.frame, {"method": "views", "slopes": (5.0, 1.0)}, "slopes"),
-    ):
-        with pytest.raises(InputError, match=words):
-            depth_map(frame, field, **how)
+    with pytest.raises(InputError, match="shape"):
+        depth_map(flat.frame[1:], field)
     with pytest.raises(InputError, match="shape"):
         depth_seconds(flat.frame[1:], field)
+    with pytest.raises(InputError, match="mask"):
+        depth_map(flat.frame, field, mask=np.zeros((3, 3)))
+    with pytest.raises(InputError, match="method"):
+        depth_map(flat.frame, field, method="stereo")
+    with pytest.raises(InputError, match="slopes"):
+        depth_map(flat.frame, field, method="micro-images", slopes=(-1.0, 5.0))
+    with pytest.raises(InputError, match="slopes"):
+        depth_map(flat.frame, field, method="views", slopes=(5.0, 1.0))
     with pytest.raises(InputError, match="complete micro-image"):
         depth_map(np.ones((9, 9)), lattice((9, 9), 24.0))
 

@@ -29,9 +29,7 @@ def errors(found: DepthMap, camera: Camera, surface: Surface) -> tuple[NDArray[n
     return off, off / found.disparity_sigma[found.known]
 
 
-@pytest.mark.parametrize(
-    "name", [n if n in ("slant", "ball") else pytest.param(n, marks=pytest.mark.long) for n in SURFACES]
-)
+@pytest.mark.parametrize("name", SURFACES)
 def test_surfaces(white: NDArray[np.float64], name: str) -> None:
     at = instrument()
     camera = camera_of(at)

@@ -136,7 +136,7 @@ def between(pixels: list[list[float]], y: float, x: float) -> float:
     return (i + 1 - y) * ((j + 1 - x) * a + (x - j) * b) + (y - i) * ((j + 1 - x) * c + (x - j) * d)
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(16)
 @pytest.mark.parametrize("where", ORIGINS)
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("kind", KINDS)
@@ -238,7 +238,6 @@ def test_a_bent_lattice_is_followed(kind: str) -> None:
         assert off.max() < 0.05
 
 
-@pytest.mark.few(5)
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_super_pixels_are_cut_by_the_same_extractor(kind: str, degrees: float) -> None:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.base.errors import Cancelled
 from lfcal.camera import preset
 from lfcal.lattice import fit_lattice
 from lfcal.multiplex import (
@@ -24,19 +23,29 @@ from lfcal.multiplex import (
     mask,
     mask_gain_bound,
     multiplex,
-    paper,
     pixel_weights,
-    search,
     snr_gain,
 )
-from lfcal.multiplex import figures as pictures
+from tests.cli.conftest import lfcal  # noqa: F401  the fixture
 from tests.frames.scenes import shared
 from tests.lattice.white_frames import draw_white
 
 
-def test_compare_reports_the_numbers(lfcal, tmp_path: Path) -> None:
-    known = ("--camera", "r29", "--monte-carlo", 20000, "--json", "-o", tmp_path / "gain.png")
-    done = lfcal("multiplex", "compare", "Bayer", "CYMG", "RRGG", *known)
+def test_compare_tells_the_numbers(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    done = lfcal(
+        "multiplex",
+        "compare",
+        "Bayer",
+        "CYMG",
+        "RRGG",
+        "--camera",
+        "r29",
+        "--monte-carlo",
+        20000,
+        "--json",
+        "-o",
+        tmp_path / "gain.png",
+    )
     assert done.code == 0, done.err
     found = done.json
     bayer, cymg, poor = found["modulators"]
@@ -49,7 +58,7 @@ def test_compare_reports_the_numbers(lfcal, tmp_path: Path) -> None:
     assert table.code == 0 and "pinhole" in table.out
 
 
-def test_demosaic_writes_what_the_library_gives(lfcal, tmp_path: Path) -> None:
+def test_demosaic_writes_what_the_library_gives(lfcal, tmp_path: Path) -> None:  # noqa: F811
     light = np.array([300.0, 200, 100])[:, None, None] * np.ones((12, 14))
     cv2.imwrite(str(tmp_path / "frame.png"), (multiplex(light, cfa("CYMG")) + 50).astype(np.uint16))
     out = tmp_path / "rgb.tif"
@@ -59,15 +68,30 @@ def test_demosaic_writes_what_the_library_gives(lfcal, tmp_path: Path) -> None:
     np.testing.assert_allclose(tifffile.imread(out), light, atol=1e-3)
     bad = lfcal("multiplex", "demosaic", tmp_path / "frame.png", "-o", tmp_path / "no.tif")
     assert bad.code == 2 and "pattern" in bad.err and not (tmp_path / "no.tif").exists()
-    for pattern, lost in (("GG/GG", "R, B"), ("R", "G, B"), ("CY/CY", "R, G, B")):
-        poor = lfcal("multiplex", "demosaic", tmp_path / "frame.png", "-o", tmp_path / "no.tif", "--pattern", pattern)
-        assert poor.code == 2 and f"none for {lost};" in poor.err and not (tmp_path / "no.tif").exists(), poor.err
 
 
-def test_views_of_a_measured_lattice(lfcal, tmp_path: Path) -> None:
-    folder, out = shared("lfm_guv/Lightfield_GUVExperim1.tif").parent, tmp_path / "views.tif"
-    frame, white, dark = (folder / f"{name}_GUVExperim1.tif" for name in ("Lightfield", "Radiometry", "DarkFrame"))
-    done = lfcal("multiplex", "views", frame, "--white", white, "--dark", dark, "-o", out)
+@pytest.mark.parametrize(("pattern", "lost"), [("GG/GG", "R, B"), ("R", "G, B"), ("CY/CY", "R, G, B")])
+def test_demosaic_refuses_a_pattern_that_misses_a_colour(lfcal, tmp_path: Path, pattern: str, lost: str) -> None:  # noqa: F811
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((12, 14), 300, np.uint16))
+    out = tmp_path / "rgb.tif"
+    refused = lfcal("multiplex", "demosaic", tmp_path / "frame.png", "-o", out, "--pattern", pattern)
+    assert refused.code == 2 and f"none for {lost};" in refused.err and not out.exists(), refused.err
+
+
+def test_views_of_a_measured_lattice(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    folder = shared("lfm_guv/Lightfield_GUVExperim1.tif").parent
+    out = tmp_path / "views.tif"
+    done = lfcal(
+        "multiplex",
+        "views",
+        folder / "Lightfield_GUVExperim1.tif",
+        "--white",
+        folder / "Radiometry_GUVExperim1.tif",
+        "--dark",
+        folder / "DarkFrame_GUVExperim1.tif",
+        "-o",
+        out,
+    )
     assert done.code == 0, done.err
     views = tifffile.imread(out)
     assert views.shape[0] == 15 * 15 and min(views.shape[1:]) >= 25
@@ -83,7 +107,7 @@ def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_views_of_any_number_and_filter(lfcal, field: Path, tmp_path: Path) -> None:
+def test_views_of_any_number_and_filter(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
     frame, white = (tifffile.imread(field / name).astype(np.float32) for name in ("field.tif", "white.tif"))
     lattice = fit_lattice(white)
     for size, name, axes in ((3, "nearest", "lattice"), (5, "linear", "frame")):
@@ -96,7 +120,7 @@ def test_views_of_any_number_and_filter(lfcal, field: Path, tmp_path: Path) -> N
         np.testing.assert_allclose(tifffile.imread(out), wanted.reshape(-1, *wanted.shape[2:]), rtol=1e-6)
 
 
-def test_views_on_a_lattice_measured_before(lfcal, field: Path, tmp_path: Path) -> None:
+def test_views_on_a_lattice_measured_before(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
     assert lfcal("white", field / "white.tif", "-o", tmp_path / "out").code == 0
     command = ("multiplex", "views", field / "field.tif", "--size", 3)
     measured, white = ("--lattice", tmp_path / "out/lattice.json"), ("--white", field / "white.tif")
@@ -112,7 +136,7 @@ def test_views_on_a_lattice_measured_before(lfcal, field: Path, tmp_path: Path) 
         )
 
 
-def test_views_through_a_mask(lfcal, field: Path, tmp_path: Path) -> None:
+def test_views_through_a_mask(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
     frame, white = (tifffile.imread(field / name).astype(np.float32) for name in ("field.tif", "white.tif"))
     out = tmp_path / "mask.tif"
     files = ("multiplex", "views", field / "field.tif", "--white", field / "white.tif", "-o", out)
@@ -130,7 +154,7 @@ def test_views_through_a_mask(lfcal, field: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_views_from_pixels_with_weights(lfcal, field: Path, tmp_path: Path) -> None:
+def test_views_from_pixels_with_weights(lfcal, field: Path, tmp_path: Path) -> None:  # noqa: F811
     frame, white = (tifffile.imread(field / name) for name in ("field.tif", "white.tif"))
     dead = (np.random.default_rng(1).random(frame.shape) < 0.02).astype(np.uint8)
     tifffile.imwrite(tmp_path / "dead.tif", dead)
@@ -172,7 +196,7 @@ def test_views_from_pixels_with_weights(lfcal, field: Path, tmp_path: Path) -> N
         assert refused.code == 2 and word in refused.err and "Traceback" not in refused.err, refused.err
 
 
-def test_demosaic_by_every_route_and_of_any_page(lfcal, tmp_path: Path) -> None:
+def test_demosaic_by_every_route_and_of_any_page(lfcal, tmp_path: Path) -> None:  # noqa: F811
     pages = np.random.default_rng(1).integers(0, 4000, (2, 16, 18)).astype(np.uint16)
     tifffile.imwrite(tmp_path / "two.tif", pages, photometric="minisblack")
     for page, options in ((0, {"route": "fourier"}), (1, {"filter": "lanczos"}), (1, {"filter": "nearest"})):
@@ -184,7 +208,7 @@ def test_demosaic_by_every_route_and_of_any_page(lfcal, tmp_path: Path) -> None:
         np.testing.assert_allclose(tifffile.imread(tmp_path / "rgb.tif"), wanted, rtol=1e-4, atol=1e-2)
 
 
-def test_compare_over_any_reference_at_any_noise(lfcal) -> None:
+def test_compare_over_any_reference_at_any_noise(lfcal) -> None:  # noqa: F811
     command = ("multiplex", "compare", "Bayer", "RGBW", "--json", "--reference", "CYMG")
     found = lfcal(*command, "--chi2", 2.5).json
     assert (found["reference"], found["chi2"]) == ("CYMG", 2.5)
@@ -198,7 +222,7 @@ def test_compare_over_any_reference_at_any_noise(lfcal) -> None:
     assert lfcal(*command, "--camera", "r29", "--chi2", 1).code == 2
 
 
-def test_search_filters_and_pictures(lfcal, tmp_path: Path) -> None:
+def test_search_filters_and_pictures(lfcal, tmp_path: Path) -> None:  # noqa: F811
     found = lfcal("multiplex", "search", "--chi2", 0, "--json", "-o", tmp_path / "front.png").json
     assert found["frontier"][0]["gain_db"] == pytest.approx(0.645, abs=1e-3)
     masks = lfcal("multiplex", "search", "3", "--chi2", 1)
@@ -215,7 +239,7 @@ def test_search_filters_and_pictures(lfcal, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_more_starts_find_better_masks(lfcal) -> None:
+def test_more_starts_find_better_masks(lfcal) -> None:  # noqa: F811
     few, many = (
         lfcal("multiplex", "search", "5", "--chi2", 10, "--starts", n, "--json").json["frontier"][0]["gain_db"]
         for n in (0, 1)
@@ -224,7 +248,10 @@ def test_more_starts_find_better_masks(lfcal) -> None:
 
 
 @pytest.mark.long
-def test_the_papers_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_papers_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    from lfcal.multiplex import figures as pictures
+    from lfcal.multiplex import paper
+
     monkeypatch.setattr(pictures, "SIDE", 5)
     for name, value in (("SIDE", 5), ("LIGHT_FIELD", ("MURA", "pinhole")), ("UPSAMPLED", 3)):
         monkeypatch.setattr(paper, name, value)
@@ -238,23 +265,33 @@ def test_the_papers_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.long
-def test_the_seed_and_the_raw_frame_of_the_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_seed_of_the_figures(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    from lfcal.multiplex import figures as pictures
+    from lfcal.multiplex import paper
+
     monkeypatch.setattr(paper, "LIGHT_FIELD", ("pinhole",))
     monkeypatch.setattr(paper, "SIDE", 3)
     monkeypatch.setattr(pictures, "PICTURED", ())
-
-    def shown(number: int, folder: str, *more: object) -> np.ndarray:
-        for name in {"_figure3", "_figure5", "_figure6", "_figure7"} - {f"_figure{number}"}:
-            monkeypatch.setattr(pictures, name, lambda path, *_: None)
-        assert lfcal("multiplex", "figures", tmp_path / folder, *more).code == 0
-        return cv2.imread(str(tmp_path / folder / f"figure{number}.png"))
-
-    real = pictures._figure3
-    a, b, c = (shown(7, folder, "--seed", seed) for folder, seed in (("a", 1), ("b", 1), ("c", 2)))
+    for name in ("_figure3", "_figure5", "_figure6"):
+        monkeypatch.setattr(pictures, name, lambda path, *_: None)
+    for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
+        assert lfcal("multiplex", "figures", tmp_path / folder, "--seed", seed).code == 0
+    a, b, c = (cv2.imread(str(tmp_path / folder / "figure7.png")) for folder in "abc")
     assert np.array_equal(a, b) and not np.array_equal(a, c)
-    monkeypatch.setattr(pictures, "_figure3", real)
-    drawn, raw = shown(3, "drawn"), shown(3, "raw", "--raw", shared("bayer_raw/RAW_KODAK_DC50.KDC"))
-    assert raw.std() > 5 and (drawn.shape != raw.shape or not np.array_equal(drawn, raw))
+
+
+@pytest.mark.long
+def test_figure_3_of_a_raw_frame(lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    from lfcal.multiplex import figures as pictures
+
+    raw = shared("bayer_raw/RAW_KODAK_DC50.KDC")
+    for name in ("_figure5", "_figure6", "_figure7"):
+        monkeypatch.setattr(pictures, name, lambda path, *_: None)
+    monkeypatch.setattr(pictures, "PICTURED", ())
+    assert lfcal("multiplex", "figures", tmp_path / "drawn").code == 0
+    assert lfcal("multiplex", "figures", tmp_path / "raw", "--raw", raw).code == 0
+    shown = [cv2.imread(str(tmp_path / folder / "figure3.png")) for folder in ("drawn", "raw")]
+    assert shown[1].std() > 5 and (shown[0].shape != shown[1].shape or not np.array_equal(*shown))
 
 
 @pytest.mark.long
@@ -270,10 +307,16 @@ def test_benchmark(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtur
     assert mask("lenslet", 31).count == 961
 
 
-@pytest.mark.parametrize("json", [pytest.param(False, marks=pytest.mark.long), True])
-def test_a_search_that_is_stopped_reports_the_best_so_far(
-    lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, json: bool
+@pytest.mark.parametrize("told", [pytest.param(False, marks=pytest.mark.long), True])
+def test_a_search_that_is_stopped_shows_the_best_so_far_and_says_so(
+    lfcal,  # noqa: F811
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    told: bool,
 ) -> None:
+    from lfcal.base.errors import Cancelled
+    from lfcal.multiplex import search
+
     real, made = search.best_mask, []
 
     def stopped(*args, **how):
@@ -283,11 +326,11 @@ def test_a_search_that_is_stopped_reports_the_best_so_far(
         return real(*args, **how)
 
     monkeypatch.setattr(search, "best_mask", stopped)
-    words = ("--json",) if json else ()
+    words = ("--json",) if told else ()
     done = lfcal("multiplex", "search", 3, "--chi2", 1, "-o", tmp_path / "found.png", *words)
     assert done.code == 130 and "stopped after 2 of 8 searches; the best found so far" in done.err
     assert cv2.imread(str(tmp_path / "found.png")).std() > 5
-    if json:
+    if told:
         assert done.json["stopped"] and done.json["frontier"] and done.json["best"]
     else:
         assert "best mask" in done.out

@@ -131,17 +131,19 @@ def test_camera_lattice_and_threads() -> None:
     assert lattice_channels(frame, near, 31, filter="cubic", out=out) is out
 
 
-def test_bad_lattices_are_refused() -> None:
-    given = lattice("square")
-    for call in (
-        lambda: lattice_channels(np.ones((8, 8)), given, 31),
-        lambda: lattice_channels(np.ones((99, 99)), given, 0),
-        lambda: lattice_channels(np.ones((99, 99)), given, 5, filter="sinc"),
-        lambda: lattice_channels(np.ones((99, 99)), given, 5, spacing_px=0.0),
-        lambda: lattice_channels(np.ones((199, 199)), given, 5, out=np.ones((5, 5))),
-        lambda: demultiplex_lattice(np.ones((199, 199)), given, cfa("Bayer")),
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: lattice_channels(np.ones((8, 8)), lattice("square"), 31),
+        lambda: lattice_channels(np.ones((99, 99)), lattice("square"), 0),
+        lambda: lattice_channels(np.ones((99, 99)), lattice("square"), 5, filter="sinc"),
+        lambda: lattice_channels(np.ones((99, 99)), lattice("square"), 5, spacing_px=0.0),
+        lambda: lattice_channels(np.ones((199, 199)), lattice("square"), 5, out=np.ones((5, 5))),
+        lambda: demultiplex_lattice(np.ones((199, 199)), lattice("square"), cfa("Bayer")),
         lambda: SuperPixelLattice("square", (0, 0), (1, 0), (1, 0)),
         lambda: SuperPixelLattice("triangular", (0, 0), (9, 0), (0, 9)),
-    ):
-        with pytest.raises(InputError):
-            call()
+    ],
+)
+def test_bad_lattices(call) -> None:
+    with pytest.raises(InputError):
+        call()

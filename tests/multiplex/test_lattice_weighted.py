@@ -119,7 +119,7 @@ def test_dead_and_saturated_pixels_are_bridged() -> None:
         lattice_channels(frame, given, 7)
 
 
-def test_samples_that_no_pixel_measures_have_no_finite_deviation() -> None:
+def test_what_no_pixel_measures_is_said() -> None:
     given, frame = SuperPixelLattice("square", (2.0, 2.0), (5.0, 0.0), (0.0, 5.0)), np.ones((35, 40))
     weights = np.ones(frame.shape)
     weights[2::5, 3::5] = 0
@@ -132,7 +132,7 @@ def test_samples_that_no_pixel_measures_have_no_finite_deviation() -> None:
 
 @pytest.mark.parametrize("m", [mask("MURA", 5), mask("lenslet", 5)], ids=lambda m: m.name)
 @pytest.mark.few(1)
-def test_the_stated_deviation_is_measured_within_a_percent(m: Modulator) -> None:
+def test_the_told_deviation_is_measured_within_a_percent(m: Modulator) -> None:
     given, shape = lattice("square"), (60, 64)
     deviation = RNG(10).uniform(0.5, 2.0, shape)
     rng, ratios = RNG(11), []

@@ -31,9 +31,10 @@ from lfcal.multiplex import (
     shipped_spectra,
     snr_gain,
 )
+from tests.cli.conftest import lfcal  # noqa: F401  the fixture
 
 
-def test_merits_of_a_camera(lfcal) -> None:
+def test_merits_of_a_camera(lfcal) -> None:  # noqa: F811
     words = ("multiplex", "merits", "Bayer", "RGBW 4x4", "polarisers:0,45/135,90", "--json", "--camera", "r29")
     done = lfcal(*words[:4], *words[5:], "--gain", 2, "--exposure", 0.5, "--reference", "RG/GB")
     assert done.code == 0, done.err
@@ -56,14 +57,14 @@ def test_merits_of_a_camera(lfcal) -> None:
     assert unlike.code == 2 and "number of samples" in unlike.err
 
 
-def test_of_large_masks_no_transfer_is_measured(lfcal) -> None:
+def test_of_large_masks_no_transfer_is_measured(lfcal) -> None:  # noqa: F811
     done = lfcal("multiplex", "merits", "lenslet:17", "--camera", "r29", "--json")
     assert done.code == 0, done.err
     (row,) = done.json["modulators"]
     assert row["mtf_0.1"] is None and row["false_detail_0.25"] is None and row["gain_plain_db"] == 0
 
 
-def test_map_of_gains(lfcal, tmp_path: Path) -> None:
+def test_map_of_gains(lfcal, tmp_path: Path) -> None:  # noqa: F811
     words = ("multiplex", "map", "bands:CM/YG:3", "--reference", "bands:RG/GB:3")
     found = lfcal(*words, "--json", "--out", tmp_path / "map.png").json
     assert found["samples"] == ["450 nm", "550 nm", "650 nm"] and len(found["gains"][0]) == len(found["chi2"])
@@ -72,7 +73,7 @@ def test_map_of_gains(lfcal, tmp_path: Path) -> None:
     assert lfcal("multiplex", "map", "Bayer", "--reference", "RRGG").code == 2
 
 
-def test_designs(lfcal, tmp_path: Path) -> None:
+def test_designs(lfcal, tmp_path: Path) -> None:  # noqa: F811
     out = tmp_path / "own.npy"
     done = lfcal("multiplex", "design", "2x2", "--chi2", 0, "--letters", "RGBCMY", "--out", out, "--json")
     assert done.code == 0 and done.json["exhaustive"], done.err
@@ -95,7 +96,7 @@ def test_designs(lfcal, tmp_path: Path) -> None:
         assert lfcal("multiplex", "design", *words).code == 2
 
 
-def test_recover_a_frame_with_saturation(lfcal, tmp_path: Path) -> None:
+def test_recover_a_frame_with_saturation(lfcal, tmp_path: Path) -> None:  # noqa: F811
     nd = neutral_density([[1.0, 0.25], [0.25, 0.0625]])
     light = np.full((1, 40, 44), 9000.0)
     raw = np.minimum(np.rint(multiplex(light, nd)), 4095).astype(np.uint16)
@@ -124,7 +125,7 @@ def test_recover_a_frame_with_saturation(lfcal, tmp_path: Path) -> None:
         assert refused.code == 2 and not (tmp_path / "no2.tif").exists(), refused.err
 
 
-def test_recover_by_a_filter_and_by_both_routes(lfcal, tmp_path: Path) -> None:
+def test_recover_by_a_filter_and_by_both_routes(lfcal, tmp_path: Path) -> None:  # noqa: F811
     frame = np.random.default_rng(2).integers(0, 4000, (22, 33)).astype(np.uint16)
     cv2.imwrite(str(tmp_path / "frame.png"), frame)
     words = ("multiplex", "recover", tmp_path / "frame.png", "--modulator", "MURA:11", "--force")
@@ -152,7 +153,7 @@ def test_recover_by_a_filter_and_by_both_routes(lfcal, tmp_path: Path) -> None:
         assert refused.code == 2 and word in refused.err and "Traceback" not in refused.err, (more, refused.err)
 
 
-def test_a_level_of_0_is_a_level(lfcal, tmp_path: Path) -> None:
+def test_a_level_of_0_is_a_level(lfcal, tmp_path: Path) -> None:  # noqa: F811
     cv2.imwrite(str(tmp_path / "frame.png"), np.full((8, 8), 500, np.uint16))
     camera = replace(preset("r29"), sensor=replace(preset("r29").sensor, shape=(8, 8), black_level=100.0))
     (tmp_path / "camera.json").write_text(camera.to_json())
@@ -163,7 +164,7 @@ def test_a_level_of_0_is_a_level(lfcal, tmp_path: Path) -> None:
         np.testing.assert_allclose(tifffile.imread(tmp_path / "a.tif"), light)
 
 
-def test_recover_by_iterations(lfcal, tmp_path: Path) -> None:
+def test_recover_by_iterations(lfcal, tmp_path: Path) -> None:  # noqa: F811
     shares = np.random.default_rng(0).random((2, 30, 36))
     light = np.array([100.0, 300.0])[:, None, None] * np.ones((30, 36))
     frame = np.rint((shares * light).sum(0) * 10).astype(np.uint16)
@@ -178,22 +179,34 @@ def test_recover_by_iterations(lfcal, tmp_path: Path) -> None:
     assert done.json["iterations"] == wanted.iterations and math.isfinite(done.json["residual"])
 
 
-def test_samples_that_no_pixel_measures_are_refused(lfcal, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "more", [(), ("--filter", "cubic"), ("--route", "fourier")], ids=["weighed", "cubic", "fourier"]
+)
+@pytest.mark.parametrize("matrix", [np.zeros((4, 2)), np.eye(4, 6)], ids=["dark", "more samples than pixels"])
+def test_samples_that_no_pixel_tells_are_refused(lfcal, tmp_path: Path, matrix, more: tuple[str, ...]) -> None:  # noqa: F811
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((8, 8), 500, np.uint16))
+    np.save(tmp_path / "own.npy", matrix)
+    out = tmp_path / "found.tif"
+    words = ("multiplex", "recover", tmp_path / "frame.png", "--modulator", tmp_path / "own.npy", "--out", out)
+    refused = lfcal(*words, *more)
+    assert refused.code == 2 and "some that measure every sample" in refused.err and not out.exists(), refused.err
+
+
+def test_iterations_refuse_a_dark_modulator(lfcal, tmp_path: Path) -> None:  # noqa: F811
+    cv2.imwrite(str(tmp_path / "frame.png"), np.full((8, 8), 500, np.uint16))
+    np.save(tmp_path / "own.npy", np.zeros((4, 2)))
+    out = tmp_path / "found.tif"
+    words = ("multiplex", "recover", tmp_path / "frame.png", "--modulator", tmp_path / "own.npy", "--out", out)
+    refused = lfcal(*words, "--spacing", 2)
+    assert refused.code == 2 and "expected some light" in refused.err and not out.exists(), refused.err
+
+
+def test_a_frame_that_tells_no_place_is_refused(lfcal, tmp_path: Path) -> None:  # noqa: F811
     cv2.imwrite(str(tmp_path / "frame.png"), np.full((8, 8), 500, np.uint16))
     dead = np.zeros((8, 8), np.uint8)
     dead[::2, ::2] = 1  # every red pixel
     cv2.imwrite(str(tmp_path / "dead.png"), dead)
-    np.save(tmp_path / "dark.npy", np.zeros((4, 2)))
-    np.save(tmp_path / "many.npy", np.eye(4, 6))
-    every = "some that measure every sample"
-    for own, more, words in (
-        (tmp_path / "dark.npy", (), every),
-        (tmp_path / "many.npy", ("--filter", "cubic"), every),
-        (tmp_path / "dark.npy", ("--route", "fourier"), every),
-        (tmp_path / "many.npy", (), every),
-        (tmp_path / "dark.npy", ("--spacing", 2), "expected some light"),
-        ("Bayer", ("--mask", tmp_path / "dead.png"), "frame behind Bayer"),
-    ):
-        out = ("--out", tmp_path / "found.tif")
-        refused = lfcal("multiplex", "recover", tmp_path / "frame.png", "--modulator", own, *out, *more)
-        assert refused.code == 2 and words in refused.err and not out[1].exists(), (own, more, refused.err)
+    out = tmp_path / "found.tif"
+    words = ("multiplex", "recover", tmp_path / "frame.png", "--modulator", "Bayer", "--out", out)
+    refused = lfcal(*words, "--mask", tmp_path / "dead.png")
+    assert refused.code == 2 and "frame behind Bayer" in refused.err and not out.exists(), refused.err

@@ -32,30 +32,33 @@ FILTERS = {
 }
 
 
-ROWS = {
-    "Bayer": "RGGB",
-    "CYMG": "CYMG",
-    "cyym": "CYYM",
-    "Sony": "RGEB",
-    "RGBE": "RGBE",
-    "RGBW 2x2": "RGBW",
-    "CMYW": "CMYW",
-    "RGBW 4x4": "WBWGBWGWWGWRGWRW",
-    "x-trans": "GBGGRGRGRBGBGBGGRGGRGGBGBGBRGRGRGGBG",
-    "grbg": "GRBG",
-    "RGB/GBR": "RGBGBR",
-}
+@pytest.mark.parametrize(
+    ("name", "rows"),
+    [
+        ("Bayer", "RGGB"),
+        ("CYMG", "CYMG"),
+        ("cyym", "CYYM"),
+        ("Sony", "RGEB"),
+        ("RGBE", "RGBE"),
+        ("RGBW 2x2", "RGBW"),
+        ("CMYW", "CMYW"),
+        ("RGBW 4x4", "WBWGBWGWWGWRGWRW"),
+        ("x-trans", "GBGGRGRGRBGBGBGGRGGRGGBGBGBRGRGRGGBG"),
+        ("grbg", "GRBG"),
+        ("RGB/GBR", "RGBGBR"),
+    ],
+)
+def test_each_pixel_of_a_cfa_sees_its_filter(name: str, rows: str) -> None:
+    m = cfa(name)
+    np.testing.assert_array_equal(m.matrix, [FILTERS[letter] for letter in rows])
+    np.testing.assert_allclose(m.matrix, m.spatial @ m.plenoptic.T)
+    assert set(np.unique(m.spatial)) == {0, 1}
+    assert m.natural_samples == m.side
 
 
-def test_each_pixel_of_a_cfa_sees_its_filter() -> None:
-    for name, rows in ROWS.items():
-        m = cfa(name)
-        np.testing.assert_array_equal(m.matrix, [FILTERS[letter] for letter in rows], err_msg=name)
-        np.testing.assert_allclose(m.matrix, m.spatial @ m.plenoptic.T)
-        assert set(np.unique(m.spatial)) == {0, 1} and m.natural_samples == m.side
-    for name in CFA_PATTERNS:
-        if set(name) <= set(FILTERS):
-            assert name == CFA_PATTERNS[name].replace("/", ""), "a name that reads as letters is laid out as they read"
+@pytest.mark.parametrize("name", [name for name in CFA_PATTERNS if set(name) <= set(FILTERS)])
+def test_a_name_that_reads_as_letters_is_laid_out_as_they_read(name: str) -> None:
+    assert name == CFA_PATTERNS[name].replace("/", "")
 
 
 def test_the_4x4_and_6x6_patterns_have_their_makers_shares() -> None:
@@ -87,9 +90,8 @@ def shadows(n: int, shift: float, width: float, parts: int) -> np.ndarray:
     return (cells[..., None] == np.arange(n)).mean((2, 3))
 
 
-@pytest.mark.parametrize(
-    ("shift", "width"), [(0.0, 0.0), (0.37, 0.4), (0.5, 0.0), (1.0, 1.0), (1.6, 0.4), (-0.7, 1.0), (3.25, 0.0)]
-)
+@pytest.mark.parametrize("shift", [0.0, 0.37, 0.5, 1.0, 1.6, -0.7, 3.25])
+@pytest.mark.parametrize("width", [0.0, 0.4, 1.0])
 def test_mask_at_a_distance_by_counting_rays(shift: float, width: float) -> None:
     """Equation 9 over the areas of pixels and views; a transmission is a share, and no light is lost or made."""
     pattern = (np.random.default_rng(3).random((5, 4)) < 0.5) * 1.0
@@ -119,7 +121,7 @@ def test_a_shadow_far_wider_than_the_mask_keeps_its_light(width: float) -> None:
     np.testing.assert_allclose(found.sum(0), pattern.sum(), rtol=1e-6)
 
 
-def test_a_mask_on_the_sensor_does_not_separate_the_views() -> None:
+def test_mask_on_the_sensor_cannot_tell_the_views() -> None:
     flat = mask_at_distance(mask_pattern("MURA", 5), 0.0)
     assert flat.rank() == 1 and flat.condition == math.inf
     assert (flat.lost() > 0.9).all()
@@ -174,8 +176,9 @@ def test_shifting_moves_the_pattern() -> None:
         mask("lenslet", 5).shifted(1, 0)
 
 
-def test_bad_modulators_are_refused_in_one_line() -> None:
-    for make in (
+@pytest.mark.parametrize(
+    "make",
+    [
         lambda: cfa("RGX"),
         lambda: cfa("RGB"),
         lambda: cfa("RG/B"),
@@ -196,10 +199,12 @@ def test_bad_modulators_are_refused_in_one_line() -> None:
         lambda: cfa("Bayer") * cfa("Bayer"),
         lambda: mask("MURA", 5) * mask("MURA", 3),
         lambda: modulator_from_matrix("odd", (2, 2), np.ones((3, 3))),
-    ):
-        with pytest.raises(InputError) as error:
-            make()
-        assert "\n" not in str(error.value) and "expected" in str(error.value)
+    ],
+)
+def test_bad_modulators_are_refused_in_one_line(make) -> None:
+    with pytest.raises(InputError) as error:
+        make()
+    assert "\n" not in str(error.value) and "expected" in str(error.value)
 
 
 @pytest.mark.parametrize(
