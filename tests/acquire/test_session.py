@@ -148,7 +148,7 @@ def test_only_the_same_session_is_resumed(whole: Path, tmp_path: Path) -> None:
         assert (whole / "session.json").read_bytes() == before, named
     stopped(tmp_path, PLAN, 3)
     (tmp_path / "recording.h5").write_bytes((whole / "recording.h5").read_bytes())
-    with pytest.raises(FileFormatError, match="restore this session's file"):
+    with pytest.raises(FileFormatError, match="restore it from a copy"):
         record(tmp_path, PLAN, rig_for(PLAN), CAREFUL, resume=True)
 
 
