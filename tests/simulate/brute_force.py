@@ -52,8 +52,6 @@ class Fineness:
 
 
 SPARE = 12
-
-
 rule = lru_cache(maxsize=None)(np.polynomial.legendre.leggauss)
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
+from _pytest.mark.structures import ParameterSet
 from numpy.typing import NDArray
 
 from lfcal.camera import Camera, ScanPlan, preset
@@ -22,7 +24,7 @@ from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.response import PlaneResponse
 
 BASE: tuple[Effect, ...] = (LensTypeDefocus(), LensletDiffraction(), IrisDiffraction(), IrisShape(), Telecentricity())
-"""The optics of the described camera; an effect under test is switched on and off beside these."""
+"""The optics of the described camera; an effect under test is switched on and off in addition to these."""
 
 FAST = Sampling(nodes_per_px=3, margin_px=4)
 """Incoherent and quick: differences between two simulations do not need more."""
@@ -65,7 +67,6 @@ def responses(plan: ScanPlan, effects: tuple[Effect, ...], z: int = 0, level: st
     return PlaneResponse(plan, z, effects, level=level, sampling=FAST).rows(*some_positions(plan))
 
 
-def switched(plan: ScanPlan, effect: Effect, base: tuple[Effect, ...] = BASE) -> float:
-    """Return the relative L1 error of leaving ``effect`` out."""
-    others = tuple(e for e in base if e.name != effect.name)
-    return difference(responses(plan, others), responses(plan, (*others, effect)))
+def long(*values: object, **named: str) -> ParameterSet:
+    """Return the parameters of a variant that runs with --long only."""
+    return pytest.param(*values, marks=pytest.mark.long, **named)

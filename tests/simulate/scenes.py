@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -63,8 +62,3 @@ def moments(image: NDArray[Any]) -> tuple[float, float]:
     light = np.asarray(image, np.float64)
     y, x = (np.arange(n) - n // 2 for n in light.shape)
     return float((light.sum(1) * y).sum() / light.sum()), float((light.sum(0) * x).sum() / light.sum())
-
-
-def defocus_parameter(scene: Scene) -> float:
-    """Return u = 2 pi |a'| / (4 Nw^2 lambda)."""
-    return 2 * math.pi * scene.fresnel_number

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 
 import pytest
 
-from lfcal.simulate.accuracy import calibration
-from lfcal.simulate.accuracy.calibration import MAX_CORRECTION, PLANES, MachineSpeed, machine_speed
+from lfcal.simulate.accuracy import calibration, machine_speed
+from lfcal.simulate.accuracy.calibration import MAX_CORRECTION, PLANES, MachineSpeed
 
 
 class Timings:
@@ -71,27 +70,21 @@ def test_runs_of_the_same_plane_count_once(tmp_path: Path, timings: Timings) -> 
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("old", "new"),
     [
-        lambda text: text[: len(text) // 2],
-        lambda text: "[]",
-        lambda text: "7",
-        lambda text: text.replace("10000000000.0", "-1"),
-        lambda text: text.replace('{"plane": 1.5}', '{"plane": 0}'),
-        lambda text: text.replace('{"plane": 1.5}', "[1.5]"),
-        lambda text: text.replace('{"plane": 1.5}', "{}"),
-        lambda text: text.replace('{"plane": 1.5}', '{"plane": "a"}'),
-        lambda text: text.replace('"machine": "', '"machine": "another '),
-        lambda text: json.dumps({"rate": 1e10}),
+        ("10000000000.0", "-1"),
+        *(('{"plane": 1.5}', other) for other in ('{"plane": 0}', "[1.5]", "{}", '{"plane": "a"}')),
+        ('"machine": "', '"machine": "another '),
+        *((None, text) for text in ("", "[]", "7", '{"rate": 1e10}')),
     ],
 )
-def test_a_damaged_or_foreign_file_is_replaced(change: object, tmp_path: Path, timings: Timings) -> None:
+def test_a_damaged_or_foreign_file_is_replaced(old: str | None, new: str, tmp_path: Path, timings: Timings) -> None:
     file = tmp_path / "speed.json"
     speed = MachineSpeed(file)
     speed.rate()
     speed.correct("wave", "plane", 1.0, 1.5)
     whole = file.read_text(encoding="utf-8")
-    damaged = change(whole)  # type: ignore[operator]
+    damaged = whole.replace(old, new) if old else new or whole[: len(whole) // 2]
     assert damaged != whole
     file.write_text(damaged, encoding="utf-8")
     found = MachineSpeed(file)

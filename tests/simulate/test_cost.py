@@ -1,4 +1,4 @@
-"""Seconds predicted from the description."""
+"""Seconds, bytes and accuracy predicted from the description, compared with what engines compute."""
 
 from __future__ import annotations
 
@@ -13,43 +13,30 @@ import pytest
 from benchmarks._effect_scenes import random_plan
 from benchmarks.forecast import RISE
 from lfcal.camera import Camera, ScanPlan, preset
-from lfcal.simulate import plan_effects, simulate_psf
-from lfcal.simulate._pupil_scene import AnyScene
-from lfcal.simulate.accuracy import _work, calibration, cost, probe
-from lfcal.simulate.accuracy._work import LightSizes, Traits, engine_work
-from lfcal.simulate.accuracy.cost import efficient_steps, engine_seconds, step_for
-from lfcal.simulate.accuracy.probe import settle
-from lfcal.simulate.accuracy.sampling import comparison, steps_for
-from lfcal.simulate.effects import (
-    ArrayRotation,
-    Effect,
-    LensletDiffraction,
-    Outlook,
-    SceneEffect,
-    Telecentricity,
-    catalogue,
+from lfcal.simulate import (
+    AnyScene,
+    Sampling,
+    lattice_scene_for,
+    outlook_of,
+    plan_effects,
+    resolve_level,
+    scene_for,
+    simulate_psf,
 )
+from lfcal.simulate import effects as fx
+from lfcal.simulate.accuracy import Traits, _work, calibration, cost, probe, settle, step_for, steps_for
+from lfcal.simulate.accuracy._work import LightSizes, engine_work
+from lfcal.simulate.accuracy.cost import efficient_steps, engine_seconds
+from lfcal.simulate.accuracy.sampling import comparison
 from lfcal.simulate.engines import engine_for
 from lfcal.simulate.engines._wave import WavePlane
-from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.grid import GridPlane
 from lfcal.simulate.engines.microscope import DebyePlane
 from lfcal.simulate.scene import Scene
-from lfcal.simulate.staging import lattice_scene_for, outlook_of, resolve_level, scene_for, wave_level
-from tests.simulate.common import BASE, small_plan
+from lfcal.simulate.staging import wave_level
+from tests.simulate.common import BASE, long, small_plan
 
 TOLERANCES = (0.3, 0.1, 0.05, 0.03, 0.02, 0.01, 0.005, 0.003, 0.001)
-
-
-@pytest.mark.parametrize("level", ["geometric", "wave"])
-def test_lenslets_that_miss_the_cutout_cost_nothing(level: str) -> None:
-    """A shadow grows without end as the source goes away; those of its lenslets that are computed do not."""
-    near, far, farther = (
-        engine_seconds(outlook_of(small_plan(v, cutout=49), 0), level, 0.03) for v in (30.0, 300.0, 3000.0)
-    )
-    assert far < 1.2 * near and farther < 1.2 * near
-    wide = engine_seconds(outlook_of(small_plan(300.0, cutout=99), 0), level, 0.03)
-    assert 1.5 * far < wide < 5 * far
 
 
 @pytest.fixture
@@ -60,11 +47,20 @@ def same_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(calibration, "_SPEED", None)
 
 
+@pytest.mark.parametrize("level", ["geometric", "wave"])
+def test_lenslets_that_miss_the_cutout_cost_nothing(level: str) -> None:
+    """A shadow grows without end as the source goes away; those of its lenslets that are computed do not."""
+    near, far, farther, wide = (
+        engine_seconds(outlook_of(small_plan(v, cutout=cutout), 0), level, 0.03)
+        for v, cutout in ((30.0, 49), (300.0, 49), (3000.0, 49), (300.0, 99))
+    )
+    assert far < 1.2 * near and farther < 1.2 * near and 1.5 * far < wide < 5 * far
+
+
 @pytest.mark.usefixtures("same_machine")
-@pytest.mark.parametrize("off", [3.0, 1 / 3])
-def test_simulations_correct_the_forecast(off: float) -> None:
+def test_simulations_correct_the_forecast() -> None:
     """Of the engine that ran, and of no other; the sampling is chosen as before."""
-    outlook = outlook_of(small_plan(3.0, cutout=121), 0)
+    outlook, off = outlook_of(small_plan(3.0, cutout=121), 0), 3.0
     before = {level: engine_seconds(outlook, level) for level in ("geometric", "wave", "reference")}
     chosen = step_for(outlook, "wave", 0.03)
     for _ in range(3):
@@ -102,7 +98,7 @@ def bench_plan() -> ScanPlan:
     return ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0], cutout=49)
 
 
-def described(plan: ScanPlan) -> tuple[AnyScene | Outlook, ...]:
+def described(plan: ScanPlan) -> tuple[AnyScene | fx.Outlook, ...]:
     """Return a plane's scene and the outlook on it."""
     return resolve_level(scene_for(plan, 0, BASE))[0], outlook_of(plan, 0)
 
@@ -115,14 +111,6 @@ def test_a_sampling_that_is_slower_than_a_finer_one_is_not_used() -> None:
     scene, _ = resolve_level(scene_for(bench_plan(), 0, BASE))
     found = settle(scene, "wave", 0.1)
     assert found.level == "grid" and found.error < 0.02
-
-
-def test_windows_of_a_long_row_share_their_masks() -> None:
-    """At 2 %, a row of 95 positions takes 193 µs per position with windows and 361 µs on the grid."""
-    plan = ScanPlan.for_camera(preset("r29"), virtual_depths=[4.0], cutout=61)
-    short = replace(plan, period=(plan.period[0], 12))
-    for one, level in ((plan, "wave"), (short, "grid")):
-        assert step_for(outlook_of(one, 0), "wave", 0.025).level == level
 
 
 def test_costs_decide(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -138,7 +126,7 @@ def test_costs_decide(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("same_machine")
 @pytest.mark.parametrize("number", range(40))
-@pytest.mark.few(8)
+@pytest.mark.few(4)
 def test_costs_do_not_rise_with_the_tolerance(number: int) -> None:
     """Random cameras, by the forecast: for the sampling alone, and together with the effects of each tolerance."""
     plan, _ = random_plan(number)
@@ -154,7 +142,7 @@ def test_costs_do_not_rise_with_the_tolerance(number: int) -> None:
 CAMERAS = ((preset("bench"), 4.0), (preset("bench"), 0.5), (preset("r29"), 2.0))
 
 
-def traits_of(plan: ScanPlan, *effects: SceneEffect) -> Traits:
+def traits_of(plan: ScanPlan, *effects: fx.SceneEffect) -> Traits:
     return Traits.of(lattice_scene_for(plan, 0, effects))
 
 
@@ -165,23 +153,23 @@ def test_effects_that_change_the_work_of_engines_say_so() -> None:
     changing = {
         effect.name
         for plan in plans
-        for effect in catalogue()
-        if isinstance(effect, SceneEffect) and traits_of(plan, effect) != traits_of(plan)
+        for effect in fx.catalogue()
+        if isinstance(effect, fx.SceneEffect) and traits_of(plan, effect) != traits_of(plan)
     }
-    told = {effect.name for effect in catalogue() if isinstance(effect, SceneEffect) and effect.changes_work}
-    assert "exact_angles" in changing and changing <= told
+    stated = {effect.name for effect in fx.catalogue() if isinstance(effect, fx.SceneEffect) and effect.changes_work}
+    assert "exact_angles" in changing and changing <= stated
 
 
 @pytest.mark.parametrize("depth_um", [0.0, 12.0])
 def test_responses_of_the_debye_path_are_counted(depth_um: float) -> None:
     """By the responses that the engine computes for a period."""
     plan = ScanPlan.for_camera(preset("lfm_20x05"), depths_um=[depth_um], cutout=31)
-    scene = lattice_scene_for(plan, 0, (LensletDiffraction(),))
+    scene = lattice_scene_for(plan, 0, (fx.LensletDiffraction(),))
     engine = engine_for(scene, "debye", Sampling(nodes_per_px=1))
     ny, nx = plan.period
     engine.rows(range(ny), range(nx), workers=1)
     assert isinstance(engine, DebyePlane)
-    assert len(engine._responses) == pytest.approx(traits_of(plan, LensletDiffraction()).responses * ny * nx)
+    assert len(engine._responses) == pytest.approx(traits_of(plan, fx.LensletDiffraction()).responses * ny * nx)
 
 
 def test_mirrored_rows_are_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,7 +180,7 @@ def test_mirrored_rows_are_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         WavePlane, "_respond", lambda self, *args: (computed.append(len(args[0])), respond(self, *args))
     )
-    for effects in (BASE, (*BASE, Telecentricity()), (*BASE, Telecentricity(), ArrayRotation(0.01))):
+    for effects in (BASE, (*BASE, fx.Telecentricity()), (*BASE, fx.Telecentricity(), fx.ArrayRotation(0.01))):
         computed.clear()
         scene = lattice_scene_for(plan, 0, effects)
         engine_for(scene, "wave", Sampling(nodes_per_px=2, margin_px=1)).rows(*map(range, plan.period), workers=1)
@@ -200,7 +188,7 @@ def test_mirrored_rows_are_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(("camera", "v"), [*CAMERAS[::2], (preset("r29"), -4.0)])
-@pytest.mark.parametrize("cutout", [31, 91])
+@pytest.mark.parametrize("cutout", [31, long(91)])
 def test_lenslets_of_a_position_are_counted(camera: Camera, v: float, cutout: int) -> None:
     """By the lenslets that the engine computes for a row of positions."""
     plan = ScanPlan.for_camera(camera, virtual_depths=[v], cutout=cutout)
@@ -264,6 +252,10 @@ def test_a_grid_of_a_dim_cutout_is_as_forecast(z_um: float, monkeypatch: pytest.
     assert tried == [forecast.sampling] + ([finer[0].sampling] if finer else [])
 
 
+def effects_named(*names: str) -> list[fx.Effect]:
+    return [effect for effect in fx.catalogue() if effect.name in names]
+
+
 @pytest.mark.usefixtures("same_machine")
 def test_fringes_of_the_iris_are_forecast_once() -> None:
     """The engine tabulates the field with fringes in the same time; forecasts were up to twice too long."""
@@ -271,10 +263,6 @@ def test_fringes_of_the_iris_are_forecast_once() -> None:
     off, on = (plan_effects(plan, 0.03, {"iris_diffraction": setting}) for setting in ("off", "on"))
     row = on.row("iris_diffraction")
     assert on.seconds == pytest.approx(off.seconds) and row.seconds_with == row.seconds_without
-
-
-def effects_named(*names: str) -> list[Effect]:
-    return [effect for effect in catalogue() if effect.name in names]
 
 
 def test_exact_angles_of_a_microscope_are_forecast_on_the_grid() -> None:
@@ -299,7 +287,7 @@ def test_a_sampling_whose_failure_costs_much_is_tried_with_a_reserve() -> None:
 
 
 @pytest.mark.parametrize("number", range(12))
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 def test_the_work_of_a_plane_does_not_rise_with_the_tolerance(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Random cameras, by the samples of all Fourier transforms of the grids that a plane and its probe compute."""
     plan, _ = random_plan(number)

@@ -11,13 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lfcal.camera import ScanPlan
 from lfcal.cli import main
 from lfcal.simulate import effects as rooms
-from lfcal.simulate import plan_effects, simulate_psf
+from lfcal.simulate import expose, outlook_of, plan_effects, simulate_psf
 from lfcal.simulate.effects import LensTypeDefocus, ShotNoise, find_effects, registered
-from lfcal.simulate.sensor.noise import expose
-from lfcal.simulate.staging import outlook_of
 from tests.distribution import code_of, in_a_new_process, install
 from tests.simulate.common import BASE, FAST, difference, responses, small_camera, small_plan
 
@@ -48,7 +45,7 @@ def test_the_documented_effect_is_planned_and_enters_h(foreign: Install) -> None
     decentred = simulate_psf(plan, switched, sampling=FAST)
     assert difference(plain.plane(0), decentred.plane(0)) > 0.02
     names = {"plan": plan, "plan_effects": plan_effects, "simulate_psf": simulate_psf}
-    exec(f"from their_effects import *\n{PAGE[1]}", names)  # the page's second block, as it stands
+    exec(f"from their_effects import *\n{PAGE[1]}", names)  # the second block of the page, unchanged
     known: Any = names["H"]
     recorded = known.provenance["simulated"]["effects"]
     assert {"name": "array_decentre", "rows_um": 2.0, "columns_um": 0.0} in recorded
@@ -57,7 +54,7 @@ def test_the_documented_effect_is_planned_and_enters_h(foreign: Install) -> None
 def test_the_documented_effect_does_what_it_says(foreign: Install) -> None:
     """It equals a camera described with its lenslets there, and its estimate holds."""
     foreign(PAGE[0], "ArrayDecentre")
-    effect = find_effects().get("array_decentre")(rows_um=3.0, columns_um=-1.0)  # type: ignore[call-arg]
+    effect = find_effects().get("array_decentre")(rows_um=3.0, columns_um=-1.0)
     plan = small_plan()
     camera, s = plan.camera, plan.camera.lattice_scale
     x, y = camera.lattice.offset_um
@@ -68,20 +65,13 @@ def test_the_documented_effect_does_what_it_says(foreign: Install) -> None:
     assert 0.5 * measured <= effect.estimate(outlook_of(plan, 0)).error <= 2 * measured
 
 
-def test_the_command_line_lists_it(
-    foreign: Install, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_line_and_the_window_list_it(foreign, tmp_path, monkeypatch, capfd):
     foreign(PAGE[0], "ArrayDecentre")
     words = ["simulate", "bench", "--virtual-depths", "4", "--plan-only", "--json", "--effect", "array_decentre=on"]
     monkeypatch.setattr(sys, "argv", ["lfcal", *words])
     with pytest.raises(SystemExit) as end:
         main()
-    assert not end.value.code
-    assert '"array_decentre"' in capfd.readouterr().out
-
-
-def test_the_window_lists_it(foreign: Install, tmp_path: Path) -> None:
-    foreign(PAGE[0], "ArrayDecentre")
+    assert not end.value.code and '"array_decentre"' in capfd.readouterr().out
     code = """
 from lfcal_gui.pages.simulate.model import SimulateSettings
 from lfcal_gui.pages.simulate.model_effects import verdict_of
@@ -94,6 +84,7 @@ print(*(row.name for row in verdict_of(small_plan(), settings).rows if row.on))
 
 SHOWN = PAGE[0].replace("ArrayDecentre", "effect")
 ABSTRACT = "from lfcal.simulate.effects import SceneEffect\nclass effect(SceneEffect):\n    name = title = 'theirs'"
+
 BROKEN = {
     "nameless": ("def effect(): ...", "expected a part with a name"),
     "no effect": ("class effect:\n    name = 'theirs'", "expected a class derived from Effect"),
@@ -111,26 +102,19 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(("source", "reason"), BROKEN.values(), ids=BROKEN)
-def test_broken_effects_are_left_out_with_a_reason(
-    foreign: Install,
-    source: str,
-    reason: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-) -> None:
+def test_broken_effects_are_left_out_with_a_reason(foreign: Install, source: str, reason: str) -> None:
     own = find_effects().names()
     foreign(source, "effect")
     assert rooms.CATALOGUE.names() == own
     assert reason in rooms.CATALOGUE.failures()["theirs"]
+
+
+def test_the_command_line_names_broken_effects(foreign, monkeypatch, capfd):
+    foreign(BROKEN["no title"][0], "effect")
     monkeypatch.setattr(sys, "argv", ["lfcal", "simulate", "bench", "--virtual-depths", "4", "--plan-only"])
     with pytest.raises(SystemExit) as end:
         main()
     assert not end.value.code and "effect theirs" in capfd.readouterr().err
-
-
-def test_own_effects_cannot_be_replaced(foreign: Install) -> None:
-    foreign(PAGE[0].replace('"array_decentre"', '"lens_types"'), "ArrayDecentre")
-    assert rooms.CATALOGUE.get("lens_types") is LensTypeDefocus
 
 
 HOT = """
@@ -155,7 +139,7 @@ class Flicker(FrameEffect):
 
 
 def test_a_foreign_frame_effect_has_its_own_random_numbers(foreign: Install) -> None:
-    """Its rank is that of shot noise: were streams told apart by rank, both would draw the same numbers."""
+    """Its rank is that of shot noise: if ranks distinguished the streams, both would draw the same numbers."""
     foreign(HOT, "Flicker")
     flicker, camera = rooms.CATALOGUE.get("flicker")(), small_camera()
     light = np.full(camera.sensor.shape, 1000.0, np.float32)
@@ -163,15 +147,15 @@ def test_a_foreign_frame_effect_has_its_own_random_numbers(foreign: Install) -> 
     def frame(*effects: Any, index: int = 0) -> np.ndarray:
         return expose(light, camera, effects, exposure_s=0.01, seed=3, index=index).astype(float)
 
-    plain, noise, own = frame(), frame(ShotNoise()), frame(flicker)  # type: ignore[arg-type]
+    plain, noise, own = frame(), frame(ShotNoise()), frame(flicker)
     assert abs(np.corrcoef((noise - plain).ravel(), (own - plain).ravel())[0, 1]) < 0.05
     repeated = np.corrcoef((own - plain).ravel(), (frame(flicker, index=1) - plain).ravel())[0, 1]
-    assert 0.015 < repeated < 0.06, "the pattern stays from frame to frame, the noise does not"
+    assert 0.015 < repeated < 0.06, "the pattern is fixed from frame to frame, the noise is not"
+    plan = small_plan(cutout=31)
+    row = plan_effects(plan, frames=True).row("flicker")
+    assert row.on and row.seconds > 0 and not plan_effects(plan).row("flicker").on
 
 
-def test_a_plan_may_leave_a_foreign_effect_out(foreign: Install) -> None:
-    foreign(HOT, "Flicker")
-    plan: ScanPlan = small_plan(cutout=31)
-    assert not plan_effects(plan).row("flicker").on
-    assert plan_effects(plan, frames=True).row("flicker").on
-    assert plan_effects(plan, frames=True).row("flicker").seconds > 0
+def test_own_effects_cannot_be_replaced(foreign: Install) -> None:
+    foreign(PAGE[0].replace('"array_decentre"', '"lens_types"'), "ArrayDecentre")
+    assert rooms.CATALOGUE.get("lens_types") is LensTypeDefocus

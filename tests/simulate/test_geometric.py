@@ -1,4 +1,4 @@
-"""The geometric level against rays thrown at random, and its exact areas."""
+"""The geometric level against random rays, and its exact areas."""
 
 from __future__ import annotations
 
@@ -89,25 +89,21 @@ def test_both_forms_of_the_map_meet_where_they_change():
     assert relative_error(near, far) < 5e-3
 
 
-def test_a_step_of_one_pixel_moves_the_array_not_the_source():
+def test_a_step_moves_the_array_and_an_offset_the_source():
     plane = GeometricPlane(camera_scene(4.0, cutout=(91, 91)))
-    here, there = plane.rows([0], [0])[0, 0], plane.rows([0], [45])[0, 0]  # one period along x
-    assert relative_error(there, here) < 1e-5
-    assert relative_error(plane.rows([0], [1])[0, 0], here) > 0.1
+    here, next_one, there = plane.rows([0], [0, 1, 45])[0]  # one period along x
+    assert relative_error(there, here) < 1e-5 and relative_error(next_one, here) > 0.1
     assert abs(moments(here)[1]) < 1.0
-
-
-def test_source_offset_is_a_point_elsewhere():
     offsets = np.zeros((26, 45, 2))
     offsets[2, 3] = (1.1, -0.7)
-    scene = camera_scene(3.0, offsets_um=offsets)
-    assert np.array_equal(
-        GeometricPlane(scene).rows([2], [3])[0, 0],
-        GeometricPlane(camera_scene(3.0)).point(2 * PIXEL + 1.1, 3 * PIXEL - 0.7),
+    elsewhere = plane.point(2 * PIXEL + 1.1, 3 * PIXEL - 0.7)
+    scene = camera_scene(4.0, cutout=(91, 91), offsets_um=offsets)
+    assert np.array_equal(GeometricPlane(scene).rows([2], [3])[0, 0], elsewhere)
+
+
+def test_a_wrong_rotation_of_the_iris_shows():
+    right, turned = (
+        GeometricPlane(camera_scene(4.0, iris=PupilIris(3, 0.0, angle))).point(0.0, 0.0)
+        for angle in (0.4, 0.4 + math.pi)
     )
-
-
-def test_wrong_rotation_of_the_iris_would_show():
-    right = GeometricPlane(camera_scene(4.0, iris=PupilIris(3, 0.0, 0.4))).point(0.0, 0.0)
-    turned = GeometricPlane(camera_scene(4.0, iris=PupilIris(3, 0.0, 0.4 + math.pi))).point(0.0, 0.0)
     assert relative_error(turned, right) > 0.3

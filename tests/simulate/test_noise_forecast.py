@@ -13,23 +13,13 @@ from lfcal.base import drain
 from lfcal.camera import Forecast, Marks, ScanPlan, not_stated_for_noise, preset
 from lfcal.frames import ArraySource, CorrectionRecipe, corrected_view
 from lfcal.psf import Cutout, assemble
-from lfcal.simulate import ExpectedLight, ScanChoice, iter_expected_light, scan_choices
-from lfcal.simulate.effects import (
-    DarkCurrent,
-    IrisShape,
-    LensletDiffraction,
-    LensTypeDefocus,
-    Quantisation,
-    ReadNoise,
-    Saturation,
-    ShotNoise,
-    Telecentricity,
-)
-from lfcal.simulate.sensor.camera_source import SimulatedCamera
-from lfcal.simulate.sensor.noise import FrameKind
+from lfcal.simulate import ExpectedLight, ScanChoice, SimulatedCamera, iter_expected_light, scan_choices
+from lfcal.simulate import effects as fx
+from lfcal.simulate.sensor import FrameKind
+from tests.simulate.common import long
 
-OPTICS = (LensTypeDefocus(), LensletDiffraction(), IrisShape(), Telecentricity())
-NOISE = (DarkCurrent(), ShotNoise(), Saturation(), ReadNoise(), Quantisation())
+OPTICS = (fx.LensTypeDefocus(), fx.LensletDiffraction(), fx.IrisShape(), fx.Telecentricity())
+NOISE = (fx.DarkCurrent(), fx.ShotNoise(), fx.Saturation(), fx.ReadNoise(), fx.Quantisation())
 
 
 def plan_of(**sensor: Any) -> ScanPlan:
@@ -58,11 +48,11 @@ def assembled(source: SimulatedCamera, chosen: list[int], frames: int, dark: flo
 @pytest.mark.parametrize(
     ("frames", "peak", "sensor"),
     [
-        pytest.param(1, 0.8, {}, id="as the camera comes"),
+        long(1, 0.8, {}, id="preset"),
         pytest.param(4, 0.3, {"read_noise_e": 30.0}, id="dim, averaged"),
         pytest.param(4, 0.2, {"black_level": 0.0, "read_noise_e": 25.0}, id="cut off at zero"),
         pytest.param(1, 0.8, {"bit_depth": 6, "black_level": 4.0, "read_noise_e": 120.0}, id="coarse"),
-        pytest.param(2, 0.5, {"dark_current_e_s": 2e5, "full_well_e": 5e4}, id="dark current"),
+        long(2, 0.5, {"dark_current_e_s": 2e5, "full_well_e": 5e4}, id="dark current"),
     ],
 )
 def test_the_forecast_is_the_deviation_of_assembled_frames(frames: int, peak: float, sensor: dict[str, float]) -> None:
@@ -73,7 +63,7 @@ def test_the_forecast_is_the_deviation_of_assembled_frames(frames: int, peak: fl
     for z, wanted in enumerate(expected):
         chosen = [k for k in range(5, len(clean), 61) if clean.position(k).z == z]
         # a plane has its dark frames: dark current grows with the exposure
-        dark = np.mean([noisy.dark_frame(n, plan.exposures[z]) for n in range(60)])
+        dark = np.mean([noisy.dark_frame(n, plan.exposures[z]) for n in range(30)])
         truth = assembled(clean, chosen, 1, plan.camera.sensor.black_level)
         found = assembled(noisy, chosen, frames, float(dark))
         assert len(chosen) > 8

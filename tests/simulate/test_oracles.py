@@ -7,15 +7,12 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
-from scipy.special import fresnel, j1
+from scipy.special import j1
 
-from lfcal.simulate.engines._polygon import area, regular, spectrum, transform
 from lfcal.simulate.engines._propagator import sensor_propagator
 from lfcal.simulate.engines._quadrature import gauss_legendre
 from lfcal.simulate.engines._radial import focus_integral
-from lfcal.simulate.engines.field import wavefront_waves
 from lfcal.simulate.engines.zernike import zernike_radial
-from tests.simulate.scenes import camera_scene
 
 LAM = 0.55
 
@@ -45,57 +42,6 @@ def test_defocused_field_against_twenty_digits():
     assert max(errors) < 1e-14
     # with nodes fixed at 40, as one is tempted to, the far ones are lost
     assert abs(focus_integral(600.0, np.array([300.0]), nodes=40)[0] - exact(mp.mpf(600), mp.mpf(300))) > 1e-3
-
-
-def test_fresnel_diffraction_of_a_square_aperture():
-    z, width = 868.0, 174.35
-    x = np.linspace(-130, 130, 131)
-    q = math.sqrt(2 / (LAM * z))
-    (s2, c2), (s1, c1) = fresnel(q * (x + width / 2)), fresnel(q * (x - width / 2))
-    closed = ((c2 - c1) + 1j * (s2 - s1)) / q
-    at, weight = gauss_legendre(128, -width / 2, width / 2)
-    summed = np.exp(1j * np.pi * (x[:, None] - at) ** 2 / (LAM * z)) @ weight
-    assert np.abs(np.abs(summed) ** 2 - np.abs(closed) ** 2).max() < 5e-14 * np.abs(closed).max() ** 2
-
-
-@pytest.mark.parametrize("size", [1e-12, 1e-6, 1e-3, 0.04, 0.3, 0.7, 7.3, 40.0])
-def test_polygon_transform_at_any_frequency(size):
-    outline = regular(9, 0.13)
-    fx, fy = size * math.cos(0.3), size * math.sin(0.3)
-    mp.mp.dps = 60
-    total = mp.mpc(0)
-    for p, q in zip(outline, np.roll(outline, -1, 0), strict=True):
-        a, b = [mp.mpf(float(t)) for t in p], [mp.mpf(float(t)) for t in q]
-        e, m = (b[0] - a[0], b[1] - a[1]), ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2)
-        side = mp.mpf(fx) * e[1] - mp.mpf(fy) * e[0]
-        total += side * mp.sincpi(mp.mpf(fx) * e[0] + mp.mpf(fy) * e[1]) * mp.expjpi(-2 * (fx * m[0] + fy * m[1]))
-    exact = complex(1j * total / (2 * mp.pi * (mp.mpf(fx) ** 2 + mp.mpf(fy) ** 2)))
-    assert abs(transform(outline, fx, fy) - exact) / area(outline) < 3e-16
-
-
-def test_polygon_spectrum_on_a_grid_is_the_transform():
-    outline = regular(7, 0.4) * 30
-    f = np.fft.fftfreq(48, 3.0)
-    wanted = transform(outline, f[None, :], f[:, None])
-    assert np.abs(spectrum(outline, f, f) - wanted).max() < 1e-14 * area(outline)
-    assert spectrum(outline, f, f)[0, 0] == pytest.approx(area(outline), rel=1e-15)
-
-
-def test_talbot_image_of_a_grating():
-    n, period, count = 128, 22.0, 4
-    dx = count * period / n
-    grating = (1 + np.cos(2 * np.pi * np.arange(n) * dx / period)) / 2
-    field = np.outer(grating, np.ones(n)).astype(complex)
-    distance = LAM / (1 - math.sqrt(1 - (LAM / period) ** 2))
-    # the carrier's phase is not part of the transfer function, so one Talbot distance returns the field
-    f = np.fft.fftfreq(n, dx)
-    k2 = f[:, None] ** 2 + f[None, :] ** 2
-    step = np.exp(-2j * np.pi * distance * LAM * k2 / (1 + np.sqrt(1 - LAM**2 * k2)))
-    image = np.fft.ifft2(np.fft.fft2(field) * step)
-    assert np.abs(np.abs(image) ** 2 - np.abs(field) ** 2).max() < 5e-14
-    binary = np.outer(np.arange(n) % (n // count) < n // count // 2, np.ones(n)).astype(complex)
-    paraxial = propagate(binary, dx, 2 * period**2 / LAM)
-    assert np.abs(np.abs(paraxial) ** 2 - np.abs(binary) ** 2).max() < 5e-12
 
 
 def test_gaussian_beam_through_a_lenslet():
@@ -134,16 +80,3 @@ def test_marechal_strehl_of_spherical_aberration():
         assert abs(strehl - math.exp(-((2 * math.pi * rms) ** 2))) < bound
         through = focus_integral(0.0, np.zeros(1), lambda rho, a=rms: a * math.sqrt(5) * zernike_radial(4, 0, rho))
         assert abs(through[0]) ** 2 == pytest.approx(strehl, rel=1e-13)
-
-
-def test_exact_defocus_is_the_sphere_less_its_parabola():
-    scene = camera_scene(4.0, exact_defocus=True)
-    u = np.linspace(0, 1, 11)
-    sine = u / (2 * scene.f_number)
-    mp.mp.dps = 30
-    a = mp.mpf(scene.image_um) / mp.mpf(scene.wavelength_um)
-    exact = [float(a * (1 - mp.sqrt(1 - mp.mpf(float(s)) ** 2) - mp.mpf(float(s)) ** 2 / 2)) for s in sine]
-    found = wavefront_waves(scene, u, np.zeros(1))
-    assert found is not None
-    assert np.abs(found - exact).max() < 1e-15 * abs(exact[-1]) + 1e-17
-    assert exact[-1] == pytest.approx(scene.image_um / (8 * scene.wavelength_um * 10**4), rel=0.02)

@@ -1,4 +1,4 @@
-"""The fineness a plane needs: what is asked is kept, against the full coherent reference."""
+"""The fineness a plane needs: the requested tolerance is kept, compared with the coherent reference."""
 
 from __future__ import annotations
 
@@ -13,18 +13,28 @@ import pytest
 from pytest import MonkeyPatch
 
 from benchmarks._effect_scenes import random_plan
-from lfcal.camera import LensletLattice, LensType, ScanPlan
-from lfcal.simulate import simulate_psf
-from lfcal.simulate.accuracy import _work, cost, probe, sampling
-from lfcal.simulate.accuracy.probe import settle
-from lfcal.simulate.accuracy.sampling import Fringes, LevelSampling, steps_for
-from lfcal.simulate.effects import LensletDiffraction, catalogue
+from lfcal.camera import LensletLattice, LensType, ScanPlan, preset
+from lfcal.simulate import (
+    PlaneResponse,
+    Sampling,
+    SimulatedCamera,
+    budgeted,
+    lattice_scene_for,
+    light_field,
+    outlook_of,
+    plan_effects,
+    resolve_level,
+    scene_for,
+    simulate_psf,
+    tolerance_for,
+)
+from lfcal.simulate.accuracy import _work, cost, probe, sampling, settle, steps_for
+from lfcal.simulate.accuracy.sampling import Fringes, LevelSampling
+from lfcal.simulate.effects import Effect, FiniteSource, LensletDiffraction, catalogue
 from lfcal.simulate.engines import EnergyError, engine_for
-from lfcal.simulate.engines.base import Sampling
 from lfcal.simulate.engines.reference import ReferencePlane
 from lfcal.simulate.scene import PupilIris, Scene
-from lfcal.simulate.staging import lattice_scene_for, outlook_of
-from tests.simulate.common import BASE, small_camera
+from tests.simulate.common import BASE, difference, long, small_camera
 from tests.simulate.scenes import PIXEL, camera_scene, microscope_scene, relative_error
 
 PLACES = ((3, 5), (14, 31))
@@ -49,89 +59,77 @@ def fast_scene(**changes: object) -> Scene:
     return camera_scene(2.0, aperture="cell", **(values | changes))
 
 
-@pytest.mark.parametrize("v", [4.0, *(pytest.param(v, marks=pytest.mark.long) for v in (2.0, -3.0)), 0.4])
-@pytest.mark.few(1)
+def found_at(found: probe.Settled) -> np.ndarray:
+    """Return the responses of the engine that was found."""
+    return np.concatenate([found.engine.rows([y], [x]) for y, x in PLACES])
+
+
+@pytest.mark.parametrize("v", [4.0, *(long(v) for v in (2.0, -3.0, 0.4))])
 @pytest.mark.usefixtures("slow_grids")
-def test_what_is_asked_is_kept_and_more_is_never_worse(v: float) -> None:
+def test_the_tolerance_is_kept_and_a_tighter_one_is_never_worse(v: float) -> None:
     scene = camera_scene(v, cutout=(45, 45))
     wanted = truth(scene, 6.0)
     errors = []
     for share in (0.05, 0.02, 0.01):
         found = settle(scene, "wave", share)
-        computed = np.concatenate([found.engine.rows([y], [x]) for y, x in PLACES])
-        errors.append(relative_error(computed, wanted))
+        errors.append(relative_error(found_at(found), wanted))
         assert errors[-1] <= share
         assert 0.4 * errors[-1] < found.error < 2.5 * errors[-1]
     assert errors[0] >= 0.8 * errors[1] >= 0.6 * errors[2]
 
 
+STEEP = {"cutout": (45, 45), "exact_rays": True, "exact_defocus": True}
+
+
 @pytest.mark.long
-@pytest.mark.parametrize("share", [0.03, 0.01])
-def test_fringes_between_fast_lenslets_are_sampled(share: float) -> None:
-    """Nodes for the light of single lenslets would take fringes between them for light: 12 to 23 % off."""
-    scene = fast_scene(cutout=(45, 45))
+@pytest.mark.parametrize(
+    ("v", "share", "samples", "changes"),
+    [
+        # nodes for the light of single lenslets would take fringes between them for light: 12 to 23 % off
+        *((2.0, share, 12.0, {"cutout": (45, 45)}) for share in (0.03, 0.01)),
+        # windows follow exact angles to first order, 3 to 6 % off here, and not at all near the native plane
+        *((v, share, 14.0, STEEP) for v in (2.0, 0.0) for share in (0.03, 0.005)),
+        *((2.0, share, 14.0, STEEP | {"tilt": (0.004, -0.003)}) for share in (0.03, 0.01)),
+    ],
+)
+def test_fast_lenslets_are_followed_on_a_grid(v: float, share: float, samples: float, changes: dict[str, Any]) -> None:
+    scene = fast_scene(**changes)
+    scene = replace(scene, image_um=v * scene.gap_um)
     found = settle(scene, "wave", share)
-    computed = np.concatenate([found.engine.rows([y], [x]) for y, x in PLACES])
-    assert relative_error(computed, truth(scene, 12.0)) <= 1.1 * share
     assert found.level == "grid"
+    assert relative_error(found_at(found), truth(scene, samples)) <= (1.1 if samples == 12 else 1.0) * share
 
 
 @pytest.mark.long
-def test_fringes_between_fast_lenslets_have_nodes() -> None:
+def test_where_no_grid_can_compute_fast_lenslets_windows_have_nodes_for_their_fringes() -> None:
     scene = fast_scene(cutout=(25, 25))
     assert settle(scene, "wave", 0.03).level == "grid"
-    # where no grid holds the scene, windows have nodes for them
     large = steps_for(replace(scene, cutout=(4001, 4001)), "wave")
     assert large[-1].sampling.nodes_per_px >= Fringes.of(scene).nodes == 7
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("v", [2.0, pytest.param(0.0, marks=pytest.mark.long)])
-@pytest.mark.parametrize("share", [0.03, pytest.param(0.005, marks=pytest.mark.long)])
-def test_rays_too_steep_for_windows_are_followed_on_a_grid(v: float, share: float) -> None:
-    """Windows follow exact angles to first order, 3 to 6 % off here, and not at all near the native plane."""
-    scene = fast_scene(cutout=(45, 45), exact_rays=True, exact_defocus=True)
-    scene = replace(scene, image_um=v * scene.gap_um)
-    found = settle(scene, "wave", share)
-    computed = np.concatenate([found.engine.rows([y], [x]) for y, x in PLACES])
-    assert found.level == "grid"
-    assert relative_error(computed, truth(scene, 14.0)) <= share
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("share", [0.03, 0.01])
-def test_rays_too_steep_for_windows_of_a_tilted_array_are_followed_on_a_grid(share: float) -> None:
-    scene = fast_scene(cutout=(45, 45), exact_rays=True, exact_defocus=True, tilt=(0.004, -0.003))
-    found = settle(scene, "wave", share)
-    computed = np.concatenate([found.engine.rows([y], [x]) for y, x in PLACES])
-    assert found.level == "grid"
-    assert relative_error(computed, truth(scene, 14.0)) <= share
-
-
-@pytest.mark.long
-def test_rays_too_steep_for_windows_go_to_the_reference_where_no_grid_holds_them(monkeypatch: MonkeyPatch) -> None:
+def test_where_no_grid_can_compute_steep_rays_the_reference_does(monkeypatch: MonkeyPatch) -> None:
     monkeypatch.setattr(sampling, "MAX_SAMPLES", 0)
-    scene = fast_scene(cutout=(45, 45), exact_rays=True, exact_defocus=True)
+    scene = fast_scene(**STEEP)
     found = settle(scene, "wave", 0.01, escalate=True)
-    computed = np.concatenate([found.engine.rows([y], [x]) for y, x in PLACES])
     assert found.level == "reference"
-    assert relative_error(computed, truth(scene, 14.0)) <= 0.01
-    # asked for by name the wave level stays, and says how far it gets
+    assert relative_error(found_at(found), truth(scene, 14.0)) <= 0.01
+    # a wave level that is named is kept, and states the error that it reaches
     named = settle(scene, "wave", 0.01)
     assert named.level == "wave" and 0.03 < named.error < 0.08
 
 
-@pytest.mark.parametrize("held", [True, False])
-@pytest.mark.parametrize("scene", [camera_scene(4.0), fast_scene(), camera_scene(4.0, pixel_um=2.2)])
-def test_steps_become_finer_and_dearer(scene: Scene, held: bool, monkeypatch: MonkeyPatch) -> None:
-    if not held:
+@pytest.mark.parametrize("grids", [True, False])
+def test_steps_become_finer_and_slower(grids: bool, monkeypatch: MonkeyPatch) -> None:
+    if not grids:
         monkeypatch.setattr(sampling, "MAX_SAMPLES", 0)
-    steps = steps_for(scene, "wave")
-    assert sorted((step.level for step in steps), reverse=True) == [step.level for step in steps]
-    assert ("grid" in {step.level for step in steps}) == held
-    for before, after in pairwise(steps):
-        assert finer_or_equal(after, before)
-    assert all(s.sampling.nodes_per_px >= Fringes.of(scene).nodes for s in steps if s.sampling.coherent)
+    for scene in (camera_scene(4.0), fast_scene(), camera_scene(4.0, pixel_um=2.2)):
+        steps = steps_for(scene, "wave")
+        assert sorted((step.level for step in steps), reverse=True) == [step.level for step in steps]
+        assert ("grid" in {step.level for step in steps}) == grids
+        assert all(finer_or_equal(after, before) for before, after in pairwise(steps))
+        assert all(s.sampling.nodes_per_px >= Fringes.of(scene).nodes for s in steps if s.sampling.coherent)
 
 
 def finer_or_equal(after: LevelSampling, before: LevelSampling) -> bool:
@@ -152,7 +150,7 @@ def test_a_grid_errs_as_expected(number: int, step: int) -> None:
     assert 0.6 < grids[step].expected / relative_error(found, wanted) < 3
 
 
-@pytest.mark.parametrize("number", [3012, 3031, 3021])
+@pytest.mark.parametrize("number", [3012, 3021])
 def test_one_node_errs_as_expected(number: int) -> None:
     """A fixed error of 12 % was expected; it is 2 to 4 % here."""
     scene = lattice_scene_for(random_plan(number)[0], 0, (LensletDiffraction(),))
@@ -177,7 +175,7 @@ def scene_of(number: int, **changes: Any) -> Scene:
     return replace(scene, **changes)
 
 
-@pytest.mark.parametrize("number", [2063, 2065, 2066, 2072, 2076, 3011])
+@pytest.mark.parametrize("number", [2063, 2066, 3011])
 def test_a_plane_is_forecast_with_the_samplings_that_it_tries(number: int) -> None:
     """A shadow 5 % wider than the scene's was forecast with a finer grid, which takes three times as long."""
     outlook = outlook_of(random_plan(number)[0], 0)
@@ -186,15 +184,8 @@ def test_a_plane_is_forecast_with_the_samplings_that_it_tries(number: int) -> No
         assert forecast.expected == pytest.approx(tried.expected, rel=0.01)
 
 
-def test_spots_larger_than_pixels_need_wider_windows() -> None:
-    """Margins follow the spots: a third of the pixel has three times the margin."""
-    coarse, fine = camera_scene(4.0), camera_scene(4.0, pixel_um=PIXEL / 6)
-    widths = [steps_for(scene, "wave")[0].sampling.margin_px for scene in (coarse, fine)]
-    assert widths[1] > 3 * widths[0]
-
-
 def test_slow_lenslets_on_small_pixels_have_steps(monkeypatch: MonkeyPatch) -> None:
-    """A spot of 50 pixels, its widest window 1155: such a camera was refused for a margin that nobody gave."""
+    """A spot of 50 pixels, its widest window 1155: such a camera was refused for a margin that was not given."""
     lattice = LensletLattice("square", 22.0, 330.0, (LensType(420.0),), clear_um=18.9)
     scene = camera_scene(
         wavelength_um=0.8, pixel_um=1.17, lattice=lattice, image_um=700.0, f_number=13.2, cutout=(9, 9)
@@ -207,14 +198,7 @@ def test_slow_lenslets_on_small_pixels_have_steps(monkeypatch: MonkeyPatch) -> N
     assert max(tiny) == 1000
 
 
-def test_the_microscope_settles_by_nodes() -> None:
-    found = settle(microscope_scene(5.0), "debye", 0.01)
-    assert found.level == "debye" and found.error <= 0.01
-    finer = settle(microscope_scene(5.0), "debye", 0.001)
-    assert finer.sampling.nodes_per_px > found.sampling.nodes_per_px and finer.error <= 0.001
-
-
-@pytest.mark.parametrize("share", [0.3, 0.01, 0.002])
+@pytest.mark.parametrize("share", [0.3, long(0.01), 0.002])
 def test_nodes_state_at_least_their_error(share: float) -> None:
     """At the focus, two nodes stated 0.28 % with an error of 0.31 %, and 0.35 % instead of 0.42 % with 151 pixels."""
     scene = microscope_scene(0.0, cutout=(61, 61))
@@ -264,35 +248,62 @@ def test_h_states_what_each_plane_reached(tmp_path: Path) -> None:
     assert (rays.facts.known()["error"] > 0.2).all()
     fixed = simulate_psf(plan, BASE, sampling=Sampling(nodes_per_px=3))
     assert all(math.isnan(e) for e in fixed.facts.known()["error"])
-    # of what nobody measured a file says nothing, and not that it is right
+    # a file states no error where none was measured
     stored = simulate_psf(plan, BASE, sampling=Sampling(nodes_per_px=3), out=tmp_path / "H.h5")
     assert "error" not in stored.facts.known() or np.isnan(stored.facts.known()["error"]).all()
     reference = simulate_psf(plan, BASE, "reference", tolerance=0.05)
     assert (reference.facts.known()["error"] == 0.03).all()
 
 
-def test_what_nothing_judges_is_as_much_better_as_steps_are() -> None:
-    """The last step states no error that those before it contradict."""
-    scene = fast_scene(cutout=(45, 45), exact_rays=True, exact_defocus=True)
-    judge = probe._ErrorProbe(scene, "wave")
-    last = judge.steps[-1]
-    before = probe.Settled(None, judge.steps[-2].level, judge.steps[-2].sampling, 1.0)  # type: ignore[arg-type]
-    assert judge._improved(last, before) == pytest.approx(last.expected / judge.steps[-2].expected)
-    assert judge._improved(last, None) == last.expected
+TOLERANCES = (0.1, 0.03, 0.01)
+QUICK = (8, 13)
+"""Scenes that CI judges: all kinds of errors of build in a few seconds each; a microscope's reference takes minutes."""
 
 
-@pytest.mark.usefixtures("slow_grids")
-def test_windows_that_fail_by_adding_intensities_give_way_to_the_grid(monkeypatch: MonkeyPatch) -> None:
-    scene = camera_scene(3.0, cutout=(41, 41))
-    steps = steps_for(scene, "wave")
-    tried: list[LevelSampling] = []
-    measured = probe._ErrorProbe.measured
+def finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[int]) -> object:
+    """Return responses by the coherent reference; on the separable path of a microscope by many nodes."""
+    scene, level = resolve_level(scene_for(plan, 0, effects))
+    if steps_for(scene, level)[0].level == "debye":
+        return PlaneResponse(plan, 0, effects, sampling=Sampling(nodes_per_px=7)).rows(ys, xs)
+    sampling = steps_for(scene, "reference")[2].sampling
+    return PlaneResponse(plan, 0, effects, level="reference", sampling=sampling).rows(ys, xs)
 
-    def far_off(self: probe._ErrorProbe, step: LevelSampling, *others: Any) -> probe.Settled:
-        tried.append(step)
-        found = measured(self, step, *others)
-        return replace(found, error=0.5) if step.level == "wave" else found
 
-    monkeypatch.setattr(probe._ErrorProbe, "measured", far_off)
-    assert settle(scene, "wave", steps[0].expected).level == "grid"
-    assert [step.level for step in tried] == ["wave", "grid"] and steps[1].level == "wave"
+def test_a_selection_of_effects_brings_its_tolerance() -> None:
+    """Where none is named: the library took 3 % whatever the selection was made for."""
+    camera = preset("bench")
+    plan = ScanPlan(camera, (2, 3), cutout=(41, 41), depths_um=(camera.depth_of(4.0),), anchor=(160, 160))
+    found = plan_effects(plan, 0.01)
+    by_itself, named, coarse = (simulate_psf(plan, found, tolerance=t) for t in (None, 0.01, 0.1))
+    np.testing.assert_array_equal(by_itself[:], named[:])
+    assert by_itself.facts.error[0] == named.facts.error[0] <= 0.01 < coarse.facts.error[0]
+    np.testing.assert_array_equal(by_itself[:], simulate_psf(plan, tolerance=0.01)[:])
+    assert by_itself.provenance["simulated"]["tolerance"] == 0.01
+    assert simulate_psf(plan, found.effects).provenance["simulated"]["tolerance"] == 0.03
+    assert SimulatedCamera(plan, found).tolerance == 0.01 and SimulatedCamera(plan).tolerance == 0.03
+    assert tolerance_for(found, 0.1) == 0.1
+    volume = np.zeros((1, 9, 9), np.float32)
+    volume[0, 4, 4] = 1
+    np.testing.assert_array_equal(light_field(volume, plan, effects=found), light_field(volume, named))
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("number", [number if number in QUICK else long(number) for number in range(40)])
+def test_a_tighter_tolerance_is_never_further_off(number: int) -> None:
+    plan, given = random_plan(number)
+    # one wavelength and a point: what they add is a sum of the same, and takes many times as long
+    known = tuple(e for e in given if not isinstance(e, FiniteSource))
+    ny, nx = plan.period
+    ys, xs = [ny // 3], [nx // 5, (4 * nx) // 7]
+    everything = plan_effects(plan, 1e-9, {"bandwidth": "off"}, effects=known)
+    truth = finest(plan, everything.effects, ys, xs)
+    errors = []
+    for tolerance in TOLERANCES:
+        found = plan_effects(plan, tolerance, {"bandwidth": "off"}, effects=known)
+        chosen, share = budgeted(found, plan, tolerance).at(plan.depths_um[0])
+        response = PlaneResponse(plan, 0, chosen, tolerance=share)
+        errors.append(difference(response.rows(ys, xs), truth))
+        # four positions settle a plane, and estimates are right within 2: two others may exceed it by so much
+        assert errors[-1] <= 1.3 * tolerance or response.reached > share, (tolerance, errors)
+    for loose, tight, tolerance in zip(errors, errors[1:], TOLERANCES[1:], strict=False):
+        assert tight <= loose + 0.1 * tolerance, errors

@@ -1,24 +1,24 @@
-"""H in passes: whole after the first, better after each, kept when stopped."""
+"""H in passes: whole after the first, better after each, kept when stopped; the same in units."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from lfcal.base.errors import InputError
-from lfcal.base.progress import drain
+from lfcal.base import InputError, StorageError, drain
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix, open_psf
-from lfcal.simulate import progressive
-from lfcal.simulate.accuracy.planner import plan_effects
-from lfcal.simulate.progressive import Pass, iter_refine_psf, passes_for
-from lfcal.simulate.response import PlaneResponse
-from lfcal.simulate.simulate import simulate_psf
-from lfcal.work import RunChoice
+from lfcal.simulate import PlaneResponse, iter_refine_psf, plan_effects, progressive, simulate_psf
+from lfcal.simulate.plane_task import PlaneTask
+from lfcal.simulate.progressive import Pass, passes_for
+from lfcal.work import RunChoice, parts_folder, read_run
+from tests.psf.test_joining import contents
 from tests.simulate.common import difference, small_camera
 from tests.windows_rules import keep_open_files
 
@@ -65,10 +65,8 @@ def test_every_pass_is_a_whole_h_labelled_with_its_error(plan: ScanPlan, tmp_pat
 @pytest.mark.few(1)
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks /proc what is open")
 @pytest.mark.parametrize("in_units", [False, True])
-def test_no_pass_is_open_when_the_next_takes_its_name(
-    plan: ScanPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_units: bool
-) -> None:
-    """As Windows asks; and none is left open."""
+def test_no_pass_is_open_when_the_next_takes_its_name(plan, tmp_path, monkeypatch, in_units):
+    """As Windows requires; and none is left open."""
     keep_open_files(monkeypatch, tmp_path)
     passes: list[PSFMatrix] = []
     run = RunChoice() if in_units else None
@@ -83,13 +81,11 @@ def test_no_pass_is_open_when_the_next_takes_its_name(
 def test_stopping_keeps_the_last_whole_pass(plan: ScanPlan, tmp_path: Path) -> None:
     out = tmp_path / "H.h5"
     done: list[float] = []
-    work = iter_refine_psf(
-        plan,
-        tolerance=0.03,
-        out=out,
-        workers=1,
-        on_pass=lambda matrix: done.append(float(np.max(matrix.facts.known()["error"]))),
-    )
+
+    def keep(matrix: PSFMatrix) -> None:
+        done.append(float(np.max(matrix.facts.known()["error"])))
+
+    work = iter_refine_psf(plan, tolerance=0.03, out=out, workers=1, on_pass=keep)
     for record in work:
         if len(done) == 2 and record.stage.startswith("pass 3") and record.done:
             break
@@ -100,15 +96,12 @@ def test_stopping_keeps_the_last_whole_pass(plan: ScanPlan, tmp_path: Path) -> N
         assert kept.provenance["simulated"]["tolerance"] == pytest.approx(0.3), "the second pass of four"
 
 
-def test_planes_that_keep_the_tolerance_are_not_computed_again(
-    plan: ScanPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Counted, not timed."""
+def test_planes_that_keep_the_tolerance_are_not_computed_again(plan, tmp_path, monkeypatch):
     made: list[tuple[int, float]] = []
 
     class Counted(PlaneResponse):
         def __init__(self, plan: ScanPlan, z: int, *args: object, tolerance: float, **kwargs: object) -> None:
-            super().__init__(plan, z, *args, tolerance=tolerance, **kwargs)  # type: ignore[arg-type]
+            super().__init__(plan, z, *args, tolerance=tolerance, **kwargs)
             made.append((z, tolerance))
 
     monkeypatch.setattr("lfcal.simulate.plane_task.PlaneResponse", Counted)
@@ -126,6 +119,83 @@ def test_effects_are_chosen_for_each_pass(plan: ScanPlan, tmp_path: Path) -> Non
         asked.append(tolerance)
         return plan_effects(plan, tolerance)
 
-    for _ in iter_refine_psf(plan, choose, tolerance=0.1, out=tmp_path / "H.h5", workers=1):  # type: ignore[arg-type]
+    for _ in iter_refine_psf(plan, choose, tolerance=0.1, out=tmp_path / "H.h5", workers=1):
         pass
     assert asked == [1.0, pytest.approx(1 / 3), 0.1]
+
+
+RESUME = RunChoice("threads", 1, begun="resume")
+
+
+class Computed:
+    """Planes that were computed, by tolerance; from the n-th on they fail if requested."""
+
+    def __init__(self) -> None:
+        self.planes: list[tuple[float, int]] = []
+        self.fails_from: int | None = None
+
+
+@pytest.fixture
+def computed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Computed]:
+    found, real = Computed(), PlaneTask.compute
+
+    def counted(self: PlaneTask, out: Any, workers: int | None) -> Any:
+        if found.fails_from is not None and len(found.planes) >= found.fails_from:
+            raise StorageError("H.h5: the disk is full; make room")
+        found.planes.append((round(self.tolerance + self.left_out, 6), self.z))
+        return (yield from real(self, out, workers))
+
+    monkeypatch.setattr(PlaneTask, "compute", counted)
+    yield found
+
+
+def refine(plan: ScanPlan, out: Path, run: RunChoice | None = RESUME, tolerance: float = 0.05) -> None:
+    drain(iter_refine_psf(plan, tolerance=tolerance, out=out, workers=1, run=run)).close()
+
+
+def test_the_same_file_in_units_and_without(plan: ScanPlan, tmp_path: Path) -> None:
+    refine(plan, tmp_path / "one.h5", None)
+    refine(plan, tmp_path / "two.h5", RunChoice("threads", 1))
+    assert contents(tmp_path / "one.h5") == contents(tmp_path / "two.h5")
+    assert {path.name for path in tmp_path.iterdir()} == {"one.h5", "two.h5"}
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("fails_from", range(6))
+def test_it_continues_wherever_it_was_stopped(plan, tmp_path, computed, fails_from):
+    out = tmp_path / "H.h5"
+    refine(plan, tmp_path / "whole.h5", None)
+    whole, computed.planes = computed.planes, []
+    if fails_from >= len(whole):
+        pytest.skip("it was whole before")
+    computed.fails_from = fails_from
+    with pytest.raises(StorageError, match="disk is full"):
+        refine(plan, out)
+    assert computed.planes == whole[:fails_from] and read_run(parts_folder(out)).units
+    computed.fails_from = None
+    refine(plan, out)
+    assert computed.planes == whole, "nothing is computed twice"
+    assert contents(out) == contents(tmp_path / "whole.h5") and not parts_folder(out).exists()
+
+
+@pytest.mark.long
+def test_passes_of_another_file_or_tolerance_are_computed_again(plan, tmp_path, computed):
+    out = tmp_path / "H.h5"
+    computed.fails_from = 3
+    with pytest.raises(StorageError):
+        refine(plan, out)
+    with open_psf(out) as H:
+        assert float(H.facts.known()["error"].max()) > 0.05
+    computed.fails_from, computed.planes = None, []
+    out.touch()  # as another program may
+    refine(plan, out)
+    assert computed.planes[0] == (1.0, 0), "from the first pass on"
+    with pytest.raises(InputError, match="earlier run left"):
+        parts_folder(out).mkdir()
+        computed.fails_from, computed.planes = 1, []
+        with pytest.raises(StorageError):
+            refine(plan, out)
+        refine(plan, out, RunChoice("threads", 1))
+    computed.fails_from, computed.planes = None, []
+    refine(plan, out, RunChoice("threads", 1, begun="discard"))
+    assert computed.planes[0] == (1.0, 0) and not parts_folder(out).exists()

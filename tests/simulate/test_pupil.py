@@ -13,6 +13,7 @@ from lfcal.base import InputError, drain
 from lfcal.camera import Camera, Draft, Microscope, NoLatticeError, PupilLenslets, ScanPlan, Sensor, preset
 from lfcal.simulate import (
     PlaneResponse,
+    Sampling,
     SimulatedCamera,
     iter_assumed_effects,
     iter_expected_light,
@@ -23,6 +24,7 @@ from lfcal.simulate import (
 )
 from lfcal.simulate.effects import Bandwidth, Crosstalk, FiniteSource, Quantisation, catalogue, find_effects
 from lfcal.simulate.sensor.session import _write_png
+from tests.simulate.common import long
 from tests.simulate.fourier_oracle import light_on_sensor
 
 CENTRES = ((-310.0, 20.0), (250.0, -260.0), (180.0, 330.0))
@@ -48,27 +50,12 @@ def _apart(one, other):
 
 @pytest.mark.parametrize(
     ("z", "gap", "focal", "aperture"),
-    [
-        (40.0, 1e4, (1e4,), "round"),
-        pytest.param(-60.0, 9.8e3, (1e4,), "square", marks=pytest.mark.long),
-        pytest.param(30.0, 1e4, (1e4, 1.1e4, 0.9e4), "round", marks=pytest.mark.long),
-        pytest.param(0.0, 1e4, (1e4,), "square", marks=pytest.mark.long),
-    ],
+    [(40.0, 1e4, (1e4,), "round"), long(-60.0, 9.8e3, (1e4, 1.1e4, 0.9e4), "square"), long(0.0, 1e4, (1e4,), "square")],
 )
 def test_the_pattern_is_that_of_brute_force(z, gap, focal, aperture):
-    truth = light_on_sensor(
-        z,
-        optics=OPTICS,
-        fourier=30e3,
-        centres=CENTRES,
-        focal=focal if len(focal) == 3 else focal * 3,
-        gap=gap,
-        width=400.0,
-        pixel=5.5,
-        pixels=161,
-        pad=99,
-        square=aperture == "square",
-    )
+    lenslets = {"centres": CENTRES, "focal": focal if len(focal) == 3 else focal * 3, "gap": gap, "width": 400.0}
+    pixels = {"pixel": 5.5, "pixels": 161, "pad": 99, "square": aperture == "square"}
+    truth = light_on_sensor(z, optics=OPTICS, fourier=30e3, **lenslets, **pixels)
     found = _pattern(_camera(gap, focal, aperture), z)
     assert _apart(found, truth) < 0.007
     # a mirrored, turned or reversed pattern is far off: three lenslets at unlike places
@@ -94,19 +81,13 @@ def test_the_light_is_the_share_of_the_pupil_that_the_lenslets_cover():
     assert _pattern(camera, 0.0).sum() == pytest.approx(3 * 200**2 / 600**2, rel=0.02)
 
 
-def test_single_precision_is_enough():
-    from lfcal.simulate.engines import Sampling
-
+def test_single_precision_is_enough_and_a_pattern_elsewhere_is_the_same_moved():
     camera = _camera()
     one, two = (
         _pattern(camera, 40.0, sampling=Sampling(nodes_per_px=3, double=double), tolerance=0.01)
         for double in (False, True)
     )
     assert _apart(one, two) < 2e-6
-
-
-def test_the_pattern_of_a_source_elsewhere_is_the_same_moved():
-    camera = _camera()
     response = PlaneResponse(_plan(camera, 20.0, 121), 0, (), tolerance=0.02)
     ((row, column, moved),) = response.point(7.0, -4.0)
     assert (row, column) == (7, -4)
@@ -149,24 +130,16 @@ def test_estimates_of_source_and_bandwidth_are_right_within_a_factor_of_two():
         assert truth / 2 < estimate < 2 * truth, effect
 
 
-def test_the_noise_of_a_scan_is_forecast_from_its_own_patterns():
+def test_noise_time_and_memory_are_forecast():
     plan = _plan(_camera(), 30.0)
     light = drain(iter_expected_light(plan))
     pattern = simulate_psf(plan, (), tolerance=0.02).plane(0)[0, 0]
     assert light.brightest[0] == pytest.approx(float(pattern.max()), rel=0.05)
     assert light.noise(plan, 0.8)[0] < light.noise(plan, 0.2)[0]
-
-
-def test_assumed_values_are_not_estimated_by_rays():
-    camera = Draft("FourierMicroscope", {}).camera("assumed")
-    assert camera.marks.paths("assumed")
-    assert drain(iter_assumed_effects(ScanPlan.for_camera(camera, depths_um=(0.0,)))) == ()
-
-
-def test_time_and_memory_are_forecast():
-    plan = _plan(_camera(), 30.0)
-    assert 0 < predict_seconds(plan, ()) < 20
-    assert 2**18 < predict_bytes(plan, ()) < 2**30
+    assert 0 < predict_seconds(plan, ()) < 20 and 2**18 < predict_bytes(plan, ()) < 2**30
+    assumed = Draft("FourierMicroscope", {}).camera("assumed")
+    assert assumed.marks.paths("assumed"), "assumed values are not estimated by rays"
+    assert drain(iter_assumed_effects(ScanPlan.for_camera(assumed, depths_um=(0.0,)))) == ()
 
 
 def test_frames_hold_the_pattern_and_white_frames_a_disc_behind_each_lenslet():
@@ -199,7 +172,7 @@ def test_a_frame_of_megapixels_is_stored_in_a_few_times_the_least_time(tmp_path)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED), frame)
 
 
-def test_the_preset_keeps_its_tolerance_in_a_second():
+def test_the_preset_passes_the_light_of_its_lenslets():
     plan = ScanPlan.for_camera(preset("flfm_20x05"), depths_um=(-30.0, 30.0))
     H = simulate_psf(plan, (), tolerance=0.03)
     assert H.shape == (2, 1, 1, *plan.cutout)

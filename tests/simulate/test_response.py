@@ -1,4 +1,4 @@
-"""Other wavelengths of a response."""
+"""Responses: other wavelengths, blocks of rows, filters, and where they lie."""
 
 from __future__ import annotations
 
@@ -11,17 +11,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve
 from scipy.signal import convolve2d
 
-from lfcal.base.progress import WorkAbandoned, abandonable
 from lfcal.camera import Camera, ScanPlan, preset
-from lfcal.simulate.effects import Crosstalk
-from lfcal.simulate.effects.base import Estimate, PsfEffect
-from lfcal.simulate.effects.outlook import Outlook
+from lfcal.simulate import PlaneResponse, Sampling, at_wavelength, filtered
+from lfcal.simulate.effects import Crosstalk, Estimate, Outlook, PsfEffect
 from lfcal.simulate.engines._wave import WavePlane
-from lfcal.simulate.engines.base import Sampling
-from lfcal.simulate.engines.choose import engine_for
-from lfcal.simulate.response import PlaneResponse, at_wavelength
 from lfcal.simulate.scene import seidel
-from lfcal.simulate.staging import filter_kernel, filtered
+from lfcal.simulate.staging import filter_kernel
 from tests.simulate.common import small_camera
 from tests.simulate.scenes import camera_scene, relative_error
 
@@ -57,33 +52,21 @@ def test_a_path_is_more_waves_of_blue_light_on_the_sensor() -> None:
     assert relative_error(WavePlane(same, sampling).point(3.0, 2.0), found) > 0.05
 
 
-@pytest.mark.parametrize("level", ["grid", "wave"])
-def test_it_is_left_within_a_block_of_rows(level: str) -> None:
-    engine = engine_for(camera_scene(4.0, cutout=(15, 15), period=(4, 3)), level)
-    rows = []
-
-    def wanted() -> bool:
-        rows.append(engine.certificate.responses)
-        return len(rows) <= 2
-
-    with abandonable(wanted), pytest.raises(WorkAbandoned):
-        engine.rows(range(4), range(3), workers=1)
-    assert len(rows) == 3 and rows[2] > rows[1] > rows[0] == 0
-
-
-def test_blocks_of_rows_make_the_whole() -> None:
-    plan = replace(ScanPlan.for_camera(small_camera(), virtual_depths=[3.0], cutout=15), period=(5, 3))
+def test_blocks_of_rows_make_the_whole_and_a_point_lies_at_its_chief_ray() -> None:
+    plan = replace(ScanPlan.for_camera(small_camera(), virtual_depths=[3.0], cutout=15), period=(5, 9))
     response = PlaneResponse(plan, 0, (), level="geometric")
     whole = response.rows(range(5), range(3))
+    assert whole.any()
     for block, steps in ((2, [2, 4, 5]), (3, [3, 5]), (5, [5])):
         out = np.zeros_like(whole)
         assert list(response.accumulate(out, np.arange(5), np.arange(3), block=block)) == steps
         np.testing.assert_array_equal(out, whole)
-    assert whole.any()
+    ((row, column, values),) = response.point(1.2, 7.9)
+    assert (row, column) == (1, 8) and values.shape == (15, 15)
 
 
 def test_neighbouring_pixels_share_light_up_to_the_cutout_s_edge() -> None:
-    """Brute force, on cutouts a pixel larger on each side: light comes in from beside the cutout, too."""
+    """Brute force, on cutouts a pixel larger on each side: light also comes in from outside the cutout."""
     plan = replace(ScanPlan.for_camera(small_camera(), virtual_depths=[3.0], cutout=15), period=(2, 2))
     share = 0.03
     wide = PlaneResponse(replace(plan, cutout=(17, 17)), 0, (), level="geometric").rows(range(2), range(2))
@@ -95,12 +78,12 @@ def test_neighbouring_pixels_share_light_up_to_the_cutout_s_edge() -> None:
     np.testing.assert_allclose(found, expected, atol=1e-6 * expected.max())
 
 
-@pytest.mark.parametrize("leading", [(), (3,), (2, 3)])
-def test_patterns_are_convolved_however_many_axes_lead(leading: tuple[int, ...]) -> None:
+def test_patterns_are_convolved_however_many_axes_lead() -> None:
     rng = np.random.default_rng(0)
-    values, kernel = rng.random((*leading, 5, 7)).astype(np.float32), rng.random((3, 5))
-    expected = convolve(values, kernel.reshape(*np.ones_like(leading, int), 3, 5), mode="constant")
-    np.testing.assert_allclose(filtered(values, kernel), expected, rtol=1e-5)
+    for leading in ((), (3,), (2, 3)):
+        values, kernel = rng.random((*leading, 5, 7)).astype(np.float32), rng.random((3, 5))
+        expected = convolve(values, kernel.reshape(*np.ones_like(leading, int), 3, 5), mode="constant")
+        np.testing.assert_allclose(filtered(values, kernel), expected, rtol=1e-5)
 
 
 def test_filters_of_several_effects_are_multiplied_in_full() -> None:
@@ -124,9 +107,3 @@ def test_filters_of_several_effects_are_multiplied_in_full() -> None:
     assert found is not None and found.shape == wanted.shape == (13, 7)
     np.testing.assert_allclose(found, wanted, rtol=1e-14)
     np.testing.assert_allclose(filtered(kernels[0], kernels[2]), convolve(kernels[0], kernels[2], mode="constant"))
-
-
-def test_a_point_s_window_lies_where_its_chief_ray_meets_the_sensor() -> None:
-    plan = replace(ScanPlan.for_camera(small_camera(), virtual_depths=[3.0], cutout=15), period=(5, 9))
-    ((row, column, values),) = PlaneResponse(plan, 0, (), level="geometric").point(1.2, 7.9)
-    assert (row, column) == (1, 8) and values.shape == (15, 15)

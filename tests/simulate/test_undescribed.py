@@ -14,14 +14,13 @@ import pytest
 
 from lfcal.camera import ScanPlan, preset
 from lfcal.fit import GROUPS
-from lfcal.simulate import plan_effects
+from lfcal.simulate import plan_effects, undescribed_effects
 from lfcal.simulate.effects import WHITE_IMAGE, Coma, CoverGlass, catalogue
-from lfcal.simulate.undescribed import BEAD_FRAMES, undescribed_effects
+from lfcal.simulate.undescribed import BEAD_FRAMES
 from tests.cli import conftest
 from tests.simulate.common import small_plan
 
 lfcal = conftest.lfcal
-
 KNOWN = tuple(effect for effect in catalogue() if effect.measured_by)
 
 
@@ -53,8 +52,8 @@ def test_a_described_effect_needs_no_measurement() -> None:
 def test_every_undescribed_effect_has_one_measurement() -> None:
     plan = replace(small_plan(), depths_um=tuple(map(preset("bench").depth_of, (2.5, 4.0))))
     found = undescribed_effects(plan_effects(plan, 1e-3), plan.camera)
-    told = [row.name for one in found.measurements for row in one.rows]
-    assert sorted(told) == sorted(row.name for row in found.rows)
+    planned = [row.name for one in found.measurements for row in one.rows]
+    assert sorted(planned) == sorted(row.name for row in found.rows)
     frames = [one.frames for one in found.measurements]
     assert frames == sorted(frames, key=lambda n: n or 99), "the cheapest first"
     for one in found.measurements:
@@ -95,9 +94,9 @@ def test_a_camera_without_a_lattice_states_its_values() -> None:
 
 def test_the_commands_are_those_of_lfcal(lfcal: Any, tmp_path: Path) -> None:
     """The proposed plan and choice of positions run as they are printed; the other commands know every option."""
-    told = lfcal("simulate", "bench", "--virtual-depths", "4", "--cutout", "41", "--plan-only", "--json")
-    assert told.code == 0, told.err
-    missing = told.json["undescribed"]
+    planned = lfcal("simulate", "bench", "--virtual-depths", "4", "--cutout", "41", "--plan-only", "--json")
+    assert planned.code == 0, planned.err
+    missing = planned.json["undescribed"]
     assert missing["sentence"].startswith("not described: cover glass, up to ")
     printed = lfcal("simulate", "bench", "--virtual-depths", "4", "--cutout", "41", "--plan-only").out
     beads = next(one for one in missing["measurements"] if one["frames"] == BEAD_FRAMES)
@@ -116,8 +115,8 @@ def test_the_commands_are_those_of_lfcal(lfcal: Any, tmp_path: Path) -> None:
     for one in missing["measurements"]:
         for words in map(shlex.split, one["commands"]):
             names = words[1:3] if words[1:3] == ["plan", "fit"] else words[1:2]
-            said = lfcal(*names, "--help").out
-            assert all(word.partition("=")[0] in said for word in words if word.startswith("--"))
+            help_text = lfcal(*names, "--help").out
+            assert all(word.partition("=")[0] in help_text for word in words if word.startswith("--"))
 
 
 TRUTH: dict[str, Any] = {
@@ -140,14 +139,12 @@ DETERMINED = {
 
 
 @pytest.mark.long
-def test_the_proposed_bead_frames_determine_the_effects(
-    lfcal: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_proposed_bead_frames_determine_the_effects(lfcal, tmp_path, monkeypatch):
     """The commands as they are printed, with a simulated camera that has all these effects."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "truth.json").write_text(json.dumps([{"name": name, **values} for name, values in TRUTH.items()]))
-    told = lfcal("simulate", "bench", "--virtual-depths", "4", "--plan-only", "--json")
-    beads = next(one for one in told.json["undescribed"]["measurements"] if one["frames"] == BEAD_FRAMES)
+    planned = lfcal("simulate", "bench", "--virtual-depths", "4", "--plan-only", "--json")
+    beads = next(one for one in planned.json["undescribed"]["measurements"] if one["frames"] == BEAD_FRAMES)
     assert set(TRUTH) <= set(beads["effects"])
     for command in beads["commands"]:
         words = shlex.split(command)[1:]

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lfcal.base.errors import InputError
+from lfcal.base import InputError
 from lfcal.camera import ScanPlan
 from lfcal.psf import PSFMatrix
 from lfcal.simulate import light_field, plume, points, simulate_psf, vesicle
-from lfcal.simulate.volume import iter_light_field
 from tests.simulate.common import BASE, FAST, difference, small_camera
 
 
@@ -26,20 +25,14 @@ def brute(h: np.ndarray, g: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("shape", [(2, 3, 4, 5, 7), (1, 4, 2, 9, 3), (3, 1, 1, 1, 1)])
-@pytest.mark.parametrize("workers", [1, 3])
-def test_projection_against_brute_force(shape: tuple[int, ...], workers: int) -> None:
+def test_projection_against_brute_force(shape: tuple[int, ...]) -> None:
     rng = np.random.default_rng(1)
     h = rng.random(shape).astype(np.float32)
     g = (rng.random((shape[0], 11, 14)) * (rng.random((shape[0], 11, 14)) < 0.4)).astype(np.float32)
-    f = light_field(g, PSFMatrix(h), workers=workers)
+    f = light_field(g, PSFMatrix(h), workers=1)
     assert f.shape == (11, 14) and np.allclose(f, brute(h, g), rtol=1e-5)
+    assert np.array_equal(f, light_field(g, PSFMatrix(h), workers=3))
     assert not np.allclose(f, brute(h[:, ::-1], g)) or shape[1] == 1, "positions must not be reversed"
-
-
-def test_workers_do_not_change_the_sum() -> None:
-    rng = np.random.default_rng(2)
-    h, g = rng.random((1, 5, 4, 9, 9)).astype(np.float32), rng.random((1, 30, 30)).astype(np.float32)
-    assert np.array_equal(light_field(g, PSFMatrix(h), workers=1), light_field(g, PSFMatrix(h), workers=4))
 
 
 @pytest.mark.long
@@ -58,19 +51,13 @@ def test_dark_rows_are_not_computed() -> None:
     asked = []
     h = PSFMatrix(np.ones(plan.shape, np.float32))
     original = h.plane
-    h.plane = lambda z: asked.append(z) or original(z)  # type: ignore[method-assign, func-returns-value]
+    h.plane = lambda z: asked.append(z) or original(z)
     g[0, 4, 5] = 1
     assert light_field(g, h).sum() > 0 and asked == [0]
     assert not light_field(np.zeros_like(g), h).any() and asked == [0]
 
 
-def test_progress_can_be_closed() -> None:
-    work = iter_light_field(np.ones((1, 8, 8), np.float32), PSFMatrix(np.ones((1, 3, 3, 3, 3), np.float32)))
-    assert next(work).total == 3
-    work.close()
-
-
-def test_bad_volumes() -> None:
+def test_impossible_volumes_are_refused() -> None:
     h = PSFMatrix(np.ones((2, 2, 2, 3, 3), np.float32))
     for g in (np.ones((1, 5, 5)), np.ones((5, 5)), np.full((2, 5, 5), np.nan)):
         with pytest.raises(InputError, match="volume"):
