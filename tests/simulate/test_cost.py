@@ -126,7 +126,7 @@ def test_costs_decide(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("same_machine")
 @pytest.mark.parametrize("number", range(40))
-@pytest.mark.few(4)
+@pytest.mark.few(3)
 def test_costs_do_not_rise_with_the_tolerance(number: int) -> None:
     """Random cameras, by the forecast: for the sampling alone, and together with the effects of each tolerance."""
     plan, _ = random_plan(number)

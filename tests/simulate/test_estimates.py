@@ -154,7 +154,7 @@ def faster(factor: float) -> Camera:
         long(1.0, 4.0, 0.02, ([4], [5, 20])),
         (1.0, 2.2, 0.1, ([4], [5, 20])),
         long(2.5, 3.0, 0.1, ([2], [9])),
-        (2.0, -2.0, 0.1, ([2], [9])),
+        long(2.0, -2.0, 0.1, ([2], [9])),
     ],
 )
 def test_estimate_of_the_bandwidth(factor: float, v: float, width: float, places: tuple[list[int], list[int]]) -> None:

@@ -39,7 +39,7 @@ COARSE_TO_FINE = [
 
 @pytest.fixture(scope="module")
 def measured(pytestconfig: pytest.Config) -> Ladder:
-    plan, positions = small_plan(), 2 if pytestconfig.getoption("--long") else 1
+    plan, positions = small_plan(cutout=51), 2 if pytestconfig.getoption("--long") else 1
     return ladder(plan, 0.05, positions=positions, samplings=COARSE_TO_FINE)
 
 
@@ -75,7 +75,7 @@ def test_efficient_rungs_are_beaten_by_no_other_and_places_spread_over_the_perio
 
 
 def test_progress_shows_the_rungs_so_far() -> None:
-    running = iter_ladder(small_plan(), 0.05, positions=1, samplings=COARSE_TO_FINE[:1])
+    running = iter_ladder(small_plan(cutout=41), 0.05, positions=1, samplings=COARSE_TO_FINE[:1])
     records = [next(running) for _ in range(3)]
     running.close()
     found = [getattr(record, "ladder", None) for record in records]

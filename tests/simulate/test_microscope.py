@@ -311,13 +311,13 @@ def test_lenslets_without_gaps_meet_on_a_grid_without_making_light(plane):
     assert relative_error(found, wanted) < 0.01
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize(("z", "position"), [(30.0, (3, 5)), (0.0, (3, 5))])
-def test_exact_angles_are_followed_behind_the_lenslets(z, position):
+@pytest.mark.parametrize("z", [30.0, long(0.0)])
+def test_exact_angles_are_followed_behind_the_lenslets(z):
     camera = replace(preset("lfm_20x05"), optics=Microscope(4.0, 0.28, 1.0), lattice=fast_lenslets().lattice)
     outlook = Outlook(camera, z, (41, 41), (16, 16))
     paraxial = fast_lenslets(z, cutout=(41, 41), wavelength_um=camera.wavelength_um, pixel_um=camera.sensor.pixel_um)
     scene = ExactAngles().on_scene(paraxial, outlook)
+    position = (3, 5)
     wanted = by_fourier(scene, position, exact=True, samples=12)
     step = step_for(scene, "debye", 0.002)
     found = engine_for(scene, step.level, step.sampling).rows(*([p] for p in position))[0, 0]

@@ -49,7 +49,7 @@ def assembled(source: SimulatedCamera, chosen: list[int], frames: int, dark: flo
     ("frames", "peak", "sensor"),
     [
         long(1, 0.8, {}, id="preset"),
-        pytest.param(4, 0.3, {"read_noise_e": 30.0}, id="dim, averaged"),
+        long(4, 0.3, {"read_noise_e": 30.0}, id="dim, averaged"),
         pytest.param(4, 0.2, {"black_level": 0.0, "read_noise_e": 25.0}, id="cut off at zero"),
         pytest.param(1, 0.8, {"bit_depth": 6, "black_level": 4.0, "read_noise_e": 120.0}, id="coarse"),
         long(2, 0.5, {"dark_current_e_s": 2e5, "full_well_e": 5e4}, id="dark current"),

@@ -54,7 +54,7 @@ def _apart(one, other):
 )
 def test_the_pattern_is_that_of_brute_force(z, gap, focal, aperture):
     lenslets = {"centres": CENTRES, "focal": focal if len(focal) == 3 else focal * 3, "gap": gap, "width": 400.0}
-    pixels = {"pixel": 5.5, "pixels": 161, "pad": 99, "square": aperture == "square"}
+    pixels = {"pixel": 5.5, "pixels": 161, "pad": 49, "square": aperture == "square"}
     truth = light_on_sensor(z, optics=OPTICS, fourier=30e3, **lenslets, **pixels)
     found = _pattern(_camera(gap, focal, aperture), z)
     assert _apart(found, truth) < 0.007

@@ -52,11 +52,13 @@ def test_values_of_scenes_are_those_of_the_presets():
     scope = scene_of(preset("lfm_20x05"), z_um=25.0, cutout=(31, 31))
     assert scope.objective is not None and scope.aperture == "cell" and scope.fill_factor == 1.0
     assert scope.image_um == pytest.approx(-10_000) and scope.period == (15, 15)
-    moved = scene_of(bench, virtual_depth=3.0, cutout=(31, 31), anchor_px=(0.25, -1.5), gap_um=300.0)
+    plain, moved, longer = (
+        scene_of(bench, virtual_depth=3.0, cutout=(31, 31), **change)
+        for change in ({}, {"anchor_px": (0.25, -1.5)}, {"gap_um": 300.0})
+    )
     assert moved.anchor_px == pytest.approx((0.25, -1.5))
     assert moved.lattice.offset_um[0] * moved.scale == pytest.approx(1.5 * 5.5), "the array moves the other way"
-    plain = scene_of(bench, virtual_depth=3.0, cutout=(31, 31))
-    assert moved.gap_um == 300.0 != plain.gap_um and moved.image_um == plain.image_um
+    assert longer.gap_um == 300.0 != plain.gap_um and longer.image_um == plain.image_um
 
 
 def test_offsets_move_the_sources():

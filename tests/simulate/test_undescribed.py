@@ -7,7 +7,6 @@ import shlex
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -92,31 +91,21 @@ def test_a_camera_without_a_lattice_states_its_values() -> None:
     assert all(one.frames == 0 for one in found.measurements)
 
 
-def test_the_commands_are_those_of_lfcal(lfcal: Any, tmp_path: Path) -> None:
-    """The proposed plan and choice of positions run as they are printed; the other commands know every option."""
-    planned = lfcal("simulate", "bench", "--virtual-depths", "4", "--cutout", "41", "--plan-only", "--json")
+def test_the_commands_are_those_of_lfcal(lfcal: Any) -> None:
+    """They are printed, and know every option; with --long they run as they are printed."""
+    words = ("simulate", "bench", "--virtual-depths", "4", "--cutout", "41", "--plan-only")
+    planned, printed = lfcal(*words, "--json"), lfcal(*words).out
     assert planned.code == 0, planned.err
     missing = planned.json["undescribed"]
     assert missing["sentence"].startswith("not described: cover glass, up to ")
-    printed = lfcal("simulate", "bench", "--virtual-depths", "4", "--cutout", "41", "--plan-only").out
     beads = next(one for one in missing["measurements"] if one["frames"] == BEAD_FRAMES)
     assert "cover_glass" in beads["effects"] and beads["depths_um"] == pytest.approx([preset("bench").depth_of(4.0)])
-    for command in beads["commands"]:
-        assert command in printed
-    for command in beads["commands"][:2]:
-        words = [
-            str(tmp_path / word) if word in ("beads.json", "positions.json") else word for word in shlex.split(command)
-        ]
-        done = lfcal(*words[1:])
-        assert done.code == 0, done.err
-    plan = ScanPlan.from_json((tmp_path / "beads.json").read_text())
-    assert plan.depths_um == pytest.approx(beads["depths_um"])
-    assert len(json.loads((tmp_path / "positions.json").read_text())["positions"]) == BEAD_FRAMES
-    for one in missing["measurements"]:
-        for words in map(shlex.split, one["commands"]):
-            names = words[1:3] if words[1:3] == ["plan", "fit"] else words[1:2]
-            help_text = lfcal(*names, "--help").out
-            assert all(word.partition("=")[0] in help_text for word in words if word.startswith("--"))
+    assert all(command in printed for command in beads["commands"])
+    for command in {words for one in missing["measurements"] for words in one["commands"]}:
+        words = shlex.split(command)
+        names = words[1:3] if words[1:3] == ["plan", "fit"] else words[1:2]
+        help_text = lfcal(*names, "--help").out
+        assert all(word.partition("=")[0] in help_text for word in words if word.startswith("--"))
 
 
 TRUTH: dict[str, Any] = {
@@ -152,6 +141,9 @@ def test_the_proposed_bead_frames_determine_the_effects(lfcal, tmp_path, monkeyp
             words += ["--backend", "sim", "--option", "optics=grid", "--option", "effects=truth.json"]
         done = lfcal(*words)
         assert done.code == 0, done.err
+    plan = ScanPlan.from_json((tmp_path / "beads.json").read_text())
+    assert plan.depths_um == pytest.approx(beads["depths_um"])
+    assert len(json.loads((tmp_path / "positions.json").read_text())["positions"]) == BEAD_FRAMES
     found = {one["name"]: one for one in json.loads((tmp_path / "fit" / "fit.json").read_text())["parameters"]}
     for name, truth in DETERMINED.items():
         assert abs(found[name]["value"] - truth) < 4 * found[name]["sigma"], name
