@@ -251,9 +251,9 @@ def test_nothing_is_read_beyond_the_arrays() -> None:
     field, table, step = made(27)
     response, out, weights = FusedResponse(step), np.empty((8, 8), np.float32), np.ones(5, np.float32)
     for corner, start, expected in (
-        ((0, 0), (-1, 0), r"expected samples within 27 x 27, got \[-1, 0\] to \[25, 26\] of \(27, 27\)"),
+        ((0, 0), (-1, 0), r"expected samples within 27 x 27, got \[-1, 0\] to \[25, 26\] of 27 x 27"),
         ((0, 0), (0, 2), r"got \[0, 2\] to \[26, 28\]"),
-        ((12, 0), (0, 0), r"grid at 12, 0: expected 27 x 27 samples within \(38, 32\)"),
+        ((12, 0), (0, 0), "grid at 12, 0: expected 27 x 27 samples within 38 x 32"),
         ((0, 6), (0, 0), "grid at 0, 6: expected"),
         ((-1, 0), (0, 0), "grid at -1, 0: expected"),
     ):
