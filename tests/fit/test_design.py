@@ -15,7 +15,7 @@ from benchmarks._fit_cameras import random_truth, recorded
 from benchmarks.fit import measured_error
 from lfcal.base.errors import FileFormatError, InputError
 from lfcal.base.progress import drain
-from lfcal.camera import Forecast, ScanPlan
+from lfcal.camera import Forecast
 from lfcal.fit import Fit, fit_camera
 from lfcal.fit.design import Chosen, PositionDesign, choose, draw_design, next_positions
 from lfcal.fit.earlier import Earlier, read_earlier
@@ -24,7 +24,7 @@ from lfcal.fit.information import PRIOR_SIGMA, Expected, Information, iter_infor
 from lfcal.fit.model import Fineness, predict
 from lfcal.fit.parameters import Unknown
 from lfcal.fit.spread import spread_out
-from tests.fit.common import CORE, setup_of, small_plan, some_index, vector_of
+from tests.fit.common import CORE, few_fit, setup_of, small_plan, some_index, vector_of
 
 SMALL = small_plan(15, (2.2,))
 TWO = small_plan(15, (2.2, 2.7))
@@ -40,69 +40,64 @@ def random_information(
     index = np.stack([np.arange(n) % 2, np.zeros(n, int), np.arange(n)], axis=1)
     wanted = rng.standard_normal((k, 2 * k))
     unknowns = tuple(Unknown(f"u{i}", "none", "", 0.0, 1.0) for i in range(k))
-    told = np.einsum("nim,njm->nij", rows, rows)
-    return Information(index, unknowns, told, wanted @ wanted.T, np.diag(np.full(k, 0.3)), 1.0), rows
+    known = np.einsum("nim,njm->nij", rows, rows)
+    return Information(index, unknowns, known, wanted @ wanted.T, np.diag(np.full(k, 0.3)), 1.0), rows
 
 
-def brute_error(told: Information, rows: np.ndarray, chosen: list[int]) -> float:
+def brute_error(known: Information, rows: np.ndarray, chosen: list[int]) -> float:
     """Return the error from one matrix over all unknowns, gains and backgrounds."""
-    k, nz = len(told.unknowns), 2
+    k, nz = len(known.unknowns), 2
     whole = np.zeros((k + 2 * nz, k + 2 * nz))
-    whole[:k, :k] = told.prior
+    whole[:k, :k] = known.prior
     for p in chosen:
-        z = told.index[p, 0]
+        z = known.index[p, 0]
         jacobian = np.zeros((rows.shape[2], k + 2 * nz))
         jacobian[:, :k], jacobian[:, k + 2 * z], jacobian[:, k + 2 * z + 1] = rows[p, :k].T, rows[p, k], rows[p, k + 1]
         whole += jacobian.T @ jacobian
-    return float(np.sqrt(np.trace(np.linalg.pinv(whole)[:k, :k] @ told.wanted)))
+    return float(np.sqrt(np.trace(np.linalg.pinv(whole)[:k, :k] @ known.wanted)))
 
 
 def test_the_error_of_a_set_is_that_of_one_large_matrix() -> None:
-    told, rows = random_information(0)
-    chosen = Chosen(told)
+    known, rows = random_information(0)
+    chosen = Chosen(known)
     chosen.add(0, 3, 4, 7, 8)
-    assert chosen.error == pytest.approx(brute_error(told, rows, [0, 3, 4, 7, 8]), rel=1e-9)
+    assert chosen.error == pytest.approx(brute_error(known, rows, [0, 3, 4, 7, 8]), rel=1e-9)
     squares = chosen.trials(np.array([1, 2, 5]))
     for p, square in zip((1, 2, 5), squares, strict=True):
-        assert np.sqrt(square) == pytest.approx(brute_error(told, rows, [0, 3, 4, 7, 8, p]), rel=1e-9)
+        assert np.sqrt(square) == pytest.approx(brute_error(known, rows, [0, 3, 4, 7, 8, p]), rel=1e-9)
     # taken away again, down to an empty plane: nothing of it is left over
     for p in (3, 7):
         chosen.remove(p)
-    assert chosen.error == pytest.approx(brute_error(told, rows, [0, 4, 8]), rel=1e-9)
-    assert np.sqrt(chosen.trials(np.array([1]))[0]) == pytest.approx(brute_error(told, rows, [0, 4, 8, 1]), rel=1e-9)
+    assert chosen.error == pytest.approx(brute_error(known, rows, [0, 4, 8]), rel=1e-9)
+    assert np.sqrt(chosen.trials(np.array([1]))[0]) == pytest.approx(brute_error(known, rows, [0, 4, 8, 1]), rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_exchange_ends_at_or_near_the_best_of_all_sets(seed: int) -> None:
-    told, rows = random_information(seed)
-    found = choose(told, 4, np.arange(9))
-    errors = {subset: brute_error(told, rows, list(subset)) for subset in combinations(range(9), 4)}
-    assert len(set(found)) == 4
-    assert errors[tuple(sorted(found))] <= 1.01 * min(errors.values()) < 0.95 * np.median(list(errors.values()))
-    # the most useful first: each prefix is what a greedy choice among them takes
-    first = min(found, key=lambda p: brute_error(told, rows, [p]))
-    assert found[0] == first
+def test_exchange_ends_at_or_near_the_best_of_all_sets() -> None:
+    for seed in range(6):
+        known, rows = random_information(seed)
+        found = choose(known, 4, np.arange(9))
+        errors = {subset: brute_error(known, rows, list(subset)) for subset in combinations(range(9), 4)}
+        assert len(set(found)) == 4
+        assert errors[tuple(sorted(found))] <= 1.01 * min(errors.values()) < 0.95 * np.median(list(errors.values()))
+        # the most useful position comes first
+        assert found[0] == min(found, key=lambda p: brute_error(known, rows, [p])), seed
+    assert set(choose(known, 3, np.array([0, 2, 4, 6]))) < {0, 2, 4, 6}
+    assert sorted(choose(known, 9, np.array([1, 3, 5]))) == [1, 3, 5]
 
 
-def test_positions_that_are_not_allowed_are_not_chosen() -> None:
-    told, _ = random_information(1)
-    assert set(choose(told, 3, np.array([0, 2, 4, 6]))) < {0, 2, 4, 6}
-    assert sorted(choose(told, 9, np.array([1, 3, 5]))) == [1, 3, 5]
-
-
-def test_what_patterns_tell_is_that_of_dense_least_squares() -> None:
+def test_information_of_patterns_is_that_of_dense_least_squares() -> None:
     """The covariance from dense matrices: derivatives by central differences, each source's displacement a column."""
     expected = Expected(full=0.5, stage_px=0.02, lamp=0.01, response=0.02)
     index = some_index(TWO, 6)
     plan = replace(TWO, exposure_s=(0.02, 0.04), frames_averaged=2)
-    told = drain(iter_information(plan, index, setup_of(plan), CORE, expected, workers=1))
-    chosen = Chosen(told)
+    known = drain(iter_information(plan, index, setup_of(plan), CORE, expected, workers=1))
+    chosen = Chosen(known)
     chosen.add(*range(6))
     vector = vector_of(plan, CORE)
     k = len(vector)
 
-    def model(u: np.ndarray, beside: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
-        found = predict(vector.setup_at(u), plan, index, np.tile(beside, (6, 1)), Fineness.coarse)
+    def model(u: np.ndarray, offset: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+        found = predict(vector.setup_at(u), plan, index, np.tile(offset, (6, 1)), Fineness.coarse)
         return found.reshape(6, -1).astype(float)
 
     def slope(step: np.ndarray) -> np.ndarray:
@@ -138,7 +133,7 @@ def test_what_patterns_tell_is_that_of_dense_least_squares() -> None:
         squares, power = squares + d @ d.T - np.outer(d @ m, d @ m) / (m @ m), power + m @ m
     assert chosen.error == pytest.approx(np.sqrt(np.trace(wanted @ squares) / power), rel=0.03)
     noise = ((constant + gain[:, None] * light) / 2 / gain[:, None] ** 2).sum()
-    assert told.pattern_error == pytest.approx(np.sqrt(noise / power), rel=1e-3)
+    assert known.pattern_error == pytest.approx(np.sqrt(noise / power), rel=1e-3)
 
 
 @cache
@@ -181,22 +176,27 @@ def test_chosen_positions_are_better_than_evenly_spread_ones() -> None:
 
 
 @pytest.mark.long
-def test_an_earlier_fit_is_where_the_next_positions_start() -> None:
+def test_the_next_positions_continue_from_an_earlier_fit(tmp_path: Path) -> None:
     fit, _ = fitted(0)
     earlier = Earlier.of(fit)
     design = next_positions(SMALL, 5, earlier=earlier, candidates=30, workers=1)
     assert design.start_error == pytest.approx(small_design().curve[-1].error, rel=0.15)
     assert all(p.error < design.start_error for p in design.curve) and set(design.sigmas) == set(fit.parameters)
-    there = set(map(tuple, earlier.positions.tolist()))
-    assert not there & set(map(tuple, design.positions.tolist()))
+    assert not set(map(tuple, earlier.positions.tolist())) & set(map(tuple, design.positions.tolist()))
     assert all(design.sigmas[name] < one.sigma for name, one in fit.parameters.items())
     other = replace(SMALL, depths_um=(SMALL.depths_um[0] + 50.0,))
     with pytest.raises(InputError, match="as in the earlier fit"):
         next_positions(other, 5, earlier=earlier)
+    # read from its folder it is the same
+    found = read_earlier(folder_of(fit, tmp_path / "fit"))
+    assert (found.setup.effects, found.groups, found.names) == (earlier.setup.effects, earlier.groups, earlier.names)
+    assert found.setup.camera.lattice == earlier.setup.camera.lattice and found.spread == earlier.spread
+    for name in ("positions", "correlations", "sigmas"):
+        np.testing.assert_allclose(getattr(found, name), getattr(earlier, name))
 
 
 @pytest.mark.long
-def test_what_an_earlier_fit_tells_is_its_covariance_in_scales() -> None:
+def test_the_information_of_an_earlier_fit_is_its_inverse_covariance() -> None:
     fit, _ = fitted(0)
     unknowns = vector_of(SMALL, CORE).unknowns
     scales = np.array([one.scale for one in unknowns])
@@ -204,7 +204,7 @@ def test_what_an_earlier_fit_tells_is_its_covariance_in_scales() -> None:
     covariance = fit.correlations * np.outer(sigmas, sigmas) / np.outer(scales, scales)
     found = Earlier.of(fit).information(unknowns)
     np.testing.assert_allclose(found @ covariance, np.eye(len(unknowns)), atol=1e-6)
-    # of an unknown that it did not have it tells nothing, of some alone what is left with the others free
+    # none about an unknown that was not fitted, and that with the others free about some unknowns alone
     extra = Unknown("other", "none", "", 0.0, 1.0)
     part = Earlier.of(fit).information([extra, *unknowns[:3]])
     assert not part[0].any() and not part[:, 0].any()
@@ -219,53 +219,33 @@ def folder_of(fit: Fit, place: Path) -> Path:
     return place
 
 
-@pytest.mark.long
-def test_an_earlier_fit_is_read_from_its_folder(tmp_path: Path) -> None:
-    fit, _ = fitted(0)
-    found, wanted = read_earlier(folder_of(fit, tmp_path / "fit")), Earlier.of(fit)
-    assert found.setup.effects == wanted.setup.effects and found.groups == wanted.groups and found.names == wanted.names
-    assert found.setup.camera.lattice == wanted.setup.camera.lattice and found.spread == wanted.spread
-    np.testing.assert_array_equal(found.positions, wanted.positions)
-    np.testing.assert_allclose(found.correlations, wanted.correlations)
-    np.testing.assert_allclose(found.sigmas, wanted.sigmas)
-
-
-@pytest.mark.parametrize(
-    ("change", "what"),
-    [
+def test_damaged_fits_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"the folder of a fit, got a folder without camera\.json"):
+        read_earlier(tmp_path)
+    place = folder_of(few_fit(), tmp_path / "fit")
+    data = json.loads((place / "fit.json").read_text())
+    for change, what in (
         ({"format": "other"}, '"format": "lfcal-fit"'),
         ({"parameters": []}, "expected correlations of 0 parameters"),
         ({"correlations": None}, "expected correlations of"),
         ({"positions": "none"}, "a result of lfcal fit"),
         ({"spread": {}}, "a result of lfcal fit"),
         ({"stage_scale": "x"}, "a result of lfcal fit"),
-    ],
-)
-def test_damaged_fits_end_in_a_line(tmp_path: Path, change: dict[str, object], what: str) -> None:
-    place = folder_of(fitted(0)[0], tmp_path / "fit")
-    data = json.loads((place / "fit.json").read_text())
-    (place / "fit.json").write_text(json.dumps(data | change))
-    with pytest.raises((FileFormatError, InputError), match=what):
-        read_earlier(place)
+    ):
+        (place / "fit.json").write_text(json.dumps(data | change))
+        with pytest.raises((FileFormatError, InputError), match=what):
+            read_earlier(place)
 
 
-def test_a_folder_without_a_fit_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"the folder of a fit, got a folder without camera\.json"):
-        read_earlier(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("count", "more", "what"),
-    [
+def test_impossible_choices_are_refused() -> None:
+    for count, more, what in (
         (2, {}, "positions to record: expected a whole number ≥ 3"),
         (10_000, {}, "at most the 627 remaining"),
         (5, {"groups": ["gap"]}, "unknowns: expected"),
         (5, {"candidates": -1}, "candidate positions"),
-    ],
-)
-def test_what_cannot_be_chosen(count: int, more: dict[str, object], what: str) -> None:
-    with pytest.raises(InputError, match=what):
-        next_positions(SMALL, count, **more)  # type: ignore[arg-type]
+    ):
+        with pytest.raises(InputError, match=what):
+            next_positions(SMALL, count, **more)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="full well"):
         Expected(full=1.5)
 
@@ -275,11 +255,10 @@ def test_the_curve_is_drawn(tmp_path: Path) -> None:
     assert (tmp_path / "curve.png").stat().st_size > 10_000
 
 
-def test_places_spread_away_from_earlier_ones() -> None:
-    plan: ScanPlan = SMALL
-    every = np.argwhere(np.ones(plan.shape[:3], bool))
-    first = every[spread_out(every, 6, plan.period)]
-    found = every[spread_out(every, 4, plan.period, first)]
+def test_positions_are_spread_away_from_earlier_ones() -> None:
+    every = np.argwhere(np.ones(SMALL.shape[:3], bool))
+    first = every[spread_out(every, 6, SMALL.period)]
+    found = every[spread_out(every, 4, SMALL.period, first)]
     apart = np.abs(found[:, None, 1:] - first[None, :, 1:])
-    apart = np.minimum(apart, np.array(plan.period) - apart)
-    assert np.hypot(apart[..., 0], apart[..., 1]).min() > 4 and not spread_out(every, 0, plan.period, first).size
+    apart = np.minimum(apart, np.array(SMALL.period) - apart)
+    assert np.hypot(apart[..., 0], apart[..., 1]).min() > 4 and not spread_out(every, 0, SMALL.period, first).size

@@ -10,7 +10,7 @@ import pytest
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
 from lfcal.camera import ScanPlan, preset
-from lfcal.fit import fit_camera
+from lfcal.fit import Measured, fit_camera
 from lfcal.fit._summary import summarised
 from lfcal.fit.field import FieldFit, Regional, _changes, _Laid, fit_field, regional_of
 from lfcal.fit.fit import problem_of
@@ -29,16 +29,20 @@ FRAME = ScanScales.over([plan_at(name) for name in THREE])
 
 
 def few(count: int = 4) -> Regional:
-    rng = np.random.default_rng(0)
-    true = true_setup(PLACES)
-    return regional_of({name: recorded(true, name, count, rng, cutout=15) for name in THREE})
+    return regional_of(of_three(true_setup(PLACES), 0, count, cutout=15))
+
+
+def of_three(true: Setup, seed: int, count: int = 16, **how: object) -> dict[str, Measured]:
+    """Return noisy patterns of three regions."""
+    rng = np.random.default_rng(seed)
+    return {name: recorded(true, name, count, rng, **how) for name in THREE}
 
 
 def described(planes: int = 2) -> Setup:
     return Setup(camera(), described_effects(camera()), (0.0,) * planes)
 
 
-def test_predictions_are_those_of_each_region_by_itself() -> None:
+def test_predictions_are_those_of_each_region_alone() -> None:
     measured = few()
     problem = problem_of(measured, described(), ("geometry", "field_wavefront", "region_places"), 1)
     names = [one.name for one in problem.vector.unknowns]
@@ -83,7 +87,7 @@ def test_unknowns_over_the_field_are_effects_of_the_simulator() -> None:
     assert names == ["field_coma", "field_astigmatism", "field_spherical"]
 
 
-def test_parts_of_a_tilted_target_are_at_depths_of_their_own() -> None:
+def test_parts_of_a_tilted_target_have_their_own_depths() -> None:
     assert len(Vector(described(), FRAME, ("plane_tilt",))) == 0
     parts = replace(described(), regions=tuple(RegionPlace(farther_um=d) for d in (0.0, 10.0, 20.0)))
     vector = Vector(parts, FRAME, ("plane_tilt", "region_places"))
@@ -95,7 +99,7 @@ def test_parts_of_a_tilted_target_are_at_depths_of_their_own() -> None:
     assert setup.regions[1].rows_px == pytest.approx(0.5)
 
 
-def test_where_the_array_lies_is_told_from_where_it_was_seen() -> None:
+def test_rotation_and_pitch_are_estimated_from_all_regions() -> None:
     """A turn of a milliradian and a growth of 2e-4 displace it by pixels over the field."""
     turn, grow, places = 1e-3, 2e-4, np.array(FRAME.fields_um)
     aside = [np.array([1.0 - turn * y + grow * x, -2.0 + turn * x + grow * y]) for x, y in places]
@@ -113,28 +117,27 @@ def test_where_the_array_lies_is_told_from_where_it_was_seen() -> None:
 def test_regions_that_do_not_belong_together_are_refused() -> None:
     rng = np.random.default_rng(0)
     own = recorded(true_setup(), "edge", 3, rng, cutout=15)
-    with pytest.raises(InputError, match="at least two"):
-        regional_of({"edge": own})
-    with pytest.raises(
-        InputError, match=r"region 'b': expected a distance of at least 30 px from region 'a', got 0 px"
+    smaller, deeper = (
+        recorded(true_setup(), "far", 3, rng, **how) for how in ({"cutout": 17}, {"cutout": 15, "depths": (2.2, 2.8)})
+    )
+    for regions, what in (
+        ({"edge": own}, "at least two"),
+        ({"a": own, "b": own}, r"region 'b': expected a distance of at least 30 px from region 'a', got 0 px"),
+        ({"edge": own, "far": smaller}, "region 'far', pixels of a pattern"),
+        ({"edge": own, "far": deeper}, "region 'far', depths"),
     ):
-        regional_of({"a": own, "b": own})
-    for wrong, what in (({"cutout": 17}, "pixels of a pattern"), ({"cutout": 15, "depths": (2.2, 2.8)}, "depths")):
-        with pytest.raises(InputError, match=f"region 'far', {what}"):
-            regional_of({"edge": own, "far": recorded(true_setup(), "far", 3, rng, **wrong)})
+        with pytest.raises(InputError, match=what):
+            regional_of(regions)
 
 
 @pytest.mark.long
 def test_the_wavefront_over_the_field_is_found() -> None:
-    """Coma that grows with the field, astigmatism with its square: also where no pattern was recorded."""
-    rng = np.random.default_rng(3)
-    true = true_setup(PLACES)
-    patterns = {name: recorded(true, name, 16, rng) for name in THREE}
+    """Coma grows with the field and astigmatism with its square, also where no pattern was recorded."""
+    true, patterns = true_setup(PLACES), of_three(true_setup(PLACES), 3)
     fit = fit_field(patterns, unknowns=(*WAVES, "field_wavefront"), workers=1)
     first = fit.first
     assert first.complete and not first.outliers, first.verdict
-    radius = np.hypot(*FRAME.fields_um[2])
-    by = radius / LAW.radius_um
+    by = np.hypot(*FRAME.fields_um[2]) / LAW.radius_um
     wanted = {
         "field_coma": LAW.coma * by,
         "field_astigmatism": LAW.astigmatism * by**2,
@@ -155,37 +158,28 @@ def test_the_wavefront_over_the_field_is_found() -> None:
     far = plan_at("far")
     elsewhere = unlike(true_setup(), fit.setup_at(far), far)
     inside = {name: unlike(true.of_region(k), fit.fits[name].setup, plan_at(name)) for k, name in enumerate(THREE)}
-    print(f"in its regions {inside}, elsewhere {elsewhere:.4f}, described {unlike(true_setup(), described(), far):.3f}")
-    assert max(inside.values()) < 5e-3 and elsewhere < 0.01
-    # the wavefront at a place is what the law has there, within its sigma
+    assert max(inside.values()) < 5e-3 and elsewhere < 0.01, (inside, elsewhere)
+    # the wavefront at a place is that of the law, within its sigma
     place = field_of(far)
-    said = {(t.n, t.m): t for t in fit.wavefront_at(place)}
     law = {t[:2]: t[2] for t in LAW.terms_at(place[::-1])}
-    for (n, m), term in said.items():
-        axis = next((w for a, b, w in ON_AXIS.terms if (a, b) == (n, m)), 0.0)
-        assert abs(term.waves - law.get((n, m), 0.0) - axis) < 4 * term.sigma < 0.3
-    # one wavefront for all of the field is named for what it is
+    axis = {(n, m): w for n, m, w in ON_AXIS.terms}
+    for term in fit.wavefront_at(place):
+        key = (term.n, term.m)
+        assert abs(term.waves - law.get(key, 0.0) - axis.get(key, 0.0)) < 4 * term.sigma < 0.3
+    # one wavefront for the whole field is incomplete, and so is a fit of the middle alone, used elsewhere
     naive = fit_field(patterns, unknowns=WAVES, workers=1)
-    left = unlike(true_setup(), naive.setup_at(far), far)
-    print(f"one wavefront for all: {naive.first.verdict}, elsewhere {left:.4f}")
-    assert not naive.first.complete and left > 5 * elsewhere
-    # and so is a fit of the middle alone, taken elsewhere
+    assert not naive.first.complete and unlike(true_setup(), naive.setup_at(far), far) > 5 * elsewhere
     alone = fit_camera(patterns["centre"], unknowns=WAVES, workers=1)
     assert unlike(true_setup(), replace(alone.setup, stage_scale=0.0), far) > 5 * elsewhere
 
 
 @pytest.mark.long
 def test_only_what_changes_over_the_field_is_fitted() -> None:
-    """With groups that are found: the law where there is one, nothing where there is none."""
-    rng = np.random.default_rng(4)
-    for law in (LAW, None):
-        true = true_setup(PLACES)
-        if law is None:
-            true = replace(true, effects=tuple(e for e in true.effects if e != LAW))
-        patterns = {name: recorded(true, name, 16, rng) for name in THREE}
-        fit: FieldFit = fit_field(patterns, workers=1)
-        print(fit.first.groups, fit.first.verdict)
-        assert ("field_wavefront" in fit.first.groups) == (law is not None)
+    true = true_setup(PLACES)
+    without = replace(true, effects=tuple(e for e in true.effects if e != LAW))
+    for setup, changes in ((true, True), (without, False)):
+        fit: FieldFit = fit_field(of_three(setup, 4), workers=1)
+        assert ("field_wavefront" in fit.first.groups) == changes, fit.first.groups
         assert fit.first.complete and "field_curvature" in fit.first.unhelpful
 
 
@@ -199,9 +193,9 @@ def test_h_of_another_place_is_that_of_its_wavefront() -> None:
     fit = FieldFit(dict(zip(THREE, fits, strict=True)))
     assert [len(own.residuals) for own in fits] == [3, 3, 3] and fits[2].planned == plan_at("corner", 15)
     law = replace(fit.first.setup, effects=(*fit.effects, LAW), aside_px=(0.3, 0.0))
-    told = FieldFit({name: replace(own, setup=law) for name, own in fit.fits.items()})
+    whole = FieldFit({name: replace(own, setup=law) for name, own in fit.fits.items()})
     plan = replace(plan_at("far", 15), period=(2, 3))
-    at = told.fit_at(plan)
+    at = whole.fit_at(plan)
     H = at.model(workers=1)
     alone = replace(law, aside_px=(0.0, 0.0))
     wanted = predict(alone, plan, np.array([[1, 1, 2]]), np.zeros((1, 2)), Fineness.finest)[0]
@@ -217,23 +211,20 @@ def microscope_plan(name: str, cutout: int = 15) -> ScanPlan:
 
 def test_an_objective_has_the_symmetric_part_of_the_law() -> None:
     """It is simulated with what is symmetric about a source's chief ray; the rest of the law is refused there."""
-    plan = microscope_plan("centre")
+    plan, edge = microscope_plan("centre"), microscope_plan("edge")
     start = Setup(plan.camera, starting_effects(plan), (0.0, 0.0))
-    vector = Vector(
-        start, ScanScales.over([microscope_plan(name) for name in THREE]), ("field_wavefront", "field_curvature")
-    )
+    frame = ScanScales.over([microscope_plan(name) for name in THREE])
+    vector = Vector(start, frame, ("field_wavefront", "field_curvature"))
     assert [one.name for one in vector.unknowns] == ["field_spherical", "field_sag_um"]
     setup = vector.setup_at(vector.at({"field_spherical": 0.2, "field_sag_um": 400.0}))
-    axis, edge = (
-        predict(one, microscope_plan("edge"), np.array([[0, 3, 5]]), np.zeros((1, 2)), Fineness.coarse)
-        for one in (start, setup)
-    )
-    assert np.linalg.norm(edge - axis) > 0.05 * np.linalg.norm(axis)
+    at = np.array([[0, 3, 5]])
+    plain, changed = (predict(one, edge, at, np.zeros((1, 2)), Fineness.coarse) for one in (start, setup))
+    assert np.linalg.norm(changed - plain) > 0.05 * np.linalg.norm(plain)
 
 
 @pytest.mark.long
-def test_a_microscopes_field_is_found() -> None:
-    """Spherical aberration and the image's distance, both with the square of the field: also where nobody scanned."""
+def test_the_field_of_a_microscope_is_found() -> None:
+    """Spherical aberration and the image's distance grow with the square of the field, also where no one scanned."""
     law, plan = FieldAberrations(0.0, 0.0, spherical=0.3, radius_um=12000.0), microscope_plan("centre")
     lattice = replace(plan.camera.lattice, gap_um=1.01 * plan.camera.lattice.gap_um, rotation_rad=5e-4)
     effects = (*starting_effects(plan), Zernike(((4, 0, 0.05),)), law, FieldCurvature(12000.0**2 / 800))
@@ -252,10 +243,8 @@ def test_a_microscopes_field_is_found() -> None:
     wanted = {"field_spherical": 0.3 * by, "field_sag_um": 400.0 * by, "zernike_4_0": 0.05, "gap_um": lattice.gap_um}
     for name, value in wanted.items():
         found = fit.first.parameters[name]
-        print(f"{name}: {found.value:.5g} ± {found.sigma:.2g} of {value:.5g}")
-        assert abs(found.value - value) < 4 * found.sigma
+        assert abs(found.value - value) < 4 * found.sigma, (name, found, value)
     far = microscope_plan("far")
     naive = fit_field(patterns, unknowns=names[:2], workers=1)
     off, one = (unlike(true, which.setup_at(far), far) for which in (fit, naive))
-    print(f"{fit.first.verdict}; elsewhere {off:.4f}; one wavefront for all: {naive.first.verdict}, {one:.4f}")
     assert fit.first.complete and off < 0.01 and one > 5 * off and not naive.first.complete

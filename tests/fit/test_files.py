@@ -26,7 +26,7 @@ def found() -> tuple[Measured, Fit]:
     return measured_of(few_patterns()), few_fit()
 
 
-def test_the_model_is_streamed_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_the_model_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     _, fit = found()
     drain(iter_write_model(fit, tmp_path / "H.h5", provenance={"source": "here"}, workers=1))
     with open_psf(tmp_path / "H.h5") as H:
@@ -40,7 +40,7 @@ def test_the_model_is_streamed_whole_or_not_at_all(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["H.h5"]
 
 
-def test_effects_are_those_that_simulate_reads(tmp_path: Path) -> None:
+def test_effects_are_written_as_simulate_reads_them(tmp_path: Path) -> None:
     _, fit = found()
     more = fit.setup.with_effect(Crosstalk(0.012)).with_effect(LensletSpherical(0.0, 0.1, -0.08, 0.15))
     (tmp_path / "effects.json").write_text(effects_text(replace(fit, setup=more)))
@@ -63,17 +63,16 @@ def test_numbers_are_plain_and_finite() -> None:
     assert measured_camera(fit).marks["lattice.pitch_um"] == "stated"
 
 
-def test_what_is_left_over_is_noise_alone() -> None:
+def test_the_residual_is_noise_alone() -> None:
     measured, fit = found()
     left = leftover_of(fit, measured)
     assert left.measured.shape == left.model.shape == left.residual.shape == measured.patterns.shape
     sigma = np.sqrt(64.0 + np.maximum(left.model, 0))
-    # what is drawn belongs together: residuals are the difference over its noise
+    # residuals are the difference in units of its noise
     np.testing.assert_allclose(left.residual, (left.measured - left.model) / sigma, atol=0.05)
     assert left.maps.shape == (1, 15, 15) and left.by_type.shape == (3,)
     for values in (left.by_plane, left.by_type):
         assert np.all(np.abs(values - 1.0) < 0.35)
-    # chi² of the fit is that of the patterns that were fitted; one kept aside scatters by its own noise
     assert left.chi2[~measured.held_out].mean() == pytest.approx(fit.chi2, rel=0.015)
     assert left.by_plane[0] == pytest.approx(left.chi2.mean(), rel=0.01)
 

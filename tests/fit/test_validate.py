@@ -1,7 +1,8 @@
-"""Withheld points predicted by a fit: the truth has no error, a wrong gap has its own, and edges lose the period."""
+"""The verdict of a fit, and its prediction of held-out points: no error for the truth, and the error of a wrong gap."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from lfcal.camera import Camera, ScanPlan
 from lfcal.fit import Fit, Measured, Setup
 from lfcal.fit._weighing import PatternLevels
 from lfcal.fit.model import Fineness, predict
-from lfcal.fit.model_error import ChiSquare, ModelError
+from lfcal.fit.model_error import INCOMPLETE, ChiSquare, ModelError
 from lfcal.fit.nuisance import Spread
 from lfcal.fit.setup import described_effects
 from lfcal.fit.validate import Validation, draw_validation, validate
@@ -68,7 +69,7 @@ def plan_of() -> ScanPlan:
     return replace(small_plan(15, (2.2,)), period=(2, 4))
 
 
-def test_what_was_found_rightly_is_predicted_to_the_noise() -> None:
+def test_the_true_camera_predicts_points_to_the_noise() -> None:
     plan = plan_of()
     offsets = np.linspace(-0.2, 0.2, 12).reshape(6, 2)
     found = validate(fit_of(plan, fitted=2), recorded(plan, few(plan), offsets))
@@ -121,7 +122,7 @@ def test_a_wrong_gap_has_the_error_of_its_patterns() -> None:
 
 
 @pytest.mark.long
-def test_the_fields_edges_tell_whether_the_period_holds(tmp_path: Path) -> None:
+def test_the_edges_of_the_field_show_whether_the_period_holds(tmp_path: Path) -> None:
     """A period of whole pixels is not the array's own: far from where it was scanned micro-images have slipped."""
     camera = small_camera()
     camera = replace(camera, sensor=replace(camera.sensor, shape=(500, 500)))
@@ -137,14 +138,14 @@ def test_the_fields_edges_tell_whether_the_period_holds(tmp_path: Path) -> None:
     assert not inner.known and outer.value > 0.04
     draw_validation(found, tmp_path / "field.png")
     assert (tmp_path / "field.png").stat().st_size > 5000
-    # a camera that was found wrongly is as wrong everywhere, or more so where nobody looked
+    # a wrong camera is wrong everywhere, or more so outside the scan
     lattice = plan.camera.lattice
     grown = replace(camera, lattice=replace(lattice, pitch_um=1.003 * lattice.pitch_um))
     beyond = validate(fit_of(plan, grown), recorded(wide, index))
     assert beyond.worse(periodic=False) and "is not valid at the field's edges" in beyond.verdict
 
 
-def test_points_that_were_all_fitted_or_of_another_sensor_are_refused() -> None:
+def test_fitted_points_and_points_of_another_sensor_are_refused() -> None:
     plan = plan_of()
     with pytest.raises(InputError, match="points that were not fitted"):
         validate(fit_of(plan, fitted=8), recorded(plan, few(plan)))
@@ -153,9 +154,23 @@ def test_points_that_were_all_fitted_or_of_another_sensor_are_refused() -> None:
         validate(fit_of(replace(plan, camera=other)), recorded(plan, few(plan)))
 
 
-@pytest.mark.parametrize(
-    ("count", "inner", "outer"), [(1, [0], [0]), (4, [0], [3]), (6, [0, 1], [4, 5]), (7, [0, 1], [5, 6])]
-)
-def test_middle_and_edges_are_a_third_of_the_points_each(count: int, inner: list[int], outer: list[int]) -> None:
-    found = Validation(tuple(range(count)))  # type: ignore[arg-type]
-    assert (list(found.middle), list(found.edges)) == (inner, outer)
+def test_middle_and_edges_are_a_third_of_the_points_each() -> None:
+    for count, inner, outer in ((1, [0], [0]), (4, [0], [3]), (6, [0, 1], [4, 5]), (7, [0, 1], [5, 6])):
+        found = Validation(tuple(range(count)))  # type: ignore[arg-type]
+        assert (list(found.middle), list(found.edges)) == (inner, outer)
+
+
+def test_the_verdict_states_chi_square() -> None:
+    for lit, sigma, begins, complete in (
+        (1.01, 0.02, "chi² 1.010; error of the model", True),
+        (1.2, 0.02, "model incomplete: chi² 1.200, 10 sigma above 1", False),
+        # noise that is stated too large makes every sigma and limit too large
+        (0.8, 0.02, "chi² 0.800, 10 sigma below 1: the noise is smaller than stated", True),
+        # at the limits
+        (1 - INCOMPLETE / 8, 1 / 8, f"chi² {1 - INCOMPLETE / 8:.3f}; error of the model", True),
+        (1 + INCOMPLETE / 8, 1 / 8, "model incomplete", False),
+        # no more samples than unknowns: a 1 would be no measurement
+        (1.0, math.inf, "chi² unknown: the samples do not outnumber the unknowns", True),
+    ):
+        fit = replace(fit_of(plan_of()), chi_square=ChiSquare(lit, lit, sigma))
+        assert fit.verdict.startswith(begins) and fit.complete is complete, begins

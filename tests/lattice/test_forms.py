@@ -1,3 +1,5 @@
+"""Forms of lattices: places, derivatives, robust fits, and the choice of the form."""
+
 from __future__ import annotations
 
 import math
@@ -7,13 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 
 from lfcal.camera import LatticeDistortion
 from lfcal.lattice._forms import (
     FORMS,
     MAX_LENSLETS,
     DistortionFrame,
-    LatticeForm,
     design,
     fit_form,
     flexible_form,
@@ -21,7 +23,7 @@ from lfcal.lattice._forms import (
     select_form,
     thinned,
 )
-from lfcal.lattice._model import LatticeModel
+from lfcal.lattice._model import LatticeModel, neighbour_median
 
 SHAPE = (300, 400)
 FRAME = DistortionFrame.of(SHAPE)
@@ -58,18 +60,18 @@ def test_exact_places_give_the_lattice_back(kind: str, angle: float, ratio: floa
     assert again.ratio == pytest.approx(ratio) and again.pitch == pytest.approx(15.0)
 
 
-@pytest.mark.parametrize("name", BENDS)
-def test_exact_places_give_the_distortion_back(name: str) -> None:
-    truth = replace(model(), distortion=BENDS[name], shear=-0.002)
-    index = truth.within(SHAPE, 7.0)
-    start = fit_form(model(), BY_NAME["quintic"], index, truth.places(index), FRAME)
-    assert start is not None
-    fitted = fit_form(start.model, BY_NAME[name], index, truth.places(index), FRAME, rounds=20)
-    assert fitted is not None and fitted.model.distortion is not None
-    assert np.abs(fitted.residual).max() < 1e-5
-    assert np.allclose(fitted.model.distortion.terms, BENDS[name].terms, atol=2e-4)
-    assert fitted.model.distortion.centre == pytest.approx(BENDS[name].centre, abs=0.05)
-    assert fitted.model.pitch == pytest.approx(15.0, abs=1e-5)
+def test_exact_places_give_the_distortion_back() -> None:
+    for name, bend in BENDS.items():
+        truth = replace(model(), distortion=bend, shear=-0.002)
+        index = truth.within(SHAPE, 7.0)
+        start = fit_form(model(), BY_NAME["quintic"], index, truth.places(index), FRAME)
+        assert start is not None
+        fitted = fit_form(start.model, BY_NAME[name], index, truth.places(index), FRAME, rounds=20)
+        assert fitted is not None and fitted.model.distortion is not None
+        assert np.abs(fitted.residual).max() < 1e-5, name
+        assert np.allclose(fitted.model.distortion.terms, bend.terms, atol=2e-4), name
+        assert fitted.model.distortion.centre == pytest.approx(bend.centre, abs=0.05)
+        assert fitted.model.pitch == pytest.approx(15.0, abs=1e-5)
 
 
 @pytest.mark.parametrize("name", ["affine", "affine with shear", "radial", "cubic"])
@@ -107,7 +109,7 @@ def test_the_design_is_the_derivative(name: str) -> None:
         assert np.abs(slope - near).max() < 0.06 * np.abs(near).max() + 1e-6
 
 
-def test_outliers_hardly_move_it() -> None:
+def test_outliers_hardly_move_the_lattice() -> None:
     truth = model()
     index = truth.within(SHAPE, 7.0)
     rng = np.random.default_rng(1)
@@ -118,15 +120,9 @@ def test_outliers_hardly_move_it() -> None:
     plain = np.linalg.lstsq(np.column_stack([np.ones(len(index)), index]), places, rcond=None)[0]
     assert np.hypot(*(found.model.origin - truth.origin)) < 0.02 < np.hypot(*(plain[0] - truth.origin))
     assert found.sigma == pytest.approx(0.05, rel=0.15)
-
-
-def test_given_weights_are_used() -> None:
-    truth = model()
-    index = truth.within(SHAPE, 7.0)
-    places = truth.places(index)
-    places[:100] += 3.0
-    weight = np.ones(len(index))
-    weight[:100] = 0.0
+    # given weights are used
+    places, weight = truth.places(index), np.ones(len(index))
+    places[:100], weight[:100] = places[:100] + 3.0, 0.0
     found = fit_form(truth, FORMS[0], index, places, FRAME, weight=weight)
     assert found is not None and np.abs(found.residual[100:]).max() < 1e-9
 
@@ -140,16 +136,12 @@ def test_places_that_do_not_determine_a_form_give_none() -> None:
     assert fit_form(truth, BY_NAME["radial"], every, truth.places(every), FRAME) is None
 
 
-def test_weights_of_a_gaussian_keep_most() -> None:
+def test_huber_weights_of_a_gaussian() -> None:
     residual = np.random.default_rng(2).normal(0, 0.2, (4000, 2))
     weight, sigma = huber(residual)
     assert sigma == pytest.approx(0.2, rel=0.03)
     assert (weight == 1).mean() == pytest.approx(1 - math.exp(-(1.5**2) / 2), abs=0.03)
-
-
-def test_sizes_are_counted_and_ordered() -> None:
-    assert [form.size for form in FORMS] == [5, 6, 9, 10, 12, 20, 30, 42]
-    assert LatticeForm("x", degree=2).size == 12
+    assert [form.size for form in FORMS] == [5, 6, 9, 10, 12, 20, 30, 42], "numbers of the forms"
 
 
 WHOLE = (500, 600)
@@ -178,25 +170,18 @@ def places(truth: LatticeModel, seed: int, noise: float = 0.05) -> tuple[np.ndar
     return index, truth.places(index) + rng.normal(0, noise, (len(index), 2))
 
 
-@pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
-def test_the_form_that_made_the_places_is_chosen(name: str, seed: int) -> None:
-    chosen = select_form(STRAIGHT, *places(MODELS[name], seed), WHOLE_FRAME)
-    assert chosen.fitted.form.name == name
-    assert chosen.reason.startswith(name)
+def test_the_form_that_made_the_places_is_chosen(seed: int) -> None:
+    for name, truth in MODELS.items():
+        chosen = select_form(STRAIGHT, *places(truth, seed), WHOLE_FRAME)
+        assert chosen.fitted.form.name == name and chosen.reason.startswith(name)
 
 
 @pytest.mark.long
-def test_scatter_alone_calls_for_nothing() -> None:
+def test_noise_does_not_select_a_form() -> None:
+    """Noise that lenslets share with their neighbours would seem to need a form, were it independent."""
     found = [select_form(STRAIGHT, *places(STRAIGHT, seed, 0.1), WHOLE_FRAME).fitted.form.name for seed in range(12)]
     assert set(found) == {"affine"}
-
-
-@pytest.mark.long
-def test_neighbours_that_err_alike_call_for_little() -> None:
-    """Scatter that lenslets share with their neighbours: as independent ones they would seem to call for a form."""
-    from scipy.ndimage import gaussian_filter
-
     index = STRAIGHT.within(WHOLE, 7.0)
     for seed in range(5):
         rng = np.random.default_rng(seed)
@@ -226,7 +211,7 @@ def test_errors_are_those_of_many_draws() -> None:
     assert np.abs(z.mean(0)).max() < 4 / np.sqrt(12)
 
 
-def test_few_lenslets_are_not_asked_for_many_numbers() -> None:
+def test_few_lenslets_do_not_get_a_form_of_many_numbers() -> None:
     assert flexible_form(20).name == "affine"
     assert flexible_form(1000).name == "quintic"
     small = LatticeModel("square", np.array([50.0, 50.0]), np.array([14.0, 0.0]), 1.0)
@@ -240,3 +225,35 @@ def test_thinning_keeps_the_field() -> None:
     few = thinned(80000)
     assert len(few) == MAX_LENSLETS == len(set(few.tolist()))
     assert np.abs(np.histogram(few, 10)[0] / 1000 - 1).max() < 0.1
+
+
+def test_shear_shifts_rows_along_themselves() -> None:
+    straight, leaning = model("square"), replace(model("square"), shear=0.01)
+    index = np.array([[3, 0], [0, 1], [2, 5]])
+    moved = leaning.places(index) - straight.places(index)
+    assert np.allclose(moved, 0.01 * straight.ratio * index[:, 1:] * straight.along)
+
+
+def test_within_lists_exactly_the_lenslets_in_the_frame() -> None:
+    lattice = model(angle=0.3)
+    every = np.stack(np.meshgrid(np.arange(-60, 61), np.arange(-60, 61)), axis=-1).reshape(-1, 2)
+    bend = LatticeDistortion("radial", (180.0, 160.0), 250.0, ((3.0,),))
+    bent = replace(model(), distortion=bend, shear=0.002)
+    for one, margin in ((lattice, 5.0), (bent, 7.0)):
+        places, index = one.places(every), one.within((300, 400), margin)
+        inside = ((places >= margin) & (places <= (399 - margin, 299 - margin))).all(1)
+        assert set(map(tuple, index.tolist())) == set(map(tuple, every[inside].tolist()))
+        assert np.allclose(one.indices(one.places(index)), index, atol=1e-9)
+    assert np.allclose(bent.places(index), bend.apply(bent.straight(index)))
+    middle = lattice.centred_on(np.array([10.0, 20.0]))
+    assert np.hypot(*(middle.origin - (10.0, 20.0))) <= 15.0 / np.sqrt(3) + 0.5
+
+
+def test_neighbour_median_ignores_single_outliers() -> None:
+    q, r = (v.ravel() for v in np.meshgrid(np.arange(-5, 6), np.arange(-4, 5)))
+    index = np.stack([q, r], axis=-1)
+    values = 100.0 + q
+    values[(q == 1) & (r == 1)] = 0.0
+    median = neighbour_median(index, values)
+    inner = (abs(q) <= 3) & (abs(r) <= 2)
+    assert np.abs(median - (100.0 + q))[inner].max() <= 1.0

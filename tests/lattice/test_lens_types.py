@@ -23,21 +23,24 @@ def drawn(**options: Any) -> tuple[WhiteFrame, LatticeFit]:
     return truth, fit_lattice(truth.frame, dark=100.0)
 
 
-def true_types(truth: WhiteFrame, fit: LatticeFit, step: int, phase: int) -> np.ndarray:
-    places = fit.centres_px(fit.index[:, 0], fit.index[:, 1])[:, ::-1] - np.array(truth.origin)[::-1]
-    index = np.rint(places @ np.linalg.inv(truth.basis)).astype(int)
+def true_types(fit: LatticeFit, origin: Any, basis: Any, step: int, phase: int) -> np.ndarray:
+    places = fit.centres_px(fit.index[:, 0], fit.index[:, 1])[:, ::-1] - np.array(origin)[::-1]
+    index = np.rint(places @ np.linalg.inv(basis)).astype(int)
     return np.mod(step * (index[:, 0] - index[:, 1] - phase), 3)
 
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("step", "phase"), [*product((1, 2), (0, 1, 2))])
-def test_all_six_colourings_are_told_apart(step: int, phase: int) -> None:
+def test_all_six_assignments_of_types_are_found(step: int, phase: int) -> None:
     truth, fit = drawn(step=step, phase=phase, seed=10 * step + phase)
     found = classify_lens_types(truth.frame, fit, BLUR, dark=100.0)
-    assert np.array_equal(found.type_of(fit.index[:, 0], fit.index[:, 1]), true_types(truth, fit, step, phase))
+    assert np.array_equal(found.type_of(*fit.index.T), true_types(fit, truth.origin, truth.basis, step, phase))
     assert found.type_step == step
     assert found.confidence > 0.999 and found.agreement > 0.9
     assert found.sharpness[0] < found.sharpness[1] < found.sharpness[2]
+    # counter-test: with sharp and blurred types exchanged, types 0 and 2 change places
+    wrong = classify_lens_types(truth.frame, fit, BLUR[::-1], dark=100.0)
+    assert np.array_equal(wrong.type_of(*fit.index.T), 2 - found.type_of(*fit.index.T))
 
 
 @pytest.mark.few(1)
@@ -49,20 +52,8 @@ def test_overlapping_micro_images_of_the_photographic_camera(step: int, phase: i
     fit = fit_lattice(frame)
     assert fit.pitch_px == pytest.approx(21.7, abs=0.005)
     found = classify_lens_types(frame, fit, blur)
-    places = fit.centres_px(fit.index[:, 0], fit.index[:, 1])[:, ::-1] - np.array(origin)[::-1]
-    index = np.rint(places @ np.linalg.inv(basis)).astype(int)
-    want = np.mod(step * (index[:, 0] - index[:, 1] - phase), 3)
-    assert np.array_equal(found.type_of(fit.index[:, 0], fit.index[:, 1]), want)
+    assert np.array_equal(found.type_of(*fit.index.T), true_types(fit, origin, basis, step, phase))
     assert found.sigmas > 10
-
-
-def test_the_opposite_expectation_gives_the_opposite_colouring() -> None:
-    """Counter-test: with sharp and blurred types exchanged, types 0 and 2 change places."""
-    truth, fit = drawn()
-    right = classify_lens_types(truth.frame, fit, BLUR)
-    wrong = classify_lens_types(truth.frame, fit, BLUR[::-1])
-    q, r = fit.index.T
-    assert np.array_equal(wrong.type_of(q, r), 2 - right.type_of(q, r))
 
 
 def test_the_camera_gets_a_type_0_lenslet_at_its_offset() -> None:
@@ -80,11 +71,11 @@ def test_the_camera_gets_a_type_0_lenslet_at_its_offset() -> None:
     assert np.hypot(made.offset_um[0] - 60.0, made.offset_um[1] - 25.0) < 80.0 * 1.01
 
 
-def test_a_frame_of_a_point_decides_too() -> None:
+def test_a_frame_of_a_point_determines_the_types() -> None:
     """Spots of three widths below the lenslets of one shadow, as a point off the array gives them."""
     truth, fit = drawn(step=1, phase=2, dead=0.0)
     q, r = fit.index.T
-    types = true_types(truth, fit, 1, 2)
+    types = true_types(fit, truth.origin, truth.basis, 1, 2)
     places = fit.centres_px(q, r)
     middle = (np.array(truth.frame.shape) - 1) / 2
     y, x = np.mgrid[: truth.frame.shape[0], : truth.frame.shape[1]]
@@ -100,24 +91,23 @@ def test_a_frame_of_a_point_decides_too() -> None:
 
 @pytest.mark.long
 def test_undecidable_frames_are_refused() -> None:
-    same, fit = drawn(edges=(1.5, 1.5, 1.5))
-    with pytest.raises(InputError, match="lens types: expected an assignment"):
-        classify_lens_types(same.frame, fit, BLUR)
-    with pytest.raises(InputError, match="lens types"):
-        classify_lens_types(np.random.default_rng(0).normal(500, 20, fit.shape), fit, BLUR)
-    with pytest.raises(InputError, match="values that differ"):
-        classify_lens_types(same.frame, fit, (0.5, 0.3, 0.3))
-    with pytest.raises(InputError, match="3 numbers"):
-        classify_lens_types(same.frame, fit, (0.5, 0.3))
-    with pytest.raises(InputError, match="shape"):
-        classify_lens_types(same.frame[:-1], fit, BLUR)
+    truth, fit = drawn(edges=(1.5, 1.5, 1.5))
+    same, noise = truth.frame, np.random.default_rng(0).normal(500, 20, fit.shape)
     dot = np.full(fit.shape, 100.0)
     dot[160:170, 200:210] = 1000
-    with pytest.raises(InputError, match="lit triangles"):
-        classify_lens_types(dot, fit, BLUR, content="spots", dark=100.0)
-    square = draw_white(kind="square")
-    with pytest.raises(InputError, match="hexagonal"):
-        classify_lens_types(square.frame, fit_lattice(square.frame), BLUR)
+    square = draw_white(kind="square").frame
+    spots = {"content": "spots", "dark": 100.0}
+    for frame, found, blur, more, what in (
+        (same, fit, BLUR, {}, "lens types: expected an assignment"),
+        (noise, fit, BLUR, {}, "lens types"),
+        (same, fit, (0.5, 0.3, 0.3), {}, "values that differ"),
+        (same, fit, (0.5, 0.3), {}, "3 numbers"),
+        (same[:-1], fit, BLUR, {}, "shape"),
+        (dot, fit, BLUR, spots, "lit triangles"),
+        (square, fit_lattice(square), BLUR, {}, "hexagonal"),
+    ):
+        with pytest.raises(InputError, match=what):
+            classify_lens_types(frame, found, blur, **more)
 
 
 def test_expected_blur_follows_the_defocus() -> None:

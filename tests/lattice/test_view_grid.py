@@ -136,7 +136,7 @@ def between(pixels: list[list[float]], y: float, x: float) -> float:
     return (i + 1 - y) * ((j + 1 - x) * a + (x - j) * b) + (y - i) * ((j + 1 - x) * c + (x - j) * d)
 
 
-@pytest.mark.few(16)
+@pytest.mark.few(6)
 @pytest.mark.parametrize("where", ORIGINS)
 @pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("kind", KINDS)
@@ -179,18 +179,16 @@ def test_the_box_is_cut_out_of_the_full_field(kind: str, axes: str) -> None:
     np.testing.assert_allclose(images, whole[:, :, top : top + rows, left : left + columns], atol=1e-12)
 
 
-@pytest.mark.parametrize("degrees", [0.25, 1.0, 7.0, 30.0, 45.0])
 @pytest.mark.parametrize("kind", KINDS)
-def test_views_keep_the_field_at_any_angle(kind: str, degrees: float) -> None:
-    """Upright views of a frame of 80 x 95 micro-images lose a sample along a border at most, whatever the angle."""
+def test_views_keep_the_field_at_any_angle(kind: str) -> None:
+    """Upright views of a frame of 80 x 95 micro-images lose a sample along a border at most, at any angle."""
     pitch = 13.37
     shape = (math.ceil(80 * pitch), math.ceil(95 * pitch))
-    grid = view_grid(Straight(kind, degrees, (530.0, 640.0), pitch), shape, 5)
-    step = grid.step_px[0]
-    most = [math.floor((n - 11) / step) + 1 for n in shape]
-    assert all(0 <= m - n <= 2 for m, n in zip(most, grid.shape, strict=True)), (grid.shape, most)
-    assert grid.kept > 0.97
-    assert f"{grid.shape[0]} x {grid.shape[1]} of" in grid.described()
+    for degrees in (0.25, 1.0, 7.0, 30.0, 45.0):
+        grid = view_grid(Straight(kind, degrees, (530.0, 640.0), pitch), shape, 5)
+        most = [math.floor((n - 11) / grid.step_px[0]) + 1 for n in shape]
+        assert all(0 <= m - n <= 2 for m, n in zip(most, grid.shape, strict=True)), (degrees, grid.shape, most)
+        assert grid.kept > 0.97 and f"{grid.shape[0]} x {grid.shape[1]} of" in grid.described()
 
 
 def test_every_lenslet_inside_is_in_the_full_field() -> None:
@@ -238,16 +236,14 @@ def test_a_bent_lattice_is_followed(kind: str) -> None:
         assert off.max() < 0.05
 
 
-@pytest.mark.parametrize("degrees", ANGLES)
 @pytest.mark.parametrize("kind", KINDS)
-def test_super_pixels_are_cut_by_the_same_extractor(kind: str, degrees: float) -> None:
+def test_super_pixels_are_cut_by_the_same_extractor(kind: str) -> None:
     frame = np.random.default_rng(3).random(SHAPE).astype(np.float32)
-    lattice = Straight(kind, degrees, (63.2, 81.7), shape=SHAPE)
-    for axes in ("lattice", "frame"):
+    for degrees, axes in itertools.product((0.0, 7.0, -12.0), ("lattice", "frame")):
+        lattice = Straight(kind, degrees, (63.2, 81.7), shape=SHAPE)
         views = extract_views(frame, lattice, radius_px=5.0, axes=axes)
-        channels = lattice_channels(frame, lattice, 11, axes=axes)
         assert views.shape == view_grid(lattice, SHAPE, 5, axes=axes).shape
-        np.testing.assert_array_equal(channels, views.images)
+        np.testing.assert_array_equal(lattice_channels(frame, lattice, 11, axes=axes), views.images)
 
 
 @pytest.mark.parametrize("axes", ["frame", "lattice"])

@@ -1,19 +1,26 @@
-"""White images as people record them: stopped down, partly lit, with few lenslets or rectangular cells."""
+"""White images as people record them: stopped down, partly lit, with few lenslets, or of a specimen by mistake."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from lfcal.base.errors import InputError
+from lfcal.lattice._doubts import Evenness, check_white, evenness
+from lfcal.lattice._iris_centre import _transforms
 from lfcal.lattice.fit import fit_lattice
 from lfcal.lattice.lattice_file import load_lattice, save_lattice
 from lfcal.lattice.lattice_fit import LatticeFit
+from tests.lattice.white_frames import draw_white
 
 Array = NDArray[np.float64]
 SHAPE = (300, 360)
@@ -70,16 +77,12 @@ def spot(sigma: float) -> tuple[Callable[[Array], Array], float]:
 
 def worst(fit: LatticeFit, places: Array) -> float:
     """Return the largest distance of a fitted lenslet that was located from a drawn one (px)."""
-    from scipy.spatial import cKDTree
-
     found = fit.centres_px(*fit.index[~fit.dead].T)
     return float(cKDTree(places).query(found)[0].max())
 
 
 def found_share(fit: LatticeFit, places: Array) -> float:
     """Return the share of whole drawn micro-images that were located."""
-    from scipy.spatial import cKDTree
-
     margin = 0.6 * max(fit.pitch_px, fit.row_pitch_px)
     whole = places[((places > margin) & (places < np.array(fit.shape) - 1 - margin)).all(1)]
     return float((cKDTree(fit.centres_px(*fit.index[~fit.dead].T)).query(whole)[0] < 0.5).mean())
@@ -116,12 +119,8 @@ def test_rectangular_cells(ratio: float, hint: bool) -> None:
 @pytest.mark.parametrize(
     ("kind", "count", "pitch"),
     [
-        ("hexagonal", 7, 95.0),
-        ("hexagonal", 19, 60.0),
-        ("hexagonal", 37, 43.0),
-        ("square", 9, 95.0),
-        ("square", 16, 70.0),
-        ("square", 36, 47.0),
+        *(("hexagonal", 7, 95.0), ("hexagonal", 19, 60.0), ("hexagonal", 37, 43.0)),
+        *(("square", 9, 95.0), ("square", 16, 70.0), ("square", 36, 47.0)),
     ],
 )
 def test_few_large_lenslets(kind: str, count: int, pitch: float, hint: bool) -> None:
@@ -183,8 +182,6 @@ def annulus(inner: float, outer: float) -> tuple[Callable[[Array], Array], float
 
 def as_8_bit_jpeg(frame: NDArray[np.uint16]) -> Array:
     """Return the frame as a camera that saves pictures writes it: gamma 2.2, 8 bits, compressed about 10:1."""
-    import cv2
-
     levels = np.rint(255 * (frame / frame.max()) ** (1 / 2.2)).astype(np.uint8)
     done, data = cv2.imencode(".jpg", levels, [cv2.IMWRITE_JPEG_QUALITY, 75])
     assert done
@@ -208,6 +205,7 @@ REPORTED: dict[str, tuple[str, float, float, Callable[[Array], Any]]] = {
 """Kind, pitch (px), rotation (degrees) and what draws the white image, after public reports or common practice."""
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", REPORTED)
 def test_white_images_after_public_reports(name: str) -> None:
     kind, pitch, degrees, draw = REPORTED[name]
@@ -254,14 +252,11 @@ def test_overlapping_discs_are_refused(kind: str, radius: float) -> None:
         fit_lattice(frame)
 
 
-def test_what_is_written_can_be_read(tmp_path: Any) -> None:
+def test_a_fine_lattice_is_written_and_read_and_a_finer_one_is_refused(tmp_path: Any) -> None:
     """Rows of a hexagonal array of 4.4 px are 3.8 px apart."""
     fit = fit_lattice(drawn(places_of("hexagonal", 4.4), *spot(1.1)))
     save_lattice(fit, tmp_path)
     assert load_lattice(tmp_path / "lattice.json").row_pitch_px == pytest.approx(4.4 * 0.75**0.5, abs=1e-3)
-
-
-def test_rows_too_close_are_refused_before_anything_is_written() -> None:
     with pytest.raises(InputError, match=r"row_pitch_px: expected a number ≥ 3|white image"):
         fit_lattice(drawn(places_of("square", 5.4, 0.5), *spot(0.6)))
 
@@ -275,11 +270,8 @@ def situation(seed: int) -> tuple[NDArray[np.uint16], Array, str, float, float]:
     degrees = float(rng.uniform(-12, 12))
     places = places_of(kind, pitch, ratio, degrees)
     small = pitch * min(1.0, ratio)
-    size = (
-        spot(float(rng.uniform(0.06, 0.16)) * small + 0.5)
-        if rng.random() < 0.5
-        else disc(rng.uniform(0.3, 0.47) * small)
-    )
+    round_ = rng.random() < 0.5
+    size = spot(float(rng.uniform(0.06, 0.16)) * small + 0.5) if round_ else disc(rng.uniform(0.3, 0.47) * small)
     lit = rng.choice(["all", "all", *LIT])
     light = np.ones(SHAPE) if lit == "all" or small > 14 else LIT[str(lit)].astype(float)
     share = rng.uniform(0.7, 1.0, len(places)) * (rng.random(len(places)) > 0.03)
@@ -297,3 +289,192 @@ def test_random_situations(seed: int) -> None:
     across = 0.75**0.5 if kind == "hexagonal" else ratio
     assert (fit.pitch_px, fit.row_pitch_px) == pytest.approx((pitch, pitch * across), rel=3e-3)
     assert worst(fit, places) < 0.15
+
+
+REAL = Path(__file__).parents[3] / "shared/data/lfm_guv"
+DRAWN = (300, 380)
+
+
+@pytest.mark.skipif(not REAL.exists(), reason=f"{REAL} is not on this machine")
+@pytest.mark.parametrize("dark", [True, pytest.param(False, marks=pytest.mark.long)])
+def test_a_real_specimen_is_refused_and_the_real_white_image_has_no_warnings(dark: bool) -> None:
+    from lfcal.frames import read_image
+
+    level: Any = read_image(REAL / "DarkFrame_GUVExperim1.tif") if dark else 0.0
+    with pytest.raises(InputError, match="specimen"):
+        fit_lattice(read_image(REAL / "Lightfield_GUVExperim1.tif"), dark=level)
+    assert fit_lattice(read_image(REAL / "Radiometry_GUVExperim1.tif"), dark=level).notes == ()
+
+
+WHITE: dict[str, dict[str, Any]] = {
+    "brightness scatters by 15 %": {"scatter": 0.15},
+    "three types": {"pitch": 22.3, "edges": (0.7, 2.0, 3.3)},
+    "noise": {"snr": 3.0},
+    "cores saturated": {"full": 0.6},
+    "gradient": {"light": lambda x, y: 1 + 0.7 * x},
+    "falls to a fifth": {"falloff": 0.8},
+    "half lit": {"light": lambda x, y: (x > 0.02).astype(float)},
+}
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("name", WHITE)
+def test_white_images_of_many_kinds_have_no_warnings(name: str) -> None:
+    truth = draw_white(DRAWN, dark=0.0, **WHITE[name])
+    fit = fit_lattice(truth.frame)
+    assert [note for note in fit.notes if "extrapolated elsewhere" not in note] == []
+    assert fit.pitch_px == pytest.approx(truth.pitch, abs=0.01)
+
+
+def fermi(distance: Any, width: float) -> Any:
+    return 1 / (1 + np.exp(np.clip(distance / width, -50, 50)))
+
+
+def bell(x: Any, y: Any) -> Any:
+    """Light of a beam, two percent in the corners: a polynomial of it would fall too fast or too slowly there."""
+    return np.exp(-2 * (x * x + y * y))
+
+
+def half(x: Any, y: Any) -> Any:
+    """Light of the right half: no places fix a flexible lattice in the dark half."""
+    return (x > 0.02).astype(float)
+
+
+@pytest.mark.few(3)
+@pytest.mark.parametrize(
+    ("light", "kind", "seed"),
+    [
+        (lambda x, y: fermi(np.hypot(x, y) - 0.8, 0.05), "hexagonal", 4),
+        (lambda x, y: fermi(-x - 0.2, 0.08), "hexagonal", 6),
+        (bell, "hexagonal", 0),
+        (bell, "hexagonal", 2),
+        (bell, "square", 0),
+        (bell, "square", 4),
+        (half, "square", 0),
+        (half, "square", 3),
+    ],
+)
+def test_uneven_light_does_not_bend_a_straight_lattice(light: Any, kind: str, seed: int) -> None:
+    truth = draw_white(DRAWN, kind=kind, dark=0.0, light=light, seed=seed)
+    fit = fit_lattice(truth.frame)
+    assert fit.form == "affine"
+    assert np.hypot(*truth.errors(fit.centres_px(*fit.index[~fit.dead].T)).T).max() < 0.05
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("size", [8.0, 30.0])
+def test_drawn_specimens_are_refused(size: float) -> None:
+    white = draw_white(DRAWN, dead=0.0, dark=0.0).frame
+    grain = cv2.GaussianBlur(np.random.default_rng(1).normal(size=DRAWN), (0, 0), size)
+    with pytest.raises(InputError, match=r"^[^\n]*specimen[^\n]*$"):
+        fit_lattice(white * np.exp(0.4 * grain / grain.std()))
+
+
+def test_cells_of_a_tissue_cause_a_warning() -> None:
+    rng = np.random.default_rng(2)
+    cells = np.array([((i + 0.5 * (j % 2)) * 16, j * 13.9) for i in range(-2, 28) for j in range(-2, 26)])
+    y, x = np.mgrid[: DRAWN[0], : DRAWN[1]]
+    near, _ = cKDTree(cells + rng.normal(0, 0.8, cells.shape)).query(np.stack([x, y], -1).reshape(-1, 2), k=2)
+    wall = np.clip((near[:, 1] - near[:, 0]).reshape(DRAWN) / 5, 0, 1)
+    notes = fit_lattice(1000 * wall + rng.normal(0, 20, DRAWN)).notes
+    assert any("more than noise explains" in note for note in notes)
+
+
+def test_evenness_by_hand() -> None:
+    q, r = (v.ravel() for v in np.meshgrid(np.arange(20), np.arange(16)))
+    index, places = np.stack([q, r], -1), 10.0 * np.stack([r, q], -1)
+    alive = np.ones(len(q), bool)
+    alternating = 100.0 * (1 + 0.2 * (-1.0) ** (q + r))
+    found = evenness(index, alternating, alive, places)
+    assert found.shared == 0.0 and found.scatter > 0.1
+    blocks = 100.0 * (1 + 0.3 * (-1.0) ** (q // 2 + r // 2))
+    assert evenness(index, blocks, alive, places).shared > 0.1
+    even = evenness(index, np.full(len(q), 100.0), alive, places)
+    assert max(even.shared, even.scatter) < 1e-6
+
+
+def test_each_warning_is_one_line() -> None:
+    assert check_white(Evenness(0.01, 0.05), 0.03, 0.2, 15.0) == ()
+    notes = check_white(Evenness(0.06, 0.25), 0.6, 0.2, 15.0)
+    assert len(notes) == 3 and all("\n" not in note for note in notes)
+
+
+ROTATION, CENTRE, FRAME = 0.03, np.array([47.3, 53.6]), (96, 108)
+
+
+def inside(x, y, blades, radius, turn):
+    """Return where a polygon of the area of a disc lies, a disc where it has no blades."""
+    if not blades:
+        return np.hypot(x, y) < radius
+    apothem = radius * math.sqrt(math.pi / (blades * math.tan(math.pi / blades)))
+    corner = np.mod(np.arctan2(y, x) - turn, 2 * math.pi / blades) - math.pi / blades
+    return np.hypot(x, y) * np.cos(corner) < apothem
+
+
+def basis(kind, pitch):
+    step = math.pi / 3 if kind == "hexagonal" else math.pi / 2
+    angles = np.array([ROTATION, ROTATION + step])
+    return pitch * np.stack([np.cos(angles), np.sin(angles)], -1)
+
+
+def iris_frame(kind, pitch, blades, fill, *, turn=0.2, over=4, noise=0.0):
+    """Return an antialiased frame of micro-images, which add where they overlap."""
+    rows, columns = ((np.arange(n * over) + 0.5) / over - 0.5 for n in FRAME)
+    x, y = columns[None] - CENTRE[1], rows[:, None] - CENTRE[0]
+    vectors = basis(kind, pitch)
+    cell = np.stack(np.broadcast_arrays(x, y), -1) @ np.linalg.inv(vectors)
+    part = cell - np.floor(cell)
+    light = np.zeros(cell.shape[:2])
+    for q in (-1, 0, 1, 2):
+        for r in (-1, 0, 1, 2):
+            away = (part - (q, r)) @ vectors
+            light += inside(away[..., 0], away[..., 1], blades, fill * pitch / 2, turn)
+    fine = ndimage.gaussian_filter(light, 0.6 * over)
+    frame = 3000 * fine.reshape(FRAME[0], over, FRAME[1], over).mean((1, 3)) + 64
+    return frame + noise * np.random.default_rng(0).standard_normal(FRAME)
+
+
+def off_centre(fit, kind, pitch):
+    """Return (row, column) from the true lattice to the fitted one."""
+    away = np.array(fit.origin_px) - CENTRE
+    vectors = basis(kind, pitch)[:, ::-1]
+    return away - np.rint(away @ np.linalg.inv(vectors)) @ vectors
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize(
+    ("kind", "blades", "fill"),
+    [("hexagonal", 7, 0.98), ("hexagonal", 5, 0.9), ("hexagonal", 5, 1.03), ("square", 5, 1.03), ("square", 9, 1.03)],
+)
+def test_the_centre_is_that_of_the_iris_and_not_that_of_symmetry(kind, blades, fill):
+    fit = fit_lattice(iris_frame(kind, 11.0, blades, fill), dark=64.0)
+    assert np.abs(off_centre(fit, kind, 11.0)).max() < 0.004  # a tenth of a pixel and more without
+    assert max(fit.errors.origin_px) < 0.01
+    apart = np.array(fit.measured_px) - np.array([fit.centres_px(*index) for index in fit.index]).reshape(-1, 2)
+    assert np.abs(np.nanmedian(apart, axis=0)).max() < 0.02  # the places came along
+
+
+def test_an_iris_with_a_centre_of_symmetry_keeps_it() -> None:
+    for blades in (0, 6):
+        fit = fit_lattice(iris_frame("hexagonal", 11.0, blades, 0.98), dark=64.0)
+        assert np.abs(off_centre(fit, "hexagonal", 11.0)).max() < 0.004, blades
+
+
+def test_noise_and_iris_are_in_the_stated_error() -> None:
+    for noise, most in ((60.0, 0.03), (150.0, 0.08)):
+        fit = fit_lattice(iris_frame("hexagonal", 11.0, 7, 0.95, noise=noise), dark=64.0)
+        off = np.abs(off_centre(fit, "hexagonal", 11.0))
+        assert (off < 4 * np.array(fit.errors.origin_px)).all() and max(fit.errors.origin_px) < most
+        # more than the residuals alone, because the iris is known less well
+        assert fit.errors.origin_px[0] > 2 * fit.residual_rms_px / math.sqrt(len(fit.index)) or noise > 100
+
+
+def test_the_transform_of_a_polygon_is_that_of_its_pixels() -> None:
+    at = (np.arange(1200) + 0.5) / 60 - 10
+    x, y = at[None], at[:, None]
+    for blades in (5, 6, 7):
+        drawn = inside(x, y, blades, 4.0, 0.3)
+        for wave in ((0.1, 0.02), (-0.05, 0.12), (0.2, -0.17)):
+            summed = (drawn * np.exp(-2j * np.pi * (wave[0] * x + wave[1] * y))).sum() / drawn.sum()
+            ((transform,),) = _transforms(np.array([wave]), blades, np.array([4.0]), np.array([0.3]))
+            assert abs(transform - summed) < 2e-3, (blades, wave)

@@ -1,4 +1,4 @@
-"""Several points lit at once: codes, gain of each entry by the formula, by hand and by Monte Carlo, when it pays."""
+"""Several points lit at once: codes, gain of each entry by the formula and by Monte Carlo, and codes on a display."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from lfcal.base.errors import InputError
+from lfcal.camera import preset
 from lfcal.multiplex import (
     SensorNoise,
     code_matrix,
     coding_gain,
     coding_pays,
+    display_fit,
+    display_frames,
     measured_coding_gain,
     overlapping_patterns,
     random_code,
@@ -36,12 +39,12 @@ def spots(points: int = 7, size: int = 12) -> Array:
     return np.array(found)
 
 
-@pytest.mark.parametrize("n", [3, 7, 11, 15, 19, 23, 31, 43, 63, 127])
-def test_s_matrices_have_their_algebra(n: int) -> None:
-    s, eye, ones = s_matrix(n), np.eye(n), np.ones((n, n))
-    assert set(np.unique(s)) == {0.0, 1.0}
-    np.testing.assert_array_equal(s @ s.T, (n + 1) / 4 * (eye + ones))
-    np.testing.assert_allclose(s @ (2 / (n + 1) * (2 * s.T - ones)), eye, atol=1e-12)
+def test_s_matrices_have_their_algebra() -> None:
+    for n in (3, 7, 11, 15, 19, 23, 31, 43, 63, 127):
+        s, eye, ones = s_matrix(n), np.eye(n), np.ones((n, n))
+        assert set(np.unique(s)) == {0.0, 1.0}
+        np.testing.assert_array_equal(s @ s.T, (n + 1) / 4 * (eye + ones))
+        np.testing.assert_allclose(s @ (2 / (n + 1) * (2 * s.T - ones)), eye, atol=1e-12)
 
 
 def test_orders_and_codes() -> None:
@@ -49,39 +52,29 @@ def test_orders_and_codes() -> None:
     for n in (1, 5, 9, 27, 35, 2000):
         with pytest.raises(InputError, match="order of the S-matrix"):
             s_matrix(n)
-    # of the least order with as many columns
+    # of the smallest order with as many columns
     assert code_matrix("S", 9).shape == (11, 9) and code_matrix("S", 7).shape == (7, 7)
     np.testing.assert_array_equal(code_matrix("single", 4), np.eye(4))
     code = code_matrix("random", 6, frames=12, density=0.3, rng=RNG(1))
     assert code.shape == (12, 6) and np.linalg.matrix_rank(code) == 6 and 0.1 < code.mean() < 0.5
     np.testing.assert_array_equal(code, random_code(12, 6, 0.3, RNG(1)))
-    for call in (
-        lambda: code_matrix("H", 7),
-        lambda: code_matrix("S", 0),
-        lambda: code_matrix("S", 7, frames=9),
-        lambda: random_code(3, 6, 0.5, RNG(0)),
-        lambda: random_code(6, 6, 1.0, RNG(0)),
-        lambda: random_code(40, 40, 1e-6, RNG(0)),
-    ):
-        with pytest.raises(InputError):
-            call()
 
 
-@pytest.mark.parametrize("signal", [5.0, 300.0, 2000.0])
-def test_gain_of_an_s_matrix_in_closed_form(signal: float) -> None:
-    """Of the additive noise 4n/(n+1)^2 is left, of the photons of all patterns at a pixel 2/(n+1)."""
+def test_gain_of_an_s_matrix_in_closed_form() -> None:
+    """The additive noise falls to 4n/(n+1)^2, and that of the photons of all patterns at a pixel to 2/(n+1)."""
     light, n = spots(), 7
-    found = coding_gain(light, s_matrix(n), NOISE, signal_e=signal)
-    electrons = signal * light / light.max()
-    coded = 4 * n / (n + 1) ** 2 * NOISE.additive_e2 + 2 / (n + 1) * electrons.sum(0)
-    assert found.time.exposure == 1, "nothing saturates"
-    np.testing.assert_allclose(found.time_db, 5 * np.log10((NOISE.additive_e2 + electrons) / coded), atol=1e-9)
-    assert found.time.rms_db == pytest.approx(
-        5 * math.log10((NOISE.additive_e2 + electrons).mean() / np.broadcast_to(coded, light.shape).mean())
-    )
+    for signal in (5.0, 300.0, 2000.0):
+        found = coding_gain(light, s_matrix(n), NOISE, signal_e=signal)
+        electrons = signal * light / light.max()
+        coded = 4 * n / (n + 1) ** 2 * NOISE.additive_e2 + 2 / (n + 1) * electrons.sum(0)
+        alone = NOISE.additive_e2 + electrons
+        assert found.time.exposure == 1, "nothing saturates"
+        np.testing.assert_allclose(found.time_db, 5 * np.log10(alone / coded), atol=1e-9)
+        mean = alone.mean() / np.broadcast_to(coded, light.shape).mean()
+        assert found.time.rms_db == pytest.approx(5 * math.log10(mean))
 
 
-def test_additive_noise_gains_and_photon_noise_is_spread_over_dark_entries() -> None:
+def test_codes_reduce_additive_noise_and_spread_photon_noise_over_dark_entries() -> None:
     light = spots()
     weak = coding_gain(light, s_matrix(7), NOISE, signal_e=0.01)
     # the known gain of S-matrices, (n + 1)/(2 sqrt n)
@@ -95,7 +88,7 @@ def test_additive_noise_gains_and_photon_noise_is_spread_over_dark_entries() -> 
     np.testing.assert_array_equal((photons.time_db > 1e-9).reshape(7, -1), flat > 2 / 8 * flat.sum(0) * (1 + 1e-9))
 
 
-def test_exposures_are_cut_where_sums_would_saturate() -> None:
+def test_exposures_are_reduced_if_sums_would_saturate() -> None:
     light = np.ones((3, 4, 4))
     found = coding_gain(light, s_matrix(3), NOISE, signal_e=8000.0)
     assert found.time.exposure == pytest.approx(10_000 / 16_000) and found.time.peak_e == pytest.approx(10_000)
@@ -107,7 +100,7 @@ def test_exposures_are_cut_where_sums_would_saturate() -> None:
     np.testing.assert_allclose(found.full_well_db, 5 * math.log10(single / coded), atol=1e-9)
 
 
-def test_more_frames_are_set_against_more_frames() -> None:
+def test_more_frames_are_compared_with_more_frames() -> None:
     """A code of twice the frames is compared with each point twice alone: repeating a code gains nothing."""
     light = spots()
     once = coding_gain(light, s_matrix(7), NOISE, signal_e=300.0)
@@ -118,6 +111,7 @@ def test_more_frames_are_set_against_more_frames() -> None:
     np.testing.assert_allclose(alone.full_well_db, 0, atol=1e-12)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("limit", ["time", "full well"])
 @pytest.mark.parametrize("prnu", [0.0, 0.02])
 @pytest.mark.parametrize(
@@ -133,7 +127,7 @@ def test_monte_carlo_is_the_formula_within_a_percent(code: Array, signal: float,
     assert 10 ** ((measured - wanted) / 10) == pytest.approx(1, abs=0.01)
 
 
-def test_it_pays_for_weak_light_only() -> None:
+def test_coding_pays_for_weak_light_only() -> None:
     light = spots()
     found = coding_pays(light, NOISE, signal_e=50.0)
     assert found.pays and found.gain.time.rms_db > 0 and found.words.startswith("coding pays")
@@ -150,7 +144,7 @@ def test_it_pays_for_weak_light_only() -> None:
     assert not never.pays
 
 
-def test_patterns_of_neighbours_lie_where_their_points_do() -> None:
+def test_patterns_of_neighbours_are_at_their_points() -> None:
     plane = RNG(5).random((3, 4, 5, 7))
     light, places = overlapping_patterns(plane, 5, step=2, first=(2, 3))
     assert light.shape == (5, 2 + 5, 4 + 7)
@@ -165,26 +159,68 @@ def test_patterns_of_neighbours_lie_where_their_points_do() -> None:
     assert math.isfinite(found.time.rms_db)
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda: overlapping_patterns(np.zeros((3, 4, 5, 7)), 3),
-        lambda: overlapping_patterns(np.ones((4, 5, 7)), 3),
-        lambda: overlapping_patterns(np.full((3, 4, 5, 7), np.inf), 3),
-        lambda: overlapping_patterns(np.ones((3, 4, 5, 7)), 0),
-        lambda: overlapping_patterns(np.ones((3, 4, 5, 7)), 3, step=0),
-        lambda: coding_gain(spots(), s_matrix(3), NOISE, signal_e=10.0),
-        lambda: coding_gain(spots(), np.ones((7, 7)), NOISE, signal_e=10.0),
-        lambda: coding_gain(spots(), 2 * s_matrix(7), NOISE, signal_e=10.0),
-        lambda: coding_gain(spots(), s_matrix(7), NOISE, signal_e=1e6),
-        lambda: coding_gain(spots(), s_matrix(7), NOISE, signal_e=math.nan),
-        lambda: coding_pays(spots(), NOISE, limit="money"),
-        lambda: coding_pays(spots(), NOISE, code="H"),
-        lambda: measured_coding_gain(
-            spots(), random_code(9, 7, 0.5, RNG(0)), NOISE, signal_e=10.0, rng=RNG(0), trials=1
-        ),
-    ],
-)
-def test_what_cannot_be_coded(call) -> None:
-    with pytest.raises(InputError):
-        call()
+def test_wrong_codes_and_patterns_are_refused() -> None:
+    ones, light, code = np.ones((3, 4, 5, 7)), spots(), s_matrix(7)
+    for call in (
+        lambda: code_matrix("H", 7),
+        lambda: code_matrix("S", 0),
+        lambda: code_matrix("S", 7, frames=9),
+        lambda: random_code(3, 6, 0.5, RNG(0)),
+        lambda: random_code(6, 6, 1.0, RNG(0)),
+        lambda: random_code(40, 40, 1e-6, RNG(0)),
+        lambda: overlapping_patterns(0 * ones, 3),
+        lambda: overlapping_patterns(ones[0], 3),
+        lambda: overlapping_patterns(np.inf * ones, 3),
+        lambda: overlapping_patterns(ones, 0),
+        lambda: overlapping_patterns(ones, 3, step=0),
+        lambda: coding_gain(light, s_matrix(3), NOISE, signal_e=10.0),
+        lambda: coding_gain(light, np.ones((7, 7)), NOISE, signal_e=10.0),
+        lambda: coding_gain(light, 2 * code, NOISE, signal_e=10.0),
+        lambda: coding_gain(light, code, NOISE, signal_e=1e6),
+        lambda: coding_gain(light, code, NOISE, signal_e=math.nan),
+        lambda: coding_pays(light, NOISE, limit="money"),
+        lambda: coding_pays(light, NOISE, code="H"),
+        lambda: measured_coding_gain(light, random_code(9, 7, 0.5, RNG(0)), NOISE, signal_e=10, rng=RNG(0), trials=1),
+    ):
+        with pytest.raises(InputError):
+            call()
+
+
+def test_a_display_is_judged_by_its_pixel_in_the_image() -> None:
+    step = preset("r29").step_um(0.0)
+    fine, equal = display_fit(step, step / 8), display_fit(step, step)
+    assert fine.fits and fine.placing_px == 0 and "fine enough" in fine.words
+    assert equal.fits and equal.image_px == pytest.approx(1), "one display pixel to each position"
+    coarse = display_fit(step, 3 * step)
+    assert not coarse.fits and coarse.image_px == pytest.approx(3)
+    assert "too coarse" in coarse.words and f"{step:.4g} µm" in coarse.words and "3 times" in coarse.words
+    odd = display_fit(10.0, 4.0)  # 2.5 to a step: positions fall between pixels
+    assert not odd.fits and odd.placing_px == pytest.approx(0.2) and "too coarse" in odd.words
+    assert display_fit(10.0, 1.9).fits and display_fit(10.0, 1.9).placing_px == pytest.approx(0.095)
+    for bad in ((0, 1), (1, 0), (1, np.nan), (np.inf, 1)):
+        with pytest.raises(InputError):
+            display_fit(*bad)
+
+
+def test_frames_show_the_code_at_the_points() -> None:
+    code, places = s_matrix(7), np.array([[2, 3], [2, 4], [2, 5], [3, 3], [3, 4], [3, 5], [4, 3]])
+    fit = display_fit(10.0, 5.0)
+    frames = list(display_frames(code, places, fit, (11, 12)))
+    assert len(frames) == 7 and all(frame.shape == (11, 12) and frame.dtype == np.uint8 for frame in frames)
+    # a block of 5 x 5 display pixels in the middle
+    spots = (places - places.min(0)) * 2 + [3, 3]
+    for frame, lit in zip(frames, code, strict=True):
+        np.testing.assert_array_equal(frame[spots[:, 0], spots[:, 1]], 255 * lit)
+        assert (frame > 0).sum() == lit.sum()
+    many = list(display_frames(code / 2, places, fit, (40, 60), repeat=(6, 7)))
+    assert (many[0] > 0).sum() == 3 * 4 * code[0].sum() and set(np.unique(many[0])) == {0, 128}
+    # blocks of 3 x 3 display pixels may touch
+    near = list(display_frames(code, places, display_fit(5.0, 5.0), (9, 9), repeat=(3, 3)))
+    assert (near[0] > 0).sum() == 9 * code[0].sum()
+    for bad in ({"shape": (4, 60)}, {"repeat": (1, 1), "shape": (40, 60)}):
+        with pytest.raises(InputError):
+            list(display_frames(code, places, fit, bad.pop("shape"), **bad))
+    with pytest.raises(InputError, match="display pixel for each"):
+        list(display_frames(code, places, display_fit(10.0, 30.0), (40, 60)))
+    with pytest.raises(InputError, match="positions"):
+        list(display_frames(code, places[:3], fit, (40, 60)))

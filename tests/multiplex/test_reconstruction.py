@@ -52,6 +52,7 @@ def by_loops(frame: NDArray[np.float64], m: Modulator, name: str, samples: tuple
     return out
 
 
+@pytest.mark.few(10)
 @pytest.mark.parametrize(("modulator", "shape"), CASES, ids=IDS)
 @pytest.mark.parametrize("name", ["linear", "cubic", "lanczos"])
 def test_spatial_route_is_theorem_1(modulator: Modulator, shape: tuple[int, int], name: str) -> None:
@@ -63,24 +64,25 @@ def test_spatial_route_is_theorem_1(modulator: Modulator, shape: tuple[int, int]
     np.testing.assert_allclose(result, expected, atol=1e-10 * max(1, np.abs(expected).max()))
 
 
-@pytest.mark.parametrize(("modulator", "shape"), CASES, ids=IDS)
 @pytest.mark.parametrize("samples", [None, 1, (2, 3), 7])
-def test_fourier_route_is_the_spatial_route_with_a_sinc(modulator: Modulator, shape: tuple[int, int], samples) -> None:
-    frame = RNG(2).random(shape)
-    one = demultiplex(frame, modulator, filter="sinc", samples=samples)
-    two = demultiplex(frame, modulator, route="fourier", samples=samples)
-    np.testing.assert_allclose(one, two, atol=1e-12 * max(1, np.abs(one).max()))
-    if samples == 7:  # one sample per lenslet needs no filter
-        assert not np.allclose(demultiplex(frame, modulator, filter="cubic", samples=samples), two, atol=1e-3)
+def test_fourier_route_is_the_spatial_route_with_a_sinc(samples) -> None:
+    for modulator, shape in CASES:
+        frame = RNG(2).random(shape)
+        one = demultiplex(frame, modulator, filter="sinc", samples=samples)
+        two = demultiplex(frame, modulator, route="fourier", samples=samples)
+        np.testing.assert_allclose(one, two, atol=1e-12 * max(1, np.abs(one).max()), err_msg=modulator.name)
+        if samples == 7:  # one sample per lenslet needs no filter
+            assert not np.allclose(demultiplex(frame, modulator, filter="cubic", samples=samples), two, atol=1e-3)
 
 
-@pytest.mark.parametrize(("modulator", "shape"), CASES[:-1], ids=IDS[:-1])
 @pytest.mark.parametrize("name", ["nearest", "linear", "cubic", "lanczos", "sinc", "bilateral", "fourier"])
-def test_even_light_is_recovered(modulator: Modulator, shape: tuple[int, int], name: str) -> None:
-    light = RNG(3).random(modulator.count)[:, None, None] * np.ones(shape)
+def test_even_light_is_recovered(name: str) -> None:
     options = {"route": "fourier"} if name == "fourier" else {"filter": name}
-    result = demultiplex(multiplex(light, modulator), modulator, **options)
-    np.testing.assert_allclose(result, np.broadcast_to(light[:, :1, :1], result.shape), atol=1e-8)
+    for modulator, shape in CASES[:-1]:
+        light = RNG(3).random(modulator.count)[:, None, None] * np.ones(shape)
+        result = demultiplex(multiplex(light, modulator), modulator, **options)
+        wanted = np.broadcast_to(light[:, :1, :1], result.shape)
+        np.testing.assert_allclose(result, wanted, atol=1e-8, err_msg=modulator.name)
 
 
 def band_limited(modulator: Modulator, cells: tuple[int, int]) -> NDArray[np.float64]:
@@ -116,9 +118,8 @@ def test_linear_filters_commute_with_decorrelation(modulator: Modulator) -> None
     """Corollary 1: blurring the correlated channels is blurring the samples; a median is not."""
     py, px = modulator.side
     frame = RNG(5).random((py * 12, px * 12))
-    identity = Modulator(
-        "channels", modulator.side, np.eye(modulator.pixels), np.eye(modulator.pixels), views=modulator.side
-    )
+    eye = np.eye(modulator.pixels)
+    identity = Modulator("channels", modulator.side, eye, eye, views=modulator.side)
     channels = demultiplex(frame, identity, samples=modulator.side, filter="cubic")
     samples = demultiplex(frame, modulator, samples=modulator.side, filter="cubic")
     inverse = modulator.inverse()
@@ -148,10 +149,9 @@ def test_fourier_route_rings_at_edges_and_cubic_does_not() -> None:
     assert cubic.flat < 1e-12 and fourier.flat > 0.1
 
 
-def test_filters_keep_what_they_promise() -> None:
-    trials = {
-        t.filter: t for t in measure_filters(colour_edges((96, 96)), cfa("Bayer"), rounds=1) if t.route == "spatial"
-    }
+def test_errors_of_the_filters() -> None:
+    found = measure_filters(colour_edges((96, 96)), cfa("Bayer"), rounds=1)
+    trials = {t.filter: t for t in found if t.route == "spatial"}
     linear = [t.error for name, t in trials.items() if name in LINEAR_FILTERS]
     assert trials["bilateral"].error < min(linear)
     assert {"lmmse", "directional"} <= set(trials)
@@ -175,7 +175,7 @@ def test_sample_types_and_threads(dtype) -> None:
     assert demultiplex(frame, cfa("GRBG")).dtype == wanted
 
 
-def test_views_and_colours_are_told_apart() -> None:
+def test_views_and_colours_are_separated() -> None:
     product = mask("lenslet", 3) * cfa("Bayer")
     light = (np.arange(9)[:, None] + 10.0 * np.arange(3)).ravel()
     result = arrange(demultiplex(multiplex(light[:, None, None] * np.ones((18, 18)), product), product), product)
@@ -183,27 +183,23 @@ def test_views_and_colours_are_told_apart() -> None:
     np.testing.assert_allclose(result[1, 2, 1], 5 + 10, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"route": "radon"},
-        {"filter": "box"},
-        {"samples": 0},
-        {"samples": (1, 2, 3)},
-        {"origin": (0.5, 0)},
-        {"rcond": 2.0},
-        {"rcond": 1e-6, "filter": "directional"},
-        {"out": np.empty((3, 4, 4))},
-    ],
-)
-def test_bad_options(options) -> None:
-    with pytest.raises(InputError):
-        demultiplex(np.ones((8, 8)), cfa("Bayer"), **options)
-
-
-@pytest.mark.parametrize("frame", [np.ones((8, 8, 3)), np.full((8, 8), np.nan), np.ones((8, 8), complex), np.ones(8)])
-def test_bad_frames(frame) -> None:
-    with pytest.raises(InputError):
-        demultiplex(frame, cfa("Bayer"))
+def test_wrong_options_and_frames_are_refused() -> None:
+    plain = np.ones((8, 8))
+    for frame, options in (
+        (plain, {"route": "radon"}),
+        (plain, {"filter": "box"}),
+        (plain, {"samples": 0}),
+        (plain, {"samples": (1, 2, 3)}),
+        (plain, {"origin": (0.5, 0)}),
+        (plain, {"rcond": 2.0}),
+        (plain, {"rcond": 1e-6, "filter": "directional"}),
+        (plain, {"out": np.empty((3, 4, 4))}),
+        (np.ones((8, 8, 3)), {}),
+        (np.full((8, 8), np.nan), {}),
+        (np.ones((8, 8), complex), {}),
+        (np.ones(8), {}),
+    ):
+        with pytest.raises(InputError):
+            demultiplex(frame, cfa("Bayer"), **options)
     with pytest.raises(InputError):
         multiplex(np.ones((2, 8, 8)), cfa("Bayer"))

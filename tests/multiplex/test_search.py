@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -28,12 +29,11 @@ from lfcal.multiplex.search import _filters_cost, _mask_cost, iter_mask_frontier
 RATIOS = np.logspace(-2, 2, 81)
 
 
-@pytest.mark.parametrize("chi2", [0.0, 2.0, math.inf])
-@pytest.mark.parametrize(("cost", "shape"), [(_filters_cost, (5, 3)), (_mask_cost, (5, 5))])
-def test_gradients(cost, shape: tuple[int, int], chi2: float) -> None:
-    x = np.random.default_rng(1).uniform(0.2, 1, shape)
-    numeric = approx_fprime(x.ravel(), lambda v: cost(v.reshape(shape), chi2)[0], 1e-7)
-    np.testing.assert_allclose(cost(x, chi2)[1].ravel(), numeric, rtol=1e-4, atol=1e-4)
+def test_gradients_of_costs_are_numerical_ones() -> None:
+    for (cost, shape), chi2 in itertools.product(((_filters_cost, (5, 3)), (_mask_cost, (5, 5))), (0.0, 2.0, math.inf)):
+        x = np.random.default_rng(1).uniform(0.2, 1, shape)
+        numeric = approx_fprime(x.ravel(), lambda v: cost(v.reshape(shape), chi2)[0], 1e-7)  # noqa: B023
+        np.testing.assert_allclose(cost(x, chi2)[1].ravel(), numeric, rtol=1e-4, atol=1e-4)
 
 
 def test_ideal_filter_sets_by_trying_all() -> None:
@@ -48,7 +48,7 @@ def test_ideal_filter_sets_by_trying_all() -> None:
     assert {"Bayer", "CYMG", "CYYM", "CMYW", "RGBW"} <= names
 
 
-def test_rounding_decides_nothing() -> None:
+def test_rounding_does_not_choose_the_best() -> None:
     """Gains that are equal but for the last bits: the first one is the best, and what is beaten is not efficient."""
     arrays, gains = tuple(map(cfa, ("CYMG", "RG/GB", "GB/RG"))), np.array([0.2, 1.0, 1 + 3e-16])
     found = Frontier(arrays, "Bayer", gains, gains, gains, 0.0, np.ones(3, bool))
@@ -59,11 +59,11 @@ def test_rounding_decides_nothing() -> None:
     assert np.array_equal(every.efficient, ~((over >= 0).all(0) & (over > 0).any(0)).any(1))
 
 
-@pytest.mark.parametrize(("typed", "means"), [("RGB", "RGB/RGB"), ("rc", "RC/RC")])
-def test_one_row_is_told_how_to_be_stripes(typed: str, means: str) -> None:
-    with pytest.raises(InputError, match=f'write stripes as "{means}"'):
-        cfa(typed)
-    assert cfa(means).side == (2, len(typed))
+def test_the_message_for_one_row_explains_stripes() -> None:
+    for typed, means in (("RGB", "RGB/RGB"), ("rc", "RC/RC")):
+        with pytest.raises(InputError, match=f'write stripes as "{means}"'):
+            cfa(typed)
+        assert cfa(means).side == (2, len(typed))
     for other in ("", "R" * 40, "RGX"):
         with pytest.raises(InputError, match='rows: "RG/GB"'):
             cfa(other)
@@ -91,21 +91,18 @@ def test_masks_are_no_worse_than_the_known_ones(chi2: float) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize(("size", "chi2"), [(5, 10.0), (5, 1.0), (7, 10.0)])
 def test_many_plain_random_starts_find_no_better_mask(size: int, chi2: float) -> None:
-    """The cost written anew, from uniform and from open-or-closed masks, by another method."""
-    pinhole = mask("pinhole", size)
+    """The cost written again, from uniform and from open-or-closed masks, by another method."""
 
-    def gain(x: np.ndarray) -> float:
+    def loss(x: np.ndarray) -> float:
         noise = np.sum(1 / (np.abs(np.fft.fft2(x.reshape(size, size))) ** 2 + 1e-9)) / size**2 * (1 + chi2 * x.mean())
-        return 5 * math.log10((1 + chi2 / size**2) / noise)
+        return 5 * math.log10(noise / (1 + chi2 / size**2))
 
-    found = snr_gain(best_mask(size, chi2), pinhole, chi2)
-    rng = np.random.default_rng(11)
+    found = snr_gain(best_mask(size, chi2), mask("pinhole", size), chi2)
+    rng, options = np.random.default_rng(11), {"maxiter": 60}
     for k in range(25):
         start = rng.random(size * size) if k % 2 else (rng.random(size * size) < 0.3) * 0.98 + 0.01
-        other = minimize(
-            lambda x: -gain(x), start, bounds=[(0, 1)] * size**2, method="L-BFGS-B", options={"maxiter": 60}
-        )
-        assert gain(other.x) < found + 1e-3
+        other = minimize(loss, start, bounds=[(0, 1)] * size**2, method="L-BFGS-B", options=options)
+        assert -loss(other.x) < found + 1e-3
     assert found < mask_gain_bound(size, chi2)
 
 
@@ -143,15 +140,20 @@ def test_exhaustive_search_of_small_masks(chi2: float) -> None:
         best_binary_mask(5, chi2)
 
 
-def test_frontier_of_masks() -> None:
+def test_the_frontier_of_masks_and_its_best_so_far() -> None:
     found = mask_frontier(3, 0.5, points=3, starts=1)
     assert found.chosen.max() == pytest.approx(snr_gain(found.best, mask("pinhole", 3), 0.5))
     assert {"pinhole", "MURA"} <= {m.name for m in found.modulators}
-    stages = [p.stage for p in iter_mask_frontier(3, 0.5, points=3, starts=1)]
-    assert set(stages) == {"masks"}
+    records: list[Any] = list(iter_mask_frontier(3, 0.5, points=3, starts=1))
+    assert {record.stage for record in records} == {"masks"}
+    gains = [float(record.found.chosen.max()) for record in records]
+    assert gains == sorted(gains) and len(records[-1].found.modulators) == len(found.modulators)
+    known = {m.name for m in records[0].found.modulators}
+    assert "pinhole" in known and not any("best" in name for name in known)
+    assert any("best" in m.name for m in records[1].found.modulators)
 
 
-def test_bad_searches() -> None:
+def test_wrong_searches_are_refused() -> None:
     for call in (
         lambda: filter_set_frontier(0.0, letters="RX"),
         lambda: filter_set_frontier(0.0, letters="RG"),
@@ -162,19 +164,8 @@ def test_bad_searches() -> None:
             call()
 
 
-def test_a_search_has_its_best_so_far_at_every_record() -> None:
-    records: list[Any] = list(iter_mask_frontier(3, 0.5, points=3, starts=1))
-    gains = [float(record.found.chosen.max()) for record in records]
-    assert gains == sorted(gains) and [len(r.found.modulators) for r in records][-1] == len(
-        mask_frontier(3, 0.5, points=3, starts=1).modulators
-    )
-    known = {m.name for m in records[0].found.modulators}
-    assert "pinhole" in known and not any("best" in name for name in known)
-    assert any("best" in m.name for m in records[1].found.modulators)
-
-
 @pytest.mark.parametrize("chi2", [10.0, 30.0])
-def test_few_starts_end_at_the_same_mask_whatever_they_are(chi2: float) -> None:
+def test_different_starts_end_at_the_same_mask(chi2: float) -> None:
     """Pixels turned over lead from the best so far to a better one, from wherever the search began."""
     masks = [best_mask(5, chi2, starts=3, rng=np.random.default_rng(seed)) for seed in range(4)]
     gains = [snr_gain(one, mask("pinhole", 5), chi2) for one in masks]

@@ -1,9 +1,10 @@
-"""Weights, noise-optimal decorrelation, the general route: oracles by dense algebra and by Monte Carlo."""
+"""Weights, black levels, noise-optimal decorrelation, the general route: dense algebra and Monte Carlo."""
 
 from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,8 +25,11 @@ from lfcal.multiplex import (
     pixel_variance,
     pixel_weights,
     sensor_noise,
+    without_black_level,
 )
+from lfcal.multiplex._sensor_noise import black_level_map
 from lfcal.multiplex.general import GeneralModel, mask_shadows
+from lfcal.multiplex.recorded import RecordedFrame
 
 RNG = np.random.default_rng
 ND = neutral_density([[1.0, 0.25], [0.25, 0.0625]])
@@ -44,7 +48,7 @@ def test_clipped_pixels_do_not_count() -> None:
     assert np.isfinite(found.deviation).all()
 
 
-def test_rows_are_taken_in_as_many_parts_as_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_of_rows_do_not_change_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
     frame, weights = multiplex(RNG(0).random((1, 12, 12)), ND), RNG(1).random((12, 12))
     whole = demultiplex_weighted(frame, ND, weights)
     monkeypatch.setattr("lfcal.multiplex.weighted.VALUES_AT_ONCE", 1)
@@ -110,7 +114,7 @@ def test_weighted_is_dense_least_squares(modulator) -> None:
     np.testing.assert_allclose(found.deviation[:, y, x], np.sqrt((inverse**2).sum(1)), rtol=1e-6)
 
 
-def test_what_no_pixel_measures_is_said() -> None:
+def test_what_no_pixel_measures_has_an_infinite_deviation() -> None:
     frame = np.ones((12, 12))
     weights = np.ones((12, 12))
     weights[::2, ::2] = 0  # all reds
@@ -126,7 +130,7 @@ def test_what_no_pixel_measures_is_said() -> None:
         demultiplex(frame, cfa("Bayer"), weights=np.ones((12, 12)), filter="cubic")
 
 
-def test_the_told_deviation_is_measured_within_a_percent() -> None:
+def test_the_stated_deviation_is_measured_within_a_percent() -> None:
     modulator = cfa("RGBW 4x4")
     light = np.array([300.0, 500, 200])[:, None, None] * np.ones((256, 256))
     pure = multiplex(light, modulator)
@@ -138,7 +142,7 @@ def test_the_told_deviation_is_measured_within_a_percent() -> None:
     assert np.sqrt(np.mean(found)) == pytest.approx(1, abs=0.01)
 
 
-def test_the_sensors_noise() -> None:
+def test_the_noise_of_the_sensor() -> None:
     noise = sensor_noise(SENSOR, exposure_s=2.0)
     assert noise.additive_e2 == pytest.approx(9 + 4 + 1 / 12) and noise.chi2 == pytest.approx(4095 / (13 + 1 / 12))
     assert sensor_noise(SENSOR, gain=4.0).additive_e2 == pytest.approx(9 + 1 / 192)
@@ -153,6 +157,7 @@ def test_the_sensors_noise() -> None:
         pixel_weights(np.ones((2, 2)), SENSOR, dead=np.ones((3, 3)))
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("chi2", [0.0, 5.0, math.inf])
 @pytest.mark.parametrize("name", ["Bayer", "RGBW", "CYMG", "RGBW 4x4", "X-Trans"])
 def test_noise_optimal_decorrelation(name: str, chi2: float) -> None:
@@ -171,7 +176,7 @@ def test_noise_optimal_decorrelation(name: str, chi2: float) -> None:
     assert 10 ** (gain / 10) == pytest.approx(rms[0] / rms[1], rel=0.01)
 
 
-def test_noise_optimal_of_correlated_noise_and_of_square_super_pixels() -> None:
+def test_optimal_decorrelation_of_correlated_noise_and_of_square_super_pixels() -> None:
     m = mask("MURA", 3)
     np.testing.assert_allclose(noise_optimal_inverse(m, RNG(7).random(9) + 0.1), m.inverse(), atol=1e-10)
     wide = modulator_from_matrix("two", (1, 2), np.ones((2, 1)))
@@ -184,11 +189,11 @@ def test_noise_optimal_of_correlated_noise_and_of_square_super_pixels() -> None:
 
 
 # -- the general route ----------------------------------------------------------------------------------
-@pytest.mark.parametrize("spacing", [(1.0, 1.0), (2.0, 3.0), (2.7, 4.1), (30.0, 30.0)])
-def test_adjoint_of_the_general_model(spacing) -> None:
-    model = GeneralModel(RNG(0).random((3, 17, 22)), spacing)
-    x, y = RNG(1).random(model.grid), RNG(2).random(model.shape)
-    assert float((model.forward(x) * y).sum()) == pytest.approx(float((x * model.adjoint(y)).sum()), rel=1e-12)
+def test_adjoint_of_the_general_model() -> None:
+    for spacing in ((1.0, 1.0), (2.0, 3.0), (2.7, 4.1), (30.0, 30.0)):
+        model = GeneralModel(RNG(0).random((3, 17, 22)), spacing)
+        x, y = RNG(1).random(model.grid), RNG(2).random(model.shape)
+        assert float((model.forward(x) * y).sum()) == pytest.approx(float((x * model.adjoint(y)).sum()), rel=1e-12)
 
 
 def test_general_route_is_dense_least_squares() -> None:
@@ -245,24 +250,55 @@ def test_general_route_of_periodic_modulators_and_dead_pixels() -> None:
     frame[4, 4], weights[4, 4] = np.nan, 0.0
     found = demultiplex_generally(frame, cfa("CYMG"), 2.0, weights=weights)
     np.testing.assert_allclose(found.samples, light[:, :9, :9], atol=1e-4)
-    for bad in ({"spacing": 0.1}, {"spacing": 2.0, "smoothness": -1.0}, {"spacing": 2.0, "tolerance": 0.0}):
-        with pytest.raises(InputError):
-            demultiplex_generally(np.ones((8, 8)), np.ones((2, 8, 8)), **bad)
+
+
+def test_wrong_input_of_the_general_route_is_refused() -> None:
+    frame, ones = np.ones((8, 8)), np.ones((2, 8, 8))
     for shares, message in (
         (np.ones((2, 7, 8)), "shape (N, 8, 8)"),
-        (np.zeros((2, 8, 8)), "some light"),
-        (np.ones((8, 8)), "shape (N, rows, columns)"),
-        (np.full((2, 8, 8), np.nan), "finite numbers, got NaN or infinity"),
-        (np.full((2, 8, 8), 1e7), "magnitudes up to 1e+06, got 1e+07"),
+        (0 * ones, "some light"),
+        (frame, "shape (N, rows, columns)"),
+        (np.nan * ones, "finite numbers, got NaN or infinity"),
+        (1e7 * ones, "magnitudes up to 1e+06, got 1e+07"),
+        (1j * ones, "real numbers"),
     ):
         with pytest.raises(InputError, match=re.escape(f"transmissions: expected {message}")):
-            demultiplex_generally(np.ones((8, 8)), shares, 2.0)
-
-
-def test_the_general_route_refuses_what_is_none() -> None:
-    frame, shares = np.ones((12, 12)), np.ones((1, 12, 12))
-    for options in ({"most": 0}, {"most": 1.5}, {"smoothness": -1}, {"tolerance": 0}):
+            demultiplex_generally(frame, shares, 2.0)
+    for options in ({"most": 0}, {"most": 1.5}, {"smoothness": -1}, {"tolerance": 0}, {"spacing": 0.1}):
         with pytest.raises(InputError):
-            demultiplex_generally(frame, shares, 2.0, **options)
-    with pytest.raises(InputError, match="real numbers"):
-        demultiplex_generally(frame, shares * 1j, 2.0)
+            demultiplex_generally(frame, ones, **{"spacing": 2.0, **options})
+
+
+def test_black_levels_of_a_pattern_are_at_their_pixels() -> None:
+    frame = np.arange(35, dtype=np.uint16).reshape(5, 7) + 100
+    light = without_black_level(frame, (1.0, 2.0, 3.0, 4.0))
+    assert light.dtype == np.float32
+    for y, x in np.ndindex(frame.shape):
+        assert light[y, x] == frame[y, x] - (1, 2, 3, 4)[y % 2 * 2 + x % 2]
+    np.testing.assert_array_equal(without_black_level(frame, 7), frame - 7.0)
+    np.testing.assert_array_equal(without_black_level(frame, (7,)), frame - 7.0)
+    assert black_level_map((7,), frame.shape).shape == black_level_map(7, frame.shape).shape == ()
+    assert without_black_level(frame.astype(float), frame / 2).dtype == np.float64
+    np.testing.assert_array_equal(without_black_level(frame, frame / 2), frame / 2)
+    for bad in ((), (1, 2), (1, 2, 3), np.nan, np.ones((4, 7))):
+        with pytest.raises(InputError, match="black level"):
+            without_black_level(frame, bad)
+    with pytest.raises(InputError, match="frame"):
+        without_black_level(np.zeros((3, 4, 5)), 1)
+
+
+def test_the_given_level_counts_before_that_of_the_file_and_of_the_sensor() -> None:
+    sensor, raw = Sensor(black_level=64.0), np.zeros((2, 2), np.uint16)
+    stated, silent = (RecordedFrame(Path("a.tif"), raw, "", level) for level in ((10.0, 20.0, 20.0, 10.0), None))
+    assert stated.level(0.0, sensor) == 0.0, "0 is a level"
+    assert stated.level(None, sensor) == (10.0, 20.0, 20.0, 10.0)
+    assert silent.level(None, sensor) == 64.0 and silent.level() == 0.0
+
+
+def test_weights_subtract_the_level_of_the_file() -> None:
+    sensor = Sensor(bit_depth=12, full_well_e=4095.0, read_noise_e=3.0, black_level=0.0)
+    frame = np.array([[110.0, 220.0], [120.0, 210.0]])
+    level = (100.0, 200.0, 100.0, 200.0)
+    weights = pixel_weights(frame, sensor, black_level=level)
+    np.testing.assert_allclose(1 / weights, 9 + 1 / 12 + np.array([[10.0, 20.0], [20.0, 10.0]]), rtol=1e-9)
+    assert (pixel_weights(frame, sensor) < weights).all(), "without it the level is taken for light"

@@ -1,4 +1,4 @@
-"""Drifts in frames of a small sensor, which a finer sampling than that of the model makes."""
+"""Drifts in frames of a small sensor, by a finer sampling than the model's, and the test that finds them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from lfcal.base import InputError
 from lfcal.camera import NoLatticeError, ScanPlan, preset
@@ -15,7 +16,7 @@ from lfcal.fit import NewFrame, Setup
 from lfcal.fit.model import Fineness
 from lfcal.fit.parameters import ScanScales, Vector
 from lfcal.recalibrate import DriftWatch, watch
-from lfcal.recalibrate._alarm import MeasuredDrift
+from lfcal.recalibrate._alarm import AlarmTest, MeasuredDrift, mean_drift, rejected
 from lfcal.recalibrate._patterns import VoxelPatterns, every_voxel, patterns_at
 from lfcal.recalibrate.watch import _trends
 from lfcal.recalibrate.watched import WatchedFrame, WatchedMean
@@ -127,29 +128,24 @@ def test_saturated_pixels_are_left_out() -> None:
     assert found.values[0] == pytest.approx(0.05, abs=0.015)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"quiet": [frame(drifted(), k) for k in range(3)]}, "quiet frames: expected at least 6, or none, got 3"),
-        ({"quiet": [NewFrame(np.ones((50, 60), np.float32))] * 6}, "at least 6 that H explains, got 0; frame: "),
-        ({"rate": 0.7}, "rate of false alarms: expected"),
-        ({"mean": 0}, "mean: expected"),
-    ],
-)
-def test_options_that_cannot_be_used_are_refused(options: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        watched([frame(drifted(), 1)], **options)
-
-
-def test_frames_of_another_camera_are_refused() -> None:
-    with pytest.raises(InputError, match="size: expected 56 x 56 px, as in the camera, got 80 x 60 px"):
-        watched([NewFrame(np.ones((80, 60), np.float32), noise=(9, 1), label="a.tif")])
+def test_options_and_frames_that_cannot_be_used_are_refused() -> None:
+    some = [frame(drifted(), k) for k in range(3)]
+    another = NewFrame(np.ones((80, 60), np.float32), noise=(9, 1), label="a.tif")
+    for frames, options, message in (
+        (some, {"quiet": some}, "quiet frames: expected at least 6, or none, got 3"),
+        (some, {"quiet": [NewFrame(np.ones((50, 60), np.float32))] * 6}, "at least 6 that H explains, got 0; frame: "),
+        (some, {"rate": 0.7}, "rate of false alarms: expected"),
+        (some, {"mean": 0}, "mean: expected"),
+        ([another], {}, "size: expected 56 x 56 px, as in the camera, got 80 x 60 px"),
+    ):
+        with pytest.raises(InputError, match=message):
+            watched(frames, **options)
     plan = ScanPlan.for_camera(preset("flfm_20x05"), depths_um=[0.0], cutout=21)
     with pytest.raises(NoLatticeError, match="watching frames"):
-        watch([frame(drifted(), 1)], Setup(plan.camera, (), (0.0,)), plan)
+        watch(some, Setup(plan.camera, (), (0.0,)), plan)
 
 
-def test_the_mean_of_all_frames_is_a_test_too() -> None:
+def test_the_mean_of_all_frames_is_tested() -> None:
     one = WatchedMean(("a",), (0.0, 0.0, 0.1), (0.01, 0.01, 0.04), 9.0, 0.02, False)
     frames = (WatchedFrame("a", None), WatchedFrame("b", None))
     found = DriftWatch(frames, (), (one, one), (), True, (0.0, 0.0, 0.1), (0.01, 0.01, 0.03), (), 0.01, 11.3)
@@ -161,3 +157,58 @@ def test_depths_that_h_states_are_used() -> None:
     setup = replace(SETUP, depth_errors_um=(-40.0,))
     some = [frame(drifted(), 1)]
     assert watch(some, setup, wrong).frames[0].values == pytest.approx(watched(some).frames[0].values, abs=1e-4)
+
+
+FLOORS = np.array([0.0, 0.0, 0.02])
+
+
+def drawn(rng: np.random.Generator, count: int, shift: tuple[float, ...] = (0, 0, 0)) -> list[MeasuredDrift]:
+    """Return drifts with correlated noise of different size in each, twice as large as stated."""
+    found = []
+    for _ in range(count):
+        a = rng.uniform(0.5, 3) * np.array([[2, 0, 0], [0.3, 2, 0], [0, 5, 20]]) * 1e-3
+        values = np.array(shift) + 2 * a @ rng.standard_normal(3) + rng.normal(0, 2 * FLOORS)
+        found.append(MeasuredDrift(values, a @ a.T, FLOORS))
+    return found
+
+
+def test_quiet_frames_give_alarms_at_the_stated_rate() -> None:
+    for mean in (1, 3):
+        rng, alarms = np.random.default_rng(0), 0
+        for _ in range(60):
+            test = AlarmTest(drawn(rng, 24), 0.05)
+            alarms += sum(test.tested(drawn(rng, mean))[1] < 0.05 for _ in range(50))
+        assert 0.03 < alarms / 3000 < 0.07, mean
+    # without quiet frames, at the stated noise
+    rng, test = np.random.default_rng(1), AlarmTest([], 0.05)
+    found = [one._replace(values=one.values / 2) for one in drawn(rng, 3000)]
+    alarms = sum(test.tested([one])[0] > test.threshold() for one in found)
+    assert 0.035 < alarms / 3000 < 0.065
+
+
+def test_thresholds_are_those_of_the_distributions() -> None:
+    calm = drawn(np.random.default_rng(2), 24)
+    expected = 3 * 23 / 21 * stats.f.isf(0.01, 3, 21)
+    assert AlarmTest(calm, 0.01).threshold() == pytest.approx(expected)
+    assert AlarmTest([], 0.01).threshold() == pytest.approx(stats.chi2.isf(0.01, 3))
+    square, chance = AlarmTest(calm, 0.01).tested(drawn(np.random.default_rng(3), 1, (0.05, 0, 0)))
+    assert (square > expected) == (chance < 0.01)
+
+
+def test_the_error_of_the_model_is_not_averaged_away() -> None:
+    shifted = [MeasuredDrift(np.array([0, 0, 0.03]), np.diag([1e-6, 1e-6, 1e-4]), FLOORS)] * 400
+    assert mean_drift(shifted).sigmas[2] == pytest.approx(0.02, rel=0.01)
+    assert AlarmTest([], 0.01).tested(shifted)[1] > 0.1
+    calm = drawn(np.random.default_rng(4), 30)
+    every = [MeasuredDrift(np.array([0, 0, 0.03]), one.noise, FLOORS) for one in drawn(np.random.default_rng(5), 400)]
+    test = AlarmTest(calm, 0.01)
+    assert test.tested(every, floored=True)[0] < test.tested(every)[0]
+
+
+def test_several_tests_together_keep_the_rate() -> None:
+    rng = np.random.default_rng(6)
+    series = rng.uniform(size=(4000, 20))
+    assert np.mean([bool(rejected(one.tolist(), 0.05)) for one in series]) == pytest.approx(0.05, abs=0.012)
+    assert rejected([0.9, 0.004, 0.5, 0.015], 0.01) == []
+    assert rejected([0.9, 0.004, 0.5, 0.004], 0.01) == [1, 3]
+    assert rejected([], 0.01) == []

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import pickle
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -60,26 +60,25 @@ def by_the_definition(matrices: Sequence[PSFMatrix], shape: tuple[int, int] = SH
 # -- weights ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_weights_share_every_voxel(count: int) -> None:
-    for shape in (SHAPE, (1, 7), (600, 5)):
-        weights = np.array(field_weights(PLACES[count], shape))
+def test_weights_share_every_voxel() -> None:
+    for places, shape in itertools.product(PLACES.values(), (SHAPE, (1, 7), (600, 5))):
+        weights = np.array(field_weights(places, shape))
         assert weights.min() >= 0 and weights.max() <= 1
         np.testing.assert_allclose(weights.sum(axis=0), 1, rtol=1e-12)
-    for k, place in enumerate(PLACES[count]):
-        np.testing.assert_allclose(place_weights(PLACES[count], np.array([place]))[k], 1, atol=1e-12)
+        for k, place in enumerate(places):
+            np.testing.assert_allclose(place_weights(places, np.array([place]))[k], 1, atol=1e-12)
 
 
-def test_what_changes_linearly_is_met_between_the_regions() -> None:
-    """Places and any linear function of them are told exactly within the triangle; beyond it is the nearest point."""
+def test_linear_changes_are_interpolated_exactly() -> None:
+    """Places and any linear function of them are exact within the triangle; beyond it counts the nearest point."""
     places = [(2.0, 3.0), (40.0, 10.0), (12.0, 50.0)]
     inside = np.array([[15.0, 20.0], [20.0, 25.0], [3.0, 4.5]])
     np.testing.assert_allclose(place_weights(places, inside).T @ np.array(places), inside, atol=1e-9)
     beyond = np.array([[-10.0, -5.0], [100.0, 0.0], [60.0, 60.0]])
-    told = place_weights(places, beyond).T @ np.array(places)
-    np.testing.assert_allclose(told[:2], places[:2], atol=1e-9)
+    found = place_weights(places, beyond).T @ np.array(places)
+    np.testing.assert_allclose(found[:2], places[:2], atol=1e-9)
     side = np.array(places[2]) - np.array(places[1])
-    assert abs((beyond[2] - told[2]) @ side) < 1e-9, "nearest on the side between the last two"
+    assert abs((beyond[2] - found[2]) @ side) < 1e-9, "nearest on the side between the last two"
 
 
 def test_regions_on_a_line() -> None:
@@ -112,32 +111,33 @@ def test_the_operator_is_its_definition(method: str, count: int) -> None:
     np.testing.assert_allclose(P.adjoint(image).ravel(), wanted.T @ image.ravel(), atol=1e-11)
 
 
-@pytest.mark.parametrize("tolerance", [0.0, 0.02])
-@pytest.mark.parametrize("count", [2, 3, 4])
-def test_the_adjoint_is_exact(count: int, tolerance: float) -> None:
-    P = FieldProjector(regions(count), SHAPE, dtype=np.float64, tolerance=tolerance)
-    rng = np.random.default_rng(count)
-    g, f = rng.standard_normal(P.volume_shape), rng.standard_normal(SHAPE)
-    ahead, back = float((P.forward(g) * f).sum()), float((g * P.adjoint(f)).sum())
-    assert abs(ahead - back) < 1e-12 * float(np.abs(P.forward(np.abs(g))).sum() * np.abs(f).max())
+def test_the_adjoint_is_exact() -> None:
+    for count, tolerance in itertools.product((2, 3, 4), (0.0, 0.02)):
+        P = FieldProjector(regions(count), SHAPE, dtype=np.float64, tolerance=tolerance)
+        rng = np.random.default_rng(count)
+        g, f = rng.standard_normal(P.volume_shape), rng.standard_normal(SHAPE)
+        ahead, back = float((P.forward(g) * f).sum()), float((g * P.adjoint(f)).sum())
+        assert abs(ahead - back) < 1e-12 * float(np.abs(P.forward(np.abs(g))).sum() * np.abs(f).max())
 
 
-@pytest.mark.parametrize("method", ["auto", "direct", "polyphase", "sparse", "reduced"])
-def test_of_one_region_it_is_that_regions_projector_to_the_last_bit(method: str) -> None:
+def test_of_one_region_it_is_that_regions_projector_to_the_last_bit() -> None:
     (H,) = regions(1)
-    more: dict[str, Any] = {"tolerance": 0.05} if method == "reduced" else {}
-    one, field = (kind(what, SHAPE, method=method, **more) for kind, what in ((Projector, H), (FieldProjector, [H])))
-    rng = np.random.default_rng(3)
-    g, f = rng.random(one.volume_shape).astype(np.float32), rng.random(SHAPE).astype(np.float32)
-    assert field.method == one.method
-    assert field.forward(g).tobytes() == one.forward(g).tobytes()
-    assert field.adjoint(f).tobytes() == one.adjoint(f).tobytes()
-    phases = np.zeros(one.period, bool)
-    phases[1::2] = True
-    assert field.subset(phases).adjoint(f).tobytes() == one.subset(phases).adjoint(f).tobytes()
+    for method in ("auto", "direct", "polyphase", "sparse", "reduced"):
+        within = 0.05 if method == "reduced" else 0.0
+        one, field = (
+            kind(what, SHAPE, method=method, tolerance=within) for kind, what in ((Projector, H), (FieldProjector, [H]))
+        )
+        rng = np.random.default_rng(3)
+        g, f = rng.random(one.volume_shape).astype(np.float32), rng.random(SHAPE).astype(np.float32)
+        assert field.method == one.method
+        assert field.forward(g).tobytes() == one.forward(g).tobytes()
+        assert field.adjoint(f).tobytes() == one.adjoint(f).tobytes()
+        phases = np.zeros(one.period, bool)
+        phases[1::2] = True
+        assert field.subset(phases).adjoint(f).tobytes() == one.subset(phases).adjoint(f).tobytes()
 
 
-def test_equal_regions_are_as_one() -> None:
+def test_equal_regions_are_like_one() -> None:
     """Of an H that is the same everywhere blending makes the same: regions whole periods apart."""
     values = np.random.default_rng(0).random((2, 4, 3, 7, 9))
     many = [PSFMatrix(values, anchor=at) for at in ((0, 0), (4, 12), (16, -3))]
@@ -162,32 +162,30 @@ def test_light_is_the_weighted_mean_of_the_regions_light() -> None:
         assert float(P.forward(volume).sum()) == pytest.approx(sum(own), rel=1e-12)
 
 
-def test_an_anchor_moves_all_regions(count: int = 3) -> None:
-    matrices = regions(count)
+def test_an_anchor_moves_all_regions() -> None:
+    matrices = regions(3)
     moved = [PSFMatrix(np.asarray(H), anchor=(H.anchor[0] + 5, H.anchor[1] - 2), depths=H.depths) for H in matrices]
-    here = FieldProjector(matrices, SHAPE, (PLACES[count][0][0] + 5, PLACES[count][0][1] - 2))
+    here = FieldProjector(matrices, SHAPE, (PLACES[3][0][0] + 5, PLACES[3][0][1] - 2))
     there = FieldProjector(moved, SHAPE)
     volume = np.random.default_rng(1).random(here.volume_shape)
     assert here.forward(volume).tobytes() == there.forward(volume).tobytes()
     assert here.grid == there.grid
 
 
-@pytest.mark.parametrize("count", [2, 4])
-def test_subsets_of_phases_add_up(count: int) -> None:
-    P = FieldProjector(regions(count), SHAPE, dtype=np.float64)
-    masks = [np.zeros(P.period, bool) for _ in range(3)]
-    for k, mask in enumerate(masks):
-        mask.flat[k::3] = True
+def test_subsets_of_phases_are_masked_operators() -> None:
     rng = np.random.default_rng(0)
-    volume, image = rng.random(P.volume_shape), rng.random(SHAPE)
-    parts = [P.subset(mask) for mask in masks]
-    for mask, part in zip(masks, parts, strict=True):
-        np.testing.assert_allclose(part.forward(volume), P.forward(volume) * P.grid.tiled(mask), atol=1e-11)
-        np.testing.assert_allclose(part.adjoint(image), P.adjoint(image * P.grid.tiled(mask)), atol=1e-11)
-    assert P.subset(masks[0]) is parts[0]
+    for count in (2, 4):
+        P = FieldProjector(regions(count), SHAPE, dtype=np.float64)
+        volume, image = rng.random(P.volume_shape), rng.random(SHAPE)
+        masks = [np.arange(P.period[0] * P.period[1]).reshape(P.period) % 3 == k for k in range(3)]
+        for mask in masks:
+            part, tiled = P.subset(mask), P.grid.tiled(mask)
+            np.testing.assert_allclose(part.forward(volume), P.forward(volume) * tiled, atol=1e-11)
+            np.testing.assert_allclose(part.adjoint(image), P.adjoint(image * tiled), atol=1e-11)
+            assert P.subset(mask) is part
 
 
-def test_regions_are_projected_where_they_weigh() -> None:
+def test_regions_are_projected_only_where_their_weights_are_positive() -> None:
     """Of regions far apart each works on its own part of the image; one that weighs nothing is left out."""
     rng = np.random.default_rng(0)
     far = [PSFMatrix(rng.random((1, 3, 3, 5, 5)), anchor=(0, at)) for at in (0, 150, 300, 2000)]
@@ -197,7 +195,7 @@ def test_regions_are_projected_where_they_weigh() -> None:
     assert [a.start for a, b in pairwise([part.window[0] for part in P._parts])] == [0, 0]
 
 
-def test_it_travels() -> None:
+def test_a_field_projector_is_pickled() -> None:
     P = FieldProjector(regions(3), SHAPE, (4.0, 4.7), threshold=0.1)
     volume = np.random.default_rng(1).random(P.volume_shape)
     again = pickle.loads(pickle.dumps(P))
@@ -217,7 +215,7 @@ def test_the_forecast_counts_every_region() -> None:
         FieldProjector(matrices, SHAPE, method="direct", memory_limit=20_000)
 
 
-def test_planes_that_cannot_be_kept_are_counted_as_such() -> None:
+def test_planes_that_cannot_be_kept_are_not_counted() -> None:
     rng = np.random.default_rng(0)
     many = [PSFMatrix(rng.random((40, 3, 3, 31, 31)).astype(np.float32), anchor=(9 * k, 0)) for k in range(2)]
     P = FieldProjector(many, (30, 30), method="direct", memory_limit=2_500_000, workers=1)
@@ -228,9 +226,8 @@ def test_planes_that_cannot_be_kept_are_counted_as_such() -> None:
     assert P.forward(volume).tobytes() == whole.forward(volume).tobytes()
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
+def test_regions_that_do_not_belong_together_are_refused() -> None:
+    for change, words in (
         (
             {"values": (3, 4, 3, 7, 9)},
             r"H of region other: expected 2 planes of 4 x 3 positions, as in the first, got 3",
@@ -238,14 +235,12 @@ def test_planes_that_cannot_be_kept_are_counted_as_such() -> None:
         ({"values": (2, 4, 4, 7, 9)}, r"got 2 planes of 4 x 4 positions; measure all regions by the same plan"),
         ({"depths": (-1.0, 5.0)}, r"expected the depths"),
         ({"anchor": (3, 4)}, r"a different position for each, got regions 1 and 2 at the same position"),
-    ],
-)
-def test_regions_that_do_not_belong_together_are_refused(change: dict[str, Any], words: str) -> None:
-    values = np.ones(change.get("values", (2, 4, 3, 7, 9)))
-    depths = change.get("depths", (-1.0, 2.0, 3.0)[: len(values)])
-    other = PSFMatrix(values, anchor=change.get("anchor", (9, 9)), depths=depths, region="other")
-    with pytest.raises(InputError, match=words):
-        FieldProjector([*regions(1), other], SHAPE)
+    ):
+        values = np.ones(change.get("values", (2, 4, 3, 7, 9)))
+        depths = change.get("depths", (-1.0, 2.0, 3.0)[: len(values)])
+        other = PSFMatrix(values, anchor=change.get("anchor", (9, 9)), depths=depths, region="other")
+        with pytest.raises(InputError, match=words):
+            FieldProjector([*regions(1), other], SHAPE)
     with pytest.raises(InputError, match="at least one H"):
         FieldProjector([], SHAPE)
     with pytest.raises(InputError, match="which states its position in the field"):
@@ -275,8 +270,8 @@ def truth(shape: tuple[int, int], anchor: Pair, volume: np.ndarray, edge: float)
 
 
 @pytest.mark.long
-def test_a_field_is_met_better_than_by_any_one_region() -> None:
-    """Projection and reconstruction; also between regions, where nobody measured."""
+def test_a_field_is_modelled_better_than_by_any_single_region() -> None:
+    """Projection and reconstruction; also between regions, where H was not measured."""
     shape, edge = (30, 90), 60.0
     matrices = [PSFMatrix(seen_at((at - 10) / edge), anchor=(0, at)) for at in (10.0, 40.0, 70.0)]
     rng = np.random.default_rng(5)
@@ -295,7 +290,7 @@ def test_a_field_is_met_better_than_by_any_one_region() -> None:
     assert off["field"] < 0.7 * min(error for name, error in off.items() if name != "field"), off
 
 
-def test_a_cameras_field_is_met_between_its_regions() -> None:
+def test_h_between_the_regions_of_a_camera_is_accurate() -> None:
     """Coma that grows with the field and astigmatism with its square, simulated; points where no H was taken."""
     bench = camera()
     setup = Setup(bench, (*described_effects(bench), LAW), (0.0,))
@@ -323,7 +318,7 @@ def test_a_cameras_field_is_met_between_its_regions() -> None:
 
 
 @pytest.mark.parametrize("solver", ["sieve", "osem", "phase-space", "rl-biggs"])
-def test_every_kind_of_solver_takes_it(solver: str) -> None:
+def test_every_kind_of_solver_works_with_regions(solver: str) -> None:
     matrices = [PSFMatrix(seen_at(at), anchor=(0, 20 * at)) for at in (0.0, 1.0)]
     P = FieldProjector(matrices, (20, 31), dtype=np.float64)
     volume = np.zeros(P.volume_shape)
@@ -353,7 +348,7 @@ def test_regions_share_a_device(count: int) -> None:
     np.testing.assert_allclose(again.forward(volume), there.forward(volume), rtol=1e-13)
 
 
-def test_auto_takes_the_processor_where_regions_have_no_room_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_auto_uses_the_processor_if_regions_have_no_room_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
     small = ArrayDevice("numpy", room=1000)
     monkeypatch.setattr("lfcal.reconstruct.projectors.field_projector.find_device", lambda text: small)
     assert FieldProjector(regions(2), SHAPE, device="auto").device is None

@@ -52,14 +52,12 @@ def place(library):
 
 
 def pair(H, image, method, library, **options):
-    """Return the projector of the processor and that of a device, alike otherwise."""
+    """Return the projector of the processor and that of a device, otherwise equal."""
     options = {"tolerance": 0.05 if method == "reduced" else 0.0, "dtype": np.float64} | options
-    return Projector(H, image, method=method, **options), Projector(
-        H, image, method=method, device=place(library), **options
-    )
+    return [Projector(H, image, method=method, device=device, **options) for device in (None, place(library))]
 
 
-@pytest.mark.few(24)
+@pytest.mark.few(12)
 @pytest.mark.parametrize("library", LIBRARIES)
 @pytest.mark.parametrize("method", [m for m in ON_DEVICES if m != "reduced"])
 @pytest.mark.parametrize("name", CASES)
@@ -72,14 +70,14 @@ def test_pair_is_the_dense_matrix_and_its_transpose(name, method, library):
     assert np.allclose(P.adjoint(f).ravel(), matrix.T @ f.ravel(), rtol=0, atol=1e-12)
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("library", LIBRARIES)
 @pytest.mark.parametrize("signed", [False, True])
 @pytest.mark.parametrize("image", [(21, 14), (40, 33)])
-def test_within_a_tolerance_the_same_is_projected_as_on_the_processor(image, signed, library):
+def test_reduced_projections_are_those_of_the_processor(image, signed, library):
     H, rng = slow_psf(signed=signed), np.random.default_rng(0)
     here, there = pair(H, image, "reduced", library, tolerance=0.05, anchor=(-4, 3))
-    # nodes that are as far apart as they can be: sums of nodes and entries beside them both count
+    # nodes that are as far apart as they can be: sums of nodes and other entries both count
     here._engine.work = there._engine.host.work = lambda g, kept: 1 / g
     g, f = rng.random((1, *image)), rng.random(image)
     assert here._operand(0).spacing > 2 and there._operand(0).facts[1] is not None
@@ -107,7 +105,7 @@ def test_forward_and_adjoint_have_equal_inner_products(image, period, half, anch
     assert abs(np.vdot(Hg, f) - np.vdot(g, Hf)) <= 1e-12 * max(size, 1e-300)
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("library", LIBRARIES)
 @pytest.mark.parametrize("method", ON_DEVICES)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -127,9 +125,10 @@ def test_phases_in_use_and_single_precision(dtype, method, library):
     assert not there.subset(mask).forward(g)[~there.grid.tiled(mask)].any()
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("library", LIBRARIES)
 @pytest.mark.parametrize("method", ON_DEVICES)
-def test_no_light_in_H_or_in_the_volume(method, library):
+def test_no_light_in_h_or_in_the_volume(method, library):
     H = lenslet_psf(2, 5, 15)
     H[1] = 0
     _, P = pair(H, (16, 17), method, library)
@@ -140,21 +139,21 @@ def test_no_light_in_H_or_in_the_volume(method, library):
     assert not P.adjoint(np.ones((16, 17)))[1].any()
 
 
-@pytest.mark.parametrize("room", [1, 1 << 30])
-def test_small_steps_change_nothing(room):
+def test_small_steps_change_nothing():
     rng, H = np.random.default_rng(2), lenslet_psf(2, 5, 17)
     P = Projector(H, (48, 57), (1, 1), "direct", dtype=np.float64)
     g, f = rng.standard_normal(P.volume_shape), rng.standard_normal(P.image_shape)
-    place = Placement(NUMPY, kept=False, room=room)
-    engines = [DeviceDirect(P.grid, DOUBLE, place), DeviceSparse(P.grid, DOUBLE, place)]
-    engines += [DevicePolyphase(TilePlan(P.grid, counts), DOUBLE, place) for counts in ((1, 1), (3, 2), (5, 4))]
-    for engine in engines:
-        operands = [engine.prepare(plane) for plane in H]
-        assert not operands[0].there
-        assert engine.operand_bytes(operands[0]) > 0
-        assert np.allclose(engine.forward(zip(operands, g, strict=True)), P.forward(g), rtol=0, atol=1e-12)
-        back = [plane.copy() for plane in engine.adjoint(f, operands)]
-        assert np.allclose(np.stack(back), P.adjoint(f), rtol=0, atol=1e-12)
+    ahead, back = P.forward(g), P.adjoint(f)
+    for room in (1, 1 << 30):
+        place = Placement(NUMPY, kept=False, room=room)
+        engines = [DeviceDirect(P.grid, DOUBLE, place), DeviceSparse(P.grid, DOUBLE, place)]
+        engines += [DevicePolyphase(TilePlan(P.grid, counts), DOUBLE, place) for counts in ((1, 1), (3, 2), (5, 4))]
+        for engine in engines:
+            operands = [engine.prepare(plane) for plane in H]
+            assert not operands[0].there and engine.operand_bytes(operands[0]) > 0
+            assert np.allclose(engine.forward(zip(operands, g, strict=True)), ahead, rtol=0, atol=1e-12)
+            found = [plane.copy() for plane in engine.adjoint(f, operands)]
+            assert np.allclose(np.stack(found), back, rtol=0, atol=1e-12)
 
 
 def test_a_solver_ends_at_the_same_volume():
@@ -168,7 +167,7 @@ def test_a_solver_ends_at_the_same_volume():
 # -- memory ------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("method", ON_DEVICES)
 @pytest.mark.few(2)
-def test_planes_are_kept_there_or_moved_or_prepared_anew(method, monkeypatch):
+def test_planes_are_kept_on_the_device_or_transferred_or_prepared_again(method, monkeypatch):
     with_rates(monkeypatch, 1e10, 1e10, 1e9)
     H = np.tile(lenslet_psf(2, 7, 31).astype(np.float32), (12, 1, 1, 1, 1))
     g, choice = np.random.default_rng(0).random((24, 60, 60)), SolverChoice("rl")
@@ -189,12 +188,12 @@ def test_planes_are_kept_there_or_moved_or_prepared_anew(method, monkeypatch):
     assert not moved.prepare()._operand(0).there and cost.resident
     assert use.memory_bytes <= use.free and "transferred for each projection" in str(moved.forecast())
     assert run_memory(moved, choice).matrix == cost.operand_bytes > 0
-    anew = moved
-    while anew.forecast().chosen.resident:
-        anew = on(use.free, anew.forecast().chosen.memory_bytes - 1)
-    assert not anew.prepare().operand_bytes()
+    again = moved
+    while again.forecast().chosen.resident:
+        again = on(use.free, again.forecast().chosen.memory_bytes - 1)
+    assert not again.prepare().operand_bytes()
     truth = kept.forward(g)
-    for P in (moved, anew):
+    for P in (moved, again):
         assert np.abs(P.forward(g) - truth).max() <= 1e-5 * truth.max()
     with pytest.raises(InputError, match=r"memory of cpu \(numpy\).*at least .* for one plane.*--device cpu"):
         on(1000)
@@ -202,7 +201,7 @@ def test_planes_are_kept_there_or_moved_or_prepared_anew(method, monkeypatch):
         on(1 << 30, 1000)
 
 
-def test_a_slower_plan_is_taken_where_the_processor_has_no_room_for_the_quickest(monkeypatch):
+def test_a_slower_plan_is_chosen_if_the_quickest_does_not_fit(monkeypatch):
     """It was refused, with what the quickest would take."""
     with_rates(monkeypatch, 1.5e8, 1.4e9, 1.9e9)
     H = np.tile(lenslet_psf(2, 7, 31).astype(np.float32), (12, 1, 1, 1, 1))
@@ -215,12 +214,12 @@ def test_a_slower_plan_is_taken_where_the_processor_has_no_room_for_the_quickest
 
 
 def with_rates(monkeypatch, *rates):
-    """Plans hang on them: those of this machine, in this moment, would make another plan each time."""
+    """Fix the rates, from which plans follow: those of this machine would make another plan each time."""
     found = DeviceRates(*rates)
     monkeypatch.setattr("lfcal.reconstruct.projectors._device_forecast.device_rates", lambda *_: found)
 
 
-def test_planes_beyond_what_was_foretold_stay_with_the_processor():
+def test_planes_beyond_the_forecast_stay_with_the_processor():
     H = lenslet_psf(3, 5, 15)
     P = Projector(H, (30, 30), method="sparse", dtype=np.float64)
     device = replace(NUMPY, room=1 << 20)
@@ -231,7 +230,7 @@ def test_planes_beyond_what_was_foretold_stay_with_the_processor():
     assert np.allclose(engine.forward(zip(operands, g, strict=True)), P.forward(g), rtol=0, atol=1e-12)
 
 
-def test_forecast_takes_the_quickest_that_fits_there():
+def test_the_forecast_chooses_the_quickest_method_that_fits():
     H = lenslet_psf(3, 9, 31)
     P = Projector(H, (80, 80), tolerance=0.01, device=NUMPY)
     found = P.forecast()
@@ -243,7 +242,7 @@ def test_forecast_takes_the_quickest_that_fits_there():
 
 
 # -- which device ------------------------------------------------------------------------------------------
-def test_travels_as_the_words_that_name_it():
+def test_a_device_is_pickled_by_its_name():
     H = lenslet_psf(1, 5, 15).astype(np.float32)
     P = Projector(H, (20, 20), method="direct", device=NUMPY)
     again = pickle.loads(pickle.dumps(P))
@@ -251,10 +250,10 @@ def test_travels_as_the_words_that_name_it():
     assert len(pickle.dumps(ArrayDevice("torch", 1))) < 300
 
 
-@pytest.mark.parametrize("text", ["gpu", "cuda:x", "auto:1", "cpu:0", "", "cuda:"])
-def test_other_words_are_refused(text):
-    with pytest.raises(InputError, match="device: expected auto, cpu, cuda or cuda:NUMBER"):
-        find_device(text)
+def test_other_words_are_refused():
+    for text in ("gpu", "cuda:x", "auto:1", "cpu:0", "", "cuda:"):
+        with pytest.raises(InputError, match="device: expected auto, cpu, cuda or cuda:NUMBER"):
+            find_device(text)
 
 
 def with_devices(monkeypatch, **counts):
@@ -262,7 +261,7 @@ def with_devices(monkeypatch, **counts):
     monkeypatch.setattr(devices, "driver_present", lambda: True)
 
 
-def test_no_accelerator_is_one_line_and_auto_takes_the_processor(monkeypatch):
+def test_without_an_accelerator_auto_uses_the_processor(monkeypatch):
     with_devices(monkeypatch)
     assert find_device("auto") is None and find_device("cpu") is None
     with pytest.raises(InputError, match=r"device cuda: expected an accelerator and PyTorch or CuPy.*choose cpu"):
@@ -282,7 +281,7 @@ def test_each_worker_has_a_device_and_a_number_names_one(monkeypatch):
     assert find_device("auto") == ArrayDevice("torch", 0)
 
 
-def test_a_device_that_computes_wrongly_is_not_taken(monkeypatch):
+def test_a_device_with_wrong_results_is_not_used(monkeypatch):
     with_devices(monkeypatch, torch=1)
     check_arithmetic(NUMPY)
     fetched = ArrayDevice.fetched
@@ -294,7 +293,7 @@ def test_a_device_that_computes_wrongly_is_not_taken(monkeypatch):
         find_device("cuda")
 
 
-def test_a_device_that_fails_is_told_of(monkeypatch):
+def test_the_failure_of_a_device_is_reported(monkeypatch):
     with_devices(monkeypatch, torch=1)
 
     def fail(device):
@@ -306,7 +305,7 @@ def test_a_device_that_fails_is_told_of(monkeypatch):
         find_device("cuda")
 
 
-def test_auto_takes_the_processor_where_the_device_has_no_room_or_no_such_method(monkeypatch):
+def test_auto_uses_the_processor_if_the_device_has_no_room_or_no_such_method(monkeypatch):
     H = lenslet_psf(1, 5, 15)
     P = Projector(H, (20, 20))
     small = replace(NUMPY, room=10)

@@ -134,8 +134,9 @@ def test_intervals_contain_the_truth(P: Projector) -> None:
     assert abs(sums[0] - 68) < 20 and sums[1] > 85, sums
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("gain", "background"), [(1.0, 10.0), (2.5, 4.0)])
-def test_unknown_noise_is_found_from_the_frame(P: Projector, gain: float, background: float) -> None:
+def test_unknown_noise_is_estimated_from_the_frame(P: Projector, gain: float, background: float) -> None:
     """60 iterations also fit a part of the noise, which the estimate has to take into account."""
     truth = drawn("shell", 5, 2)
     truth *= 2000 / P.forward(truth).max()
@@ -149,7 +150,7 @@ def test_unknown_noise_is_found_from_the_frame(P: Projector, gain: float, backgr
     assert np.median(unknown.sigma / known.sigma) == pytest.approx(1, abs=0.15)
 
 
-def test_planes_that_look_alike_are_unknown(P: Projector) -> None:
+def test_the_division_of_light_between_equal_planes_is_uncertain(P: Projector) -> None:
     """How the light is divided between two equal planes of H cannot be known, but their sum can."""
     plane = np.asarray(P._reader.H[:1])
     twice = projector(np.concatenate([plane, plane]))
@@ -166,6 +167,7 @@ def test_planes_that_look_alike_are_unknown(P: Projector) -> None:
     assert both.regions[0].sigma < 0.5 * min(one.sigma for one in bars.regions)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", ["plume", "shell", "texture"])
 def test_bars_include_the_noise_of_a_recorded_matrix(P: Projector, kind: str) -> None:
     """Sums through all planes are wrong by several times the noise of the frame, because H is noisy."""
@@ -189,7 +191,7 @@ def test_bars_include_the_noise_of_a_recorded_matrix(P: Projector, kind: str) ->
     assert abs(error) < 3 * region.sigma * scale, (error, region)
 
 
-def test_the_margin_and_missing_pixels_change_only_what_they_concern(P: Projector) -> None:
+def test_margins_and_missing_pixels_are_handled(P: Projector) -> None:
     wide = Projector(P._reader.H, (SHAPE[0] + 22, SHAPE[1] + 22), anchor=(16, 16), workers=1)
     truth = drawn("shell", 3, 2)
     truth *= 2000 / P.forward(truth).max()
@@ -222,22 +224,21 @@ def test_labels_may_be_large_and_levels_are_probabilities(P: Projector) -> None:
             bars.interval(level)
 
 
-@pytest.mark.parametrize("suffix", [".tif", ".npy", ".ome.tif"])
-def test_labels_belong_to_the_planes_on_which_they_were_drawn(tmp_path: Path, suffix: str) -> None:
-    """Files of TIFF have planes by increasing depth, so labels drawn there have, too."""
+def test_labels_belong_to_the_planes_on_which_they_were_drawn(tmp_path: Path) -> None:
+    """TIFF files have planes by increasing depth, and so have labels drawn on them."""
     depths = np.array([-100.0, -300.0, -200.0])
     volume = np.arange(3.0)[:, None, None] * np.ones((3, 4, 5)) + 1
-    save_volume(tmp_path / f"v{suffix}", volume, depths_um=depths)
-    if suffix == ".npy":
-        stored = np.load(tmp_path / "v.npy")
-        np.save(tmp_path / "drawn.npy", stored)
-    else:
-        stored = tifffile.imread(tmp_path / f"v{suffix}")
-        tifffile.imwrite(tmp_path / f"drawn{suffix}", stored.astype(np.uint16), photometric="minisblack")
-    found = load_labels(tmp_path / f"drawn{suffix}", depths)
-    np.testing.assert_array_equal(found, volume)
-    np.testing.assert_array_equal(load_labels(tmp_path / f"v{suffix}", depths), volume)
-    np.testing.assert_array_equal(load_labels(tmp_path / f"drawn{suffix}", None), stored)
+    for suffix in (".tif", ".npy", ".ome.tif"):
+        save_volume(tmp_path / f"v{suffix}", volume, depths_um=depths)
+        if suffix == ".npy":
+            stored = np.load(tmp_path / "v.npy")
+            np.save(tmp_path / "drawn.npy", stored)
+        else:
+            stored = tifffile.imread(tmp_path / f"v{suffix}")
+            tifffile.imwrite(tmp_path / f"drawn{suffix}", stored.astype(np.uint16), photometric="minisblack")
+        np.testing.assert_array_equal(load_labels(tmp_path / f"drawn{suffix}", depths), volume)
+        np.testing.assert_array_equal(load_labels(tmp_path / f"v{suffix}", depths), volume)
+        np.testing.assert_array_equal(load_labels(tmp_path / f"drawn{suffix}", None), stored)
     np.save(tmp_path / "large.npy", stored * 2**30)
     with pytest.raises(InputError, match="numbers up to 16777216"):
         load_labels(tmp_path / "large.npy", depths)
@@ -252,35 +253,29 @@ def test_synthetic_objects_are_rougher_than_the_volume_and_equally_bright() -> N
     assert spread == pytest.approx(0.9, rel=0.03)
 
 
-@pytest.mark.parametrize(
-    ("noise", "light", "variance"),
-    [
+def test_frames_have_the_stated_noise() -> None:
+    for noise, light, variance in (
         (SampleNoise(20.0, 2.0, 10.0), 100.0, 220.0),
         (SampleNoise(9.0, 1.0, 3.0), 50.0, 59.0),
         (SampleNoise(4.0, 0.5, 0.0), 0.0, 4.0),
-    ],
-)
-def test_frames_have_the_stated_noise(noise: SampleNoise, light: float, variance: float) -> None:
-    frame = noise.sampled(np.full((300, 300), light), np.random.default_rng(1))
-    assert frame.mean() == pytest.approx(light + noise.background, abs=0.3)
-    assert frame.var() == pytest.approx(variance, rel=0.03)
-    assert replace(noise, saturation=60.0).sampled(np.full((9, 9), 1e3), np.random.default_rng(1)).max() == 60
+    ):
+        frame = noise.sampled(np.full((300, 300), light), np.random.default_rng(1))
+        assert frame.mean() == pytest.approx(light + noise.background, abs=0.3)
+        assert frame.var() == pytest.approx(variance, rel=0.03)
+        assert replace(noise, saturation=60.0).sampled(np.full((9, 9), 1e3), np.random.default_rng(1)).max() == 60
 
 
-@pytest.mark.parametrize(
-    ("choice", "labels", "words"),
-    [
+def test_wrong_input_is_refused(P: Projector) -> None:
+    for choice, labels, words in (
         (SolverChoice(auto=True), None, "iterations of a reconstruction with error bars: expected a fixed number"),
         (SolverChoice("rl", tolerance=0.1), None, "tolerance of a reconstruction with error bars"),
         (CHOICE, np.ones((3, 5)), r"labels of regions: expected shape \(2, 77, 77\) or \(77, 77\), got \(3, 5\)"),
         (CHOICE, np.full(SHAPE, 0.5), "labels of regions: expected integers"),
         (CHOICE, np.zeros(SHAPE), "positive integers inside, got only zeros; label at least one region"),
         (CHOICE, np.full(SHAPE, -1), "positive integers inside, got -1; replace the negative labels"),
-    ],
-)
-def test_bad_input_is_refused(P: Projector, choice: SolverChoice, labels: np.ndarray | None, words: str) -> None:
-    with pytest.raises(InputError, match=words):
-        error_bars(P, np.ones(SHAPE), choice, labels=labels)
+    ):
+        with pytest.raises(InputError, match=words):
+            error_bars(P, np.ones(SHAPE), choice, labels=labels)
 
 
 SQUARE_DEPTHS = (2.2, 2.8, 3.4)
@@ -337,7 +332,9 @@ def hexagonal() -> Projector:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("peak", [200, 2000, 20000])
 @pytest.mark.parametrize("case", ["exact", "uncertain", "hexagonal"])
-def test_gate(case: str, peak: int, request: pytest.FixtureRequest) -> None:
+def test_intervals_hold_for_all_objects_light_levels_and_cameras(
+    case: str, peak: int, request: pytest.FixtureRequest
+) -> None:
     """Intervals hold for objects of five kinds, three light levels, two cameras, and H exact or uncertain."""
     system = request.getfixturevalue("hexagonal" if case == "hexagonal" else "uncertain")
     P = system if case == "hexagonal" else projector(system.H)

@@ -1,4 +1,4 @@
-"""Metrics, phantoms, smoothing widths, two-point resolution."""
+"""Metrics, phantoms, smoothing widths, two-point resolution, and the benchmarks that report them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks import project, reconstruct
 from lfcal.base.errors import InputError
 from lfcal.camera import preset
+from lfcal.psf import PSFMatrix
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.phantoms import PHANTOMS, nrmse, phantom, points, vesicle
 from lfcal.reconstruct.resolution import dip, two_point
@@ -16,7 +18,7 @@ from lfcal.reconstruct.solvers.smoothing import DepthSmoothing, lanczos_kernel, 
 from tests.reconstruct.oracles import lenslet_psf
 
 
-def test_errors_by_hand():
+def test_nrmse_by_hand():
     truth = np.array([3.0, 4.0])
     assert nrmse(truth + 1, truth) == pytest.approx(math.sqrt(2) / 5)
     with pytest.raises(InputError, match="truth"):
@@ -25,7 +27,7 @@ def test_errors_by_hand():
         nrmse(truth, np.zeros(3))
 
 
-def test_phantoms_are_where_they_say():
+def test_phantoms_are_at_their_places():
     spot = points((3, 9, 9), [(1, 4, 5), (1, 4, 5)])
     assert spot.sum() == 2 and spot[1, 4, 5] == 2
     shell = vesicle((21, 41, 41), radius=8, z_step=1.0)
@@ -47,7 +49,7 @@ def test_smoothing_widths_of_a_microscope_fall_with_depth():
     assert np.allclose(smoothing_widths(camera, [-d for d in depths]), widths)
 
 
-def test_smoothing_keeps_what_the_lenslets_sample():
+def test_smoothing_keeps_waves_that_the_lenslets_sample():
     kernel = lanczos_kernel(6.0)
     f = np.arange(kernel.size) - (kernel.size - 1) / 2
     response = [abs((kernel * np.exp(-2j * np.pi * f / period)).sum()) for period in (1e9, 24, 12, 6)]
@@ -74,3 +76,30 @@ def test_two_points_resolve_from_some_distance_on():
     assert result.dips[2] < 0.5 and result.distance <= 10
     (quiet,) = two_point(P, distances=(6,), iterations=3, seed=None)
     assert quiet.plane == 0
+
+
+def test_projections_are_compared(capsys):
+    rows = project.measure(60, 5, 21, 1, 1, 1)
+    names = ["polyphase, float64", "polyphase, float32", "direct, float32", "per-position FFT, scipy"]
+    assert [r.name for r in rows[:4]] == names
+    assert rows[0].mismatch < 1e-12
+    assert all(r.error < 1e-5 and r.pair_s > 0 for r in rows)
+    project.show(rows, "small")
+    assert "times lfcal's best" in capsys.readouterr().out
+
+
+def test_errors_and_seconds_of_solvers_are_compared(tmp_path, capsys):
+    H = PSFMatrix(lenslet_psf(2, 5, 15).astype(np.float32))
+    truth, frame = reconstruct.scene(H, 40, 500.0, "points", 1)
+    chosen = ("Richardson-Lucy", "threshold 5e-2", "Biggs-Andrews", "float64", "Tikhonov 0.1")
+    settings = [s for s in reconstruct.SETTINGS if s.name in chosen]
+    curves = [reconstruct.measure(s, H, truth, frame, 4, 1) for s in settings]
+    plain = curves[0]
+    assert plain.iterations == (1, 2, 3, 4) and plain.errors[-1] < plain.errors[0]
+    assert np.isclose(plain.errors[-1], curves[1].errors[-1], rtol=1e-3)  # single against double precision
+    reference = reconstruct.against_reference(H, 40, 1)
+    assert reference["ratio"] > 0
+    reconstruct.draw(curves, tmp_path / "curves.png")
+    assert (tmp_path / "curves.png").stat().st_size > 10_000
+    reconstruct.show(curves, reference, "small")
+    assert "least NRMSE" in capsys.readouterr().out

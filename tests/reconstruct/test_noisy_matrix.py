@@ -65,7 +65,7 @@ def drawn(kind: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 # -- less noise in the patterns ------------------------------------------------------------------------------
-def test_patterns_are_drawn_towards_those_of_the_same_sensor_pixel():
+def test_denoising_uses_entries_of_the_same_sensor_pixel():
     """By its definition: mean and scatter of the entries at a fixed sensor pixel, as far as noise explains them."""
     rng = np.random.default_rng(0)
     shape = (1, 8, 9, 11, 13)
@@ -107,35 +107,29 @@ def test_patterns_are_drawn_towards_those_of_the_same_sensor_pixel():
     assert changed > 50
 
 
-@pytest.mark.parametrize(("peak", "read_noise"), [(2000, 5.0), (200, 3.0)])
-def test_noise_of_patterns_is_less_than_half(exact, peak, read_noise):
-    H = recorded(exact, peak, read_noise)
-    plain, quiet = (np.stack(planes) for planes in (H[:], [denoised(H, z, H.plane(z)) for z in range(2)]))
-    print(
-        nrmse(quiet, exact * peak),
-        nrmse(plain, exact * peak),
-        quiet.sum() / exact.sum() / peak,
-        np.maximum(plain, 0).sum() / exact.sum() / peak,
-    )
-    assert nrmse(quiet, exact * peak) < 0.5 * nrmse(plain, exact * peak)
-    # negative noise that is cut off adds a halo: nearly none is left of it
-    halo = [np.maximum(one, 0).sum() / (exact.sum() * peak) - 1 for one in (plain, quiet)]
-    assert halo[0] > 0.3 and abs(halo[1]) < 0.1 * halo[0]
+def test_denoising_halves_the_noise_of_patterns(exact):
+    for peak, read_noise in ((2000, 5.0), (200, 3.0)):
+        H, true = recorded(exact, peak, read_noise), exact * peak
+        plain, quiet = (np.stack(planes) for planes in (H[:], [denoised(H, z, H.plane(z)) for z in range(2)]))
+        assert nrmse(quiet, true) < 0.5 * nrmse(plain, true)
+        # negative noise that is cut off adds a halo: nearly none of it remains
+        halo = [np.maximum(one, 0).sum() / true.sum() - 1 for one in (plain, quiet)]
+        assert halo[0] > 0.3 and abs(halo[1]) < 0.1 * halo[0]
 
 
-@pytest.mark.parametrize("noise", [None, (0.0, 0.0), (np.nan, 1.0)])
-def test_without_known_noise_nothing_changes(noise):
+def test_without_known_noise_nothing_changes():
     values = np.random.default_rng(0).random((2, 3, 3, 5, 5))
-    H = noted(values, noise)
-    P = Projector(H, (12, 12))
-    plane = values[1]
-    assert P.denoised() is P and P.noise is None and mean_noise(H.T) is None
-    assert denoised(H, 1, plane) is plane and Projector(values, (12, 12)).denoised().noise is None
-    image = P.forward(np.ones(P.volume_shape))
-    plain = reconstruct(Projector(values, (12, 12), anchor=(5, 5)), image, SolverChoice("sieve", 5))
-    np.testing.assert_array_equal(reconstruct(P, image, SolverChoice("sieve", 5)).volume, plain.volume)
+    for noise in (None, (0.0, 0.0), (np.nan, 1.0)):
+        H = noted(values, noise)
+        P, plane = Projector(H, (12, 12)), values[1]
+        assert P.denoised() is P and P.noise is None and mean_noise(H.T) is None
+        assert denoised(H, 1, plane) is plane and Projector(values, (12, 12)).denoised().noise is None
+        image = P.forward(np.ones(P.volume_shape))
+        plain = reconstruct(Projector(values, (12, 12), anchor=(5, 5)), image, SolverChoice("sieve", 5))
+        np.testing.assert_array_equal(reconstruct(P, image, SolverChoice("sieve", 5)).volume, plain.volume)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("kind", ["one", "regions"])
 @pytest.mark.parametrize("method", ["polyphase", "direct"])
 def test_a_denoised_projector_is_that_of_the_denoised_matrix(exact, kind, method):
@@ -148,15 +142,9 @@ def test_a_denoised_projector_is_that_of_the_denoised_matrix(exact, kind, method
     else:
         near, far = (noted(one, (9.0, 1.0)) for one in (H[:], 2 * H[:]))
         moved = PSFMatrix(far[:], facts=far.facts, anchor=(5, 27))
-        P = FieldProjector([near, moved], (40, 44), method=method)
-        Q = FieldProjector(
-            [
-                PSFMatrix(np.stack([denoised(one, z, one.plane(z)) for z in range(2)]), anchor=one.anchor)
-                for one in (near, moved)
-            ],
-            (40, 44),
-            method=method,
-        )
+        planes = [np.stack([denoised(one, z, one.plane(z)) for z in range(2)]) for one in (near, moved)]
+        made = [PSFMatrix(values, anchor=one.anchor) for one, values in zip((near, moved), planes, strict=True)]
+        P, Q = (FieldProjector(regions, (40, 44), method=method) for regions in ([near, moved], made))
     expected = Q.forward(volume)
     mask = np.indices((11, 11)).sum(0) % 2 == 0
     P.subset(mask)
@@ -184,9 +172,10 @@ def test_variance_of_the_model_is_that_of_many_recordings():
     assert np.var(images, axis=0)[inner].mean() == pytest.approx(noise.variance(volume)[inner].mean(), rel=0.03)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(("peak", "read_noise"), [(2000, 5.0), (300, 3.0)])
 @pytest.mark.parametrize("kind", ["beads", "lines", "smooth"])
-def test_a_noisy_matrix_does_not_spoil_long_runs(exact, kind, peak, read_noise):
+def test_long_runs_with_a_noisy_matrix_keep_their_smallest_error(exact, kind, peak, read_noise):
     """A run of 80 iterations ends within 8 % of its least error, which is not far from that with the exact H.
 
     With H as recorded, errors are 0.3 to 0.6 (peak 2000) and 5 to 9 (peak 300) after 80 iterations.
@@ -197,9 +186,8 @@ def test_a_noisy_matrix_does_not_spoil_long_runs(exact, kind, peak, read_noise):
     truth *= 1500 / true.forward(truth).max()
     image = np.random.default_rng(5).poisson(true.forward(truth).clip(0) + 5).astype(float)
     P = Projector(H, SHAPE, workers=1)
-    errors = [
-        nrmse(record.state.volume, truth) for record in iter_reconstruct(P, image, SolverChoice("sieve", 80, 5.0))
-    ]
+    run = iter_reconstruct(P, image, SolverChoice("sieve", 80, 5.0))
+    errors = [nrmse(record.state.volume, truth) for record in run]
     found = reconstruct(P, image, SolverChoice("sieve", 80, 5.0))
     assert nrmse(found.volume, truth) == errors[-1] < 1.08 * min(errors)
     assert found.stopped == f"only noise of H and of the frame remains after iteration {len(errors)}"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from lfcal.base.errors import InputError
 from lfcal.reconstruct import Projector
 from lfcal.reconstruct.projectors._reduced import Reduced
-from lfcal.reconstruct.projectors._reduction import AxisNodes, Nodes, quickest_spacing, reduce_plane, sampled_share
+from lfcal.reconstruct.projectors._reduction import AxisNodes, quickest_spacing, reduce_plane, sampled_share
 from lfcal.reconstruct.projectors.grid import Grid
 from tests.reconstruct.oracles import dense, lenslet_psf
 
@@ -51,7 +51,7 @@ def matrix_of(reduced, H, image):
 @pytest.mark.parametrize("anchor", [(0, 0), (-4, 3)])
 @pytest.mark.parametrize("signed", [False, True])
 @pytest.mark.few(1)
-def test_no_voxel_lacks_more_than_the_tolerance_and_the_pair_is_transposed(anchor, signed):
+def test_the_error_of_each_voxel_is_within_the_tolerance_and_the_pair_is_transposed(anchor, signed):
     H, image, tolerance = slow_psf(signed=signed), (21, 14), 0.05
     operand, ahead, back = matrix_of(engine(H, image, anchor, tolerance), H, image)
     assert operand.rest is not None
@@ -65,7 +65,7 @@ def test_no_voxel_lacks_more_than_the_tolerance_and_the_pair_is_transposed(ancho
     assert lacking.max() > 0.2 * tolerance * whole.min()  # it does leave something out
 
 
-def test_a_volume_that_is_nowhere_negative_loses_no_more_than_the_bound():
+def test_the_error_of_nonnegative_volumes_is_within_the_bound():
     H, rng = lenslet_psf(nz=2, period=9, cutout=31), np.random.default_rng(0)
     image = (60, 61)
     exact = Projector(H, image, method="direct", dtype=np.float64)
@@ -94,7 +94,7 @@ def test_forward_and_adjoint_have_equal_inner_products(image, period, half, anch
     assert abs(np.vdot(Hg, f) - np.vdot(g, Hf)) <= 1e-12 * max(size, 1e-300)
 
 
-def test_a_tighter_tolerance_keeps_more_and_lacks_less():
+def test_a_tighter_tolerance_keeps_more():
     (plane,) = slow_psf()
     found = [reduce_plane(plane, 3.0, tolerance) for tolerance in (0.1, 0.03, 0.01, 0.003, 0.0)]
     assert [one.kept for one in found] == sorted(one.kept for one in found)
@@ -107,9 +107,10 @@ def test_a_tighter_tolerance_keeps_more_and_lacks_less():
     assert np.allclose(found[4].plane(), wide, rtol=0, atol=1e-15)
 
 
-def test_nodes_and_their_own_positions_need_no_entries():
+def test_positions_at_nodes_need_no_entries_and_threads_change_nothing():
     (plane,) = slow_psf()
-    found = reduce_plane(plane, 3.0, 0.01)
+    found, three = (reduce_plane(plane, 3.0, 0.01, workers) for workers in (1, 3))
+    assert (found.rest == three.rest).all() and (found.error == three.error).all()
     assert found.kept > 0
     assert not found.rest[np.ix_(found.nodes.y.at, found.nodes.x.at)].any()
     assert (found.patterns == plane[np.ix_(found.nodes.y.at, found.nodes.x.at)]).all()
@@ -127,7 +128,7 @@ def test_positions_without_light_stay_without_light():
     assert operand.error <= 0.05
 
 
-def test_the_least_work_is_taken_and_the_whole_plane_where_nothing_helps():
+def test_the_quickest_spacing_is_chosen():
     assert quickest_spacing({2.0: 0.02, 4.0: 0.06, 8.0: 0.2}) == 4.0
     assert quickest_spacing({2.0: 0.4, 4.0: 0.5}) == 1.0
     assert quickest_spacing({}) == 1.0
@@ -156,51 +157,29 @@ def test_chosen_phases_are_the_masked_operator(workers):
     assert np.allclose(ahead, back, rtol=0, atol=1e-12)
 
 
-def test_threads_change_nothing():
-    (plane,) = slow_psf()
-    one, three = (reduce_plane(plane, 3.0, 0.01, workers) for workers in (1, 3))
-    assert (one.rest == three.rest).all()
-    assert (one.error == three.error).all()
-
-
-def test_some_positions_tell_what_all_keep():
+def test_a_sample_of_positions_predicts_what_all_keep():
     (plane,) = slow_psf((20, 21))
     found = sampled_share(lambda y, x: plane[y, x], (20, 21), 4.0, 0.02, samples=60)
     assert found == pytest.approx(reduce_plane(plane, 4.0, 0.02).kept / plane.size, rel=0.2)
 
 
-@pytest.mark.parametrize(("period", "spacing"), [(1, 3.0), (7, 1.0), (7, 2.0), (10, 3.0), (10, 40.0), (95, 4.0)])
-def test_nodes_of_an_axis(period, spacing):
-    nodes = AxisNodes(period, spacing)
-    assert nodes.at[0] == 0
-    assert (np.diff(np.append(nodes.at, period)) >= 1).all()
-    assert ((nodes.weight >= 0) & (nodes.weight < 1)).all()
-    # positions are where their nodes say, in this period and the next
-    straight = np.append(nodes.at, period)
-    between = straight[nodes.before] * (1 - nodes.weight) + straight[nodes.before + 1] * nodes.weight
-    assert np.allclose(between, np.arange(period), atol=1e-12)
+def test_nodes_of_an_axis():
+    for period, spacing in ((1, 3.0), (7, 1.0), (7, 2.0), (10, 3.0), (10, 40.0), (95, 4.0)):
+        nodes = AxisNodes(period, spacing)
+        assert nodes.at[0] == 0 and (np.diff(np.append(nodes.at, period)) >= 1).all()
+        assert ((nodes.weight >= 0) & (nodes.weight < 1)).all()
+        # positions are those that their nodes state, in this period and the next
+        straight = np.append(nodes.at, period)
+        between = straight[nodes.before] * (1 - nodes.weight) + straight[nodes.before + 1] * nodes.weight
+        assert np.allclose(between, np.arange(period), atol=1e-12)
 
 
-def test_sums_for_nodes_and_interpolation_are_transposes():
-    nodes = Nodes.of((7, 9), 2.5)
-    rng = np.random.default_rng(3)
-    packed = rng.random((3 * 7, 4 * 9))
-    packed[-7:], packed[:, -9:] = 0, 0  # the cell that takes what falls beyond
-    sums = nodes.collected(packed)
-    values = rng.random(sums.shape)
-    assert np.vdot(sums, values) == pytest.approx(np.vdot(packed, nodes.spread(values, (3, 4))), rel=1e-12)
-    assert sums.sum() == pytest.approx(packed.sum(), rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
+def test_wrong_tolerances_are_refused():
+    for arguments, message in (
         ({"method": "reduced"}, "expected a tolerance above 0"),
         ({"tolerance": -0.1}, "tolerance of the projection: expected a number ≥ 0"),
         ({"tolerance": 1.0}, "tolerance of the projection"),
         ({"tolerance": float("nan")}, "tolerance of the projection"),
-    ],
-)
-def test_bad_tolerances_are_named(arguments, message):
-    with pytest.raises(InputError, match=message):
-        Projector(slow_psf(), (20, 20), **arguments)
+    ):
+        with pytest.raises(InputError, match=message):
+            Projector(slow_psf(), (20, 20), **arguments)

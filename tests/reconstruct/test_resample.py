@@ -1,5 +1,8 @@
+"""Frames on the period of H, and volumes on voxels of one size: light is kept, and places in µm."""
+
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,8 +12,9 @@ from scipy.ndimage import binary_dilation
 
 from lfcal.base.errors import InputError
 from lfcal.camera import LatticeDistortion, ScanPlan, preset
+from lfcal.psf import PSFMatrix
+from lfcal.reconstruct.metric_grid import MetricGrid
 from lfcal.reconstruct.resample import Resampling, lattice_anchor_of
-from lfcal.reconstruct.volumes import load_volume, save_volume
 
 BASIS = np.array([[7.31, 0.12], [-0.15, 7.42]])  # rows (x, y): along a row, to the next row
 
@@ -42,7 +46,7 @@ def test_a_lattice_becomes_periodic():
     assert np.abs(unlike[7:] - unlike[:-7]).max() > 0.1 * unlike.max()
 
 
-def test_position_zero_of_H_falls_on_a_pixel():
+def test_position_zero_of_h_is_on_a_pixel():
     for anchor in ((0.0, 0.0), (-3.5, -3.5), (2.25, -1.4)):
         view = Resampling.of_fit(fit((90, 95), (44.3, 47.8), BASIS), lattice_anchor=anchor)
         row, column = view.anchor(anchor)
@@ -64,15 +68,14 @@ def test_light_and_identity_are_kept():
     assert finer.apply(blob).sum() == pytest.approx(blob.sum(), rel=1e-5)
 
 
-@pytest.mark.parametrize("order", range(6))
-def test_splines_of_every_order_keep_light_and_place(order):
-    """Half a pixel to the right: what is straight stays so, whatever the splines, but for the nearest pixel's."""
+def test_splines_of_every_order_keep_light_and_place():
+    """Half a pixel to the right: straight lines stay straight with all splines except the nearest pixel."""
     frame = np.tile(np.arange(30.0), (33, 1))
     moved = Resampling.to_period((33, 30), (5.0, 5.5), (5.0, 0.0), (0.0, 5.0), (5, 5))
-    first = float(moved.places(np.array(10.0), np.array(10.0))[1])
-    row = moved.apply(frame, order=order)[10, 10:20]
-    wanted = first + np.arange(10.0)
-    assert np.allclose(row, wanted, atol=0.5 if order == 0 else 0.02)
+    wanted = float(moved.places(np.array(10.0), np.array(10.0))[1]) + np.arange(10.0)
+    for order in range(6):
+        row = moved.apply(frame, order=order)[10, 10:20]
+        assert np.allclose(row, wanted, atol=0.5 if order == 0 else 0.02), order
 
 
 def test_hexagonal_period_spans_two_rows_and_three_types():
@@ -84,7 +87,7 @@ def test_hexagonal_period_spans_two_rows_and_three_types():
     assert np.allclose(three.down, (19.052, 0.0))
 
 
-def test_weights_leave_the_outside_and_bad_pixels_out():
+def test_weights_of_pixels_outside_and_bad_pixels_are_0():
     view = Resampling.of_fit(fit((40, 40), (20.0, 20.0), 0.98 * BASIS))
     mask = np.ones((40, 40), bool)
     assert view.inside((40, 40)).mean() > 0.9 and view.inside((40, 40)).shape == view.shape
@@ -110,15 +113,15 @@ def test_a_pixel_without_value_does_not_spread():
     assert np.isnan(view.apply(np.full(frame.shape, np.nan))).all()
 
 
-@pytest.mark.parametrize("name", ["bench", "r29", "lfm_20x05", "lfm_60x12"])
-def test_lattice_anchor_is_that_of_the_plan(name):
-    camera = preset(name)
-    depths = {"depths_um": [0.0]} if name.startswith("lfm") else {"virtual_depths": [4.0]}
-    plan = ScanPlan.for_camera(camera, resample=True, **depths)
-    H = SimpleNamespace(shape=plan.shape, camera=camera, anchor=plan.anchor)
-    expected = np.array(plan.lattice_anchor) * plan.resample_factors
-    off = (np.array(lattice_anchor_of(H)) - expected) / np.array(plan.period)
-    assert np.allclose(off, np.round(off), atol=1e-6) or np.allclose(2 * off, np.round(2 * off), atol=1e-6)
+def test_lattice_anchor_is_that_of_the_plan():
+    for name in ("bench", "r29", "lfm_20x05", "lfm_60x12"):
+        camera = preset(name)
+        depths = {"depths_um": [0.0]} if name.startswith("lfm") else {"virtual_depths": [4.0]}
+        plan = ScanPlan.for_camera(camera, resample=True, **depths)
+        H = SimpleNamespace(shape=plan.shape, camera=camera, anchor=plan.anchor)
+        expected = np.array(plan.lattice_anchor) * plan.resample_factors
+        off = (np.array(lattice_anchor_of(H)) - expected) / np.array(plan.period)
+        assert np.allclose(2 * off, np.round(2 * off), atol=1e-6), name
 
 
 def test_a_camera_states_its_lattice():
@@ -141,18 +144,6 @@ def test_bad_lattices_are_refused():
     for bad in ({"period": (0, 3)}, {"period": (3, 0)}, {"shape": (0, 9)}, {"shape": (9, 0)}):
         with pytest.raises(InputError, match="period and shape: expected positive"):
             replace(good, **bad)
-
-
-@pytest.mark.parametrize("name", ["v.tif", "v.h5", "v.npy"])
-def test_volumes_survive_a_file(tmp_path, name):
-    volume = np.random.default_rng(1).random((3, 8, 9), np.float32)
-    save_volume(tmp_path / name, volume, depths_um=[-1, 0, 1], voxel_um=0.5, details={"solver": "rl"})
-    assert np.array_equal(load_volume(tmp_path / name), volume)
-    assert [p.name for p in tmp_path.iterdir()] == [name]
-    with pytest.raises(InputError, match="volume file"):
-        save_volume(tmp_path / "v.jpg", volume)
-    with pytest.raises(InputError, match="three axes"):
-        save_volume(tmp_path / name, volume[0])
 
 
 def test_a_distorted_lattice_becomes_straight() -> None:
@@ -181,3 +172,87 @@ def test_a_camera_states_its_distortion_in_micrometres() -> None:
     assert made is not None and pixel != 1
     wanted = bend.apply(places) / pixel + (column, row)
     np.testing.assert_allclose(made.apply(places / pixel + (column, row)), wanted, rtol=1e-9)
+
+
+SIDES = [(10.0, 10.0), (10.7, 10.7), (12.0, 11.5)]
+
+
+def test_all_light_is_kept() -> None:
+    volume = np.random.default_rng(1).random((3, 30, 40))
+    for voxel, axis in itertools.product((None, 3.0, 10.0, 47.0, 5000.0), ((14.5, 19.5), (0.0, 0.0), (-40.3, 100.7))):
+        grid = MetricGrid.of(SIDES, (30, 40), axis, voxel)
+        made = grid.apply(volume)
+        assert made.shape == (3, *grid.shape) and grid.voxel_um == (voxel or 10.0)
+        np.testing.assert_allclose(made.sum((1, 2), dtype=float), volume.sum((1, 2)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("voxel", [None, 2.5, 33.0])
+def test_points_are_at_their_places(voxel: float | None) -> None:
+    """The middle of the light is that of the pixel, in µm from the axis, to a rounding."""
+    axis = (12.25, 20.75)
+    grid = MetricGrid.of(SIDES, (30, 40), axis, voxel)
+    ys, xs = (grid.origin_um[k] + grid.voxel_um * np.arange(grid.shape[k]) for k in range(2))
+    for z, (dy, dx) in enumerate(SIDES):
+        volume = np.zeros((3, 30, 40))
+        volume[z, 7, 31] = 1.0
+        made = grid.apply(volume)[z].astype(float)
+        found = (made.sum(1) @ ys, made.sum(0) @ xs)
+        wanted = ((7 - axis[0]) * dy, (31 - axis[1]) * dx)
+        # a voxel's light counts at its middle: by up to half a voxel where one is wider than the pixel
+        allowed = 1e-4 if grid.voxel_um < 1e-6 else max(0.0, grid.voxel_um - min(dy, dx)) / 2 + grid.voxel_um / 2
+        assert np.hypot(found[0] - wanted[0], found[1] - wanted[1]) <= np.sqrt(2) * allowed
+    # many pixels: what voxels round is rounded both ways
+    line = np.zeros((3, 30, 40))
+    line[2, 5:25, 3:37] = 1.0
+    made = grid.apply(line)[2].astype(float)
+    assert made.sum(1) @ ys / made.sum() == pytest.approx((14.5 - axis[0]) * 12.0, abs=0.05 * grid.voxel_um + 1e-3)
+
+
+def test_planes_of_one_size_do_not_change() -> None:
+    volume = np.random.default_rng(1).random((2, 9, 7)).astype(np.float32)
+    grid = MetricGrid.of([(4.0, 4.0)] * 2, (9, 7), (3.2, 1.1))
+    np.testing.assert_allclose(grid.apply(volume), volume, rtol=1e-6)
+    # where a pixel ends with a voxel, the next voxel has no entry, not even a zero
+    grid = MetricGrid.of([(10.0, 10.0)], (12, 15), (0.0, 0.0), 6.0)
+    assert all((shares.data > 0).all() for shares in (*grid.rows, *grid.columns))
+
+
+def test_a_rod_parallel_to_the_axis_is_straight() -> None:
+    """A rod parallel to the axis: its image moves from plane to plane, its place in µm does not."""
+    camera = preset("bench")
+    plan = ScanPlan.for_camera(camera, virtual_depths=[3.0, 4.0, 6.0], cutout=11)
+    H = PSFMatrix(np.ones((3, 2, 2, 11, 11), np.float32), depths=plan.depths_um, camera=camera, anchor=(3.0, 5.0))
+    shape = camera.sensor.shape
+    grid = MetricGrid.for_matrix(H, shape)
+    rod_um = (400.0, -650.0)
+    volume = np.zeros((3, *shape))
+    for z, depth in enumerate(plan.depths_um):
+        step = camera.step_um(float(depth))
+        row, column = (camera.pixels((0.0, 0.0))[k] + rod_um[k] / step for k in range(2))
+        volume[z, round(row), round(column)] = 1.0
+    made = grid.apply(volume)
+    ys, xs = (grid.origin_um[k] + grid.voxel_um * np.arange(grid.shape[k]) for k in range(2))
+    for z in range(3):
+        found = made[z].sum(1) @ ys, made[z].sum(0) @ xs
+        assert np.abs(np.subtract(found, rod_um)).max() < grid.voxel_um
+    # an image that is cut from the sensor has its axis elsewhere; another anchor a period on is the same place
+    cut = MetricGrid.for_matrix(H, (60, 50), (3.0 - 20, 5.0 - 10))
+    widest = max(camera.step_um(float(z)) for z in plan.depths_um)
+    assert cut.origin_um[0] - grid.origin_um[0] == pytest.approx(20 * widest)
+    assert MetricGrid.for_matrix(H, shape, (3.0 - 20, 5.0 - 10)).origin_um == pytest.approx(grid.origin_um)
+    # with a row less it is a part of the sensor
+    part = (shape[0] - 1, shape[1])
+    here, there = (MetricGrid.for_matrix(H, part, anchor) for anchor in (None, (3.0 - 20, 5.0)))
+    assert there.origin_um[0] - here.origin_um[0] == pytest.approx(20 * widest)
+
+
+def test_wrong_metric_grids_are_refused() -> None:
+    for call, what in (
+        (lambda: MetricGrid.of(SIDES, (30, 40), (0, 0), -1.0), "voxel"),
+        (lambda: MetricGrid.of(SIDES, (30, 40), (0, 0), 1e-320), "voxel"),  # too many to count
+        (lambda: MetricGrid.of(SIDES, (30000, 40000), (0, 0), 0.1), "choose larger voxels"),
+        (lambda: MetricGrid.for_matrix(PSFMatrix(np.ones((1, 2, 2, 3, 3))), (10, 10)), "an H with its camera"),
+        (lambda: MetricGrid.of(SIDES, (30, 40), (0, 0)).apply(np.zeros((2, 30, 40))), "shape"),
+    ):
+        with pytest.raises(InputError, match=what):
+            call()

@@ -1,4 +1,4 @@
-"""Volumes as OME-TIFF and OME-Zarr files: what other programs read there, and what is refused."""
+"""Volumes as OME-TIFF, OME-Zarr and NeXus files: what other programs read there, and what is refused."""
 
 from __future__ import annotations
 
@@ -6,16 +6,19 @@ import json
 import shutil
 import sys
 import warnings
+import zlib
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import h5py
 import numpy as np
 import pytest
 import tifffile
 
 from lfcal.base.errors import FileFormatError, InputError, StorageError
 from lfcal.base.files import MAX_EXPANSION, replace_store
+from lfcal.reconstruct.frame_files import frames_of
 from lfcal.reconstruct.volumes import (
     VolumeFacts,
     load_volume,
@@ -25,36 +28,37 @@ from lfcal.reconstruct.volumes import (
     write_volumes,
 )
 from tests.architecture.sources import ROOT
+from tests.frames.test_containers import FRAMES, write_ndtiff, write_zarr
+
+zarr: Any = pytest.importorskip("zarr", reason="zarr is not installed")
 
 MANIFEST = ROOT / "lfcal" / "napari" / "napari.yaml"
 NAMES = {"ome": "http://www.openmicroscopy.org/Schemas/OME/2016-06"}
 
 
-def told(path: Path) -> tuple[dict[str, str], list[dict[str, str]], dict[str, str]]:
-    """Return what a file says of its pixels, of each plane, and beside."""
+def metadata_of(path: Path) -> tuple[dict[str, str], list[dict[str, str]], dict[str, str]]:
+    """Return what a file states of its pixels, of each plane, and elsewhere."""
     with tifffile.TiffFile(path) as file:
         assert file.is_ome and file.ome_metadata is not None
         root = ElementTree.fromstring(file.ome_metadata)
     pixels = root.find(".//ome:Pixels", NAMES)
     assert pixels is not None
-    beside = {str(m.get("K")): str(m.text) for m in root.iterfind(".//ome:M", NAMES)}
-    return dict(pixels.attrib), [dict(plane.attrib) for plane in pixels.iterfind("ome:Plane", NAMES)], beside
+    more = {str(m.get("K")): str(m.text) for m in root.iterfind(".//ome:M", NAMES)}
+    return dict(pixels.attrib), [dict(plane.attrib) for plane in pixels.iterfind("ome:Plane", NAMES)], more
 
 
 @pytest.mark.parametrize("name", ["v.ome.tif", "v.OME.TIFF"])
 def test_ome_tiff_has_sizes_and_uneven_depths(tmp_path: Path, name: str) -> None:
-    volume = np.random.default_rng(0).random((3, 8, 9), np.float32)
-    depths = (-5983.0, 0.5, 11079.0)
-    save_volume(tmp_path / name, volume, depths_um=depths, voxel_um=(27.37, 25.5), details={"solver": "µ"})
-    pixels, planes, beside = told(tmp_path / name)
+    save_volume(tmp_path / name, VOLUME, depths_um=DEPTHS, voxel_um=(27.37, 25.5), details={"solver": "µ"})
+    pixels, planes, more = metadata_of(tmp_path / name)
     assert (pixels["SizeZ"], pixels["SizeY"], pixels["SizeX"], pixels["SizeT"]) == ("3", "8", "9", "1")
     assert float(pixels["PhysicalSizeY"]) == 27.37 and float(pixels["PhysicalSizeX"]) == 25.5
     assert float(pixels["PhysicalSizeZ"]) == pytest.approx(8531)
     assert {pixels[f"PhysicalSize{axis}Unit"] for axis in "XYZ"} == {"µm"}
-    assert [float(plane["PositionZ"]) for plane in planes] == list(depths)
+    assert [float(plane["PositionZ"]) for plane in planes] == list(DEPTHS)
     assert {plane["PositionZUnit"] for plane in planes} == {"µm"}
-    assert json.loads(beside["lfcal"]) == {"solver": "µ"}
-    np.testing.assert_array_equal(load_volume(tmp_path / name), volume)
+    assert json.loads(more["lfcal"]) == {"solver": "µ"}
+    np.testing.assert_array_equal(load_volume(tmp_path / name), VOLUME)
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
@@ -64,7 +68,7 @@ def test_a_series_is_one_file_with_time(tmp_path: Path) -> None:
     with write_volumes(tmp_path / "t.ome.tif", series.shape, facts) as add:
         for volume in series:
             add(volume)
-    pixels, planes, _ = told(tmp_path / "t.ome.tif")
+    pixels, planes, _ = metadata_of(tmp_path / "t.ome.tif")
     assert pixels["SizeT"] == "4" and [float(p["PositionZ"]) for p in planes] == [-1, 0, 4] * 4
     assert [int(plane["TheT"]) for plane in planes] == [k for k in range(4) for _ in range(3)]
     with tifffile.TiffFile(tmp_path / "t.ome.tif") as file:
@@ -72,13 +76,15 @@ def test_a_series_is_one_file_with_time(tmp_path: Path) -> None:
         np.testing.assert_array_equal(file.series[0].asarray(), series)
 
 
-def test_ome_tiff_has_nothing_unknown(tmp_path: Path) -> None:
-    save_volume(tmp_path / "v.ome.tif", np.zeros((2, 8, 9)))
-    pixels, planes, _ = told(tmp_path / "v.ome.tif")
+def test_files_state_nothing_unknown(tmp_path: Path) -> None:
+    save_volume(tmp_path / "v.ome.tif", VOLUME)
+    pixels, planes, _ = metadata_of(tmp_path / "v.ome.tif")
     assert not any(key.startswith("PhysicalSize") for key in pixels) and not planes
+    save_volume(tmp_path / "v.zarr", VOLUME)
+    image = image_of(tmp_path / "v.zarr")
+    assert not any("unit" in axis for axis in image["axes"])
+    assert image["datasets"][0]["coordinateTransformations"] == [{"type": "scale", "scale": [1.0] * 4}]
 
-
-zarr: Any = pytest.importorskip("zarr", reason="zarr is not installed")
 
 VOLUME = np.random.default_rng(0).random((3, 8, 9), np.float32)
 DEPTHS = (-5983.0, 0.5, 11079.0)
@@ -95,50 +101,39 @@ def test_ome_zarr_has_sizes_and_uneven_depths(tmp_path: Path) -> None:
     save_volume(path, VOLUME, depths_um=DEPTHS, voxel_um=(27.37, 25.5), details={"solver": "µ"})
     image = image_of(path)
     assert image["version"] == "0.4" and image["name"] == "v"
-    assert [(axis["name"], axis["type"], axis.get("unit")) for axis in image["axes"]] == [
-        ("t", "time", None),
-        *((name, "space", "micrometer") for name in "zyx"),
-    ]
+    axes = [("t", "time", None), *((name, "space", "micrometer") for name in "zyx")]
+    assert [(axis["name"], axis["type"], axis.get("unit")) for axis in image["axes"]] == axes
     (level,) = image["datasets"]
     scale, start = level["coordinateTransformations"]
     assert scale == {"type": "scale", "scale": [1.0, 8531.0, 27.37, 25.5]}
     assert start == {"type": "translation", "translation": [0.0, -5983.0, 0.0, 0.0]}
     own = json.loads((path / ".zattrs").read_text())["lfcal"]
-    assert own == {
-        "version": 1,
-        "details": {"solver": "µ"},
-        "depths_um": list(DEPTHS),
-        "voxel_um": [27.37, 25.5],
-    }
+    sizes = {"depths_um": list(DEPTHS), "voxel_um": [27.37, 25.5]}
+    assert own == {"version": 1, "details": {"solver": "µ"}, **sizes}
     stored = zarr.open_array(path / level["path"], mode="r")
     assert stored.shape == (1, 3, 8, 9) and stored.metadata.zarr_format == 2
     np.testing.assert_array_equal(load_volume(path), VOLUME)
     assert [p.name for p in tmp_path.iterdir()] == ["v.ome.zarr"]
 
 
-def test_pieces_are_planes_that_any_reader_unpacks(tmp_path: Path) -> None:
+def test_chunks_are_planes_that_any_reader_can_decode(tmp_path: Path) -> None:
     """By hand, as a reader of another language would: zlib, little-endian float32, names t/z/y/x."""
-    import zlib
-
     save_volume(tmp_path / "v.zarr", VOLUME)
     said = json.loads((tmp_path / "v.zarr" / "0" / ".zarray").read_text())
     assert said["compressor"]["id"] == "zlib" and said["filters"] is None
     assert said["dimension_separator"] == "/" and said["dtype"] == "<f4" and said["chunks"] == [1, 1, 8, 9]
-    piece = zlib.decompress((tmp_path / "v.zarr" / "0" / "0" / "2" / "0" / "0").read_bytes())
-    np.testing.assert_array_equal(np.frombuffer(piece, "<f4").reshape(8, 9), VOLUME[2])
-
-
-def test_large_planes_are_several_pieces(tmp_path: Path) -> None:
+    chunk = zlib.decompress((tmp_path / "v.zarr" / "0" / "0" / "2" / "0" / "0").read_bytes())
+    np.testing.assert_array_equal(np.frombuffer(chunk, "<f4").reshape(8, 9), VOLUME[2])
+    # large planes are several chunks; empty ones are stored, too: a missing chunk is lost data
     volume = np.zeros((1, 1100, 5), np.float32)
     volume[0, 1050, 3] = 2
-    save_volume(tmp_path / "v.zarr", volume)
-    assert json.loads((tmp_path / "v.zarr" / "0" / ".zarray").read_text())["chunks"] == [1, 1, 1024, 5]
-    # empty ones, too, are there: what is not there is lost
-    assert sorted(p.name for p in (tmp_path / "v.zarr" / "0" / "0" / "0").iterdir()) == ["0", "1"]
-    np.testing.assert_array_equal(load_volume(tmp_path / "v.zarr"), volume)
+    save_volume(tmp_path / "w.zarr", volume)
+    assert json.loads((tmp_path / "w.zarr" / "0" / ".zarray").read_text())["chunks"] == [1, 1, 1024, 5]
+    assert sorted(p.name for p in (tmp_path / "w.zarr" / "0" / "0" / "0").iterdir()) == ["0", "1"]
+    np.testing.assert_array_equal(load_volume(tmp_path / "w.zarr"), volume)
 
 
-def test_a_series_with_times_and_a_place(tmp_path: Path) -> None:
+def test_a_series_has_times_and_an_origin(tmp_path: Path) -> None:
     series = np.random.default_rng(1).random((4, 3, 8, 9), np.float32)
     facts = VolumeFacts(np.array([4.0, 0.0, -1.0]), (2.0, 3.0), {}, (-8.0, -12.0), [0.0, 0.5, 1.0, 1.5])
     with write_volumes(tmp_path / "t.ome.zarr", series.shape, facts) as add:
@@ -157,13 +152,6 @@ def test_a_series_with_times_and_a_place(tmp_path: Path) -> None:
         load_volume(tmp_path / "t.ome.zarr")
 
 
-def test_ome_zarr_has_nothing_unknown(tmp_path: Path) -> None:
-    save_volume(tmp_path / "v.zarr", VOLUME)
-    image = image_of(tmp_path / "v.zarr")
-    assert not any("unit" in axis for axis in image["axes"])
-    assert image["datasets"][0]["coordinateTransformations"] == [{"type": "scale", "scale": [1.0] * 4}]
-
-
 def test_one_of_version_0_5_is_read(tmp_path: Path) -> None:
     group = zarr.open_group(tmp_path / "new.zarr", mode="w", zarr_format=3)
     stored = group.create_array("s0", shape=(1, *VOLUME.shape), chunks=(1, 1, 8, 9), dtype="<f4")
@@ -173,7 +161,7 @@ def test_one_of_version_0_5_is_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_volume(tmp_path / "new.zarr"), VOLUME)
 
 
-def test_what_is_no_image_or_damaged_is_refused(tmp_path: Path) -> None:
+def test_damaged_ome_zarr_is_refused(tmp_path: Path) -> None:
     (tmp_path / "empty.zarr").mkdir()
     with pytest.raises(FileFormatError, match="an OME-Zarr image"):
         load_volume(tmp_path / "empty.zarr")
@@ -198,16 +186,7 @@ def test_what_is_no_image_or_damaged_is_refused(tmp_path: Path) -> None:
         open_ome_zarr(path)
 
 
-def test_a_folder_of_other_files_is_never_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "mine.zarr"
-    path.mkdir()
-    (path / "notes.txt").write_text("mine")
-    with pytest.raises(StorageError, match="this folder contains other files; choose another name"):
-        save_volume(path, VOLUME)
-    assert (path / "notes.txt").read_text() == "mine"
-
-
-def test_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "v.zarr"
     save_volume(path, VOLUME)
     with pytest.raises(RuntimeError, match="stop"), write_volumes(path, (2, 3, 8, 9), VolumeFacts()) as add:
@@ -217,9 +196,15 @@ def test_whole_or_not_at_all(tmp_path: Path) -> None:
     save_volume(path, 2 * VOLUME)
     np.testing.assert_array_equal(load_volume(path), 2 * VOLUME)
     assert [p.name for p in tmp_path.iterdir()] == ["v.zarr"]
+    # a folder of other files is never replaced
+    (tmp_path / "mine.zarr").mkdir()
+    (tmp_path / "mine.zarr" / "notes.txt").write_text("mine")
+    with pytest.raises(StorageError, match="this folder contains other files; choose another name"):
+        save_volume(tmp_path / "mine.zarr", VOLUME)
+    assert (tmp_path / "mine.zarr" / "notes.txt").read_text() == "mine"
 
 
-def test_one_that_was_killed_between_two_names_is_put_back(tmp_path: Path) -> None:
+def test_a_folder_is_restored_after_a_kill_between_two_names(tmp_path: Path) -> None:
     path, aside = tmp_path / "v.zarr", tmp_path / ".v.zarr.before"
     save_volume(path, VOLUME)
     path.rename(aside)
@@ -234,38 +219,41 @@ def test_one_that_was_killed_between_two_names_is_put_back(tmp_path: Path) -> No
     assert [p.name for p in tmp_path.iterdir()] == ["v.zarr"]
 
 
-def test_without_the_library_one_line_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_message_without_zarr_has_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "zarr", None)
-    with pytest.raises(
-        InputError, match=r"OME-Zarr files need the library zarr; install it with pip install \"lfcal\[zarr\]\"$"
-    ):
+    match = r"OME-Zarr files need the library zarr; install it with pip install \"lfcal\[zarr\]\"$"
+    with pytest.raises(InputError, match=match):
         save_volume(tmp_path / "v.ome.zarr", VOLUME)
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["v.tif", "v.ome.tif", "v.ome.zarr", "v.h5", "v.npy"])
-def test_depths_and_voxel_size_are_read_as_they_were_written(tmp_path: Path, name: str) -> None:
-    """Uneven and downwards; what was not known stays unknown."""
-    depths = [-10.0, -14.5, -30.25]
-    if name.endswith(".zarr"):
-        pytest.importorskip("zarr")
-    save_volume(tmp_path / name, np.ones((3, 4, 5)), depths_um=depths, voxel_um=(1.25, 2.5))
-    facts = volume_facts(tmp_path / name)
-    if name.endswith(".npy"):
+def test_volumes_and_metadata_are_read_as_written(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unsorted depths; what was not known stays unknown."""
+    depths = [-20.0, -32.5, -26.0]
+    grid = {"voxel_um": 2.5, "origin_um": (-5.0, -7.5)}
+    save_volume(tmp_path / name, VOLUME, depths_um=depths, voxel_um=(1.25, 2.5), origin_um=(1.0, 2.0))
+    save_volume(tmp_path / f"bare_{name}", VOLUME)
+    save_volume(tmp_path / f"grid_{name}", VOLUME, voxel_um=(2.5, 2.5), origin_um=(-5.0, -7.5), details=grid)
+    monkeypatch.setattr("lfcal.reconstruct.volumes.IMAGEJ_BYTES", 0)  # as for the largest files
+    save_volume(tmp_path / f"large_{name}", VOLUME, depths_um=depths, voxel_um=2.0)
+    for one in ("", "bare_", "grid_", "large_"):
+        np.testing.assert_array_equal(load_volume(tmp_path / f"{one}{name}"), VOLUME)
+    facts, bare, made, large = (volume_facts(tmp_path / f"{one}{name}") for one in ("", "bare_", "grid_", "large_"))
+    assert bare == VolumeFacts()
+    if name == "v.npy":
         assert facts == VolumeFacts()
         return
-    assert facts.depths_um is not None and facts.voxel_um is not None
     np.testing.assert_allclose(facts.depths_um, depths)
     np.testing.assert_allclose(facts.voxel_um, (1.25, 2.5), rtol=1e-5)
-    save_volume(tmp_path / f"bare_{name}", np.ones((3, 4, 5)))
-    assert volume_facts(tmp_path / f"bare_{name}") == VolumeFacts()
+    assert large.depths_um is not None and large.depths_um.tolist() == depths and large.voxel_um == (2.0, 2.0)
+    assert made.voxel_um == (2.5, 2.5) and made.origin_um == (-5.0, -7.5) and made.depths_um is None
 
 
+DOWN, UP = np.array([-20.0, -26.0, -32.0]), np.array([-32.0, -26.0, -20.0])
 FACTS = {
-    "far to near": VolumeFacts(
-        np.array([-20.0, -26.0, -32.0]), (2.0, 3.0), {"solver": "rl"}, (-8.0, -12.0), [5.0, 7.0]
-    ),
-    "near to far": VolumeFacts(np.array([-32.0, -26.0, -20.0]), (2.0, 3.0), {}, (-8.0, -12.0), [0.0, 0.5]),
+    "far to near": VolumeFacts(DOWN, (2.0, 3.0), {"solver": "rl"}, (-8.0, -12.0), [5.0, 7.0]),
+    "near to far": VolumeFacts(UP, (2.0, 3.0), {}, (-8.0, -12.0), [0.0, 0.5]),
     "unsorted": VolumeFacts(np.array([0.0, 10.0, 5.0]), (2.5, 2.5), {}, (4.0, 0.0), [1.0, 3.5]),
     "depths only": VolumeFacts(np.array([3.0, 2.0, 1.0])),
     "nothing": VolumeFacts(),
@@ -278,9 +266,8 @@ Placed = list[tuple[tuple[float | None, ...], float]]
 
 def spread(values: Any, axes: list[list[float | None]]) -> Placed:
     array = np.asarray(values)
-    return [
-        (tuple(axis[k] for axis, k in zip(axes, at, strict=True)), float(array[at])) for at in np.ndindex(array.shape)
-    ]
+    places = [tuple(axis[k] for axis, k in zip(axes, at, strict=True)) for at in np.ndindex(array.shape)]
+    return list(zip(places, array.ravel().tolist(), strict=True))
 
 
 def by_imagej(path: Path) -> Placed:
@@ -293,9 +280,8 @@ def by_imagej(path: Path) -> Placed:
     assert lines["ImageJ"] and lines["unit"] == "um"
     sides = [float(lines.get("spacing", 0)), *(d / n for n, d in ratios)]
     known = ["spacing" in lines, *([ratios != [(1, 1)] * 2] * 2)]
-    axes: list[list[float | None]] = [
-        [float(lines["finterval"]) * k for k in range(2)] if "finterval" in lines else [None] * 2
-    ]
+    interval = float(lines["finterval"]) if "finterval" in lines else None
+    axes: list[list[float | None]] = [[None if interval is None else interval * k for k in range(2)]]
     for axis, n, side, stated in zip("zyx", values.shape[1:], sides, known, strict=True):
         origin = float(lines.get(f"{axis}origin", 0))
         axes.append([round((k - origin) * side, 4) if stated else None for k in range(n)])
@@ -304,12 +290,11 @@ def by_imagej(path: Path) -> Placed:
 
 def by_ome(path: Path) -> Placed:
     """By the schema of OME 2016-06: the position of every plane, sizes of pixels, and seconds since the first one."""
-    pixels, planes, _ = told(path)
+    pixels, planes, _ = metadata_of(path)
     values = tifffile.imread(path).reshape(2, 3, 4, 5)
     number = {(int(plane["TheT"]), int(plane["TheZ"])): plane for plane in planes}
-    assert {key for key in pixels if key.endswith("Unit")} <= {f"PhysicalSize{a}Unit" for a in "XYZ"} | {
-        "TimeIncrementUnit"
-    }
+    units = {f"{key}Unit" for key in ("PhysicalSizeX", "PhysicalSizeY", "PhysicalSizeZ", "TimeIncrement")}
+    assert {key for key in pixels if key.endswith("Unit")} <= units
     out: Placed = []
     for t, z, y, x in np.ndindex(values.shape):
         said = number.get((t, z), {})
@@ -331,10 +316,8 @@ def by_ome_types(path: Path) -> Placed:
     values = tifffile.imread(path).reshape(2, 3, 4, 5)
     planes = {(plane.the_t, plane.the_z): plane for plane in pixels.planes}
     sides = {axis: getattr(pixels, f"physical_size_{axis}") for axis in "yx"}
-    assert {unit.value for plane in planes.values() for unit in (plane.position_z_unit, plane.delta_t_unit)} <= {
-        "µm",
-        "s",
-    }
+    units = {unit.value for plane in planes.values() for unit in (plane.position_z_unit, plane.delta_t_unit)}
+    assert units <= {"µm", "s"}
     out: Placed = []
     for t, z, y, x in np.ndindex(values.shape):
         plane = planes.get((t, z))
@@ -395,8 +378,6 @@ def by_napari(path: Path) -> Placed:
 
 def by_nexus(path: Path) -> Placed:
     """By the rules of NeXus for the default plot, with h5py alone."""
-    import h5py
-
     with h5py.File(path) as file:
         group = file[file.attrs["default"]]
         group = group[group.attrs["default"]]
@@ -406,22 +387,18 @@ def by_nexus(path: Path) -> Placed:
         return spread(group[group.attrs["signal"]][()], places)
 
 
+READERS = {
+    "v.tif": (by_imagej,),
+    "v.ome.tif": (by_ome, by_ome_types),
+    "v.ome.zarr": (by_ngff, by_ome_zarr, by_napari),
+    "v.h5": (by_nexus, by_napari),
+}
+
+
 @pytest.mark.parametrize("facts", FACTS.values(), ids=FACTS)
-@pytest.mark.parametrize(
-    ("name", "read"),
-    [
-        ("v.tif", by_imagej),
-        ("v.ome.tif", by_ome),
-        ("v.ome.tif", by_ome_types),
-        ("v.ome.zarr", by_ngff),
-        ("v.ome.zarr", by_ome_zarr),
-        ("v.ome.zarr", by_napari),
-        ("v.h5", by_nexus),
-        ("v.h5", by_napari),
-    ],
-)
-def test_other_programs_place_every_voxel_right(tmp_path: Path, name: str, read: Any, facts: VolumeFacts) -> None:
-    """The value of each voxel is read where, and when, it was in the volume that was given."""
+@pytest.mark.parametrize(("name", "read"), [(name, read) for name, readers in READERS.items() for read in readers])
+def test_other_programs_place_every_voxel_correctly(tmp_path: Path, name: str, read: Any, facts: VolumeFacts) -> None:
+    """The value of each voxel is read at its place and time in the given volume."""
     series = np.random.default_rng(3).random((2, 3, 4, 5), np.float32)
     with write_volumes(tmp_path / name, series.shape, facts) as add:
         for volume in series:
@@ -451,27 +428,6 @@ def test_other_programs_place_every_voxel_right(tmp_path: Path, name: str, read:
             np.testing.assert_allclose(getattr(known, one), stated, rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["v.tif", "v.ome.tif", "v.ome.zarr", "v.h5", "v.npy"])
-def test_planes_are_returned_in_their_order(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    save_volume(tmp_path / name, VOLUME, depths_um=[-20.0, -32.0, -26.0], origin_um=(1.0, 2.0))
-    np.testing.assert_array_equal(load_volume(tmp_path / name), VOLUME)
-    monkeypatch.setattr("lfcal.reconstruct.volumes.IMAGEJ_BYTES", 0)  # as for the largest files
-    save_volume(tmp_path / f"large_{name}", VOLUME, depths_um=[-20.0, -32.0, -26.0], voxel_um=2.0)
-    np.testing.assert_array_equal(load_volume(tmp_path / f"large_{name}"), VOLUME)
-    if name != "v.npy":
-        facts = volume_facts(tmp_path / f"large_{name}")
-        assert facts.depths_um is not None and facts.depths_um.tolist() == [-20.0, -32.0, -26.0]
-        assert facts.voxel_um == (2.0, 2.0)
-
-
-@pytest.mark.parametrize("name", ["v.tif", "v.ome.tif", "v.ome.zarr", "v.h5"])
-def test_details_of_a_grid_agree_with_the_metadata(tmp_path: Path, name: str) -> None:
-    grid = {"voxel_um": 2.5, "origin_um": (-5.0, -7.5)}
-    save_volume(tmp_path / name, VOLUME, voxel_um=(2.5, 2.5), origin_um=(-5.0, -7.5), details=grid)
-    facts = volume_facts(tmp_path / name)
-    assert facts.voxel_um == (2.5, 2.5) and facts.origin_um == (-5.0, -7.5) and facts.depths_um is None
-
-
 def test_stacks_of_other_programs_are_loaded(tmp_path: Path) -> None:
     """Without tags of the resolution, and with damaged metadata of OME, which say nothing of the values."""
     tifffile.imwrite(tmp_path / "v.tif", VOLUME, photometric="minisblack", metadata=None)
@@ -492,35 +448,52 @@ def test_stacks_of_other_programs_are_loaded(tmp_path: Path) -> None:
         volume_facts(tmp_path / "v.ome.tif")
 
 
-def test_another_number_of_depths_or_times_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="depths of the volume: expected 3, got 2"):
-        save_volume(tmp_path / "v.tif", VOLUME, depths_um=[1.0, 2.0])
-    facts = VolumeFacts(times_s=[1.0])
-    with (
-        pytest.raises(InputError, match="times of the volume: expected 2, got 1"),
-        write_volumes(tmp_path / "v.h5", (2, *VOLUME.shape), facts),
+def test_wrong_volumes_are_refused(tmp_path: Path) -> None:
+    for name, volume, more, what in (
+        ("v.tif", VOLUME, {"depths_um": [1.0, 2.0]}, "depths of the volume: expected 3, got 2"),
+        ("v.jpg", VOLUME, {}, "volume file"),
+        ("v.h5", VOLUME[0], {}, "three axes"),
     ):
+        with pytest.raises(InputError, match=what):
+            save_volume(tmp_path / name, volume, **more)
+    times = pytest.raises(InputError, match="times of the volume: expected 2, got 1")
+    with times, write_volumes(tmp_path / "v.h5", (2, *VOLUME.shape), VolumeFacts(times_s=[1.0])):
         pass
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("name", "good", "bad"),
-    [
+def test_damaged_metadata_are_reported_in_a_line(tmp_path: Path) -> None:
+    for name, good, bad in (
         ("v.ome.tif", b'SizeZ="3"', b'SizeZ="B"'),
         ("v.ome.tif", b'PositionZ="-20.0"', b'PositionZ="-2o.0"'),
         ("v.ome.tif", b"stored_planes&quot;: [2, 1, 0]", b"stored_planes&quot;: [2, 1, 1]"),
         ("v.tif", b'"stored_planes": [2, 1, 0]', b'"stored_planes": [2, 1, 1]'),
         ("v.tif", b'{"stored_planes"', b'["stored_planes"'),
-    ],
-)
-def test_damaged_metadata_are_reported_in_a_line(tmp_path: Path, name: str, good: bytes, bad: bytes) -> None:
-    path = tmp_path / name
-    save_volume(path, VOLUME, depths_um=[-20.0, -26.0, -32.0])
-    data = path.read_bytes()
-    good, bad = (good, bad) if good in data else (good.replace(b"&quot;", b'"'), bad.replace(b"&quot;", b'"'))
-    assert data.count(good) == 1
-    path.write_bytes(data.replace(good, bad))
-    with pytest.raises(FileFormatError, match=r"metadata of a volume.*copy the file again") as raised:
-        volume_facts(path)
-    assert "\n" not in str(raised.value)
+    ):
+        path = tmp_path / name
+        save_volume(path, VOLUME, depths_um=DOWN)
+        data = path.read_bytes()
+        good, bad = (good, bad) if good in data else (good.replace(b"&quot;", b'"'), bad.replace(b"&quot;", b'"'))
+        assert data.count(good) == 1
+        path.write_bytes(data.replace(good, bad))
+        with pytest.raises(FileFormatError, match=r"^[^\n]*metadata of a volume[^\n]*copy the file again[^\n]*$"):
+            volume_facts(path)
+
+
+SERIES = FRAMES.reshape(24, 16, 18)[:3]
+
+
+@pytest.mark.parametrize("kind", ["zarr", "ndtiff"])
+def test_a_series_of_frames_is_read_from_a_folder_of_an_acquisition_program(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "beads.ome.zarr"
+    if kind == "zarr":
+        write_zarr(path, SERIES, "tyx", "0.5")
+    else:
+        write_ndtiff(path, [({"time": k}, frame, {}) for k, frame in enumerate(SERIES)])
+    found = frames_of(path)
+    assert [frame.name for frame in found] == ["beads_0000", "beads_0001", "beads_0002"]
+    for frame, expected in zip(found, SERIES, strict=True):
+        np.testing.assert_array_equal(frame.read(), expected)
+    # a unit of work is repeated if any of these files changes
+    inside = {str(file) for file in path.rglob("*") if file.is_file()}
+    assert set(found[0].inputs) == inside and len(inside) > 1

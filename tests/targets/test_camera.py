@@ -110,7 +110,7 @@ def test_the_plan_moves_the_images(scan: ScanPlan) -> None:
 
 
 @pytest.mark.long
-def test_size_of_holes(scan: ScanPlan) -> None:
+def test_large_holes_are_finite_sources(scan: ScanPlan) -> None:
     step = scan.camera.step_um(scan.depths_um[0])
     plan = plan_of(scan, array(scan, hole_um=3 * step))
     wide = camera_of(plan)
@@ -120,7 +120,7 @@ def test_size_of_holes(scan: ScanPlan) -> None:
     assert difference(wide.light(0), camera_of(plan_of(scan, array(scan))).light(0)) > 0.05
 
 
-def test_optics_do_to_each_hole_what_they_do_in_its_field(scan: ScanPlan) -> None:
+def test_optics_act_on_each_hole_at_its_field(scan: ScanPlan) -> None:
     plan, curved = plan_of(scan, array(scan, 60.0)), FieldCurvature(-3000.0)
     bent, flat = camera_of(plan, curved).light(0), camera_of(plan).light(0)
     outer, inner = (
@@ -138,7 +138,7 @@ def test_optics_do_to_each_hole_what_they_do_in_its_field(scan: ScanPlan) -> Non
     assert difference(alone.light(0), wanted) < 0.03 < 0.1 < difference(flat[:, :70], bent[:, :70])
 
 
-def test_the_sensor_is_the_scan_s(scan: ScanPlan) -> None:
+def test_the_sensor_is_that_of_the_scan(scan: ScanPlan) -> None:
     plan = plan_of(scan, array(scan), (0.0, 0.0), (1.0, 1.0))
     frames = camera_of(plan, ShotNoise(), ReadNoise(), Quantisation(), seed=4)
     sensor = scan.camera.sensor
@@ -153,20 +153,19 @@ def test_the_sensor_is_the_scan_s(scan: ScanPlan) -> None:
     assert frames.metadata.plan_shape is None and frames.metadata.black_level == sensor.black_level
 
 
-def test_what_cannot_be(scan: ScanPlan) -> None:
+def test_wrong_arguments_are_refused(scan: ScanPlan) -> None:
     plan = plan_of(scan, array(scan))
-    with pytest.raises(InputError, match=r"6 values of 0 or more, one for each hole, got shape \(5,\)"):
-        camera_of(plan, brightness=np.ones(5))
-    with pytest.raises(InputError, match="values of 0 or more"):
-        camera_of(plan, brightness=[1, 1, 1, 1, 1, -1])
-    with pytest.raises(InputError, match="effects of a target's frames: expected no effect of stage motion"):
-        camera_of(plan, Backlash(1.0))
+    for effects, more, what in (
+        ((), {"brightness": np.ones(5)}, r"6 values of 0 or more, one for each hole, got shape \(5,\)"),
+        ((), {"brightness": [1, 1, 1, 1, 1, -1]}, "values of 0 or more"),
+        ((Backlash(1.0),), {}, "effects of a target's frames: expected no effect of stage motion"),
+    ):
+        with pytest.raises(InputError, match=what):
+            camera_of(plan, *effects, **more)
+    frames = TargetCamera(plan, tolerance=0.3)
     with pytest.raises(InputError, match=r"frame index: expected 0 to 0, got 1"):
-        camera_of(plan).read(1)
-
-
-def test_all_that_is_needed_by_itself(scan: ScanPlan) -> None:
-    frames = TargetCamera(plan_of(scan, array(scan)), tolerance=0.3)
+        frames.read(1)
+    # effects are chosen where none are given
     assert frames.single.effects and frames.read(0).max() > frames.metadata.black_level
 
 

@@ -1,0 +1,5 @@
+"""The command line, for tests of commands."""
+
+from tests.cli.conftest import lfcal
+
+__all__ = ["lfcal"]
