@@ -112,7 +112,6 @@ class Lens:
 
 PLAIN = Lens(21, (2.2, 2.7), 150.0, False)
 FULL = Lens(41, (3.0, 3.5), 190.0, True)
-LENSES = pytest.mark.parametrize("lens", [PLAIN, FULL], ids=["as described", "aberrated lenslets, crosstalk, stage"])
 
 
 def summed(
@@ -146,8 +145,8 @@ def of_lens(lens: Lens) -> Light:
 
 
 @pytest.mark.long
-@LENSES
-def test_forty_patterns_of_a_lens_end_near_the_floor(lens: Lens) -> None:
+@pytest.mark.parametrize("lens", [PLAIN, FULL], ids=["as described", "aberrated lenslets, crosstalk, stage"])
+def test_a_lens_is_found_to_the_floor_of_the_engine(lens: Lens) -> None:
     fit, floor = lens.fit(), lens.floor
     l1, l2 = lens.error(fit.ideal_places)
     described = replace(of_lens(lens).truth, camera=of_lens(lens).plan.camera)
@@ -156,20 +155,12 @@ def test_forty_patterns_of_a_lens_end_near_the_floor(lens: Lens) -> None:
     assert l2 < np.hypot(floor[1], 1.5 * fit.held_out_error.statistical), "no more than by noise"
     assert fit.complete
     assert (fit.spread.stage_px == pytest.approx(STAGE_PX, rel=0.3)) if lens.full else fit.spread.stage_px == 0
-
-
-@pytest.mark.long
-@LENSES
-def test_six_patterns_of_a_lens_are_enough_for_a_percent(lens: Lens) -> None:
-    fit = lens.fit(6)
-    assert lens.error(fit.ideal_places)[0] < 0.008 and fit.complete
-
-
-@pytest.mark.long
-@LENSES
-def test_without_noise_the_fit_ends_at_the_floor(lens: Lens) -> None:
-    found = lens.error(lens.fit(peak=1.6e8).ideal_places)
-    assert found[0] < lens.floor[0] + 0.0003 and found[1] < lens.floor[1] + 0.0003
+    # six patterns are enough for a percent
+    few = lens.fit(6)
+    assert lens.error(few.ideal_places)[0] < 0.008 and few.complete
+    # without noise the fit ends at the floor
+    bright = lens.error(lens.fit(peak=1.6e8).ideal_places)
+    assert bright[0] < floor[0] + 0.0003 and bright[1] < floor[1] + 0.0003
 
 
 # -- microscopes, by dipoles ------------------------------------------------------------------------------
@@ -234,7 +225,6 @@ class Scope:
 
 DRY = Scope("lfm_20x05", (-6.0, 9.0), gap=0.015, focal=-0.01, aperture=0.02, away_um=0.7, waves=0.25)
 IN_WATER = Scope("lfm_60x12", (-1.0, 2.0), -0.012, 0.01, -0.015, away_um=0.15, waves=0.2, specimen=(1.38, 12.0, 14.0))
-SCOPES = pytest.mark.parametrize("scope", [DRY, IN_WATER], ids=["20x, dry", "60x, in a specimen"])
 
 
 @cache
@@ -254,22 +244,16 @@ def of_microscope(scope: Scope) -> Light:
 
 
 @pytest.mark.long
-@SCOPES
-def test_forty_patterns_of_a_microscope_end_near_the_floor(scope: Scope) -> None:
+@pytest.mark.parametrize("scope", [DRY, IN_WATER], ids=["20x, dry", "60x, in a specimen"])
+def test_a_microscope_is_found_to_the_floor_of_the_engine(scope: Scope) -> None:
     given = of_microscope(scope)
     described = Setup(given.plan.camera, scope.effects(given.plan, 1), (0.0, 0.0))  # type: ignore[arg-type]
     floor = scope.error(given.truth)
     assert floor < 1e-3 and scope.error(described) > 0.1
-    fit = scope.fit()
+    fit, few = scope.fit(), scope.fit(6)
     assert scope.error(fit.ideal_places) < min(floor + 0.0015, 0.006)
     assert fit.complete and fit.spread.stage_px == 0
-
-
-@pytest.mark.long
-@SCOPES
-def test_six_patterns_of_a_microscope_are_enough_for_a_percent(scope: Scope) -> None:
-    fit = scope.fit(6)
-    assert scope.error(fit.ideal_places) < 0.008 and fit.complete
+    assert scope.error(few.ideal_places) < 0.008 and few.complete, "six patterns are enough for a percent"
 
 
 @pytest.mark.long

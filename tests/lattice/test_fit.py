@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,7 @@ from lfcal.lattice._forms import DistortionFrame
 from lfcal.lattice._model import LatticeModel
 from lfcal.lattice._rounds import levelled
 from lfcal.lattice.fit import LatticeFit, check_cell, fit_lattice, start_reach
-from tests.lattice.cameras import COUNT, DistortedCamera, distorted_camera
-from tests.lattice.white_frames import WhiteFrame, barrel, draw_white
+from tests.lattice.white_frames import WhiteFrame, barrel, draw_white, relay
 
 REAL = Path(__file__).parents[3] / "shared/data/lfm_guv"
 needs_real = pytest.mark.skipif(not REAL.exists(), reason=f"{REAL} is not on this machine")
@@ -261,6 +260,31 @@ def test_micro_images_of_any_size_are_no_checkerboard() -> None:
     frame = draw_white((200, 220), 6.0, "square", fill=0.8, snr=100.0).frame.astype(float)
     assert fit_lattice(cv2.GaussianBlur(frame, (0, 0), 1.5)).kind == "square"
     check_cell(np.ones((12, 12)))
+
+
+LARGE = (700, 900)
+COUNT = 24
+
+
+@dataclass(frozen=True)
+class DistortedCamera:
+    """A drawn white image, its nominal pitch (2 % wrong), and the lattice form that made it."""
+
+    truth: WhiteFrame
+    nominal_px: float
+    form: str
+
+
+def distorted_camera(number: int) -> DistortedCamera:
+    """Square or hexagonal, turned up to 45 degrees, 1-3 px radial or relay distortion, SNR 20, 5 % dead."""
+    rng = np.random.default_rng(100 + number)
+    pitch, turn, by = rng.uniform(9, 26), rng.uniform(-math.pi / 4, math.pi / 4), rng.uniform(1, 3)
+    reach, radial = math.hypot(*LARGE) / 2, number % 4 < 2
+    sign, centre = rng.choice([-1, 1]), rng.uniform(-0.2, 0.2, 2) * reach
+    bend = barrel(sign * by, reach, (centre[0], centre[1])) if radial else relay(by, reach, number)
+    kind = ("hexagonal", "square")[number % 2]
+    truth = draw_white(LARGE, float(pitch), kind, rotation=float(turn), seed=number, bend=bend)
+    return DistortedCamera(truth, float(pitch * rng.choice([0.98, 1.02])), "radial" if radial else "cubic")
 
 
 def rms(camera: DistortedCamera, fit: LatticeFit) -> float:

@@ -18,6 +18,7 @@ from lfcal.reconstruct import BootstrapSettings, Projector, SolverChoice, error_
 from lfcal.reconstruct._replicates import ObjectModel, SampleNoise
 from lfcal.reconstruct.volumes import load_labels
 from lfcal.simulate import simulate_psf
+from tests.reconstruct._building import square, square_matrix
 
 SHAPE = (77, 77)
 EDGE = 14
@@ -25,19 +26,16 @@ KINDS = ("beads", "texture", "lines", "shell", "plume")
 CHOICE = SolverChoice("rl-nesterov", iterations=60, background=10, gain=1)
 
 
-def square(**lattice: object) -> Camera:
-    """Return the camera ``bench`` with square lenslets of one type, and with changes of its lattice."""
-    camera = preset("bench")
-    return replace(camera, lattice=replace(camera.lattice, kind="square", types=camera.lattice.types[1:2], **lattice))
+def without_dim_entries(values: np.ndarray) -> np.ndarray:
+    """Return H without entries below a thousandth of the peak of their plane."""
+    return np.where(values > 1e-3 * values.max(axis=(1, 2, 3, 4), keepdims=True), values, 0)
 
 
 def matrix(camera: Camera, depths: tuple[float, ...], cutout: int = 45, tolerance: float = 0.02) -> np.ndarray:
-    """Return H of ``camera`` for the image planes of ``depths`` (µm), without entries below a thousandth."""
+    """Return H of ``camera`` for the image planes of ``depths`` (µm)."""
     period, anchor = ((11, 11), (137, 137)) if len(camera.lattice.types) == 1 else ((19, 33), (133, 132))
     plan = ScanPlan(camera, period, cutout=(cutout, cutout), depths_um=depths, anchor=anchor)
-    values = np.asarray(simulate_psf(plan, effects=(), tolerance=tolerance)[:], np.float32)
-    peaks = values.max(axis=(1, 2, 3, 4), keepdims=True)
-    return np.where(values > 1e-3 * peaks, values, 0)
+    return without_dim_entries(np.asarray(simulate_psf(plan, effects=(), tolerance=tolerance)[:], np.float32))
 
 
 def projector(H: np.ndarray | PSFMatrix) -> Projector:
@@ -47,8 +45,7 @@ def projector(H: np.ndarray | PSFMatrix) -> Projector:
 @pytest.fixture(scope="module")
 def P() -> Projector:
     """Return the projector of two planes behind square lenslets."""
-    camera = square()
-    return projector(matrix(camera, tuple(camera.depth_of(v) for v in (2.2, 3.0)), 41, 0.1))
+    return projector(without_dim_entries(square_matrix((2.2, 3.0), 41)))
 
 
 def drawn(kind: str, seed: int, planes: int) -> np.ndarray:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from lfcal.camera import ScanPlan, preset
 from lfcal.psf import Facts, PSFMatrix
 from lfcal.psf.denoising import RULE, denoised, mean_noise
 from lfcal.psf.facts import Origin
@@ -18,7 +16,7 @@ from lfcal.reconstruct.phantoms import nrmse
 from lfcal.reconstruct.solvers._model_noise import ModelNoise
 from lfcal.reconstruct.solvers.choice import SolverChoice, iter_reconstruct, reconstruct
 from lfcal.reconstruct.solvers.smoothing import Sieve
-from lfcal.simulate.simulate import simulate_psf
+from tests.reconstruct._building import square_matrix
 from tests.reconstruct.oracles import dense
 
 SHAPE = (77, 77)
@@ -35,11 +33,7 @@ def noted(values: np.ndarray, noise: tuple[float, float] | None, **facts: object
 @pytest.fixture(scope="module")
 def exact() -> np.ndarray:
     """Return H of two planes behind square lenslets, its peak 1."""
-    camera = preset("bench")
-    camera = replace(camera, lattice=replace(camera.lattice, kind="square", types=camera.lattice.types[1:2]))
-    depths = tuple(camera.depth_of(v) for v in (2.2, 3.0))
-    plan = ScanPlan(camera, (11, 11), cutout=(41, 41), depths_um=depths, anchor=(137, 137))
-    values = np.asarray(simulate_psf(plan, effects=(), tolerance=0.1)[:], np.float64)
+    values = square_matrix((2.2, 3.0), 41).astype(np.float64)
     return values / values.max()
 
 

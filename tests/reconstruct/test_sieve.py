@@ -23,6 +23,7 @@ from lfcal.reconstruct.solvers.sieve import sieve_of
 from lfcal.reconstruct.solvers.smoothing import FINE, SIEVE, Sieve
 from lfcal.simulate.accuracy.planner import plan_effects
 from lfcal.simulate.simulate import simulate_psf
+from tests.reconstruct._building import square_matrix
 from tests.reconstruct.oracles import dense
 
 
@@ -41,14 +42,12 @@ def microscope() -> PSFMatrix:
 
 @pytest.fixture(scope="module")
 def textured() -> tuple[Projector, tuple[slice, slice]]:
-    """Return a projector of three planes seen alike behind square lenslets, and where light of a volume is kept."""
-    camera = preset("bench")
-    camera = replace(camera, lattice=replace(camera.lattice, kind="square", types=camera.lattice.types[1:2]))
-    depths = tuple(camera.depth_of(v) for v in (2.2, 2.8, 3.4))
-    plan = ScanPlan(camera, (11, 11), cutout=(45, 45), depths_um=depths, anchor=(137, 137))
-    H = simulate_psf(plan, effects=(), tolerance=0.1)
-    # without the camera: nothing but the stretch tells it from accelerated Richardson-Lucy
-    return Projector(H[:], (77, 77), anchor=(5, 5), workers=1), (slice(14, -14), slice(14, -14))
+    """Return a projector of three planes behind square lenslets, and the place of the light of a volume.
+
+    It has no camera, so only the stretch distinguishes the solver from accelerated Richardson-Lucy.
+    """
+    H = square_matrix((2.2, 2.8, 3.4), 45)
+    return Projector(H, (77, 77), anchor=(5, 5), workers=1), (slice(14, -14), slice(14, -14))
 
 
 def test_a_sieve_is_its_own_transpose():
