@@ -251,7 +251,7 @@ def test_measured_planes_correct_a_wrong_camera() -> None:
     wrong = replace(true, lattice=replace(true.lattice, gap_um=1.06 * true.lattice.gap_um))
     found = map_of([sensor_slope(true, z) for z in depths], "micro-images", 11.0)
     planes = [(z, sensor_slope(true, z)) for z in (-20e3, -12e3, -6e3)]
-    plain, better, single = (metric_depth(found, wrong, measured=given).z_um for given in (None, planes, planes[:1]))
+    plain, better, single = (metric_depth(found, wrong, measured=given).z_um for given in ((), planes, planes[:1]))
     assert plain is not None and np.abs(plain[0] - depths).min() > 300
     np.testing.assert_allclose(better[0], depths, atol=30)
     assert single is not None and np.abs(single[0] - depths).max() < 60

@@ -253,14 +253,14 @@ def test_wrong_lattices_and_weights_are_refused() -> None:
     frame, large, ones = np.ones((41, 44)), np.ones((199, 199)), np.ones((41, 44))
     given, m, mura = small("square"), mask("MURA", 5), mask("MURA", 3)
     for call, what in (
-        (lambda: lattice_channels(np.ones((8, 8)), lattice("square"), 31), ""),
-        (lambda: lattice_channels(large, lattice("square"), 0), ""),
-        (lambda: lattice_channels(large, lattice("square"), 5, filter="sinc"), ""),
-        (lambda: lattice_channels(large, lattice("square"), 5, spacing_px=0.0), ""),
-        (lambda: lattice_channels(large, lattice("square"), 5, out=np.ones((5, 5))), ""),
-        (lambda: demultiplex_lattice(large, lattice("square"), cfa("Bayer")), ""),
-        (lambda: SuperPixelLattice("square", (0, 0), (1, 0), (1, 0)), ""),
-        (lambda: SuperPixelLattice("triangular", (0, 0), (9, 0), (0, 9)), ""),
+        (lambda: lattice_channels(np.ones((8, 8)), lattice("square"), 31), "expected"),
+        (lambda: lattice_channels(large, lattice("square"), 0), "expected"),
+        (lambda: lattice_channels(large, lattice("square"), 5, filter="sinc"), "expected"),
+        (lambda: lattice_channels(large, lattice("square"), 5, spacing_px=0.0), "expected"),
+        (lambda: lattice_channels(large, lattice("square"), 5, out=np.ones((5, 5))), "expected"),
+        (lambda: demultiplex_lattice(large, lattice("square"), cfa("Bayer")), "expected"),
+        (lambda: SuperPixelLattice("square", (0, 0), (1, 0), (1, 0)), "expected"),
+        (lambda: SuperPixelLattice("triangular", (0, 0), (9, 0), (0, 9)), "expected"),
         (lambda: demultiplex_lattice(frame, given, m, weights=ones, filter="cubic"), "reconstruction with weights"),
         (lambda: demultiplex_lattice(frame, given, m, weights=ones, route="fourier"), "reconstruction with weights"),
         (lambda: demultiplex_lattice(frame, given, m, weights=ones, filter="sinc"), "reconstruction with weights"),

@@ -154,6 +154,7 @@ def test_results_that_cannot_be_trusted_are_not_accepted() -> None:
         assert not found.accepted and found.verdict == f"not recalibrated: {words}"
 
 
+@pytest.mark.long
 def test_saturated_pixels_are_left_out_and_named() -> None:
     frame = frame_of(PLAN, beads(PLAN, 1), 1)
     clipped = replace(frame, values=np.minimum(frame.values, 800).astype(np.float32))

@@ -225,19 +225,22 @@ print(ReconstructSettings("landweber", read_noise=3.0).choice().solver.title)
     assert "projected gradient" in in_a_new_process(tmp_path, code)
 
 
-def test_broken_solvers_are_left_out_with_a_reason(foreign, run):
-    own = find_solvers().names()
-    for source, reason in (
+@pytest.mark.parametrize(
+    ("source", "reason"),
+    [
         ("SOLVER = 3", "expected a part with a name"),
         ("class SOLVER:\n    name = 'theirs'", "expected a Solver with a function"),
         (PAGE[0].replace('frozenset({"background",', 'frozenset({"backgrounds",'), "backgrounds"),
         ("import a_library_that_is_missing", "a_library_that_is_missing"),
-    ):
-        foreign(source)
-        assert choice.SOLVERS.names() == own
-        assert reason in choice.SOLVERS.failures()["theirs"]
-        code, out, err = run("solvers")
-        assert code == 0 and "rl-tv" in out and "solver theirs" in err
+    ],
+)
+def test_broken_solvers_are_left_out_with_a_reason(foreign, run, source, reason):
+    own = find_solvers().names()
+    foreign(source)
+    assert choice.SOLVERS.names() == own
+    assert reason in choice.SOLVERS.failures()["theirs"]
+    code, out, err = run("solvers")
+    assert code == 0 and "rl-tv" in out and "solver theirs" in err
 
 
 def test_own_solvers_cannot_be_replaced(foreign):

@@ -387,16 +387,20 @@ def by_nexus(path: Path) -> Placed:
         return spread(group[group.attrs["signal"]][()], places)
 
 
-READERS = {
-    "v.tif": (by_imagej,),
-    "v.ome.tif": (by_ome, by_ome_types),
-    "v.ome.zarr": (by_ngff, by_ome_zarr, by_napari),
-    "v.h5": (by_nexus, by_napari),
-}
+READERS = [
+    ("v.tif", by_imagej),
+    ("v.ome.tif", by_ome),
+    pytest.param("v.ome.tif", by_ome_types, marks=pytest.mark.long),  # takes seconds to import
+    ("v.ome.zarr", by_ngff),
+    pytest.param("v.ome.zarr", by_ome_zarr, marks=pytest.mark.long),
+    ("v.ome.zarr", by_napari),
+    ("v.h5", by_nexus),
+    ("v.h5", by_napari),
+]
 
 
 @pytest.mark.parametrize("facts", FACTS.values(), ids=FACTS)
-@pytest.mark.parametrize(("name", "read"), [(name, read) for name, readers in READERS.items() for read in readers])
+@pytest.mark.parametrize(("name", "read"), READERS)
 def test_other_programs_place_every_voxel_correctly(tmp_path: Path, name: str, read: Any, facts: VolumeFacts) -> None:
     """The value of each voxel is read at its place and time in the given volume."""
     series = np.random.default_rng(3).random((2, 3, 4, 5), np.float32)
