@@ -30,9 +30,10 @@ def white_of(camera: Camera, radius: float, square=False, falloff=0.3, noise=20.
     rows, columns = (np.arange(8 * n) / 8 + 1 / 16 - 0.5 for n in camera.sensor.shape)
     out = np.zeros((len(rows), len(columns)), np.float32)
     for row, column in camera.pixels(np.array(camera.lattice.lens_centres_um) + np.array(camera.lattice.offset_um)):
-        y, x = np.abs(rows[:, None] - row), np.abs(columns - column)
+        near = np.ix_(np.abs(rows - row) < radius, np.abs(columns - column) < radius)
+        y, x = np.abs(rows[near[0]] - row), np.abs(columns[near[1]] - column)
         far = np.maximum(y, x) if square else np.hypot(y, x)
-        out += np.where(far < radius, 1 - falloff * (far / radius) ** 2, 0.0).astype(np.float32)
+        out[near] += np.where(far < radius, 1 - falloff * (far / radius) ** 2, 0.0).astype(np.float32)
     mean = out.reshape(camera.sensor.shape[0], 8, camera.sensor.shape[1], 8).mean((1, 3))
     return 4000.0 * mean + 100.0 + noise * np.random.default_rng(0).standard_normal(mean.shape)
 
