@@ -278,7 +278,7 @@ def test_depth_maps_are_written_as_tiff_and_points(flat: Drawn, tmp_path: Path) 
 def test_wrong_input_is_refused(flat: Drawn) -> None:
     field = lattice(SHAPE, 24.0)
     for frame, how, what in (
-        (flat.frame[1:], {}, "shape"),
+        (flat.frame[1:], {}, "frame: expected .* px"),
         (flat.frame, {"mask": np.zeros((3, 3))}, "mask"),
         (flat.frame, {"method": "stereo"}, "method"),
         (flat.frame, {"method": "micro-images", "slopes": (-1.0, 5.0)}, "slopes"),
@@ -286,7 +286,7 @@ def test_wrong_input_is_refused(flat: Drawn) -> None:
     ):
         with pytest.raises(InputError, match=what):
             depth_map(frame, field, **how)
-    with pytest.raises(InputError, match="shape"):
+    with pytest.raises(InputError, match=r"frame: expected .* px"):
         depth_seconds(flat.frame[1:], field)
     with pytest.raises(InputError, match="complete micro-image"):
         depth_map(np.ones((9, 9)), lattice((9, 9), 24.0))

@@ -102,7 +102,7 @@ def test_undecidable_frames_are_refused() -> None:
         (noise, fit, BLUR, {}, "lens types"),
         (same, fit, (0.5, 0.3, 0.3), {}, "values that differ"),
         (same, fit, (0.5, 0.3), {}, "3 numbers"),
-        (same[:-1], fit, BLUR, {}, "shape"),
+        (same[:-1], fit, BLUR, {}, "expected"),
         (dot, fit, BLUR, spots, "lit triangles"),
         (square, fit_lattice(square), BLUR, {}, "hexagonal"),
     ):

@@ -175,7 +175,7 @@ def test_the_slope_of_a_depth_agrees_with_traced_rays() -> None:
 def test_frames_that_do_not_fit_are_refused() -> None:
     truth, fit = clean("square")
     for frame, how, what in (
-        (truth.frame[:-1], {}, "shape"),
+        (truth.frame[:-1], {}, "frame: expected .* px"),
         (truth.frame, {"white": truth.frame[1:]}, "white frame"),
         (truth.frame, {"dark": np.zeros((2, 2))}, "dark"),
         (truth.frame, {"radius_px": 0.2}, "radius"),

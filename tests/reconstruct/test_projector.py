@@ -186,7 +186,7 @@ def test_wrong_arguments_and_arrays_are_refused():
         with pytest.raises(InputError, match=message):
             Projector(**{"H": ones, "image_shape": (9, 9), **change})
     P = Projector(ones, (9, 9))
-    with pytest.raises(InputError, match="shape"):
+    with pytest.raises(InputError, match="expected"):
         P.forward(np.ones((9, 9)))
     with pytest.raises(InputError, match="finite"):
         P.adjoint(np.full((9, 9), np.nan))

@@ -252,7 +252,7 @@ def test_wrong_metric_grids_are_refused() -> None:
         (lambda: MetricGrid.of(SIDES, (30, 40), (0, 0), 1e-320), "voxel"),  # too many to count
         (lambda: MetricGrid.of(SIDES, (30000, 40000), (0, 0), 0.1), "choose larger voxels"),
         (lambda: MetricGrid.for_matrix(PSFMatrix(np.ones((1, 2, 2, 3, 3))), (10, 10)), "an H with its camera"),
-        (lambda: MetricGrid.of(SIDES, (30, 40), (0, 0)).apply(np.zeros((2, 30, 40))), "shape"),
+        (lambda: MetricGrid.of(SIDES, (30, 40), (0, 0)).apply(np.zeros((2, 30, 40))), "expected"),
     ):
         with pytest.raises(InputError, match=what):
             call()
