@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks import target as bench
-from benchmarks.__main__ import main
+from benchmarks import target
 from benchmarks._target_scene import target_scene
 from benchmarks.target import compared, error_of, single_error
 from lfcal.fit.model import Fineness
 from lfcal.fit.setup import Setup
 from lfcal.simulate.effects import Distortion, FiniteSource, MechanicalVignetting, ReadNoise, ShotNoise
+from tests.benchmarks.conftest import Bench
 
 
-def test_the_scene_has_everything_that_a_fit_is_to_stand() -> None:
+def test_the_scene_has_every_difficulty_of_a_fit() -> None:
     scene = target_scene(5)
     camera = scene.camera()
     kinds = {type(effect) for effect in camera.single.effects} | {FiniteSource}
@@ -26,7 +24,7 @@ def test_the_scene_has_everything_that_a_fit_is_to_stand() -> None:
     assert camera.shape == (720, 720) and camera.target.hole_um == 20.0 and len(camera.target.holes) == 141
     assert np.degrees([scene.really.pose.rotation_rad, scene.really.pose.tilt_right_rad]) == pytest.approx([1.0, 2.0])
     assert camera.brightness.std() == pytest.approx(0.1, rel=0.2)
-    # what a user knows: another camera, another cat's eye, a target that lies straight
+    # a user knows another camera, another cat's eye, and a target without tilt
     assert scene.plan.target.pose != scene.really.pose and scene.plan.scan.camera != scene.truth.setup.camera
     # finer than the derivatives of a fit, and no part of the field is one
     assert camera.single.sampling.samples_per_px > Fineness.coarse.samples_per_px
@@ -69,32 +67,23 @@ RESULT: dict[str, Any] = {
 }
 
 
-def test_the_command_asks_for_what_its_options_say(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_options_of_the_command_are_used(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
 
     def answer(*arguments: Any, **named: Any) -> dict[str, Any]:
         asked.append((arguments, named))
         return RESULT
 
-    def run(*words: str) -> str:
-        monkeypatch.setattr(sys, "argv", ["benchmarks", "target", *words])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        assert not stop.value.code
-        return capsys.readouterr().out
-
-    monkeypatch.setattr(bench, "compared", answer)
-    words = ("--frames", "8", "--few", "2", "--points", "27", "--unknowns", "geometry,iris", "--seed", "3")
-    told = run(*words, "--as-described", "--workers", "1")
+    monkeypatch.setattr(target, "compared", answer)
+    words = "target --frames 8 --few 2 --points 27 --unknowns geometry,iris --seed 3 --as-described --workers 1"
+    shown = bench(*words.split())
     ((frames, few, way), named), *_ = asked
     assert (frames, few, named) == (8, 2, {"seed": 3, "wrong": False})
-    assert way == bench.Way(27, ("geometry", "iris"), 1, quiet=False)
+    assert way == target.Way(27, ("geometry", "iris"), 1, quiet=False)
     for one in ("7.88 %", "0.20 %", "1.20 %", "44.00, refused", "part-0-0", "no such camera", "57.00 % off"):
-        assert one in told, one
-    assert json.loads(run("--unknowns", "auto", "--json")) == RESULT
-    assert asked[-1][0][2] == bench.Way(unknowns="auto", quiet=True)
+        assert one in shown, one
+    assert bench.json("target", "--unknowns", "auto") == RESULT
+    assert asked[-1][0][2] == target.Way(unknowns="auto", quiet=True)
 
 
 @pytest.mark.long

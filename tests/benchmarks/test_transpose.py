@@ -1,8 +1,7 @@
-"""The rivals of ``python -m benchmarks transpose`` do what they are said to do, and the table says what was scaled."""
+"""The rivals of ``python -m benchmarks transpose`` do what they claim, and its table names what was scaled."""
 
 from __future__ import annotations
 
-import json
 import sys
 from types import ModuleType
 
@@ -10,22 +9,13 @@ import numpy as np
 import pytest
 
 from benchmarks import _transposers as ways
-from benchmarks import transpose as bench
-from benchmarks.__main__ import main
+from benchmarks import transpose as program
 from lfcal.base.errors import InputError, LfcalError
 from lfcal.psf import transpose
+from tests.benchmarks.conftest import Bench
 
 
-def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
-    monkeypatch.setitem(sys.modules, "pyolaf", None)  # whether it is installed or not
-    monkeypatch.setattr(sys, "argv", ["benchmarks", "transpose", *arguments])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert not stop.value.code
-    return capsys.readouterr().out
-
-
-def test_the_timed_loop_is_the_papers() -> None:
+def test_the_loop_of_the_paper_is_timed() -> None:
     H = ways.random_matrix((2, 3, 5, 7, 9))
     out = np.zeros_like(H)
     found = ways.paper_loop(H, out, 60)
@@ -74,51 +64,37 @@ def test_a_stand_in_with_pyolafs_interface(monkeypatch: pytest.MonkeyPatch) -> N
     assert seen["usedLensletCenters"]["px"].min() == -9
 
 
-def test_small_sizes_from_end_to_end(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    out = run(capsys, monkeypatch, "--sizes", "17/3,19/4x5,99/31", "--quick", "--planes", "3", "--memory", "0.00015")
+def test_small_sizes_from_end_to_end(bench: Bench) -> None:
+    out = bench(*"transpose --sizes 17/3,19/4x5,99/31 --quick --planes 3 --memory 0.00015".split())
     assert "* scaled, memory did not hold them all: 19/4x5 (2 of 3 planes)." in out
     assert "Not run, memory does not hold one plane twice: 99/31." in out
-    assert "pyolaf: not run" in out
-    assert "HT slice and depth sum: not run" in out
-    found = json.loads(run(capsys, monkeypatch, "--sizes", "17/3", "--quick", "--memory", "0.01", "--json"))
-    (row,) = found["rows"]
+    assert "pyolaf: not run" in out and "HT slice and depth sum: not run" in out
+    small = "transpose --sizes 17/3 --quick --memory 0.01 --workers 1".split()
+    (row,) = bench.json(*small)["rows"]
     assert row["planes_run"] == row["planes"] == 11
     assert row["ratio"] == pytest.approx(row["lfcal"] / min(row["copy"], row["copy_parallel"]))
     assert row["processor_ratio"] is None or row["processor_ratio"] > 0
-    markdown = run(capsys, monkeypatch, "--sizes", "17/3", "--quick", "--memory", "0.01", "--markdown")
-    assert markdown.startswith("| ns | ny x nx | H | lfcal |")
-    assert "| 17 | 3 x 3 | 114.4 kB |" in markdown
+    markdown = bench(*small, "--markdown")
+    assert markdown.startswith("| ns | ny x nx | H | lfcal |") and "| 17 | 3 x 3 | 114.4 kB |" in markdown
+    assert "least seconds, 1 threads" in bench(*small)
 
 
 def test_plane_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bench, "TABLE_1", (*bench.TABLE_1[:-1], bench.Size(21, 5, 7)))
-    settings = bench.Settings(1, 10**6, 1, 1, 0.1, 1)
-    plane = bench.measure_plane(settings)
+    monkeypatch.setattr(program, "TABLE_1", (*program.TABLE_1[:-1], program.Size(21, 5, 7)))
+    settings = program.Settings(1, 10**6, 1, 1, 0.1, 1)
+    plane = program.measure_plane(settings)
     assert plane is not None
     assert plane.nbytes == 4 * 5 * 7 * 21**2
-    lines = bench.notes([], plane, bench.Pyolaf("0.2.1", found=ways.Scaled(60.0, 0.5), same_as_paper=True))
+    lines = program.notes([], plane, program.Pyolaf("0.2.1", found=ways.Scaled(60.0, 0.5), same_as_paper=True))
     assert any("median" in line and "(bound 2 ms)" in line for line in lines)
     assert lines[-1].endswith("60 s, scaled from 50.00% of the work; the same values as method paper.")
 
 
-def test_table_1_as_printed() -> None:
-    assert [size.name for size in bench.TABLE_1] == [
-        "111/11",
-        "221/11",
-        "331/11",
-        "551/11",
-        "771/11",
-        "1101/11",
-        "127/21",
-        "187/31",
-        "307/51",
-        "181/55x95",
-    ]
-    assert bench.chosen("111/11, 9/3x5")[0].printed == (29.0, 1.3, 14.5, 0.2)
-    assert bench.chosen("9/3x5") == (bench.Size(9, 3, 5),)
-
-
-@pytest.mark.parametrize("text", ["111", "110/11", "111/0", "a/b", "1/2/3", "-3/1"])
-def test_sizes_that_are_none(text: str) -> None:
-    with pytest.raises(InputError, match="odd pixels/positions"):
-        bench.chosen(text)
+def test_sizes_are_those_of_table_1_or_chosen() -> None:
+    names = "111/11 221/11 331/11 551/11 771/11 1101/11 127/21 187/31 307/51 181/55x95"
+    assert [size.name for size in program.TABLE_1] == names.split()
+    assert program.chosen("111/11, 9/3x5")[0].printed == (29.0, 1.3, 14.5, 0.2)
+    assert program.chosen("9/3x5") == (program.Size(9, 3, 5),)
+    for text in ("111", "110/11", "111/0", "a/b", "1/2/3", "-3/1"):
+        with pytest.raises(InputError, match="odd pixels/positions"):
+            program.chosen(text)

@@ -1,4 +1,4 @@
-"""The window is tested offscreen, in a process of its own, and must leave no thread behind."""
+"""Fixtures of the window, which is tested offscreen in its own process and leaves no thread behind."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def no_thread_left() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def _light_again() -> Iterator[None]:
-    """Leave the next test the theme that it expects, whichever that is."""
+    """Reset the theme after each test."""
     yield
     app = QApplication.instance()
     if isinstance(app, QApplication) and current_theme() is not LIGHT:
@@ -89,7 +89,7 @@ def window(qapp: QApplication, place: Path, qtbot: QtBot) -> Iterator[MainWindow
     made.shut_down()
     made.close()
     made.deleteLater()
-    # else the next change of theme is worked out for the widgets of every window before
+    # otherwise the next change of theme also restyles the widgets of this window
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 
 
@@ -107,6 +107,14 @@ def context(qapp: QApplication, state: ProjectState) -> Iterator[Context]:
     made = Context(Project(state), jobs)
     yield made
     jobs.close()
+    made.close()
+
+
+@pytest.fixture
+def jobs(qapp: QApplication) -> Iterator[Jobs]:
+    """Return jobs without a window."""
+    made = Jobs()
+    yield made
     made.close()
 
 

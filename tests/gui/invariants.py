@@ -1,4 +1,4 @@
-"""What must hold in a window at any time: numbers of axes, what is shown of which file, buttons as the state is."""
+"""Invariants of a window: numbers of axes, values of the project that are shown, and buttons that are enabled."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from lfcal_gui.base_page import BasePage
 from lfcal_gui.jobs import JobState
 from lfcal_gui.models.form import parse, text_of
 from lfcal_gui.models.next_step import next_step, rail_words
+from lfcal_gui.models.project import ProjectState
 from lfcal_gui.pages.h.model import shown_unit
 from lfcal_gui.pages.h.model_checks import checks_of
 from lfcal_gui.pages.setup.model import values_of as values_of_camera
@@ -26,14 +27,14 @@ from lfcal_gui.window import MainWindow
 __all__ = ["check_window"]
 
 VIEWS = {"both": "Both", "sum": "Sum", "difference": "Difference", "fit": "Fit"}
-"""Segments of the place H by the view that they show."""
+"""Segments of the page H, by the view that they show."""
 
 STOPPED_BY = ("h", "accuracy")
-"""Pages whose button Stop can be pressed while, and only while, they have a job."""
+"""Pages whose button Stop is enabled only while they have a job."""
 
 
 def check_window(window: MainWindow) -> None:
-    """Raise `AssertionError` where the window shows what is not so."""
+    """Raise `AssertionError` if the window contradicts its state."""
     _axes(window)
     _jobs(window)
     _project(window)
@@ -46,7 +47,7 @@ def check_window(window: MainWindow) -> None:
     for key in STOPPED_BY:
         if key in made:
             button: Any = made[key]
-            assert button.stop_button.isEnabled() == (key in running), f"Stop of {key}: {key in running} is at work"
+            assert button.stop_button.isEnabled() == (key in running), f"Stop of {key}: {key in running} runs"
 
 
 def _axes(window: MainWindow) -> None:
@@ -64,7 +65,7 @@ def _jobs(window: MainWindow) -> None:
 
 
 def _meant(job: Any) -> bool:
-    """Return whether a job failed with an error that was meant to be read."""
+    """Return whether a job failed with an error whose message is written for users."""
     import lfcal.base.errors as errors
 
     last = job.details.strip().splitlines()[-1] if job.details.strip() else ""
@@ -74,6 +75,7 @@ def _meant(job: Any) -> bool:
 def _project(window: MainWindow) -> None:
     state, project = window.context.state, window.project
     assert state.plan is None or state.plan.camera == state.camera, "the plan is of another camera"
+    assert ProjectState.from_json(state.to_json()) == state, "the project is not saved as it is"
     assert window.menus.undo.isEnabled() == bool(project.undo_label)
     assert window.menus.redo.isEnabled() == bool(project.redo_label)
     assert window.menus.undo.text() == f"Undo {project.undo_label}".strip()
@@ -92,13 +94,13 @@ def _body(page: BasePage) -> bool:
 
 
 def _h(window: MainWindow, page: Any) -> None:
-    """Hold H against the project's, and the header against its name."""
+    """Compare the H that is shown with that of the project, and the header with its name."""
     path = window.context.state.psf
-    assert page.matrix is (window.context.matrix(path) if path else None), "another H than the project's is shown"
+    assert page.matrix is (window.context.matrix(path) if path else None), "this is not the H of the project"
     assert _body(page) == (page.matrix is not None)
     name = re.match(r"(.+?): \(z, y, x, t, s\) = (\(.+?\)), ", page.hint.text())
     if page.matrix is None:
-        assert name is None, f"{name} stands in the header, and no H is there"
+        assert name is None, f"the header shows {name} without an H"
         return
     assert name is not None and name[1] == Path(path).name and name[2] == str(page.matrix.shape)
     planes, ny, nx = page.matrix.shape[:3]
@@ -112,7 +114,7 @@ def _h(window: MainWindow, page: Any) -> None:
 
 
 def _h_pictures(page: Any) -> None:
-    """Hold controls, titles, unit and values against the position that is asked for."""
+    """Compare controls, titles, unit and values with the chosen position."""
     panel, intent, matrix = page.panel, page.intent, page.matrix
     assert page.plane.z == intent.z == panel.strip.currentRow()
     shown = [title for title, button in panel.view_buttons.items() if button.isChecked()]
@@ -137,17 +139,17 @@ def _h_pictures(page: Any) -> None:
 
 
 def _form(form: FoldedForm, values: dict[str, Any]) -> None:
-    """Hold fields that are not refused against what the project holds."""
+    """Compare fields that are not refused with the values of the project."""
     for key, field in form.fields.items():
         editor = form.editor(key)
         if editor.isHidden() or editor.property("invalid"):
-            continue  # it shows what was refused, and why
+            continue  # it shows the refused text and the reason
         if isinstance(editor, QLineEdit):
-            told = f"{key}: {editor.text()} is shown of {values[key]}"
+            message = f"{key}: {editor.text()} is shown for {values[key]}"
             if field.read is not None:
-                assert field.read(editor.text()) == field.read(values[key]), told
+                assert field.read(editor.text()) == field.read(values[key]), message
                 continue
-            assert parse(field, editor.text()) == _as_shown(field, values[key]), told
+            assert parse(field, editor.text()) == _as_shown(field, values[key]), message
         elif isinstance(editor, QComboBox):
             assert editor.currentData() == values[key] or editor.findData(values[key]) < 0, key
         elif isinstance(editor, QCheckBox):
@@ -155,7 +157,7 @@ def _form(form: FoldedForm, values: dict[str, Any]) -> None:
 
 
 def _as_shown(field: Any, value: Any) -> Any:
-    """Return ``value`` as its ten digits in a form mean it."""
+    """Return ``value`` as it is read from the ten digits of a form."""
     return parse(field, text_of(field, value))
 
 
@@ -171,7 +173,7 @@ def _setup(window: MainWindow, page: Any) -> None:
 
 
 def _checks(window: MainWindow, page: Any) -> None:
-    """Hold what can be done, and what is told, against the H of the project."""
+    """Compare the buttons and the inspection with the H of the project."""
     there, checking = bool(window.context.state.psf), page.checking
     busy = {job.title.split()[0] for job in window.jobs.jobs() if job.active and job.page == "h"}
     if not there:
@@ -180,7 +182,7 @@ def _checks(window: MainWindow, page: Any) -> None:
     if view is None:
         return
     assert not (view.measure_button.isEnabled() and not there), "Inspect without an H"
-    assert not ("Report" in busy and view.report_button.isEnabled()), f"Report while {busy} is at work"
+    assert not ("Report" in busy and view.report_button.isEnabled()), f"Report while {busy} runs"
     if checking.inspection is not None and view.stack.currentIndex() == 1:
         checks = checks_of(checking.inspection, every=view.every.isChecked())
         assert view.table.rowCount() == len(checks)
@@ -225,7 +227,7 @@ def _reconstruct(window: MainWindow, page: Any) -> None:
 
 
 def _simulate(window: MainWindow, page: Any) -> None:
-    """Hold what the planner said against plan and settings of now, unless it is asked again."""
+    """Compare the answer of the planner with the plan and the settings, unless it is computed again."""
     state = window.context.state
     assert _body(page) == (state.plan is not None)
     if page.verdict is not None and state.plan is not None and page.isVisible():  # updated when it is shown again

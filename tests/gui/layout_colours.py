@@ -1,4 +1,4 @@
-"""Colours that a change of theme left behind: dark words on dark, or pale ones on white."""
+"""Colours of another theme that a change of theme left: dark words on dark, or pale ones on white."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ def of_other_themes(root: QWidget) -> Iterator[str]:
     for widget in (root, *root.findChildren(QWidget)):
         if not widget.isVisible():
             continue
-        told = widget.styleSheet()
+        text = widget.styleSheet()
         if isinstance(widget, QLabel):
-            told += widget.text()
+            text += widget.text()
         elif isinstance(widget, QTableWidget):
-            told += "".join(_cells(widget))
+            text += "".join(_cells(widget))
         elif isinstance(widget, QGraphicsView):
-            told += widget.backgroundBrush().color().name()
-        for colour in sorted(set(COLOUR.findall(told.lower())) & others):
-            yield f"{type(widget).__name__} {told[-80:]!r} has {colour}, which is none of {current_theme().name}'s"
+            text += widget.backgroundBrush().color().name()
+        for colour in sorted(set(COLOUR.findall(text.lower())) & others):
+            yield f"{type(widget).__name__} {text[-80:]!r} has {colour}, which is none of {current_theme().name}'s"
 
 
 def _cells(table: QTableWidget) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Unexpected errors: logged, told once, and nothing of them ends the window."""
+"""Unexpected errors are logged and shown once, and do not end the window."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ import os
 import subprocess
 import sys
 import threading
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 
@@ -41,14 +38,21 @@ def guard(window: MainWindow, log: Log) -> Iterator[CrashGuard]:
 
 
 def break_a_slot(guard: CrashGuard, error: BaseException) -> None:
-    """Raise where Python's own hook is called, as PySide6 does for a slot."""
+    """Raise an error and call the hook of Python, as PySide6 does for a slot."""
     try:
         raise error
     except type(error):
         sys.excepthook(*sys.exc_info())  # type: ignore[arg-type]
 
 
-def test_an_error_in_a_slot_is_told_with_what_is_safe(window: MainWindow, guard: CrashGuard, log: Log) -> None:
+def test_an_error_in_a_slot_is_shown_with_what_is_safe(window: MainWindow, log: Log) -> None:
+    before = sys.excepthook, threading.excepthook
+    guard = CrashGuard(window, log.path, lambda: safe_now(window))
+    guard.install()
+    assert sys.excepthook != before[0]
+    break_a_slot(guard, KeyboardInterrupt())
+    guard.show_raised()
+    assert guard.dialog is None, "an interrupt is no error"
     window.project.update("rename", name="precious")
     break_a_slot(guard, KeyError("H"))
     guard.show_raised()
@@ -62,32 +66,34 @@ def test_an_error_in_a_slot_is_told_with_what_is_safe(window: MainWindow, guard:
     assert "break_a_slot" in log.path.read_text()
     window.go("setup")
     assert window.shown is window.page("setup"), "the window stays usable"
+    guard.close()
+    assert (sys.excepthook, threading.excepthook) == before
 
 
-def test_errors_that_repeat_do_not_stack_dialogs(window: MainWindow, guard: CrashGuard, log: Log) -> None:
+def test_repeated_errors_are_shown_and_logged_once(window: MainWindow, guard: CrashGuard, log: Log) -> None:
     for _ in range(100):
         break_a_slot(guard, RuntimeError("each time"))
     guard.show_raised()
     dialogs = [w for w in QApplication.topLevelWidgets() if isinstance(w, CrashDialog) and w.parent() is window]
     assert len(dialogs) == 1 and "(100 times)" in dialogs[0].words.text()
-    assert log.path is not None and log.path.read_text().count("Traceback") == 1, "the log is not filled by it"
+    assert log.path is not None and log.path.read_text().count("Traceback") == 1, "the log has it once"
     dialogs[0].close()
     break_a_slot(guard, RuntimeError("each time"))
     guard.show_raised()
-    assert not dialogs[0].isVisible(), "it has been told"
+    assert not dialogs[0].isVisible(), "it was shown before"
     break_a_slot(guard, OSError("another"))
     guard.show_raised()
     assert dialogs[0].isVisible() and "another" in dialogs[0].words.text()
     assert len([w for w in QApplication.topLevelWidgets() if isinstance(w, CrashDialog) and w.parent() is window]) == 1
 
 
-def test_details_have_the_room_they_need_whatever_the_screen(qapp: QApplication, qtbot: QtBot) -> None:
+def test_details_have_room_on_every_screen(qapp: QApplication, qtbot: QtBot) -> None:
     """Their lines were cut, and on a low screen the buttons lay over them."""
     dialog = CrashDialog(Path("/var/log/lfcal/lfcal.log"))
     qtbot.addWidget(dialog)
     trace = "\n".join(f'  File "lfcal/module.py", line {k}, in a_function_with_a_long_name' for k in range(6))
     mishap = Mishap("ValueError: no light", trace, "MainThread", ("ValueError",))
-    dialog.show_mishaps([mishap] * 2, ["What was done is safe, and told in as many words as a line can hold. " * 3] * 3)
+    dialog.show_mishaps([mishap] * 2, ["Your work is safe, in a sentence that is as long as a line. " * 3] * 3)
     narrow = dialog.width()
     for on in (True, False, True):
         dialog.more.setChecked(on)
@@ -96,36 +102,14 @@ def test_details_have_the_room_they_need_whatever_the_screen(qapp: QApplication,
     assert dialog.width() > narrow
 
 
-def test_an_error_of_a_thread_is_told_by_the_windows_thread(guard: CrashGuard, qtbot: QtBot) -> None:
-    thread = threading.Thread(target=lambda: [][1], name="somebody's thread")
+def test_an_error_of_a_thread_is_shown_by_the_thread_of_the_window(guard: CrashGuard, qtbot: QtBot) -> None:
+    thread = threading.Thread(target=lambda: [][1], name="thread of a test")
     thread.start()
     thread.join()
-    assert guard.dialog is None, "threads never touch Qt"
+    assert guard.dialog is None, "other threads do not use Qt"
     qtbot.waitUntil(lambda: guard.dialog is not None, timeout=GUARD_MS)
     assert guard.dialog is not None
-    assert "IndexError" in guard.dialog.words.text() and "somebody's thread" in guard.dialog.text()
-
-
-def test_a_slot_of_qt_ends_in_the_dialog_too(guard: CrashGuard, qtbot: QtBot) -> None:
-    with qtbot.capture_exceptions() as caught:  # pytest-qt replaces the hook here
-        QTimer.singleShot(0, lambda: {}["missing"])
-        qtbot.waitUntil(lambda: bool(caught), timeout=GUARD_MS)
-    assert caught[0][0] is KeyError
-
-
-def test_an_interrupt_is_no_error(guard: CrashGuard) -> None:
-    break_a_slot(guard, KeyboardInterrupt())
-    guard.show_raised()
-    assert guard.dialog is None
-
-
-def test_the_hooks_are_given_back(window: MainWindow) -> None:
-    before = sys.excepthook, threading.excepthook
-    guard = CrashGuard(window, None, lambda: ())
-    guard.install()
-    assert sys.excepthook != before[0]
-    guard.close()
-    assert (sys.excepthook, threading.excepthook) == before
+    assert "IndexError" in guard.dialog.words.text() and "thread of a test" in guard.dialog.text()
 
 
 def test_logs_rotate_and_begin_with_version_and_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,17 +130,13 @@ def test_logs_rotate_and_begin_with_version_and_system(tmp_path: Path, monkeypat
     assert "after" not in (tmp_path / NAME).read_text()
 
 
-def test_without_a_folder_the_window_starts_all_the_same(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with warnings.catch_warnings():
-        log = Log(tmp_path / "file" / "logs")
-    assert log.path is None and "no log" in log.problem
-    log.close()
-
-
-def test_the_log_is_where_the_system_keeps_logs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_log_is_in_the_folder_of_the_system_or_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert log_folder().name in ("log", "lfcal", "Logs") and not list(tmp_path.iterdir())
+    (tmp_path / "file").write_text("")
+    log = Log(tmp_path / "file" / "logs", faults=False)
+    assert log.path is None and "no log" in log.problem, "the window starts all the same"
+    log.close()
 
 
 KILLED = """
@@ -168,7 +148,7 @@ faulthandler._sigabrt()
 """
 
 
-def test_a_crash_of_the_process_leaves_its_trace(tmp_path: Path) -> None:
+def test_a_crash_of_the_process_is_logged_with_its_traceback(tmp_path: Path) -> None:
     root = Path(__file__).resolve().parents[2]
     done = subprocess.run(
         [sys.executable, "-c", KILLED, str(tmp_path)],
@@ -178,16 +158,3 @@ def test_a_crash_of_the_process_leaves_its_trace(tmp_path: Path) -> None:
     )
     assert done.returncode != 0
     assert "Aborted" in (tmp_path / FAULTS).read_text() and (tmp_path / NAME).read_text().startswith("# lfcal")
-
-
-def test_a_failing_callback_does_not_leave_its_job_at_work(window: MainWindow, qtbot: QtBot) -> None:
-    def work() -> Any:
-        yield from ()
-        return "result"
-
-    ended: list[Any] = []
-    window.jobs.finished.connect(ended.append)
-    with qtbot.capture_exceptions() as caught:
-        window.jobs.start("Work", "h", work, lambda _: {}["missing"])
-        qtbot.waitUntil(lambda: bool(ended), timeout=GUARD_MS)
-    assert caught[0][0] is KeyError and not window.jobs.busy

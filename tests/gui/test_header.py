@@ -1,4 +1,4 @@
-"""The line of the next step: it is pressed through whole sittings, and its button never changes under the pointer."""
+"""The line of the next step: it leads through a whole sitting, and its button does not change under the pointer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lfcal.simulate import sample_session
 from lfcal_gui._header import HELD_S, NEAR_S, NextLine
 from lfcal_gui.models import Step
 from lfcal_gui.window import MainWindow
-from tests.gui.waiting import GUARD_MS, idle
+from tests.gui.waiting import GUARD_MS, idle, page_of
 
 PAUSE = Step("Recording", "plane 1 of 2.", "Pause", "acquire.pause", "record", stop="acquire.stop")
 MAKE = Step("Next", "make H.", "Assemble H", "acquire.assemble", "record")
@@ -41,7 +41,7 @@ def line(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> NextLine:
 
 
 def later(line: NextLine) -> None:
-    """Let the time pass that a button stays after a change."""
+    """Pretend that the last change was long ago."""
     line._changed -= HELD_S
 
 
@@ -53,6 +53,12 @@ def test_the_button_stays_while_the_pointer_is_near_it(
     line.show_step(PAUSE)
     assert (line.lead.text(), line.words.text(), line.button.text()) == ("Recording:", "plane 1 of 2.", "Pause")
     assert line.stop.isVisible()
+    line.show_step(MAKE)
+    assert line.button.text() == "Pause" and line.words.text() == "plane 1 of 2.", "it stays for a while after a change"
+    qtbot.waitUntil(lambda: line.button.text() == "Assemble H", timeout=GUARD_MS)
+    assert line.words.text() == "make H."
+    line.show_step(PAUSE)
+    qtbot.waitUntil(lambda: line.button.text() == "Pause", timeout=GUARD_MS)
     later(line)
     at = line.button.mapToGlobal(QPoint(-23, 5))
     monkeypatch.setattr(NextLine, "pointer", staticmethod(lambda: at))
@@ -86,40 +92,31 @@ def test_a_pointer_that_rests_at_the_button_does_not_hide_the_next_step(
     assert line.words.text() == "make H."
 
 
-def test_the_button_stays_for_a_while_after_a_change(line: NextLine, qtbot: QtBot) -> None:
-    line.show_step(PAUSE)
-    line.show_step(MAKE)
-    assert line.button.text() == "Pause" and line.words.text() == "plane 1 of 2."
-    qtbot.waitUntil(lambda: line.button.text() == "Assemble H", timeout=GUARD_MS)
-    assert line.words.text() == "make H."
-
-
-def test_an_optional_step_is_left_out_by_del(line: NextLine) -> None:
-    declined: list[tuple[str, str]] = []
-    line.declined.connect(lambda *said: declined.append(said))
-    line.show_step(MAKE)
-    line.button.setFocus()
-    QTest.keyClick(line.button, Qt.Key.Key_Delete)
-    assert not declined and not line.not_now.isEnabled()
-    later(line)
-    line.show_step(WHITE)
-    QTest.keyClick(line.button, Qt.Key.Key_Delete)
-    assert declined == [("setup.white", "setup")]
-
-
-def test_an_optional_step_next_to_another_is_pressed_or_left_out(line: NextLine) -> None:
+def test_an_optional_step_is_pressed_or_left_out_by_del(line: NextLine) -> None:
     pressed: list[str] = []
     declined: list[tuple[str, str]] = []
     line.pressed.connect(pressed.append)
     line.declined.connect(lambda *said: declined.append(said))
+    line.show_step(MAKE)
+    line.button.setFocus()
+    QTest.keyClick(line.button, Qt.Key.Key_Delete)
+    assert not declined and not line.not_now.isEnabled(), "this step is not optional"
+    later(line)
+    line.show_step(WHITE)
+    QTest.keyClick(line.button, Qt.Key.Key_Delete)
+    assert declined == [("setup.white", "setup")]
+    later(line)
     line.show_step(replace(MAKE, other=WHITE))
     QTest.mouseClick(line.other, Qt.MouseButton.LeftButton)
     QTest.mouseClick(line.button, Qt.MouseButton.LeftButton)
     QTest.keyClick(line.button, Qt.Key.Key_Delete)
-    assert pressed == ["setup.white", "acquire.assemble"] and declined == [("setup.white", "setup")]
+    assert pressed == ["setup.white", "acquire.assemble"] and declined == [("setup.white", "setup")] * 2
     later(line)
     line.show_step(MAKE)
     assert not line.other.isVisible() and line.button.text() == "Assemble H"
+
+
+# -- through the window ------------------------------------------------------------------------------------
 
 
 # -- through the window ------------------------------------------------------------------------------------
@@ -154,29 +151,9 @@ def answers(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
     return answer
 
 
-@pytest.mark.long
-def test_the_sample_by_the_next_button_alone(
+def test_the_next_button_leads_from_a_folder_of_frames_to_an_exported_h(
     window: MainWindow, qtbot: QtBot, tmp_path: Path, answers: Callable[[str], None]
 ) -> None:
-    assert window.next_line.button.text() == "Import …" and only_primary(window)
-    window.tools.sample()
-    leads_to(window, qtbot, "Stop")
-    leads_to(window, qtbot, "Export as .mat")
-    assert window.shown.spec.key == "h" and only_primary(window)
-    assert window.leading.sitting.verdict is not None, "H was judged without being asked for"
-    assert window.rail.word("h") == "✓ good" and "H is good" in window.next_line.words.text()
-    answers(str(tmp_path / "sample.mat"))
-    follow(window, "Export as .mat", qtbot)
-    leads_to(window, qtbot, "Show folder")
-    assert (tmp_path / "sample.mat").stat().st_size > 1e6
-    assert window.next_line.lead.text() == "Done:" and window.rail.word("use") == "✓ exported"
-    idle(window.jobs, qtbot)
-
-
-def test_a_folder_of_frames_by_the_next_button_alone(
-    window: MainWindow, qtbot: QtBot, tmp_path: Path, answers: Callable[[str], None]
-) -> None:
-    """From an empty window, whose view is the folder, to an exported H."""
     shutil.copytree(sample_session(), tmp_path / "theirs")
     window.go("frames")
     answers(str(tmp_path / "theirs"))
@@ -186,16 +163,20 @@ def test_a_folder_of_frames_by_the_next_button_alone(
     follow(window, "Assemble H", qtbot)
     qtbot.waitUntil(lambda: window.shown.spec.key == "h", timeout=GUARD_MS)
     assert (tmp_path / "theirs" / "H.h5").exists(), "named without a question"
+    leads_to(window, qtbot, "Export as .mat")
+    assert window.leading.sitting.verdict is not None, "H was judged without being asked for"
+    assert window.rail.word("h") == "✓ good" and "H is good" in window.next_line.words.text() and only_primary(window)
     answers(str(tmp_path / "H.mat"))
     follow(window, "Export as .mat", qtbot)
     leads_to(window, qtbot, "Show folder")
     with h5py.File(tmp_path / "H.mat") as file, open_psf(tmp_path / "theirs" / "H.h5") as H:
         assert {"H", "Ht"} <= set(file) and file["H"].size == file["Ht"].size == H.size
     assert window.next_line.words.text().startswith("H is exported to H.mat") and only_primary(window)
+    assert window.next_line.lead.text() == "Done:" and window.rail.word("use") == "✓ exported"
     idle(window.jobs, qtbot)
 
 
-def test_every_deed_of_a_step_is_known(window: MainWindow) -> None:
+def test_every_action_of_a_step_exists(window: MainWindow) -> None:
     from tests.gui.models.test_next_step import TABLE
 
     pages = {spec.key: set(window.page(spec.key).deeds()) for spec in window.specs}
@@ -204,8 +185,8 @@ def test_every_deed_of_a_step_is_known(window: MainWindow) -> None:
     assert {*actions, "acquire.stop"} <= known
 
 
-def test_a_step_that_was_left_out_stays_so_in_the_project(window: MainWindow, qtbot: QtBot) -> None:
-    page: Any = window.page("setup")
+def test_the_project_keeps_that_a_step_was_left_out(window: MainWindow, qtbot: QtBot) -> None:
+    page = page_of(window, "setup")
     page._set(window.context.state.camera, "preset bench")
     leads_to(window, qtbot, "Plan the scan")
     assert window.next_line.other.isVisible() and window.next_line.other.text() == "White image …"
@@ -217,21 +198,20 @@ def test_a_step_that_was_left_out_stays_so_in_the_project(window: MainWindow, qt
     assert window.context.state.plan is not None and "setup.white" in window.context.state.settings["declined"]
 
 
-@pytest.mark.parametrize("clicked", [False, True])
-def test_h_is_shown_when_it_is_made_unless_one_works_elsewhere(window: MainWindow, qtbot: QtBot, clicked: bool) -> None:
-    begun, end = threading.Event(), threading.Event()
+def test_a_new_h_is_shown_unless_the_user_works_elsewhere(window: MainWindow, qtbot: QtBot) -> None:
+    for clicked in (False, True):
+        begun, end = threading.Event(), threading.Event()
 
-    def work() -> Any:
-        yield Clock("assemble", 1).at(0)
-        begun.set()
-        end.wait(GUARD_MS / 1e3)
-        return None
+        def work(begun: threading.Event = begun, end: threading.Event = end) -> Any:
+            yield Clock("assemble", 1).at(0)
+            begun.set()
+            end.wait(GUARD_MS / 1e3)
 
-    window.go("setup")
-    window.jobs.start("Assemble", "frames", work, lambda _: window.context.made.emit("h", None))
-    qtbot.waitUntil(begun.is_set, timeout=GUARD_MS)
-    if clicked:
-        QTest.mouseClick(window.shown, Qt.MouseButton.LeftButton)
-    end.set()
-    idle(window.jobs, qtbot)
-    assert (window.shown.spec.key == "setup") == clicked
+        window.go("setup")
+        window.jobs.start("Assemble", "frames", work, lambda _: window.context.made.emit("h", None))
+        qtbot.waitUntil(begun.is_set, timeout=GUARD_MS)
+        if clicked:
+            QTest.mouseClick(window.shown, Qt.MouseButton.LeftButton)
+        end.set()
+        idle(window.jobs, qtbot)
+        assert (window.shown.spec.key == "setup") == clicked

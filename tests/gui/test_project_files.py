@@ -1,4 +1,4 @@
-"""Project files and copies of unsaved work, through the window."""
+"""Project files and copies of unsaved work: after a crash, in two windows, and when the window closes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,10 +18,12 @@ import pytest
 from PySide6.QtWidgets import QApplication, QFileDialog, QMessageBox
 from pytestqt.qtbot import QtBot
 
+from lfcal.base.progress import Progress, Work
 from lfcal_gui import app
 from lfcal_gui._project_files import stop_words
 from lfcal_gui.app import make_window, parse
 from lfcal_gui.locks import FileLock
+from lfcal_gui.models.autosave import keep
 from lfcal_gui.models.project import Project, ProjectState, read_project
 from lfcal_gui.saving import ask_target, may_replace, with_suffix
 from lfcal_gui.window import MainWindow
@@ -28,7 +31,6 @@ from tests.gui.waiting import GUARD_MS, idle
 
 ROOT = Path(__file__).resolve().parents[2]
 BUTTONS = QMessageBox.StandardButton
-
 KILLED = """
 import os, signal, sys
 from pathlib import Path
@@ -36,25 +38,12 @@ from PySide6.QtWidgets import QApplication
 from lfcal_gui.app import make_window, parse
 app = QApplication([])
 window = make_window(app, parse([]), folder=Path(sys.argv[1]))
-if len(sys.argv) > 2:
-    window.project.save(Path(sys.argv[2]))
-    assert window.files.save()
+window.project.save(Path(sys.argv[2]))
+assert window.files.save()
 window.project.update("rename", name="work of a day")
 window.files.rescue.keep()
 os.kill(os.getpid(), signal.SIGKILL)
 """
-
-
-def kill_a_window(place: Path, *more: Path) -> None:
-    """Let a window in a process of its own keep a copy, and kill it."""
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(place), *map(str, more)],
-        env={**os.environ, "PYTHONPATH": str(ROOT), "QT_QPA_PLATFORM": "offscreen"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == -signal.SIGKILL, done.stderr
 
 
 @pytest.fixture
@@ -69,10 +58,10 @@ def second(qapp: QApplication, place: Path) -> Iterator[MainWindow]:
 @pytest.fixture
 def boxes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return what warning boxes said; questions are answered by No."""
-    told: list[str] = []
-    monkeypatch.setattr(QMessageBox, "warning", lambda *args: told.append(args[2]))
-    monkeypatch.setattr(QMessageBox, "question", lambda *args: told.append(args[2]) or BUTTONS.No)
-    return told
+    shown: list[str] = []
+    monkeypatch.setattr(QMessageBox, "warning", lambda *args: shown.append(args[2]))
+    monkeypatch.setattr(QMessageBox, "question", lambda *args: shown.append(args[2]) or BUTTONS.No)
+    return shown
 
 
 # -- after a crash -----------------------------------------------------------------------------------------
@@ -81,7 +70,13 @@ def test_after_a_kill_the_work_is_offered_and_restored(
     window: MainWindow, place: Path, tmp_path: Path, qtbot: QtBot
 ) -> None:
     own = tmp_path / "p.lfcal"
-    kill_a_window(place, own)
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, str(place), str(own)],
+        env={**os.environ, "PYTHONPATH": str(ROOT), "QT_QPA_PLATFORM": "offscreen"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == -signal.SIGKILL, done.stderr
     window.files.begin()
     idle(window.jobs, qtbot)
     dialog = window.files.rescue.dialog
@@ -97,32 +92,44 @@ def test_after_a_kill_the_work_is_offered_and_restored(
     assert other.state.name == "work of a day"
 
 
-def left_behind(place: Path, name: str = "lost", path: Path | None = None) -> Path:
-    """Put a copy where a window that is gone would have left it."""
-    from lfcal_gui.models.autosave import keep
+def test_copies_of_closed_windows_are_offered_kept_and_discarded(
+    window: MainWindow, place: Path, tmp_path: Path, qtbot: QtBot, boxes: list[str]
+) -> None:
+    rescue, own, damaged = window.files.rescue, tmp_path / "own.lfcal", tmp_path / "damaged.lfcal"
+    Project(ProjectState("own")).save(own)
 
-    project = Project(ProjectState(), path)
-    project.update("rename", name=name)
-    file = place / "autosave" / f"{name}.lfcal"
-    keep(project, file)
-    return file
+    def left_behind(name: str, path: Path | None = None) -> Path:
+        project, file = Project(ProjectState(), path), place / "autosave" / f"{name}.lfcal"
+        project.update("rename", name=name)
+        keep(project, file)
+        return file
 
+    def offered(asked: bool = True) -> Any:
+        rescue.look(asked=asked)
+        idle(window.jobs, qtbot)
+        return rescue.dialog
 
-def test_discard_removes_and_later_keeps(window: MainWindow, place: Path, qtbot: QtBot) -> None:
-    file = left_behind(place)
-    window.files.begin()
+    file = left_behind("another")
+    window.files.begin(own)
     idle(window.jobs, qtbot)
-    dialog = window.files.rescue.dialog
-    assert dialog is not None and dialog.focusWidget() is dialog.restore, "Space does not discard the work"
+    assert rescue.dialog is None and window.project.state.name == "own", "it belongs to another project"
+    assert "unsaved work of another project" in window.log_view.toPlainText()
+    dialog = offered()
+    assert dialog.focusWidget() is dialog.restore, "Space does not discard the work"
     dialog.close()
-    assert file.exists() and window.project.state.name == "untitled"
-    window.files.rescue.look(asked=True)
+    assert file.exists() and window.project.state.name == "own"
+    offered().discard.click()
+    assert not list((place / "autosave").iterdir()) and not boxes
+    damaged.write_text("{")
+    left_behind("saved by the copy", damaged)
+    window.files.begin(damaged)
     idle(window.jobs, qtbot)
-    window.files.rescue.dialog.discard.click()
-    assert not list((place / "autosave").iterdir())
+    assert len(boxes) == 1
+    rescue.dialog.restore.click()
+    assert window.project.state.name == "saved by the copy" and window.project.path == damaged
 
 
-def test_the_work_of_a_living_window_is_not_offered(
+def test_the_work_of_an_open_window_is_not_offered(
     window: MainWindow, second: MainWindow, place: Path, qtbot: QtBot
 ) -> None:
     window.project.update("rename", name="mine")
@@ -134,7 +141,7 @@ def test_the_work_of_a_living_window_is_not_offered(
     assert len(list((place / "autosave").glob("*.lfcal"))) == 2
 
 
-def test_a_clean_end_leaves_nothing_and_another_end_keeps(qapp: QApplication, place: Path) -> None:
+def test_the_copy_is_kept_unless_the_user_closed_the_window(qapp: QApplication, place: Path) -> None:
     for asked in (False, True):
         made = make_window(qapp, parse([]), folder=place)
         made.project.update("rename", name="kept")
@@ -143,31 +150,6 @@ def test_a_clean_end_leaves_nothing_and_another_end_keeps(qapp: QApplication, pl
         made.deleteLater()
         left = [path.suffix for path in (place / "autosave").iterdir()]
         assert left == [".lfcal"], "of the first alone, and no locks"
-
-
-def test_only_the_project_that_is_opened_is_asked_about(
-    window: MainWindow, place: Path, tmp_path: Path, qtbot: QtBot
-) -> None:
-    own = tmp_path / "own.lfcal"
-    Project(ProjectState("own")).save(own)
-    left_behind(place, "another")
-    window.files.begin(own)
-    idle(window.jobs, qtbot)
-    assert window.files.rescue.dialog is None and window.project.state.name == "own"
-    assert "unsaved work of another project" in window.log_view.toPlainText()
-
-
-def test_a_project_that_is_damaged_has_its_copy_offered(
-    window: MainWindow, place: Path, tmp_path: Path, qtbot: QtBot, boxes: list[str]
-) -> None:
-    own = tmp_path / "own.lfcal"
-    own.write_text("{")
-    left_behind(place, "saved by the copy", own)
-    window.files.begin(own)
-    idle(window.jobs, qtbot)
-    assert len(boxes) == 1 and window.files.rescue.dialog is not None
-    window.files.rescue.dialog.restore.click()
-    assert window.project.state.name == "saved by the copy" and window.project.path == own
 
 
 # -- two windows -------------------------------------------------------------------------------------------
@@ -197,7 +179,7 @@ def test_a_second_window_gets_a_copy(
     assert second.files.save_as() and second.project.path == own, "it is free now"
 
 
-def test_locks_of_dead_processes_count_for_nothing(tmp_path: Path) -> None:
+def test_locks_of_dead_processes_are_ignored(tmp_path: Path) -> None:
     code = "import sys; from pathlib import Path; from lfcal_gui.locks import FileLock; import os\n"
     code += "lock = FileLock(Path(sys.argv[1])); assert lock.take(); os._exit(0)"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -213,7 +195,7 @@ def test_locks_of_dead_processes_count_for_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_lock_of_another_machine_is_only_taken_when_asked_for(tmp_path: Path) -> None:
+def test_a_lock_of_another_machine_is_taken_only_on_request(tmp_path: Path) -> None:
     (tmp_path / ".p.window").write_text("12345\nlfcal\nfar-away\n")
     lock = FileLock(tmp_path / "p")
     assert not lock.take() and lock.holder() == ("process 12345 on far-away", True)
@@ -231,25 +213,27 @@ def test_windows_does_not_remove_a_lock_that_is_open(tmp_path: Path, monkeypatch
     assert not lock.take_over() and not lock.take()
 
 
-@pytest.mark.parametrize("console", [True, False])
 def test_the_reason_why_no_window_opens_is_shown(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], console: bool
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """On Windows, lfcal-gui has no console: sys.stderr is None there."""
-    shown: list[tuple[object, ...]] = []
-    library = SimpleNamespace(user32=SimpleNamespace(MessageBoxW=lambda *words: shown.append(words)))
+    shown: list[str] = []
+    library = SimpleNamespace(user32=SimpleNamespace(MessageBoxW=lambda *words: shown.append(words[1])))
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setattr(ctypes, "windll", library, raising=False)
     monkeypatch.setattr(app, "_lacking", lambda: "PySide6 is not installed")
-    if not console:
-        monkeypatch.setattr(sys, "stderr", None)
     assert app.main([]) == 2
-    assert [words[1] for words in shown] == ([] if console else ["PySide6 is not installed"])
-    assert capsys.readouterr().err == ("lfcal-gui: PySide6 is not installed\n" if console else "")
+    assert capsys.readouterr().err == "lfcal-gui: PySide6 is not installed\n" and not shown
+    monkeypatch.setattr(sys, "stderr", None)
+    assert app.main([]) == 2
+    assert capsys.readouterr().err == "" and shown == ["PySide6 is not installed"]
+
+
+# -- files are replaced only after a question --------------------------------------------------------------
 
 
 # -- nothing is replaced unasked ---------------------------------------------------------------------------
-def test_a_damaged_project_leaves_the_good_one(
+def test_a_damaged_project_does_not_replace_the_open_one(
     window: MainWindow, tmp_path: Path, qtbot: QtBot, boxes: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     window.project.update("rename", name="kept")
@@ -290,9 +274,8 @@ def test_a_file_that_changed_on_the_disk_is_asked_about(window: MainWindow, tmp_
     assert "of another program" in own.read_text()
 
 
-@pytest.mark.parametrize(
-    ("typed", "kind", "path"),
-    [
+def test_names_take_the_suffix_of_the_chosen_kind() -> None:
+    for typed, kind, path in (
         ("/a/H", "MATLAB (*.mat)", "/a/H.mat"),
         ("/a/H.h5", "MATLAB (*.mat)", "/a/H.h5"),
         ("/a/H_0.5um", "TIFF (*.tif *.tiff)", "/a/H_0.5um.tif"),
@@ -301,13 +284,11 @@ def test_a_file_that_changed_on_the_disk_is_asked_about(window: MainWindow, tmp_
         ("/a/plan.json", "Sequence (*.useq.json)", "/a/plan.useq.json"),
         ("/a/plan.useq.json", "Sequence (*.useq.json)", "/a/plan.useq.json"),
         ("/a/plan.json", "Plan (*.json);;Sequence (*.useq.json)", "/a/plan.json"),
-    ],
-)
-def test_names_take_the_suffix_of_the_chosen_kind(typed: str, kind: str, path: str) -> None:
-    assert with_suffix(typed, kind) == path
+    ):
+        assert with_suffix(typed, kind) == path, (typed, kind)
 
 
-def test_a_suffix_added_does_not_get_round_the_question(
+def test_a_file_whose_suffix_was_added_is_asked_about(
     window: MainWindow, tmp_path: Path, boxes: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "H.mat").write_text("precious")
@@ -319,40 +300,71 @@ def test_a_suffix_added_does_not_get_round_the_question(
     assert may_replace(window, [tmp_path / "new"])
 
 
-def test_jobs_go_on_until_everything_is_answered(
-    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from lfcal.base.progress import Progress
+# -- jobs, when another project is opened or the window closes ---------------------------------------------
+@pytest.fixture
+def go_on() -> Iterator[threading.Event]:
+    """Return what ends the work of a test, at the latest after the test."""
+    event = threading.Event()
+    yield event
+    event.set()
 
-    going = threading.Event()
 
-    def work() -> Any:
-        while not going.wait(0.001):
+@pytest.fixture
+def working(go_on: threading.Event) -> Callable[[], Work[None]]:
+    """Return work that continues until ``go_on`` is set, or until it is stopped."""
+
+    def work() -> Work[None]:
+        while not go_on.wait(0.001):
             yield Progress(0, 1, "work")
 
-    number = window.jobs.start("Record", "acquire", work)
+    return work
+
+
+Working = Callable[[], Work[None]]
+
+
+def test_a_job_continues_until_all_questions_are_answered(
+    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, working: Working, go_on: threading.Event
+) -> None:
+    window.jobs.start("Record", "acquire", working)
     qtbot.waitUntil(lambda: window.jobs.jobs()[0].progress is not None, timeout=GUARD_MS)
+    asked: list[tuple[Any, ...]] = []
+    # Enter presses the default button
+    monkeypatch.setattr(QMessageBox, "question", lambda *said: (asked.append(said), said[-1])[1])
+    assert not window.files.may_leave()
+    assert asked[0][-1] == BUTTONS.No and "Recorded positions are kept" in asked[0][2]
     window.project.update("rename", name="changed")
     answers = iter((BUTTONS.Yes, BUTTONS.Cancel))
     monkeypatch.setattr(QMessageBox, "question", lambda *_: next(answers))
     assert not window.files.may_leave()
-    going.set()
+    assert window.jobs.jobs()[0].active and not window.jobs.jobs()[0].stopping
+    go_on.set()
     idle(window.jobs, qtbot)
-    assert next(job for job in window.jobs.jobs() if job.number == number).state.value == "done"
+    assert window.jobs.jobs()[0].state.value == "done"
 
 
-def test_jobs_go_on_until_another_project_is_known_to_be_good(
-    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, boxes: list[str]
+def test_the_question_about_jobs_promises_only_what_each_keeps(
+    window: MainWindow, qtbot: QtBot, working: Working, go_on: threading.Event
 ) -> None:
-    from lfcal.base.progress import Progress
+    window.jobs.start("Search", "multiplex", working, at_once=True)
+    assert stop_words(window.jobs).endswith("\n\nStop it?")
+    window.jobs.start("Record", "acquire", working, at_once=True)
+    assert stop_words(window.jobs).endswith("Stop them? Recorded positions are kept.")
+    window.context.start_writing("Assemble", "frames", "H.h5", working)
+    assert "Complete planes of an H" in stop_words(window.jobs)
+    go_on.set()
+    idle(window.jobs, qtbot)
 
-    going = threading.Event()
 
-    def work() -> Any:
-        while not going.wait(0.001):
-            yield Progress(0, 1, "work")
-
-    window.jobs.start("Assemble", "frames", work)
+def test_jobs_continue_until_another_project_was_read(
+    window: MainWindow,
+    qtbot: QtBot,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    boxes: list[str],
+    working: Working,
+) -> None:
+    window.jobs.start("Assemble", "frames", working)
     qtbot.waitUntil(lambda: window.jobs.jobs()[0].progress is not None, timeout=GUARD_MS)
     asked: list[str] = []
     monkeypatch.setattr(QMessageBox, "question", lambda *args: asked.append(args[1]) or BUTTONS.Yes)
@@ -370,7 +382,7 @@ def test_jobs_go_on_until_another_project_is_known_to_be_good(
     assert window.project.state.name == "good" and window.jobs.jobs()[0].state.value == "stopped"
 
 
-def test_what_is_done_while_a_project_is_read_is_asked_about(
+def test_changes_made_while_a_project_is_read_are_asked_about(
     window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, go_on: threading.Event
 ) -> None:
     own, other = tmp_path / "own.lfcal", tmp_path / "other.lfcal"
@@ -401,123 +413,44 @@ def test_what_is_done_while_a_project_is_read_is_asked_about(
     assert reads == [other, own, own]
 
 
-def test_closing_does_not_hold_the_window_while_a_job_stops(
-    window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from lfcal.base.progress import Progress
-
-    go_on = threading.Event()
-
-    def work() -> Any:
-        yield Progress(0, 2, "work")
-        go_on.wait(GUARD_MS / 1e3)
-        yield Progress(1, 2, "work")
-
-    window.jobs.start("Simulate", "simulate", work)
-    qtbot.waitUntil(lambda: window.jobs.jobs()[0].progress is not None, timeout=GUARD_MS)
-    monkeypatch.setattr(QMessageBox, "question", lambda *_: BUTTONS.Yes)
-    waits: list[float] = []
-    monkeypatch.setattr("lfcal_gui.jobs.wait_for", lambda threads, seconds: waits.append(seconds))
-    assert not window.close() and window.isVisible() and not waits
-    assert "the window then closes" in window.log_view.toPlainText() and not window.centralWidget().isEnabled()
-    assert not window.close(), "asked once is enough"
-    monkeypatch.undo()
-    go_on.set()
-    qtbot.waitUntil(lambda: not window.isVisible(), timeout=GUARD_MS)
-    assert not window.jobs.busy
-
-
-def test_enter_does_not_stop_what_is_at_work(window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
-    from lfcal.base.progress import Progress
-
-    going = threading.Event()
-
-    def work() -> Any:
-        while not going.wait(0.001):
-            yield Progress(0, 1, "work")
-
-    window.jobs.start("Record", "acquire", work)
-    asked: list[tuple[Any, ...]] = []
-
-    def enter(*question: Any) -> Any:
-        asked.append(question)
-        return question[-1]  # the default button
-
-    monkeypatch.setattr(QMessageBox, "question", enter)
-    assert not window.files.may_leave()
-    job = window.jobs.jobs()[0]
-    assert (
-        job.active and not job.stopping and asked[0][-1] == BUTTONS.No and "Recorded positions are kept" in asked[0][2]
-    )
-    going.set()
-    idle(window.jobs, qtbot)
-
-
-def test_of_what_stops_only_that_is_promised_which_it_keeps(window: MainWindow, qtbot: QtBot) -> None:
-    from lfcal.base.progress import Progress
-
-    going = threading.Event()
-
-    def work() -> Any:
-        while not going.wait(0.001):
-            yield Progress(0, 1, "work")
-
-    window.jobs.start("Search", "multiplex", work, at_once=True)
-    assert stop_words(window.jobs).endswith("\n\nStop it?")
-    window.jobs.start("Record", "acquire", work, at_once=True)
-    assert stop_words(window.jobs).endswith("Stop them? Recorded positions are kept.")
-    window.context.start_writing("Assemble", "frames", "H.h5", work)
-    assert "Complete planes of an H" in stop_words(window.jobs)
-    going.set()
-    idle(window.jobs, qtbot)
-
-
-@pytest.fixture
-def go_on() -> Iterator[threading.Event]:
-    """Return what ends whatever hangs, at the latest with the test."""
-    event = threading.Event()
-    yield event
-    event.set()
-
-
-def test_closing_does_not_hold_the_window_while_something_is_computed_or_opened(
+def test_closing_does_not_block_the_window(
     window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, go_on: threading.Event
 ) -> None:
-    """It stood still for up to seven seconds: while a simulator was connected, a light field made, a file opened."""
-    from functools import partial
-
-    from lfcal.base.progress import Progress
-
-    begun, told, waits = [threading.Event() for _ in range(3)], list[str](), list[float]()
+    """It was blocked for up to seven seconds while a job stopped, a simulator was connected or a file opened."""
+    begun, shown, waits = [threading.Event() for _ in range(4)], list[str](), list[float]()
 
     def hang(event: threading.Event) -> str:
         event.set()
         go_on.wait(GUARD_MS / 1e3)
         return "device"
 
-    def fit() -> Any:
-        hang(begun[2])
-        yield Progress(0, 1, "fit")
+    def job(event: threading.Event) -> Work[None]:
+        hang(event)
+        yield Progress(0, 1, "job")
 
-    window.jobs.compute("connect", partial(hang, begun[0]), told.append)
-    window.jobs.load("file", partial(hang, begun[1]), told.append)
-    window.jobs.start("Fit", "fit", fit, leave=True)
+    window.jobs.compute("connect", partial(hang, begun[0]), shown.append)
+    window.jobs.load("file", partial(hang, begun[1]), shown.append)
+    window.jobs.start("Fit", "fit", partial(job, begun[2]), leave=True)
+    window.jobs.start("Simulate", "simulate", partial(job, begun[3]), at_once=True)
     assert all(event.wait(GUARD_MS / 1e3) for event in begun)
     monkeypatch.setattr(QMessageBox, "question", lambda *_: BUTTONS.Yes)
     for name in ("lfcal_gui.jobs.wait_for", "lfcal_gui.workers.wait_for", "lfcal_gui._background.wait_for"):
         monkeypatch.setattr(name, lambda threads, seconds: waits.append(seconds))
     assert not window.close() and window.isVisible() and sum(waits) == 0
-    window.jobs.compute("live view", lambda: "again", told.append)
-    window.jobs.load("another", lambda: "again", told.append)
-    number = window.jobs.start("Late", "fit", fit)
-    assert not next(job for job in window.jobs.jobs() if job.number == number).active, "nothing begins any more"
+    assert "the window then closes" in window.log_view.toPlainText() and not window.centralWidget().isEnabled()
+    assert not window.close(), "it asks only once"
+    window.jobs.compute("live view", lambda: "again", shown.append)
+    window.jobs.load("another", lambda: "again", shown.append)
+    number = window.jobs.start("Late", "fit", partial(job, begun[2]))
+    assert not next(one for one in window.jobs.jobs() if one.number == number).active, "nothing begins any more"
     monkeypatch.undo()
     go_on.set()
     qtbot.waitUntil(lambda: not window.isVisible(), timeout=GUARD_MS)
-    assert told == ["device"], "what was connected is handed over, to be released"
+    assert shown == ["device"], "what was connected is handed over, to be released"
+    assert not window.jobs.busy
 
 
-def test_what_never_ends_does_not_keep_the_window_open(
+def test_endless_work_does_not_keep_the_window_open(
     window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch, go_on: threading.Event
 ) -> None:
     begun, waits = threading.Event(), list[float]()

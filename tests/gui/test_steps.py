@@ -1,4 +1,4 @@
-"""What pages do, as commands and as Python: each is read by the command line, and the quick ones are run."""
+"""Pages as commands and as Python, the palette, and the history of a project as a script."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from typer.testing import CliRunner
 
 from lfcal.base.errors import InputError
 from lfcal.base.progress import drain
-from lfcal.camera import Camera, ScanPlan, preset
+from lfcal.camera import Camera, preset
 from lfcal.cli._app import build_app
 from lfcal.frames.corrections.recipe import CorrectionRecipe
 from lfcal.lattice import lattice_of
-from lfcal.psf import PSFMatrix, export, open_psf
+from lfcal.psf import PSFMatrix, export
 from lfcal_gui.models.comparison import compare_step
 from lfcal_gui.models.history import History, Taken
 from lfcal_gui.models.page import PAGES
@@ -93,147 +93,29 @@ def do(step: CommandStep) -> dict[str, Any]:
     return names
 
 
-@pytest.mark.parametrize("key", [*SPECS, "h checks", "h fit"])
-def test_every_page_is_a_command_that_is_understood_and_a_script(key: str, project: ProjectState) -> None:
-    page, _, part = key.partition(" ")
-    step = step_of(SPECS[page], project, part=part)
-    assert parsed(step.arguments)
-    compile(step.script(), key, "exec")
-    lines = step.shell().rstrip().splitlines()
-    assert tuple(shlex.split(lines[-1])) == ("lfcal", *step.arguments)
-    for name, text in step.files:
-        assert f"cat > {name} <<'LFCAL_END'" in lines and text in step.shell()
+def test_every_page_is_a_command_that_is_understood_and_a_script(project: ProjectState) -> None:
+    for key in (*SPECS, "h checks", "h fit"):
+        page, _, part = key.partition(" ")
+        step = step_of(SPECS[page], project, part=part)
+        assert parsed(step.arguments), key
+        compile(step.script(), key, "exec")
+        lines = step.shell().rstrip().splitlines()
+        assert tuple(shlex.split(lines[-1])) == ("lfcal", *step.arguments), key
+        for name, text in step.files:
+            assert f"cat > {name} <<'LFCAL_END'" in lines and text in step.shell()
 
 
-def test_options_of_the_command_are_those_of_the_page(project: ProjectState) -> None:
-    def of(key: str, part: str = "") -> dict[str, Any]:
-        return parsed(step_of(SPECS[key], project, part=part).arguments)
-
-    fit = of("h", "fit")
-    assert (fit["positions"], fit["noise"]) == ("9", "2.0,0.5")
-    # without an H, groups of every kind of camera are possible
-    assert {"geometry", "focal_lengths", "iris", "lens_centres"} < set(fit["unknowns"].split(","))
-    frames = of("frames")
-    assert (frames["background"], frames["interpolation"], frames["orientation"]) == ("border", "linear", "as-is")
-    assert frames["dark"] is None and not frames["defects"]
-    solved = of("reconstruct")
-    assert (solved["iterations"], solved["anchor"], solved["threshold"]) == ("2", "10,11.5", "0.01")
-    assert solved["margin"] is None and solved["device"] == "cpu", "what is at its default is left out"
-    acquire = of("acquire")
-    assert acquire["option"] == ["optics=pattern"] and (acquire["darks"], acquire["reference_every"]) == ("2", "0")
-
-
-@pytest.mark.parametrize("key", ["acquire", "simulate", "frames", "h", "h checks", "h fit", "reconstruct", "depth"])
-def test_a_page_says_what_its_command_lacks(key: str) -> None:
-    page, _, part = key.partition(" ")
-    with pytest.raises(InputError, match="expected"):
-        step_of(SPECS[page], ProjectState(), part=part)
-
-
-def test_a_page_without_a_command_says_so() -> None:
+def test_a_page_says_what_its_command_lacks() -> None:
+    for key in ("acquire", "simulate", "frames", "h", "h checks", "h fit", "reconstruct", "depth"):
+        page, _, part = key.partition(" ")
+        with pytest.raises(InputError, match="expected"):
+            step_of(SPECS[page], ProjectState(), part=part)
     own = replace(SPECS["h"], title="Mine", package="lfcal_gui.widgets")
     with pytest.raises(InputError, match="Mine: only possible with the buttons"):
         step_of(own, ProjectState())
 
 
-def test_camera_plan_and_multiplex_run(project: ProjectState) -> None:
-    unplanned = replace(project, plan=None)
-    run(step_of(SPECS["setup"], unplanned))
-    assert do(step_of(SPECS["setup"], unplanned))["camera"] == project.camera
-    step = step_of(SPECS["setup"], project)
-    run(step)
-    made = ScanPlan.from_json(Path("plan.json").read_text(encoding="utf-8"))
-    assert made.depths_um == PLAN.depths_um and (made.cutout, made.anchor) == (PLAN.cutout, PLAN.anchor)
-    assert (made.stage, made.exposures, made.order) == (PLAN.stage, PLAN.exposures, PLAN.order)
-    assert do(step)["plan"] == PLAN
-    run(step_of(SPECS["multiplex"], project))
-    do(step_of(SPECS["multiplex"], project))
-    written = MultiplexSettings(family="written").into(project)
-    step = step_of(SPECS["multiplex"], replace(project, settings=written))
-    assert "polarisers:0,45/135,90" in step.arguments
-    run(step)
-    do(step)
-
-
-def test_a_simulation_by_command_and_by_script_is_the_same(project: ProjectState) -> None:
-    step = step_of(SPECS["simulate"], project)
-    run(step)
-    with open_psf("simulated.h5") as H:
-        found = np.asarray(H)
-    Path("simulated.h5").unlink()
-    (made,) = do(step)["made"]
-    with made.matrix as H:
-        np.testing.assert_array_equal(np.asarray(H), found)
-
-
-def test_recording_assembly_and_export_run(project: ProjectState) -> None:
-    do(step_of(SPECS["acquire"], project))
-    # a background is measured on whole frames
-    project = replace(project, settings={**project.settings, "frames": FrameSettings(orientation="as-is").to_dict()})
-    do(step_of(SPECS["frames"], project))
-    with open_psf("H.h5") as H:
-        found = np.asarray(H)
-    Path("H.h5").unlink()
-    run(step_of(SPECS["frames"], project))
-    with open_psf("H.h5") as H:
-        np.testing.assert_array_equal(np.asarray(H), found)
-    do(step_of(SPECS["h"], project))
-    assert Path("H.mat").is_file()
-
-
-def test_a_reconstruction_runs(project: ProjectState) -> None:
-    values = np.random.default_rng(0).random((1, 3, 4, 5, 5), np.float32)
-    export(PSFMatrix(values, depths=(0.0,)), "H.h5")
-    tifffile.imwrite("frame.tif", np.full((24, 25), 100, np.uint16))
-    step = step_of(SPECS["reconstruct"], project)
-    run(step)
-    found = tifffile.imread("volume.tif")
-    Path("volume.tif").unlink()
-    do(step)
-    np.testing.assert_allclose(tifffile.imread("volume.tif").squeeze(), found, rtol=1e-5)
-
-
-@pytest.mark.parametrize("voxel", ["auto", "40"])
-def test_a_reconstruction_with_voxels_of_one_size_runs(project: ProjectState, voxel: str) -> None:
-    camera, depths = preset("bench"), (-26_000.0, -20_000.0)
-    values = np.random.default_rng(0).random((2, 3, 4, 5, 5), np.float32)
-    export(PSFMatrix(values, depths=depths, camera=camera), "H.h5")
-    tifffile.imwrite("frame.tif", np.full((24, 25), 100, np.uint16))
-    chosen = replace(ReconstructSettings.of(project), voxel=voxel, iterations=2)
-    step = step_of(SPECS["reconstruct"], replace(project, settings=chosen.into(project)))
-    assert f"--voxel={voxel}" in step.arguments
-    run(step)
-    found = tifffile.imread("volume.tif").squeeze()
-    assert found.shape[0] == 2 and found.shape[1:] != (24, 25)
-    Path("volume.tif").unlink()
-    do(step)
-    np.testing.assert_allclose(tifffile.imread("volume.tif").squeeze(), found, rtol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("chosen", "said"),
-    [
-        (ReconstructSettings(stop="left-out", gain=3.0), ["--iterations=auto"]),
-        (ReconstructSettings(stop="discrepancy", gain=1.5), ["--iterations=auto:discrepancy", "--gain=1.5"]),
-        (ReconstructSettings(iterations=7, gain=3.0), ["--iterations=7"]),
-    ],
-)
-def test_how_a_reconstruction_ends_is_in_the_command(
-    project: ProjectState, chosen: ReconstructSettings, said: list[str]
-) -> None:
-    export(PSFMatrix(np.random.default_rng(0).random((1, 3, 4, 5, 5), np.float32), depths=(0.0,)), "H.h5")
-    frame = np.random.default_rng(1).poisson(100, (24, 25)).astype(np.uint16)
-    tifffile.imwrite("frame.tif", frame)
-    step = step_of(SPECS["reconstruct"], replace(project, settings=chosen.into(project)))
-    assert [word for word in step.arguments if word.startswith(("--iterations", "--gain"))] == said
-    run(step)
-    found = tifffile.imread("volume.tif")
-    Path("volume.tif").unlink()
-    do(step)
-    np.testing.assert_allclose(tifffile.imread("volume.tif").squeeze(), found.squeeze(), rtol=1e-5)
-
-
-def test_the_window_copies_what_a_page_does(window: MainWindow) -> None:
+def test_the_window_copies_what_a_page_does(window: MainWindow, project: ProjectState) -> None:
     clipboard = QApplication.clipboard()
     window.go("setup")
     window.scripts.copy_step()
@@ -243,9 +125,14 @@ def test_the_window_copies_what_a_page_does(window: MainWindow) -> None:
     window.go("h", "checks")
     window.scripts.copy_step()
     assert "H: expected one, got none" in window.log_view.toPlainText() and "Camera" in clipboard.text()
+    window.project.start(replace(project, psf="", light_field=""))
+    window.context.history.add(window.context.taken("frames", "Assemble mine.h5", "/data/mine.h5"))
+    window.go("frames")
+    window.scripts.copy_step()
+    assert "--out=/data/mine.h5" in clipboard.text(), "the name of the file that was written"
 
 
-def test_the_palette_finds_menus_and_buttons_and_does_them(window: MainWindow, qtbot: QtBot) -> None:
+def test_the_palette_finds_and_triggers_menus_and_buttons(window: MainWindow, qtbot: QtBot) -> None:
     def opened() -> Palette:
         window.show_palette()
         return next(p for p in window.findChildren(Palette) if p.isVisible())
@@ -254,13 +141,16 @@ def test_the_palette_finds_menus_and_buttons_and_does_them(window: MainWindow, q
     palette = opened()
     names = [entry.name for entry in palette.shown]
     assert "Edit: Copy page as command" in names and "Project: Save project" in names
-    # buttons are named with their page, and a button without a word by what it does
+    # buttons are named with their page, and a button without a text by what it does
     buttons = [name for name in names if name.startswith("Set up: ")]
     assert buttons == names[: len(buttons)] and all(any(c.isalpha() for c in name[8:]) for name in buttons)
     qtbot.keyClicks(palette.line, "record: compute")
     assert [entry.name for entry in palette.shown] == ["View: Record: Compute"]
     qtbot.keyClick(palette.line, Qt.Key.Key_Return)
     assert window.shown.spec.key == "simulate"
+    window.go("setup")
+    button = QPushButton("Stop the job of a moment ago", window.shown)
+    button.show()
     palette = opened()
     qtbot.keyClicks(palette.line, "view")
     qtbot.keyClick(palette.line, Qt.Key.Key_Down)
@@ -268,33 +158,24 @@ def test_the_palette_finds_menus_and_buttons_and_does_them(window: MainWindow, q
     qtbot.keyClicks(palette.line, " no such thing")
     qtbot.keyClick(palette.line, Qt.Key.Key_Return)
     assert palette.isVisible() and palette.list.count() == 0
-    palette.reject()
-
-
-def test_what_is_gone_when_it_is_chosen_from_the_palette(window: MainWindow, qtbot: QtBot) -> None:
-    """A job's row that ended, a page's button that was taken away: found by the random walk."""
-    held = QPushButton("Stop the job of a moment ago", window.shown)
-    held.show()
-    window.show_palette()
-    palette = next(p for p in window.findChildren(Palette) if p.isVisible())
+    palette.line.clear()
     qtbot.keyClicks(palette.line, "moment ago")
-    assert [entry.name for entry in palette.shown] == [f"Set up: {held.text()}"]
-    held.deleteLater()
+    assert [entry.name for entry in palette.shown] == [f"Set up: {button.text()}"]
+    button.deleteLater()
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
     qtbot.keyClick(palette.line, Qt.Key.Key_Return)
-    assert (
-        palette.isVisible() and palette.list.count() == 0 and palette.windowTitle().endswith("is no longer available")
-    )
+    assert palette.isVisible() and palette.list.count() == 0
+    assert palette.windowTitle().endswith("is no longer available")
     palette.line.clear()
     assert palette.list.count() > 5
     palette.reject()
 
 
 # -- history -----------------------------------------------------------------------------------------------
-def test_history_is_a_script_that_runs(
+def test_the_history_of_a_project_is_a_script_that_runs(
     window: MainWindow, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Simulate, export and save through the window; the same files come from the script of it."""
+    """Simulate, export and save through the window; its script makes the same files."""
     monkeypatch.chdir(tmp_path)
     window.scripts.save_history(str(tmp_path / "early.sh"))
     assert not (tmp_path / "early.sh").exists() and "nothing saved" in window.log_view.toPlainText()
@@ -308,10 +189,9 @@ def test_history_is_a_script_that_runs(
     pages["reconstruct"].exporting.start("H.npy")
     pages["reconstruct"].exporting.start("T.mat", ExportSettings(no_ht=True, uncompressed=True))
     idle(window.jobs, qtbot)
-    window.project.update("other", plan=None)  # the history is of what was done then
-    assert [one.title for one in window.context.history.taken] == [
-        "Save plan my plan.json", "Simulate sim.h5", "Export H.npy", "Export T.mat",
-    ]  # fmt: skip
+    window.project.update("other", plan=None)  # the history keeps the plan of each step
+    titles = [one.title for one in window.context.history.taken]
+    assert titles == ["Save plan my plan.json", "Simulate sim.h5", "Export H.npy", "Export T.mat"]
     window.go("simulate")
     window.scripts.copy_history()
     shell = QApplication.clipboard().text()
@@ -348,15 +228,7 @@ def test_the_script_of_a_history_is_read_by_a_shell(project: ProjectState) -> No
     compile(history.python(), "history", "exec")
 
 
-def test_a_copied_command_has_the_names_that_were_written(window: MainWindow, project: ProjectState) -> None:
-    window.project.start(replace(project, psf="", light_field=""))
-    window.context.history.add(window.context.taken("frames", "Assemble mine.h5", "/data/mine.h5"))
-    window.go("frames")
-    window.scripts.copy_step()
-    assert "--out=/data/mine.h5" in QApplication.clipboard().text()
-
-
-def test_recordings_that_go_on_and_comparisons_are_commands(project: ProjectState) -> None:
+def test_resumed_recordings_and_comparisons_are_commands(project: ProjectState) -> None:
     again = recording_step(project, "s", redo=[(0, 1, 2)])
     read = parsed(again.arguments)
     assert (read["redo"], read["out"]) == ("lfcal-redo.json", "s") and len(again.files) == 2
@@ -414,7 +286,7 @@ def test_a_frame_recovered_by_page_command_and_script_is_the_same(
 
 
 @pytest.mark.long
-def test_of_a_large_frame_the_page_takes_the_middle_and_command_and_script_all(project: ProjectState) -> None:
+def test_the_page_recovers_the_middle_of_a_large_frame_and_the_command_all(project: ProjectState) -> None:
     """Super-pixels begin at the frame's first pixel for both, whatever their size."""
     tifffile.imwrite("frame.tif", np.random.default_rng(3).random((1650, 1700), np.float32))
     settings = MultiplexSettings(family="mask", mask="MURA", size=11, scene="image", image="frame.tif")
@@ -427,3 +299,31 @@ def test_of_a_large_frame_the_page_takes_the_middle_and_command_and_script_all(p
     # the page's part begins 66 px down, 88 px to the right: whole super-pixels
     part = whole[:, 6:145, 8:147]
     np.testing.assert_allclose(made.spatial.samples[:, :139, :139][inner], part[inner], rtol=1e-4, atol=1e-5)
+
+
+def test_patterns_of_multiplexing_run_by_command_and_by_script(project: ProjectState) -> None:
+    step = step_of(SPECS["multiplex"], project)
+    run(step)
+    do(step)
+    written = MultiplexSettings(family="written").into(project)
+    step = step_of(SPECS["multiplex"], replace(project, settings=written))
+    assert "polarisers:0,45/135,90" in step.arguments
+    run(step)
+    do(step)
+
+
+def test_a_volume_with_voxels_of_one_size_is_the_same_by_command_and_by_script(project: ProjectState) -> None:
+    values = np.random.default_rng(0).random((2, 3, 4, 5, 5), np.float32)
+    export(PSFMatrix(values, depths=(-26_000.0, -20_000.0), camera=preset("bench")), "H.h5")
+    tifffile.imwrite("frame.tif", np.random.default_rng(1).poisson(100, (24, 25)).astype(np.uint16))
+    for voxel in ("auto", "40"):
+        chosen = replace(ReconstructSettings.of(project), voxel=voxel)
+        step = step_of(SPECS["reconstruct"], replace(project, settings=chosen.into(project)))
+        assert f"--voxel={voxel}" in step.arguments
+        run(step)
+        found = tifffile.imread("volume.tif").squeeze()
+        Path("volume.tif").unlink()
+        assert found.shape[0] == 2 and found.shape[1:] != (24, 25)
+        do(step)
+        np.testing.assert_allclose(tifffile.imread("volume.tif").squeeze(), found, rtol=1e-5)
+        Path("volume.tif").unlink()

@@ -1,32 +1,15 @@
+"""Themes: contrast of fields, boxes and the focus, and which widgets a change of theme restyles."""
+
 from __future__ import annotations
+
+from itertools import product
 
 import numpy as np
 import pytest
+from PySide6 import QtWidgets as qt
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import (
-    QAbstractButton,
-    QApplication,
-    QCheckBox,
-    QComboBox,
-    QDoubleSpinBox,
-    QLabel,
-    QLineEdit,
-    QListWidget,
-    QListWidgetItem,
-    QPlainTextEdit,
-    QPushButton,
-    QSlider,
-    QSpinBox,
-    QTabBar,
-    QTableWidget,
-    QTextEdit,
-    QToolButton,
-    QTreeWidget,
-    QVBoxLayout,
-    QWidget,
-)
 from pytestqt.qtbot import QtBot
 
 from lfcal_gui.models.shot import Shot
@@ -49,104 +32,86 @@ def contrast(one: QColor, other: QColor) -> float:
     return (high + 0.05) / (low + 0.05)
 
 
-def drawn(part: QWidget, theme: Theme, qtbot: QtBot) -> tuple[QWidget, list[list[QColor]]]:
+def drawn(part: qt.QWidget, theme: Theme, qtbot: QtBot) -> tuple[qt.QWidget, list[list[QColor]]]:
     """Return the pixels of a part on a panel, and the panel."""
-    app = QApplication.instance()
-    assert isinstance(app, QApplication)
+    app = qt.QApplication.instance()
+    assert isinstance(app, qt.QApplication)
     apply_theme(app, theme)
-    panel = QWidget()
+    panel = qt.QWidget()
     qtbot.addWidget(panel)
     panel.setStyleSheet(style_sheet())
-    column = QVBoxLayout(panel)
-    first = QPushButton("has the focus")
+    column = qt.QVBoxLayout(panel)
+    first = qt.QPushButton("has the focus")
     for one in (first, part):
         column.addWidget(one)
     panel.resize(200, 200)
     panel.show()
     first.setFocus()
-    QApplication.processEvents()
+    qt.QApplication.processEvents()
     image = part.grab().toImage()
     apply_theme(app, LIGHT)
     return panel, [[image.pixelColor(x, y) for x in range(image.width())] for y in range(image.height())]
 
 
-@pytest.mark.parametrize("kind", [QLineEdit, QPlainTextEdit, QTextEdit, QSpinBox, QDoubleSpinBox, QComboBox])
-@pytest.mark.parametrize("theme", [LIGHT, DARK, NIGHT], ids=lambda theme: theme.name)
-def test_the_edge_of_a_field_differs_from_its_panel(
-    qapp: QApplication, qtbot: QtBot, theme: Theme, kind: type[QWidget]
-) -> None:
-    """It had a contrast of 1.4 or less; guidelines for accessibility ask for 3."""
-    _, pixels = drawn(kind(), theme, qtbot)
-    middle = [row[len(row) // 2] for row in pixels]
-    for side in (middle[:3], middle[-3:], pixels[len(pixels) // 2][:3]):
-        assert max(contrast(pixel, QColor(theme.panel)) for pixel in side) >= 3
-
-
-@pytest.mark.parametrize("kind", [QLineEdit, QPlainTextEdit, QTextEdit, QSpinBox, QDoubleSpinBox, QComboBox])
-@pytest.mark.parametrize("theme", [LIGHT, DARK, NIGHT], ids=lambda theme: theme.name)
-def test_a_field_that_cannot_be_edited_has_a_fainter_edge(
-    qapp: QApplication, qtbot: QtBot, theme: Theme, kind: type[QWidget]
-) -> None:
-    """In a dark lab, the positions of a stage in use looked as if they could be typed."""
-    field = kind()
-    field.setEnabled(False)
+def edge_contrasts(field: qt.QWidget, theme: Theme, qtbot: QtBot) -> list[float]:
+    """Return the largest contrast with the panel at the upper, lower and left edge of a field."""
     _, pixels = drawn(field, theme, qtbot)
     middle = [row[len(row) // 2] for row in pixels]
-    for side in (middle[:3], middle[-3:], pixels[len(pixels) // 2][:3]):
-        assert max(contrast(pixel, QColor(theme.panel)) for pixel in side) < 2.5
+    sides = (middle[:3], middle[-3:], pixels[len(pixels) // 2][:3])
+    return [max(contrast(pixel, QColor(theme.panel)) for pixel in side) for side in sides]
 
 
-@pytest.mark.parametrize("enabled", [True, False])
-@pytest.mark.parametrize("theme", [LIGHT, DARK, NIGHT], ids=lambda theme: theme.name)
-def test_a_checked_box_has_a_tick(qapp: QApplication, qtbot: QtBot, theme: Theme, enabled: bool) -> None:
-    box = QCheckBox()
-    box.setChecked(True)
-    box.setEnabled(enabled)
-    _, pixels = drawn(box, theme, qtbot)
-    filled = [(y, x) for y, row in enumerate(pixels) for x, pixel in enumerate(row) if pixel == QColor(theme.accent)]
-    low, high = np.min(filled, axis=0) + 1, np.max(filled, axis=0)
-    inside = [pixel for row in pixels[low[0] : high[0]] for pixel in row[low[1] : high[1]]]
-    tick = sum(contrast(pixel, QColor(theme.accent)) >= 3 for pixel in inside)
-    assert 8 <= tick <= len(inside) / 3
+def test_the_edge_of_a_field_shows_whether_it_can_be_edited(qapp: qt.QApplication, qtbot: QtBot) -> None:
+    """Guidelines for accessibility ask for a contrast of 3. In night, disabled fields looked editable."""
+    kinds = (qt.QLineEdit, qt.QPlainTextEdit, qt.QTextEdit, qt.QSpinBox, qt.QDoubleSpinBox, qt.QComboBox)
+    for theme, kind in product((LIGHT, DARK, NIGHT), kinds):
+        assert min(edge_contrasts(kind(), theme, qtbot)) >= 3, (theme.name, kind)
+        field = kind()
+        field.setEnabled(False)
+        assert max(edge_contrasts(field, theme, qtbot)) < 2.5, (theme.name, kind)
 
 
-@pytest.mark.parametrize("theme", [LIGHT, DARK, NIGHT], ids=lambda theme: theme.name)
-def test_the_box_of_a_list_item_is_seen(qapp: QApplication, qtbot: QtBot, theme: Theme) -> None:
+def test_checked_and_unchecked_boxes_are_visible(qapp: qt.QApplication, qtbot: QtBot) -> None:
     """Unchecked boxes of lists were dark on dark: only those outside lists had a style."""
-    entries = QListWidget()
-    for state in (Qt.CheckState.Unchecked, Qt.CheckState.Checked):
-        QListWidgetItem(entries).setCheckState(state)
-    _, pixels = drawn(entries, theme, qtbot)
-    high = entries.visualItemRect(entries.item(0)).height()
-    top = entries.viewport().y()
-    empty, ticked = ([row[4:40] for row in pixels[top + k * high : top + (k + 1) * high]] for k in (0, 1))
-    assert sum(contrast(pixel, QColor(theme.panel)) >= 3 for row in empty for pixel in row) >= 40
-    assert [any(QColor(theme.accent) in row for row in rows) for rows in (empty, ticked)] == [False, True]
+    for theme, enabled in product((LIGHT, DARK, NIGHT), (True, False)):
+        box = qt.QCheckBox()
+        box.setChecked(True)
+        box.setEnabled(enabled)
+        _, pixels = drawn(box, theme, qtbot)
+        accent = QColor(theme.accent)
+        filled = [(y, x) for y, row in enumerate(pixels) for x, pixel in enumerate(row) if pixel == accent]
+        low, high = np.min(filled, axis=0) + 1, np.max(filled, axis=0)
+        inside = [pixel for row in pixels[low[0] : high[0]] for pixel in row[low[1] : high[1]]]
+        tick = sum(contrast(pixel, accent) >= 3 for pixel in inside)
+        assert 8 <= tick <= len(inside) / 3, (theme.name, enabled)
+    for theme in (LIGHT, DARK, NIGHT):
+        entries = qt.QListWidget()
+        for state in (Qt.CheckState.Unchecked, Qt.CheckState.Checked):
+            qt.QListWidgetItem(entries).setCheckState(state)
+        _, pixels = drawn(entries, theme, qtbot)
+        high = entries.visualItemRect(entries.item(0)).height()
+        top = entries.viewport().y()
+        empty, ticked = ([row[4:40] for row in pixels[top + k * high : top + (k + 1) * high]] for k in (0, 1))
+        assert sum(contrast(pixel, QColor(theme.panel)) >= 3 for row in empty for pixel in row) >= 40, theme.name
+        assert [any(QColor(theme.accent) in row for row in rows) for rows in (empty, ticked)] == [False, True]
 
 
-def test_another_theme_leaves_the_style(qapp: QApplication, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_theme_is_applied_once_and_keeps_the_style(qapp: qt.QApplication, monkeypatch: pytest.MonkeyPatch) -> None:
     apply_theme(qapp, LIGHT)
-    made: list[str] = []
-    monkeypatch.setattr(QApplication, "setStyle", lambda _, name: made.append(name))
+    styles: list[str] = []
+    palettes: list[object] = []
+    monkeypatch.setattr(qt.QApplication, "setStyle", lambda _, name: styles.append(name))
+    monkeypatch.setattr(qt.QApplication, "setPalette", lambda *args: palettes.append(args))
+    apply_theme(qapp, LIGHT)
+    assert palettes == []
     apply_theme(qapp, DARK)
-    assert made == [] and DARK.text in style_sheet()
+    assert palettes and current_theme() is DARK and DARK.text in style_sheet() and styles == []
+    monkeypatch.undo()
     apply_theme(qapp, LIGHT)
 
 
-def test_the_theme_it_has_already_is_not_worked_out_anew(qapp: QApplication, monkeypatch: pytest.MonkeyPatch) -> None:
-    apply_theme(qapp, LIGHT)
-    made: list[object] = []
-    with monkeypatch.context() as patched:
-        patched.setattr(QApplication, "setPalette", lambda *args: made.append(args))
-        apply_theme(qapp, LIGHT)
-        assert made == []
-        apply_theme(qapp, DARK)
-        assert made and current_theme() is DARK
-        apply_theme(qapp, LIGHT)
-
-
-def test_a_theme_is_taken_by_what_is_seen_and_by_the_rest_when_it_is(qapp: QApplication, window: MainWindow) -> None:
-    """All widgets took it at once, thousands of which belong to menus that plots never show: 2.5 s."""
+def test_a_theme_restyles_visible_widgets_first(qapp: qt.QApplication, window: MainWindow) -> None:
+    """All widgets were restyled together, thousands of which belong to menus that plots never show: 2.5 s."""
     window.go("frames")
     window.go("setup")
     setup, frames = window.page("setup"), window.page("frames")
@@ -158,58 +123,16 @@ def test_a_theme_is_taken_by_what_is_seen_and_by_the_rest_when_it_is(qapp: QAppl
     assert LIGHT.text in frames.styleSheet() and redrawn == ["setup"]
     window.go("frames")
     assert DARK.text in frames.styleSheet() and redrawn == ["setup", "frames"]
-    window.set_theme("light")
-    window.set_theme("dark")
-    window.set_theme("light")
+    for name in ("light", "dark", "light"):
+        window.set_theme(name)
     window.go("setup")
     assert LIGHT.text in setup.styleSheet()
-
-
-def test_icons_of_places_follow_theme_and_place(window: MainWindow) -> None:
-    def colours(number: int) -> set[str]:
-        image = window.rail.findChildren(QPushButton)[number].icon_label.pixmap().toImage()
-        whole = [image.pixelColor(x, y) for x in range(image.width()) for y in range(image.height())]
-        return {colour.name() for colour in whole if colour.alpha() == 255}
-
-    for theme in (DARK, LIGHT):
-        window.set_theme(theme.name)
-        window.go("setup")
-        assert theme.accent in colours(0) and theme.text in colours(1)
-        window.go_place("record")
-        assert theme.text in colours(0) and theme.accent in colours(1)
-
-
-@pytest.mark.parametrize("theme", THEMES.values(), ids=lambda theme: theme.name)
-def test_only_a_primary_button_is_filled_with_the_accent(window: MainWindow, theme: Theme) -> None:
-    """A chosen segment looked like the primary button, so that three buttons seemed to be the next step."""
-    window.set_theme(theme.name)
-    window.go("frames")
-    page = window.page("frames")
-    chosen, other, primary = (QPushButton("One", page.panel) for _ in range(3))
-    for one in (chosen, other):
-        one.setCheckable(True)
-    chosen.setChecked(True)
-    primary.setProperty("role", "primary")
-    fills = []
-    for one in (chosen, other, primary):
-        one.resize(80, 28)
-        fills.append(one.grab().toImage().pixelColor(10, 6).name())
-    assert fills[0] == theme.raised and fills[2] == theme.accent
-    assert fills[1] not in (theme.accent, theme.raised)
-
-
-def test_a_dialog_that_is_open_takes_another_theme(window: MainWindow) -> None:
-    """Preferences, which change the theme, were white on white afterwards."""
+    # an open dialog that changes the theme was white on white afterwards, and plots of a measurement stayed dark
     dialog = window.tools.preferences()
     assert LIGHT.text in dialog.styleSheet()
     dialog.theme.setCurrentIndex(dialog.theme.findData("dark"))
     assert DARK.text in dialog.styleSheet() and LIGHT.text not in dialog.styleSheet()
     dialog.close()
-
-
-def test_a_window_that_measures_takes_the_theme(window: MainWindow) -> None:
-    """Its plots stayed dark."""
-    window.go("setup")
     view = Picture()
     view.setParent(window)
     view.set_shot(Shot(np.ones((8, 8))))
@@ -217,38 +140,66 @@ def test_a_window_that_measures_takes_the_theme(window: MainWindow) -> None:
     measuring = view.measure()
     for theme in ("dark", "light"):
         window.set_theme(theme)
-        QApplication.processEvents()
+        qt.QApplication.processEvents()
         assert not list(of_other_themes(measuring))
     measuring.close()
 
 
-def in_role(part: QWidget, role: str) -> QWidget:
-    part.setProperty("role", role)
-    return part
+def test_icons_of_places_and_the_primary_button_have_the_accent(window: MainWindow) -> None:
+    """A chosen segment looked like the primary button, so that three buttons seemed to be the next step."""
+
+    def colours(number: int) -> set[str]:
+        image = window.rail.findChildren(qt.QPushButton)[number].icon_label.pixmap().toImage()
+        whole = [image.pixelColor(x, y) for x in range(image.width()) for y in range(image.height())]
+        return {colour.name() for colour in whole if colour.alpha() == 255}
+
+    window.go("frames")
+    chosen, other, primary = (qt.QPushButton("One", window.page("frames").panel) for _ in range(3))
+    for one in (chosen, other):
+        one.setCheckable(True)
+    chosen.setChecked(True)
+    primary.setProperty("role", "primary")
+    for theme in THEMES.values():
+        window.set_theme(theme.name)
+        window.go("setup")
+        assert theme.accent in colours(0) and theme.text in colours(1)
+        window.go("frames")
+        assert theme.text in colours(0) and theme.accent in colours(1)
+        fills = []
+        for one in (chosen, other, primary):
+            one.resize(80, 28)
+            fills.append(one.grab().toImage().pixelColor(10, 6).name())
+        assert fills[0] == theme.raised and fills[2] == theme.accent
+        assert fills[1] not in (theme.accent, theme.raised)
 
 
-KINDS = (
-    *(QPushButton, QToolButton, QCheckBox, QComboBox, QSlider, QTabBar, QLineEdit, QPlainTextEdit, QSpinBox),
-    *(QListWidget, QTableWidget, QTreeWidget, QLabel),
-)
-ROLES = {QPushButton: ("rail", "segment", "link", "row", "fold", "primary"), QToolButton: ("bare", "mark", "reset")}
+BUTTONS = (qt.QPushButton, qt.QToolButton, qt.QCheckBox, qt.QComboBox, qt.QSlider, qt.QTabBar)
+TEXTS = (qt.QLineEdit, qt.QPlainTextEdit, qt.QSpinBox, qt.QLabel)
+KINDS = (*BUTTONS, *TEXTS, qt.QListWidget, qt.QTableWidget, qt.QTreeWidget)
+ROLES = {
+    qt.QPushButton: ("rail", "segment", "link", "row", "fold", "primary"),
+    qt.QToolButton: ("bare", "mark", "reset"),
+}
 FOCUSED = [(kind, role) for kind in KINDS for role in ("", *ROLES.get(kind, ()))]
 
 
-@pytest.mark.parametrize(("kind", "role"), FOCUSED)
-def test_what_has_the_keyboard_is_seen(qapp: QApplication, qtbot: QtBot, kind: type[QWidget], role: str) -> None:
-    part = in_role(kind(), role)
-    if isinstance(part, QTabBar):
-        part.addTab("one")
-    if isinstance(part, QAbstractButton | QLabel):
-        part.setText("words")
-    part.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-    panel, before = drawn(part, DARK, qtbot)
-    panel.activateWindow()
-    apply_theme(qapp, DARK)
-    QTest.keyClick(panel.focusWidget(), Qt.Key.Key_Tab)
-    qtbot.waitUntil(part.hasFocus, timeout=GUARD_MS)
-    image = part.grab().toImage()
-    apply_theme(qapp, LIGHT)
-    after = [[image.pixelColor(x, y) for x in range(image.width())] for y in range(image.height())]
-    assert sum(one != other for rows in zip(before, after, strict=True) for one, other in zip(*rows, strict=True)) > 8
+def test_the_focus_is_visible(qapp: qt.QApplication, qtbot: QtBot) -> None:
+    for kind, role in FOCUSED:
+        part = kind()
+        part.setProperty("role", role)
+        if isinstance(part, qt.QTabBar):
+            part.addTab("one")
+        if isinstance(part, qt.QAbstractButton | qt.QLabel):
+            part.setText("words")
+        part.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        panel, before = drawn(part, DARK, qtbot)
+        panel.activateWindow()
+        apply_theme(qapp, DARK)
+        QTest.keyClick(panel.focusWidget(), Qt.Key.Key_Tab)
+        qtbot.waitUntil(part.hasFocus, timeout=GUARD_MS)
+        image = part.grab().toImage()
+        apply_theme(qapp, LIGHT)
+        after = [[image.pixelColor(x, y) for x in range(image.width())] for y in range(image.height())]
+        changed = [one != other for rows in zip(before, after, strict=True) for one, other in zip(*rows, strict=True)]
+        assert sum(changed) > 8, (kind, role)
+        panel.hide()

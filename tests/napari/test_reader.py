@@ -1,4 +1,4 @@
-"""The plug-in for napari: what its manifest names is there, and layers hold what the files do. napari is not needed."""
+"""The plug-in for napari: its manifest is right, and layers have the values of the files; napari is not needed."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import sys
 import tomllib
 from dataclasses import replace
 from fnmatch import fnmatch
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,8 @@ from tests.acquire.rigs import CAREFUL, frames_of, rig_for, small_plan
 from tests.architecture.sources import ROOT
 
 MANIFEST = ROOT / "lfcal" / "napari" / "napari.yaml"
+
+
 PLAN: ScanPlan = small_plan()
 
 
@@ -47,10 +50,9 @@ def matrix(tmp_path: Path) -> Path:
     return tmp_path / "H.h5"
 
 
-def test_h_and_ht(matrix: Path) -> None:
-    H = PSFMatrix(
-        np.random.default_rng(0).random((3, 3, 3, 21, 21), np.float32), depths=PLAN.depths_um, camera=PLAN.camera
-    )
+def test_h_and_ht_are_two_layers_with_units(matrix: Path) -> None:
+    values = np.random.default_rng(0).random((3, 3, 3, 21, 21), np.float32)
+    H = PSFMatrix(values, depths=PLAN.depths_um, camera=PLAN.camera)
     (first, words, kind), (second, other, _) = read_layers(matrix)
     assert kind == "image" and words["visible"] and not other["visible"]
     assert words["name"] == "H (H)" and other["name"] == "H (HT)"
@@ -64,11 +66,10 @@ def test_h_and_ht(matrix: Path) -> None:
     assert words["scale"] == (mean, *step, *pixel) and other["scale"] == (mean, *pixel, *step)
     assert words["translate"][0] == PLAN.depths_um[0]
     assert words["metadata"]["lfcal"]["depths_um"] == list(PLAN.depths_um)
-    low, high = words["contrast_limits"]
-    assert low == 0 and high == H[1, 1, 1].max()
+    assert words["contrast_limits"] == (0, H[1, 1, 1].max())
 
 
-def test_an_ht_file_and_one_without_a_camera(tmp_path: Path) -> None:
+def test_a_file_of_ht_without_a_camera_is_in_pixels(tmp_path: Path) -> None:
     values = np.random.default_rng(1).random((2, 3, 4, 5, 5), np.float32)
     writer = PSFWriter(tmp_path / "HT.h5", values.shape, transposed=True)
     with writer:
@@ -96,71 +97,59 @@ def test_nothing_is_read_before_it_is_looked_at(matrix: Path, monkeypatch: pytes
     assert seen == [2]
 
 
-def test_sessions(tmp_path: Path) -> None:
+def test_sessions_have_their_frames_and_missing_positions_are_dark(tmp_path: Path) -> None:
     record(tmp_path / "session", PLAN, rig_for(PLAN), CAREFUL)
     frames = frames_of(tmp_path / "session")
     data, words = one(tmp_path / "session")
     assert data.shape[:3] == PLAN.shape[:3] and words["axis_labels"] == ("z", "y", "x", "row", "column")
     for place, frame in frames.items():
         np.testing.assert_array_equal(data[place], frame)
-    np.testing.assert_array_equal(
-        data[1:, 2, 0:2, 3:9, 4], np.stack([[frames[z, 2, x][3:9, 4] for x in (0, 1)] for z in (1, 2)])
-    )
+    part = np.stack([[frames[z, 2, x][3:9, 4] for x in (0, 1)] for z in (1, 2)])
+    np.testing.assert_array_equal(data[1:, 2, 0:2, 3:9, 4], part)
     assert words["units"] == ("micrometer",) * 5 and words["scale"][3:] == (PLAN.camera.sensor.pixel_um,) * 2
     assert one(tmp_path / "session" / "session.json")[0].shape == data.shape
-
-
-def test_positions_that_were_not_recorded_are_dark(tmp_path: Path) -> None:
     record(tmp_path / "s", PLAN, rig_for(PLAN), CAREFUL, only=[(0, 0, 0), (1, 1, 1)])  # type: ignore[list-item]
     data, _ = one(tmp_path / "s")
     assert data[0, 0, 0].any() and data[1, 1, 1].any() and not data[2].any()
 
 
-@pytest.mark.parametrize("suffix", [".h5", ".ome.zarr"])
-@pytest.mark.parametrize("times", [0, 4])
-def test_volumes(tmp_path: Path, suffix: str, times: int) -> None:
-    if suffix == ".ome.zarr":
-        pytest.importorskip("zarr", reason="zarr is not installed")
-    volumes = np.random.default_rng(2).random((max(1, times), 3, 8, 9), np.float32)
-    path, depths = tmp_path / f"v{suffix}", (-2.0, 0.0, 6.0)
-    if times:
-        with write_volumes(path, volumes.shape, VolumeFacts(np.array(depths), (2.0, 3.0))) as add:
-            for volume in volumes:
-                add(volume)
-    else:
-        save_volume(path, volumes[0], depths_um=depths, voxel_um=(2.0, 3.0))
-    data, words = one(path)
-    axes = 4 if times or suffix == ".ome.zarr" else 3
-    assert data.ndim == axes and words["axis_labels"] == ("t", "z", "y", "x")[-axes:]
-    assert words["scale"] == (1.0, 4.0, 2.0, 3.0)[-axes:] and words["translate"] == (0.0, -2.0, 0.0, 0.0)[-axes:]
-    assert words["units"] == ("pixel", *("micrometer",) * 3)[-axes:]
-    assert words["metadata"]["lfcal"]["depths_um"] == list(depths) and words["name"] == "v"
-    np.testing.assert_array_equal(data[...].reshape(volumes.shape), volumes)
-    np.testing.assert_array_equal(data[..., 1, 2:5, :], volumes[:, 1, 2:5] if axes == 4 else volumes[0, 1, 2:5])
-
-
+SUFFIXES = (".h5", ".ome.zarr") if importlib.util.find_spec("zarr") else (".h5",)
 DESCENDING = (-20.0, -26.0, -38.0)
 
 
-def test_planes_from_far_to_near_are_shown_where_they_are(tmp_path: Path) -> None:
-    """Napari places plane k at start + k step."""
-    pytest.importorskip("zarr", reason="zarr is not installed")
-    volumes = np.random.default_rng(3).random((2, 3, 8, 9), np.float32)
-    facts = VolumeFacts(np.array(DESCENDING), (2.0, 3.0), {}, (-8.0, 4.0), [5.0, 7.5])
-    for suffix in (".h5", ".ome.zarr"):
-        with write_volumes(tmp_path / f"v{suffix}", volumes.shape, facts) as add:
+def test_volumes_are_placed_in_micrometres(tmp_path: Path) -> None:
+    depths = (-2.0, 0.0, 6.0)
+    for suffix, times in product(SUFFIXES, (0, 4)):
+        volumes = np.random.default_rng(2).random((max(1, times), 3, 8, 9), np.float32)
+        path = tmp_path / f"v{times}{suffix}"
+        if times:
+            with write_volumes(path, volumes.shape, VolumeFacts(np.array(depths), (2.0, 3.0))) as add:
+                for volume in volumes:
+                    add(volume)
+        else:
+            save_volume(path, volumes[0], depths_um=depths, voxel_um=(2.0, 3.0))
+        data, words = one(path)
+        axes = 4 if times or suffix == ".ome.zarr" else 3
+        assert data.ndim == axes and words["axis_labels"] == ("t", "z", "y", "x")[-axes:]
+        assert words["scale"] == (1.0, 4.0, 2.0, 3.0)[-axes:] and words["translate"] == (0.0, -2.0, 0.0, 0.0)[-axes:]
+        assert words["units"] == ("pixel", *("micrometer",) * 3)[-axes:]
+        assert words["metadata"]["lfcal"]["depths_um"] == list(depths) and words["name"] == f"v{times}"
+        np.testing.assert_array_equal(data[...].reshape(volumes.shape), volumes)
+    # napari places plane k at start + k step: planes from far to near are reversed
+    facts = VolumeFacts(np.array(DESCENDING), (2.0, 3.0), {}, (-8.0, 4.0), [5.0, 7.5, 10.0, 12.5])
+    for suffix in SUFFIXES:
+        with write_volumes(tmp_path / f"far{suffix}", volumes.shape, facts) as add:
             for volume in volumes:
                 add(volume)
-        data, words = one(tmp_path / f"v{suffix}")
+        data, words = one(tmp_path / f"far{suffix}")
         assert words["scale"] == (2.5, 9.0, 2.0, 3.0) and words["translate"] == (5.0, -38.0, -8.0, 4.0)
         assert words["units"] == ("second", *("micrometer",) * 3)
         assert words["metadata"]["lfcal"]["depths_um"] == sorted(DESCENDING)
-        shown = volumes[:, ::-1]
         for key in (..., (1, 0), (slice(None), slice(0, 2), 3), (0, slice(0, None, 2)), (0, slice(1, 1))):
-            np.testing.assert_array_equal(data[key], shown[key])
+            np.testing.assert_array_equal(data[key], volumes[:, ::-1][key])
 
 
-def test_a_zarr_of_an_earlier_version_is_turned_too(tmp_path: Path) -> None:
+def test_a_zarr_of_an_earlier_version_is_reversed_too(tmp_path: Path) -> None:
     pytest.importorskip("zarr", reason="zarr is not installed")
     volume = np.random.default_rng(4).random((3, 8, 9), np.float32)
     save_volume(tmp_path / "v.zarr", volume, depths_um=sorted(DESCENDING))
@@ -174,7 +163,7 @@ def test_a_zarr_of_an_earlier_version_is_turned_too(tmp_path: Path) -> None:
     np.testing.assert_array_equal(data[0], volume[::-1])
 
 
-def test_h_and_sessions_from_far_to_near(tmp_path: Path) -> None:
+def test_h_and_sessions_from_far_to_near_are_placed_at_their_depths(tmp_path: Path) -> None:
     plan = small_plan()
     depths = sorted(plan.depths_um, reverse=True)
     values = np.random.default_rng(0).random((3, 3, 3, 21, 21), np.float32)
@@ -192,7 +181,7 @@ def test_h_and_sessions_from_far_to_near(tmp_path: Path) -> None:
     assert words["translate"][0] == depths[-1]
 
 
-def test_what_is_not_of_lfcal_is_left_to_others(tmp_path: Path) -> None:
+def test_other_files_are_left_to_other_readers(tmp_path: Path) -> None:
     import h5py
 
     with h5py.File(tmp_path / "other.h5", "w") as file:
@@ -206,7 +195,11 @@ def test_what_is_not_of_lfcal_is_left_to_others(tmp_path: Path) -> None:
         read_layers(tmp_path / "other.h5")
 
 
-def test_the_reader_of_the_manifest_reads(matrix: Path) -> None:
+def test_the_reader_of_the_manifest_is_found_and_reads(matrix: Path) -> None:
+    points = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["napari.manifest"]
+    package, _, file = points["lfcal"].partition(":")
+    place = importlib.util.find_spec(package)
+    assert place is not None and place.origin is not None and Path(place.origin).parent / file == MANIFEST
     said = yaml.safe_load(MANIFEST.read_text())
     (command,) = said["contributions"]["commands"]
     module, _, name = command["python_name"].partition(":")
@@ -222,46 +215,37 @@ def test_the_reader_of_the_manifest_reads(matrix: Path) -> None:
     assert {reader["command"] for reader in said["contributions"]["readers"]} == {command["id"]}
 
 
-def test_the_manifest_is_found_by_its_entry_point() -> None:
-    (found,) = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"][
-        "napari.manifest"
-    ].items()
-    module, _, file = found[1].partition(":")
-    place = importlib.util.find_spec(module)
-    assert found[0] == "lfcal" and place is not None and place.origin is not None
-    assert Path(place.origin).parent / file == MANIFEST
-
-
-CHECK = """
+VALIDATED = """
 import sys
 from npe2 import PluginManifest
 manifest = PluginManifest.from_file(sys.argv[1])
 manifest.validate_imports()
 print(manifest.name, len(manifest.contributions.readers))
 """
+LOADED = """
+import sys
+from lfcal.napari.reader import read_layers
+read_layers(sys.argv[1])
+print([m for m in sys.modules if m.split('.')[0] in ('napari', 'npe2', 'PySide6')])
+"""
+
+
+def printed_by(code: str, path: Path) -> str:
+    """Run code in its own process: imports of npe2 warn."""
+    quiet = {**os.environ, "PYTHONWARNINGS": "ignore"}
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, env=quiet)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
 
 
 def test_npe2_accepts_the_manifest() -> None:
     if importlib.util.find_spec("npe2") is None:
         pytest.skip("npe2 is not installed")
-    # in a process of its own: npe2's own imports warn
-    command = [sys.executable, "-c", CHECK, str(MANIFEST)]
-    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONWARNINGS": "ignore"})
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["lfcal", "2"]
-
-
-LOADED = """
-import json, sys
-from lfcal.napari.reader import read_layers
-read_layers(sys.argv[1])
-print(json.dumps([m for m in sys.modules if m.split('.')[0] in ('napari', 'npe2', 'PySide6')]))
-"""
+    assert printed_by(VALIDATED, MANIFEST) == "lfcal 2"
 
 
 def test_napari_is_not_imported(matrix: Path) -> None:
-    done = subprocess.run([sys.executable, "-c", LOADED, str(matrix)], capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout) == []
+    assert printed_by(LOADED, matrix) == "[]"
 
 
 def test_lazy_arrays_are_indexed_as_numpy_does() -> None:

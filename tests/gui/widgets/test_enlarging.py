@@ -1,3 +1,5 @@
+"""Enlarged pictures: they fill their page, keep working, and go back to their place."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -14,7 +16,7 @@ from pytestqt.qtbot import QtBot
 from lfcal.psf import PSFMatrix, save
 from lfcal_gui.models.shot import Shot
 from lfcal_gui.widgets.cards import card, split
-from lfcal_gui.widgets.enlarging import Enlarged, enlarge, pictures_in, toggle_in, whole_page
+from lfcal_gui.widgets.enlarging import Enlarged, enlarge, pictures_in, whole_page
 from lfcal_gui.widgets.picture import Picture
 from lfcal_gui.widgets.plots import LinePlot
 from lfcal_gui.window import MainWindow
@@ -62,8 +64,8 @@ def test_a_picture_in_a_grid_fills_its_page_and_goes_back(page: QWidget, qtbot: 
     assert grid.itemAtPosition(0, 1).widget() is views[1]
 
 
-def test_a_page_gets_smaller_while_something_is_enlarged(page: QWidget, qtbot: QtBot) -> None:
-    """The place that was kept for it had its size as the least: the window could not be made smaller."""
+def test_a_page_can_become_smaller_while_a_picture_is_enlarged(page: QWidget, qtbot: QtBot) -> None:
+    """Its empty place kept its size, so that the window could not be made smaller."""
     row, views = QVBoxLayout(page), [picture() for _ in range(2)]
     row.addWidget(split(*views, sizes=(800, 800)))
     page.resize(1600, 900)
@@ -78,7 +80,7 @@ def test_a_page_gets_smaller_while_something_is_enlarged(page: QWidget, qtbot: Q
     assert views[0].width() > 100 and views[1].width() > 100
 
 
-def test_a_card_goes_with_its_only_picture(page: QWidget, qtbot: QtBot) -> None:
+def test_a_card_is_enlarged_with_its_only_picture(page: QWidget, qtbot: QtBot) -> None:
     left, column = card("Profile")
     plot = LinePlot("x (px)", "counts")
     column.addWidget(plot)
@@ -111,36 +113,26 @@ def psf(window: MainWindow, qtbot: QtBot, tmp_path: Path) -> Any:
     return window.page("h")
 
 
-def test_what_is_enlarged_goes_on(psf: Any, window: MainWindow, qtbot: QtBot) -> None:
-    view = psf.panel.main_view
-    enlarge(view)
-    holder = psf.findChild(Enlarged)
-    QTest.keyClick(holder, Qt.Key.Key_Right)
-    assert psf.intent.x == 3 and "x 3" in view.shot.caption, "keys are the page's"
-    np.testing.assert_array_equal(view.values, psf.matrix[1, 1, 3])
-    QTest.keyClick(holder, Qt.Key.Key_Escape)
-    assert psf.findChildren(Enlarged) == [] and view.isVisible()
-
-
-def test_escape_is_not_the_pages_own(window: MainWindow, qtbot: QtBot, psf: Any, monkeypatch: Any) -> None:
-    """Pages stop their jobs at Esc."""
-    page = psf
-    stopped: list[int] = []
-    monkeypatch.setattr(window.jobs, "cancel", stopped.append)
-    going = window.jobs.start("Report", "h", lambda: iter(()))
-    assert going and toggle_in(page)
-    holder = page.findChild(Enlarged)
-    QTest.keyClick(holder, Qt.Key.Key_Escape)
-    assert page.findChildren(Enlarged) == [] and stopped == []
-    idle(window.jobs, qtbot)
-
-
 def area(widget: QWidget) -> int:
     return widget.width() * widget.height() if widget.isVisible() else 0
 
 
-def test_menu_key_and_menu_bar(psf: Any, window: MainWindow, qtbot: QtBot) -> None:
+def test_an_enlarged_picture_keeps_its_keys_and_its_menu(
+    psf: Any, window: MainWindow, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     view = psf.panel.main_view
+    enlarge(view)
+    holder = psf.findChild(Enlarged)
+    QTest.keyClick(holder, Qt.Key.Key_Right)
+    assert psf.intent.x == 3 and "x 3" in view.shot.caption, "keys are those of the page"
+    np.testing.assert_array_equal(view.values, psf.matrix[1, 1, 3])
+    # pages stop their jobs at Esc
+    stopped: list[int] = []
+    monkeypatch.setattr(window.jobs, "cancel", stopped.append)
+    assert window.jobs.start("Report", "h", lambda: iter(()))
+    QTest.keyClick(holder, Qt.Key.Key_Escape)
+    assert psf.findChildren(Enlarged) == [] and view.isVisible() and stopped == []
+    idle(window.jobs, qtbot)
     view.customContextMenuRequested.emit(view.rect().center())
     menu = next(m for m in view.findChildren(QMenu) if m.isVisible())
     next(a for a in menu.actions() if a.text() == "Enlarge").trigger()
@@ -155,9 +147,7 @@ def test_menu_key_and_menu_bar(psf: Any, window: MainWindow, qtbot: QtBot) -> No
     action.trigger()
     largest = psf.findChild(Enlarged)
     assert largest is not None and {*pictures_in(largest)} & {psf.panel.main_view, psf.panel.linked_view}
-
-
-def test_a_page_that_becomes_empty_hides_it_and_it_is_there_again(psf: Any, window: MainWindow, qtbot: QtBot) -> None:
+    largest.put_back()
     enlarge(psf.panel.sum_view)
     window.project.update("close", psf="")
     idle(window.jobs, qtbot)
@@ -165,15 +155,4 @@ def test_a_page_that_becomes_empty_hides_it_and_it_is_there_again(psf: Any, wind
     window.project.undo()
     idle(window.jobs, qtbot)
     psf.findChild(Enlarged).put_back()
-    assert psf.panel.sum_view.isVisible()
-
-
-def test_borders_are_the_users(window: MainWindow) -> None:
-    window.resize(1600, 1000)
-    window.go("h")
-    page: Any = window.page("h")
-    page.show_body()
-    QApplication.processEvents()
-    before = page.panel.split.sizes()
-    page.panel.split.setSizes([before[0] + 10, before[1] - 10])
-    assert page.panel.split.sizes()[0] == before[0] + 10
+    assert psf.panel.sum_view.isVisible(), "a page that was empty for a while still has it"

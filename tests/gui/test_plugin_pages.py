@@ -1,4 +1,4 @@
-"""The page shown in the documentation is complete: it appears, works, and is saved."""
+"""Pages of plug-ins: the page in the documentation appears, works and is saved."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import pytest
 from PySide6.QtCore import Qt
@@ -20,12 +19,12 @@ from lfcal_gui.models.page import PAGES, PageSpec, PageState, available_pages, p
 from lfcal_gui.models.project import Project
 from lfcal_gui.window import MainWindow
 from tests.distribution import text_of
-from tests.gui.waiting import GUARD_MS, idle
+from tests.gui.waiting import GUARD_MS, go, idle
 
 
 @pytest.fixture
 def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[PageSpec, ...]]:
-    """Write the four files as the document names them; find the page by its entry point."""
+    """Write the four files of the documentation, and find the page by its entry point."""
     text = text_of("extending.md", "A page of the window")
     blocks = re.findall(r"`(notes/\w+\.py)`.*?```python\n(.*?)```", text, re.DOTALL)
     assert [name for name, _ in blocks] == [f"notes/{name}.py" for name in ("__init__", "model", "panel", "page")]
@@ -37,7 +36,7 @@ def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Pag
     assert declared is not None
     group, name, value = declared.groups()
     points = [metadata.EntryPoint(name, value, group)]
-    PAGES.names()  # what all windows have is found without the entry point
+    PAGES.names()  # pages of lfcal are found before
     monkeypatch.setattr(metadata, "entry_points", lambda group: [p for p in points if p.group == group])
     monkeypatch.syspath_prepend(str(tmp_path))
     registry = page_registry()
@@ -61,8 +60,7 @@ def test_the_documented_page_works(window: MainWindow, qtbot: QtBot, tmp_path: P
     spec = window.specs[-1]
     assert spec.key == "notes" and window.menus.own[spec].text() == f"Notes ({PageState.NOTHING.value})"
     assert "Ctrl+Return" in cheat_sheet(window.specs)
-    window.go("notes")
-    page: Any = window.page("notes")
+    page = go(window, "notes")
     assert window.shown is page
     page.panel.editor.setPlainText("the lamp was warm")
     idle(window.jobs, qtbot)
@@ -80,10 +78,9 @@ def test_the_documented_page_works(window: MainWindow, qtbot: QtBot, tmp_path: P
     assert other.state.settings["notes"] == {"text": "the lamp was warm"}
 
 
-def test_a_folder_in_the_window_s_own_package_is_found_too(
+def test_a_page_in_a_folder_of_the_window_needs_no_entry_point(
     pages: tuple[PageSpec, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One new folder is all: nothing else names the page."""
     import lfcal_gui.pages
 
     monkeypatch.setattr(metadata, "entry_points", lambda group: [])
