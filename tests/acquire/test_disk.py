@@ -34,7 +34,7 @@ from lfcal.camera import RegionPlan
 from tests.acquire.crashing import equal_matrices, kill_and_resume, power_cuts, undisturbed, why_no_power_cut
 from tests.acquire.rigs import assert_same_frames, frames_of, rig_for, small_plan, stopped
 from tests.cli.conftest import Run
-from tests.cli.test_disks import Mount, mount
+from tests.cli.test_outputs import Mount, mount
 
 __all__ = ["mount"]
 

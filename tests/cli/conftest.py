@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,6 +23,8 @@ SHAPE = (2, 3, 4)
 SENSOR = (40, 48)
 ANCHOR = (16, 20)
 CUTOUT = (9, 11)
+NOTE = re.compile("note: |warning: |kept: |assumed values|set-up| ahead")
+"""In lines of standard error that do not say why a command ended."""
 
 
 @dataclass
@@ -32,13 +36,28 @@ class Run:
     err: str
 
     @property
-    def json(self) -> object:
+    def json(self) -> Any:
         """What was printed: one document of strict JSON, and nothing else."""
         return strict_json(self.out)
 
+    def ok(self) -> Run:
+        """Check that the command succeeded; return this record."""
+        assert self.code == 0, self.err
+        return self
+
+    def refused(self, *said: str) -> Run:
+        """Check that the command ended with code 2 and one line, besides notes, and that it said these words."""
+        lines = [line for line in self.err.splitlines() if not NOTE.search(line)]
+        assert self.code == 2 and len(lines) == 1 and all(word in self.err for word in said), self.err
+        return self
+
+
+Lfcal = Callable[..., Run]
+"""Runs a command: words in, what it did out."""
+
 
 @pytest.fixture
-def lfcal(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Callable[..., Run]:
+def lfcal(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Lfcal:
     """Run the command line in this process, exactly as the installed script does."""
     from lfcal.cli import main
 
@@ -100,6 +119,17 @@ def _recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
         cv2.imwrite(str(folder / "dark" / f"{k}.png"), np.full(SENSOR, DARK, np.uint16))
         cv2.imwrite(str(folder / "white" / f"{k}.png"), np.full(SENSOR, DARK + 30000, np.uint16))
     (folder / "plan.json").write_text(small_plan().to_json())
+    return folder
+
+
+@pytest.fixture(scope="session")
+def inputs(tmp_path_factory: pytest.TempPathFactory, _recorded: Path) -> Path:
+    """Return a folder with what every command that writes reads; to be copied, not changed."""
+    from tests.cli.writing import make_inputs
+
+    folder = tmp_path_factory.mktemp("inputs")
+    make_inputs(folder)
+    shutil.copytree(_recorded, folder / "session")
     return folder
 
 

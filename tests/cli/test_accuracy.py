@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,7 @@ import pytest
 from lfcal.accuracy import PARTS, AccuracyPart, AccuracyStep, CostPoint, Truth
 from lfcal.psf import PSFMatrix, save
 from tests.acquire.rigs import small_plan
-from tests.cli.conftest import Run
-
-Lfcal = Callable[..., Run]
+from tests.cli.conftest import Lfcal
 
 
 @pytest.fixture
@@ -34,44 +32,20 @@ def scan(tmp_path: Path) -> Path:
 
 def test_a_curve_of_h_as_json_and_drawn(lfcal: Lfcal, h: Path, tmp_path: Path) -> None:
     chart = tmp_path / "a.png"
-    run = lfcal(
-        "accuracy",
-        h,
-        "--part",
-        "storage",
-        "--error",
-        "0.5%",
-        "--seconds",
-        600,
-        "--draw",
-        chart,
-        "--json",
-        "--workers",
-        1,
-    )
-    assert run.code == 0, run.err
-    found: Any = run.json
+    words = ("accuracy", h, "--part", "storage", "--draw", chart)
+    found = lfcal(*words, "--error", "0.5%", "--seconds", 600, "--json", "--workers", 1).ok().json
     assert found["subject"] == "H.h5" and found["error"] == 0.005 and chart.stat().st_size > 5000
     (curve,) = found["curves"]
     assert curve["part"] == "storage" and len(curve["points"]) == 10
     picked = found["answers"]["storage"]["point"]
     good = [r["cost"] for r in curve["points"] if r["error"] <= 0.005]
     assert picked["cost"] == min(good) and picked["error"] <= 0.005
-    again = lfcal("accuracy", h, "--part", "storage", "--draw", chart)
-    assert again.code == 2 and "a.png: exists; add --force" in again.err
-
-
-@pytest.mark.long
-def test_a_curve_is_drawn_again_where_that_is_asked_for(lfcal: Lfcal, h: Path, tmp_path: Path) -> None:
-    chart = tmp_path / "a.png"
-    chart.write_text("an earlier one")
-    assert lfcal("accuracy", h, "--part", "storage", "--draw", chart, "--force").code == 0
+    lfcal(*words).refused("a.png: exists; add --force")
 
 
 @pytest.mark.long
 def test_a_plan_as_a_table(lfcal: Lfcal, scan: Path) -> None:
-    run = lfcal("accuracy", scan, "--part", "bases", "--part", "averaging", "--seconds", 600, "--error", "20 %")
-    assert run.code == 0, run.err
+    run = lfcal("accuracy", scan, "--part", "bases", "--part", "averaging", "--seconds", 600, "--error", "20 %").ok()
     assert run.out.index("Multiplexing: masks and exposure") < run.out.index("Recording: averaging and exposure")
     assert "An error of 20 % costs" in run.out and "measured by: uniform light, equal in all samples" in run.out
 
@@ -102,46 +76,30 @@ def test_what_does_not_fit_into_the_time_is_said(lfcal: Lfcal, scan: Path, monke
     assert run.code == 2 and "not begun: reference takes about 1 min 01 s; --seconds measures longer" in run.out
 
 
-def test_a_camera_needs_planes(lfcal: Lfcal) -> None:
-    run = lfcal("accuracy", "bench", "--part", "bases")
-    assert (
-        run.code == 2
-        and "expected depths in µm (--depths) or virtual depths (--virtual-depths), got neither" in run.err
-    )
-    assert lfcal("accuracy", "bench", "--depths", "-20mm", "--cutout", "31", "--part", "bases", "--json").code == 0
+def test_a_camera_needs_planes_and_the_parts_are_listed(lfcal: Lfcal) -> None:
+    said = "expected depths in µm (--depths) or virtual depths (--virtual-depths), got neither"
+    lfcal("accuracy", "bench", "--part", "bases").refused(said)
+    lfcal("accuracy", "bench", "--depths", "-20mm", "--cutout", "31", "--part", "bases", "--json").ok()
+    listed = lfcal("accuracy", "list").ok().out
+    assert all(part.title.split(":")[0] in listed for part in PARTS)
+    assert [entry["name"] for entry in lfcal("accuracy", "list", "--json").json] == list(PARTS.names())
 
 
-@pytest.mark.parametrize("options", [("--depths", "1,2"), ("--virtual-depths", "3"), ("--cutout", "31")])
-def test_planes_of_h_are_its_own(lfcal: Lfcal, h: Path, options: tuple[str, str]) -> None:
-    run = lfcal("accuracy", h, *options)
-    assert run.code == 2 and "because H states its planes and cutout; leave them out" in run.err
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--error", "much"), "--error: expected a number, or percent"),
-        (("--error", "0"), "--error: expected a number > 0"),
-        (("--error", "1.2.3%"), "--error: expected a number, or percent"),
-        (("--seconds", "0"), "time for each measurement (s): expected a number > 0"),
-        (("--seconds", "nan"), "time for each measurement (s): expected a number > 0"),
-        (("--part", "moon"), "part of the processing: expected simulation, sampling, "),
-        (
-            ("--part", "lattice"),
-            "scan of the measurement: expected a scan plan with its camera, got H of an unknown",
-        ),
-    ],
-)
-def test_bad_options_are_one_line(lfcal: Lfcal, h: Path, options: tuple[str, str], message: str) -> None:
-    run = lfcal("accuracy", h, *options)
-    assert run.code == 2 and message in run.err and run.err.count("\n") == 1, run.err
-
-
-def test_the_parts_are_listed(lfcal: Lfcal) -> None:
-    run = lfcal("accuracy", "list")
-    assert run.code == 0 and all(part.title.split(":")[0] in run.out for part in PARTS)
-    found: Any = lfcal("accuracy", "list", "--json").json
-    assert [entry["name"] for entry in found] == list(PARTS.names())
+def test_bad_options_are_one_line(lfcal: Lfcal, h: Path) -> None:
+    planned = "because H states its planes and cutout; leave them out"
+    for words, said in (
+        ("--error much", "--error: expected a number, or percent"),
+        ("--error 0", "--error: expected a number > 0"),
+        ("--error 1.2.3%", "--error: expected a number, or percent"),
+        ("--seconds 0", "time for each measurement (s): expected a number > 0"),
+        ("--seconds nan", "time for each measurement (s): expected a number > 0"),
+        ("--part moon", "part of the processing: expected simulation, sampling, "),
+        ("--part lattice", "scan of the measurement: expected a scan plan with its camera, got H of an unknown"),
+        ("--depths 1,2", planned),
+        ("--virtual-depths 3", planned),
+        ("--cutout 31", planned),
+    ):
+        lfcal("accuracy", h, *words.split()).refused(said)
 
 
 def _stopped() -> Iterator[object]:
@@ -161,18 +119,14 @@ def interruptible() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("interruptible")
-@pytest.mark.parametrize("json", [False, True])
-def test_ctrl_c_keeps_what_was_measured(
-    lfcal: Lfcal, h: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, json: bool
-) -> None:
+def test_ctrl_c_keeps_what_was_measured(lfcal: Lfcal, h: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     part = AccuracyPart("made up", "Made up", "error", "cost", "seconds", lambda s, t: _stopped())  # type: ignore[arg-type, return-value]
     monkeypatch.setattr(type(PARTS), "get", lambda self, name: part)
     chart = tmp_path / "a.png"
-    run = lfcal("accuracy", h, "--part", "a", "--part", "b", "--draw", chart, *(["--json"] if json else []))
-    assert run.code == 130 and run.err == "lfcal: stopped; no incomplete output remains\n"
+    words = ("accuracy", h, "--part", "a", "--part", "b", "--draw", chart, "--force")
+    table, told = lfcal(*words), lfcal(*words, "--json")
+    for run in (table, told):
+        assert run.code == 130 and run.err == "lfcal: stopped; no incomplete output remains\n"
     assert chart.stat().st_size > 5000
-    if json:
-        found: Any = run.json
-        assert [r["label"] for r in found["curves"][0]["points"]] == ["a point that was measured"]
-    else:
-        assert run.out.count("a point that was measured") == 2, "in the table and as the best"
+    assert table.out.count("a point that was measured") == 2, "in the table and as the best"
+    assert [r["label"] for r in told.json["curves"][0]["points"]] == ["a point that was measured"]

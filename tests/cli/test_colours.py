@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from lfcal.camera import ScanPlan, preset
 from lfcal.frames import ArraySource
 from lfcal.frames.channels import colour_scan
 from lfcal.psf import open_psf
-from tests.cli.conftest import Run
+from tests.cli.conftest import Lfcal
 
 SENSOR, ANCHOR, PERIOD = (41, 52), (17.0, 22.0), (4, 6)
 CFA = "GRBG"
@@ -67,11 +66,10 @@ def h_of(path: Path) -> np.ndarray:
         return np.asarray(matrix)
 
 
-def test_each_colour_of_a_mosaic(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
+def test_each_colour_of_a_mosaic(lfcal: Lfcal, folder: Path, tmp_path: Path) -> None:
     done = lfcal(
         "assemble", folder / "frames", "-o", tmp_path / "H.h5", "--channel", "each", "--dtype", "float32", "--json"
-    )
-    assert done.code == 0, done.err
+    ).ok()
     assert [Path(part["out"]).name for part in json.loads(done.out)] == ["H_G1.h5", "H_R.h5", "H_B.h5", "H_G2.h5"]
     for name, (r0, c0) in PLACES.items():
         H = h_of(tmp_path / f"H_{name}.h5")
@@ -86,37 +84,32 @@ def test_each_colour_of_a_mosaic(lfcal: Callable[..., Run], folder: Path, tmp_pa
             np.testing.assert_array_equal(H[0, y, x], wanted)
 
 
-def test_one_colour_is_that_of_each(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
-    done = lfcal("assemble", folder / "frames", "-o", tmp_path / "R.h5", "--channel", "R")
-    assert (
-        done.code == 0 and "6 of 24 frames are used, those whose image point lies on a pixel of this colour" in done.err
-    )
+def test_one_colour_is_that_of_each(lfcal: Lfcal, folder: Path, tmp_path: Path) -> None:
+    run = lfcal("assemble", folder / "frames", "-o", tmp_path / "R.h5", "--channel", "R").ok()
+    assert "6 of 24 frames are used, those whose image point lies on a pixel of this colour" in run.err
     with open_psf(tmp_path / "R.h5") as matrix:
         camera = matrix.camera
     assert camera is not None and camera.sensor.cfa == "" and camera.sensor.shape == (21, 26)
-    both = lfcal("assemble", folder / "frames", "-o", tmp_path / "G.h5", "--channel", "G")
-    assert both.code == 2 and "expected G1, R, B or G2" in both.err
+    lfcal("assemble", folder / "frames", "-o", tmp_path / "G.h5", "--channel", "G").refused("expected G1, R, B or G2")
     (tmp_path / "H_R.h5").write_bytes(b"mine")
     kept = lfcal("assemble", folder / "frames", "-o", tmp_path / "H.h5", "--channel", "each")
     assert kept.code == 2 and "H_R.h5: exists" in kept.err and (tmp_path / "H_R.h5").read_bytes() == b"mine"
     assert not (tmp_path / "H_G1.h5").exists()
 
 
-@pytest.mark.parametrize("name", PLACES)
-def test_the_camera_of_a_colour_has_its_lattice_where_it_is(name: str) -> None:
+def test_the_camera_of_a_colour_has_its_lattice_where_it_is() -> None:
     plan = plan_of()
     source = ArraySource(np.zeros((1, *SENSOR), np.uint16), [(0, 0, 0)])
-    scan = colour_scan(source, plan, name)
-    assert scan is not None
-    (r0, c0), pixel = PLACES[name], plan.camera.sensor.pixel_um
-    # a point of the sensor in both descriptions: pixel (i, j) of the colour is (r0 + 2 i, c0 + 2 j) of the mosaic
-    for i, j in ((0, 0), (5, 9)):
-        whole = plan.camera.sensor_um((r0 + 2 * i, c0 + 2 * j)) - np.array(plan.camera.lattice.offset_um)
-        own = scan.plan.camera.sensor_um((i, j)) - np.array(scan.plan.camera.lattice.offset_um)
-        np.testing.assert_allclose(own, whole, atol=1e-9)
-    assert scan.plan.camera.sensor.pixel_um == 2 * pixel
-    at = np.array(scan.plan.anchor) * 2 + (r0, c0)
-    np.testing.assert_array_equal(at, np.array(ANCHOR) + scan.first)
+    for name, (r0, c0) in PLACES.items():
+        scan = colour_scan(source, plan, name)
+        assert scan is not None
+        # a point of the sensor in both descriptions: pixel (i, j) of the colour is (r0 + 2 i, c0 + 2 j) of the mosaic
+        for i, j in ((0, 0), (5, 9)):
+            whole = plan.camera.sensor_um((r0 + 2 * i, c0 + 2 * j)) - np.array(plan.camera.lattice.offset_um)
+            own = scan.plan.camera.sensor_um((i, j)) - np.array(scan.plan.camera.lattice.offset_um)
+            np.testing.assert_allclose(own, whole, atol=1e-9)
+        assert scan.plan.camera.sensor.pixel_um == 2 * plan.camera.sensor.pixel_um
+        np.testing.assert_array_equal(np.array(scan.plan.anchor) * 2 + (r0, c0), np.array(ANCHOR) + scan.first)
 
 
 def test_what_has_no_colours() -> None:
@@ -139,36 +132,20 @@ def test_what_has_no_colours() -> None:
         colour_scan(whole, plan, "R")
 
 
-def test_monochrome_frames_have_no_colours(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
+def test_colour_images_and_monochrome_frames(lfcal: Lfcal, folder: Path, tmp_path: Path) -> None:
     (tmp_path / "plan.json").write_text(plan_of(cfa="").to_json())
-    arguments = ("assemble", folder / "frames", "--plan", tmp_path / "plan.json", "-o", tmp_path / "H.h5", "--channel")
-    assert "expected colour frames, got monochrome ones" in lfcal(*arguments, "each").err
-    assert (
-        "expected none for monochrome frames, got 'R'; leave the channel out (--channel)" in lfcal(*arguments, "R").err
-    )
-
-
-def test_colour_pictures(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "plan.json").write_text(plan_of(cfa="").to_json())
-    arguments = ("assemble", folder / "rgb", "--plan", tmp_path / "plan.json", "-o", tmp_path / "H.h5")
-    refused = lfcal(*arguments)
-    assert refused.code == 2 and "--channel G" in refused.err
-    done = lfcal(*arguments, "--channel", "each", "--dtype", "float32", "--dark", "none")
-    assert done.code == 0, done.err
+    own = ("--plan", tmp_path / "plan.json", "--dtype", "float32", "--force", "-o", tmp_path / "H.h5")
+    grey = ("assemble", folder / "frames", *own, "--channel")
+    lfcal(*grey, "each").refused("expected colour frames, got monochrome ones")
+    lfcal(*grey, "R").refused("expected none for monochrome frames, got 'R'; leave the channel out (--channel)")
+    arguments = ("assemble", folder / "rgb", *own)
+    lfcal(*arguments).refused("--channel G")
+    lfcal(*arguments, "--channel", "each", "--dark", "none").ok()
     for name in "RGB":
-        H = h_of(tmp_path / f"H_{name}.h5")
-        wanted = light(name, ANCHOR)[13:22, 17:28]
-        np.testing.assert_array_equal(H[0, 0, 0], wanted)
-    assert lfcal(*arguments, "--channel", "B", "--dtype", "float32").code == 0
+        np.testing.assert_array_equal(h_of(tmp_path / f"H_{name}.h5")[0, 0, 0], light(name, ANCHOR)[13:22, 17:28])
+    lfcal(*arguments, "--channel", "B").ok()
     np.testing.assert_array_equal(h_of(tmp_path / "H.h5"), h_of(tmp_path / "H_B.h5"))
-
-
-def test_a_dark_frame_in_colour(lfcal: Callable[..., Run], folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "plan.json").write_text(plan_of(cfa="").to_json())
     dark = np.zeros((*SENSOR, 3), np.uint16) + np.array([1, 2, 3], np.uint16)
     tifffile.imwrite(tmp_path / "dark.tif", dark, photometric="rgb")
-    arguments = ("assemble", folder / "rgb", "--plan", tmp_path / "plan.json", "--dtype", "float32", "--channel", "G")
-    assert lfcal(*arguments, "-o", tmp_path / "a.h5").code == 0
-    done = lfcal(*arguments, "-o", tmp_path / "b.h5", "--dark", tmp_path / "dark.tif")
-    assert done.code == 0, done.err
-    np.testing.assert_array_equal(h_of(tmp_path / "a.h5") - 2, h_of(tmp_path / "b.h5"))
+    lfcal(*arguments, "--channel", "G", "--dark", tmp_path / "dark.tif").ok()
+    np.testing.assert_array_equal(h_of(tmp_path / "H_G.h5") - 2, h_of(tmp_path / "H.h5"))

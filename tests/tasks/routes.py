@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
 from pathlib import Path
 
 from lfcal.tasks import Task, command_of, job_of, python_of
-from tests.cli.conftest import Run
-
-Lfcal = Callable[..., Run]
+from tests.cli.conftest import Lfcal
 
 
 def go_every_route(lfcal: Lfcal, task: Task, out: Path) -> list[Path]:

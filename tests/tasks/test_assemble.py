@@ -5,9 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
-import shlex
 import traceback
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +19,11 @@ from lfcal.frames import CorrectionRecipe
 from lfcal.psf import AssemblySettings
 from lfcal.psf.store import MatrixGroup
 from lfcal.records import rows
-from lfcal.tasks import Assemble, AssembleRegions, AssembleTarget, command_of, job_of, load_job, python_of, task_set
+from lfcal.tasks import Assemble, command_of, job_of, load_job, task_set
 from tests.cli import conftest
-from tests.cli.conftest import Run
+from tests.cli.conftest import Lfcal
+from tests.tasks.routes import go_every_route
 
-Lfcal = Callable[..., Run]
 lfcal = conftest.lfcal
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample_data" / "recorded"
@@ -40,29 +38,20 @@ def values(path: Path) -> np.ndarray:
 def task(tmp_path: Path) -> Assemble:
     settings = AssemblySettings(cutout=(41, 31), dtype="float32", compression="none")
     return Assemble(
-        frames=SAMPLE,
-        out=tmp_path / "H.h5",
-        corrections=CorrectionRecipe(exposure="none"),
-        settings=settings,
+        frames=SAMPLE, out=tmp_path / "H.h5", corrections=CorrectionRecipe(exposure="none"), settings=settings
     )
 
 
 def test_every_route_gives_the_same_bits(lfcal: Lfcal, task: Assemble, tmp_path: Path) -> None:
-    (made,) = task.run()
-    made.close()
-    before = values(tmp_path / "H.h5")
-    routes = []
-
-    def moved(text: str, name: str) -> str:
-        routes.append(tmp_path / name)
-        return text.replace(str(tmp_path / "H.h5"), str(tmp_path / name))
-
-    assert lfcal(*shlex.split(moved(command_of(task), "by_command.h5"))[1:]).code == 0
-    exec(moved(python_of(task), "by_python.h5"), {})
-    (tmp_path / "job.toml").write_text(moved(job_of(task), "by_job.h5"))
-    assert lfcal("run", tmp_path / "job.toml").code == 0
+    first, *routes = go_every_route(lfcal, task, tmp_path / "H.h5")
     routes.append(tmp_path / "again.h5")
-    assert lfcal("run", tmp_path / "H.h5", "-o", tmp_path / "again.h5").code == 0
+    lfcal("run", first, "-o", routes[-1]).ok()
+    how: dict[str, Any] = {"exposure": "none", "cutout": "41x31", "dtype": "float32", "compression": "none"}
+    routes.append(tmp_path / "by_name.h5")
+    lfcal_package.assemble(SAMPLE, routes[-1], **how)[0].close()
+    read = load_job(routes[-1], {"out": str(routes[-1])})[0]
+    assert command_of(task).replace("H.h5", "by_name.h5") == command_of(read)
+    before = values(first)
     for path in routes:
         np.testing.assert_array_equal(values(path), before, err_msg=path.name)
 
@@ -81,50 +70,35 @@ def test_what_a_job_reads_is_shown_before_it_runs(lfcal: Lfcal, task: Assemble, 
     assert shown.code == 0 and f"reads: {SAMPLE}" in shown.out and command_of(task) in shown.out
     assert not (tmp_path / "H.h5").exists()
     task.run()[0].close()
-    refused = lfcal("run", tmp_path / "H.h5")
-    assert refused.code == 2 and "the file that is used as the job cannot be replaced" in refused.err
-    assert lfcal("run", tmp_path / "H.h5", "--show", "--json").json["reads"] == [str(SAMPLE)]  # type: ignore[index,call-overload]
+    lfcal("run", tmp_path / "H.h5").refused("the file that is used as the job cannot be replaced")
+    assert lfcal("run", tmp_path / "H.h5", "--show", "--json").json["reads"] == [str(SAMPLE)]
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
+def test_a_wrong_job_ends_in_one_sentence(tmp_path: Path) -> None:
+    begun = 'task = "assemble"\nframes = "f"\n'
+    for text, words in (
         ("frames = 3", "add the task"),
         ('task = "asemble"', "did you mean assemble?"),
-        ('task = "assemble"\nframes = "f"\nouut = "H.h5"', "did you mean out?"),
-        ('task = "assemble"\nframes = "f"\nout = "H.h5"\n[settings]\nlost = 2', "settings.lost: expected a number > 0"),
-        ('task = "assemble"\nframes = "f"', "--out: expected a value"),
+        (f'{begun}ouut = "H.h5"', "did you mean out?"),
+        (f'{begun}out = "H.h5"\n[settings]\nlost = 2', "settings.lost: expected a number > 0"),
+        (begun, "--out: expected a value"),
         ("task = ", "expected TOML"),
-        ('task = "assemble"\nframes = "f"\nout = "H.h5"\n[run]\nwokers = 2', "run"),
-    ],
-)
-def test_a_wrong_job_ends_in_one_sentence(tmp_path: Path, text: str, words: str) -> None:
-    (tmp_path / "job.toml").write_text(text)
-    with pytest.raises((InputError, FileFormatError)) as error:
-        load_job(tmp_path / "job.toml")
-    assert words in str(error.value) and "\n" not in str(error.value)
+        (f'{begun}out = "H.h5"\n[run]\nwokers = 2', "run"),
+    ):
+        (tmp_path / "job.toml").write_text(text)
+        with pytest.raises((InputError, FileFormatError)) as error:
+            load_job(tmp_path / "job.toml")
+        assert words in str(error.value) and "\n" not in str(error.value), text
 
 
-def test_an_option_of_another_kind_of_input_is_refused(tmp_path: Path) -> None:
-    tasks = task_set("assemble")
-    assert tasks.kinds == (Assemble, AssembleRegions, AssembleTarget)
-    for kind in (AssembleRegions, AssembleTarget):
-        others = {row.name for row in rows(Assemble)} - {row.name for row in rows(kind)}
-        assert others
-        for name in others:
-            with pytest.raises(InputError, match=f"{name}: expected .*frames of one scan.*, got {kind.input_words}"):
-                tasks.refuse(kind, [name])
-
-
-@pytest.mark.parametrize("kind", [Assemble, AssembleRegions, AssembleTarget])
-def test_provenance_has_every_value(kind: type[Assemble]) -> None:
-    said = kind(frames=Path("f"), out=Path("o")).to_dict()
-    for row in rows(kind):
-        place: Any = said
-        for name in row.path[:-1]:
-            place = place[name]
-        assert row.name in place
-    assert dataclasses.is_dataclass(kind)
+def test_provenance_has_every_value() -> None:
+    for kind in task_set("assemble").kinds:
+        said = kind(frames=Path("f"), out=Path("o")).to_dict()
+        for row in rows(kind):
+            place: Any = said
+            for name in row.path[:-1]:
+                place = place[name]
+            assert row.name in place and dataclasses.is_dataclass(kind)
 
 
 def test_from_the_command_to_h_few_files_are_passed_and_few_values_handed_on(
@@ -142,7 +116,7 @@ def test_from_the_command_to_h_few_files_are_passed_and_few_values_handed_on(
         return write(*args, **more)
 
     monkeypatch.setattr(MatrixGroup, "write_plane", noted)
-    assert lfcal("assemble", SAMPLE, "-o", tmp_path / "H.h5", "--workers", 1).code == 0
+    lfcal("assemble", SAMPLE, "-o", tmp_path / "H.h5", "--workers", 1).ok()
     files = {file for file, _ in passed}
     assert {"lfcal/cli/_task_command.py", "lfcal/tasks/assembly.py", "lfcal/psf/make.py"} < files
     assert len(files) <= 15 and max(values for _, values in passed) <= 12
@@ -173,31 +147,18 @@ def test_python_reports_progress_to_a_function(tmp_path: Path) -> None:
     assert records[-1].done == records[-1].total > 1
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
+def test_a_wrong_value_in_python_ends_in_one_sentence(tmp_path: Path) -> None:
+    cutout = "cutout: expected auto, or odd numbers of pixels such as '41', '41x41' or (41, 41), got 40"
+    for values, words in (
         ({"lost": 2}, "lost: expected a number > 0 and < 1, got 2"),
         ({"pad": "yes"}, "pad: expected true or false, got 'yes'"),
-        ({"cutout": 40}, "cutout: expected auto, or odd numbers of pixels such as '41', '41x41' or (41, 41), got 40"),
+        ({"cutout": 40}, cutout),
         ({"lost": "1%"}, "lost: expected cutout auto, got as planned"),
         ({"white_floor": 0.1}, "white_floor: expected white, got none"),
         ({"background": 3.0}, "background: expected text, got 3.0"),
         ({"frames": "nowhere"}, "nowhere"),
-    ],
-)
-def test_a_wrong_value_in_python_ends_in_one_sentence(tmp_path: Path, values: dict[str, Any], words: str) -> None:
-    with pytest.raises(LfcalError) as error:
-        lfcal_package.assemble(**{"frames": SAMPLE, "out": tmp_path / "H.h5", **values})
-    assert words in str(error.value) and "\n" not in str(error.value)
-    assert not (tmp_path / "H.h5").exists()
-
-
-def test_python_makes_the_same_h(task: Assemble, tmp_path: Path) -> None:
-    task.run()[0].close()
-    how: dict[str, Any] = {"exposure": "none", "cutout": "41x31", "dtype": "float32", "compression": "none"}
-    (made,) = lfcal_package.assemble(SAMPLE, tmp_path / "by_name.h5", **how)
-    made.close()
-    assert command_of(task).replace("H.h5", "by_name.h5") == command_of(
-        load_job(tmp_path / "by_name.h5", {"out": str(tmp_path / "by_name.h5")})[0]
-    )
-    np.testing.assert_array_equal(values(tmp_path / "by_name.h5"), values(task.out))
+    ):
+        with pytest.raises(LfcalError) as error:
+            lfcal_package.assemble(**{"frames": SAMPLE, "out": tmp_path / "H.h5", **values})
+        assert words in str(error.value) and "\n" not in str(error.value)
+        assert not (tmp_path / "H.h5").exists(), values

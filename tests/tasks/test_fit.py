@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,6 @@ from lfcal.base import InputError, LfcalError, Work
 from lfcal.fit.stored import StoredFit
 from lfcal.frames import CorrectionRecipe
 from lfcal.psf import save
-from lfcal.records import rows
 from lfcal.tasks import (
     CheckMatrix,
     CheckMatrixByScan,
@@ -28,7 +25,6 @@ from lfcal.tasks import (
     ValidateFit,
     ValidateFitByFrames,
     Watch,
-    command_of,
     job_of,
     load_job,
     python_of,
@@ -36,11 +32,11 @@ from lfcal.tasks import (
 )
 from lfcal.tasks.task import Task
 from tests.cli import conftest
-from tests.cli.conftest import Run
+from tests.cli.conftest import Lfcal
 from tests.fit.commands import undrawn
 from tests.fit.common import few_fit, few_patterns
+from tests.tasks.routes import go_every_route
 
-Lfcal = Callable[..., Run]
 lfcal = conftest.lfcal
 
 
@@ -61,22 +57,14 @@ def found(folder: Path) -> tuple[np.ndarray, dict[str, Any]]:
 
 def test_every_route_gives_the_same_bits(lfcal: Lfcal, place: Path) -> None:
     task = FitMatrix(sources=place / "few.h5", out=place / "direct", unknowns="geometry", noise=(64.0, 1.0))
-    task.run()
-    wanted, numbers = found(place / "direct")
-
-    def moved(text: str, name: str) -> str:
-        return text.replace(str(place / "direct"), str(place / name))
-
-    assert lfcal(*shlex.split(moved(command_of(task), "by_command"))[1:]).code == 0
-    exec(moved(python_of(task), "by_python"), {})
-    (place / "job.toml").write_text(moved(job_of(task), "by_job"))
-    assert lfcal("run", "job.toml").code == 0
-    assert lfcal("run", place / "direct" / "H.h5", "-o", "again").code == 0
-    for name in ("by_command", "by_python", "by_job", "again"):
-        values, told = found(place / name)
-        np.testing.assert_array_equal(values, wanted, err_msg=name)
-        assert told == numbers, name
-    kept = json.loads((place / "direct" / "fit.json").read_text())["task"]
+    first, *routes = go_every_route(lfcal, task, place / "direct")
+    lfcal("run", first / "H.h5", "-o", "again").ok()
+    wanted, numbers = found(first)
+    for path in (*routes, place / "again"):
+        values, told = found(path)
+        np.testing.assert_array_equal(values, wanted, err_msg=path.name)
+        assert told == numbers, path.name
+    kept = json.loads((first / "fit.json").read_text())["task"]
     assert kept == task.to_dict(absolute=True, outputs=False) and kept["noise"] == [64.0, 1.0]
 
 
@@ -107,33 +95,17 @@ def test_a_task_goes_to_texts_and_back(task: Task, tmp_path: Path, monkeypatch: 
     assert made["made"] == task
 
 
-@pytest.mark.parametrize("name", ["fit", "fit check", "fit validate"])
-def test_a_field_of_another_kind_of_input_is_refused(name: str) -> None:
-    tasks = task_set(name)
-    every = {row.name for kind in tasks.kinds for row in rows(kind)}
-    refused = 0
-    for kind in tasks.kinds:
-        for field in every - {row.name for row in rows(kind)}:
-            with pytest.raises(InputError, match=f"{field}: expected .*, got {kind.input_words}; leave {field} out"):
-                tasks.refuse(kind, [field])
-            refused += 1
-    assert refused
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: FitMatrix(sources="H.h5", unknowns="gap"), "unknowns: expected auto or groups of unknowns, got gap"),
-        (lambda: FitMatrix(sources="H.h5", noise="64"), "noise: expected CONSTANT,SLOPE of the variance"),
-        (lambda: FitMatrix(sources="H.h5", positions=-1), "positions: expected a whole number ≥ 0"),
-        (lambda: FitMatrix(sources="H.h5", hybrid=True, write_h=False), "--hybrid: expected an H to write"),
-        (lambda: CheckMatrix(matrix="H.h5", frames="f.tif", limit=2.0), "limit: expected a number > 0 and < 1"),
-    ],
-)
-def test_a_wrong_value_ends_in_one_sentence(make: Callable[[], Task], words: str) -> None:
-    with pytest.raises(InputError) as error:
-        make()
-    assert words in str(error.value) and "\n" not in str(error.value)
+def test_a_wrong_value_ends_in_one_sentence() -> None:
+    for kind, wrong, words in (
+        (FitMatrix, {"unknowns": "gap"}, "unknowns: expected auto or groups of unknowns, got gap"),
+        (FitMatrix, {"noise": "64"}, "noise: expected CONSTANT,SLOPE of the variance"),
+        (FitMatrix, {"positions": -1}, "positions: expected a whole number ≥ 0"),
+        (FitMatrix, {"hybrid": True, "write_h": False}, "--hybrid: expected an H to write"),
+        (CheckMatrix, {"limit": 2.0}, "limit: expected a number > 0 and < 1"),
+    ):
+        with pytest.raises(InputError) as error:
+            kind(**({"sources": "H.h5"} if kind is FitMatrix else {"matrix": "H.h5", "frames": "f.tif"}), **wrong)
+        assert words in str(error.value) and "\n" not in str(error.value), wrong
 
 
 CORRECTIONS = {

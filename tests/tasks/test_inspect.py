@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from lfcal.base import InputError
 from lfcal.psf import PSFMatrix, save
 from lfcal.tasks import Inspect, RunSettings, command_of, load_job
 from tests.cli import conftest
-from tests.cli.test_inspect_units import alike
+from tests.cli._building import alike
 from tests.judge.plain_report import undrawn
 from tests.tasks.routes import Lfcal, go_every_route
 
@@ -50,34 +51,25 @@ def test_a_copied_command_names_what_differs_from_the_defaults(H: Path) -> None:
     assert command_of(task) == f"lfcal inspect {shlex.quote(str(H))} --seconds=600 --all --strict"
 
 
-@pytest.mark.parametrize(
-    ("more", "flag", "message"),
-    [
-        ({"patterns": 30, "seconds": 0}, "--patterns", "expected {}seconds above 0, got 0"),
-        ({"fit": "fit", "seconds": 0}, "--fit", "expected {}seconds above 0, got 0"),
-        ({"mat_order": "rows-first"}, "--mat-order", "expected a .mat file, got H.h5"),
-        ({"patterns": 0}, "--patterns", "expected a whole number ≥ 1, got 0"),
-        ({"seconds": -1.0}, "--seconds", "expected a number ≥ 0, got -1"),
-    ],
-)
-def test_what_has_no_effect_is_refused_in_every_route(
-    lfcal: Lfcal, H: Path, tmp_path: Path, more: dict[str, Any], flag: str, message: str
-) -> None:
-    name = flag[2:].replace("-", "_")
-    with pytest.raises(InputError) as error:
-        Inspect(source=H, **more)
-    assert f"{name}: {message.format('')}" in str(error.value)
-    words = [f"--{key.replace('_', '-')}={value}" for key, value in more.items()]
-    done = lfcal("inspect", H, *words)
-    assert done.code == 2 and f"{flag}: {message.format('--')}" in done.err
-    lines = [f"{key} = {json.dumps(value)}" for key, value in {"task": "inspect", "source": str(H), **more}.items()]
-    (tmp_path / "job.toml").write_text("\n".join(lines))
-    with pytest.raises(InputError) as error:
-        load_job(tmp_path / "job.toml")
-    assert f"{name}: {message.format('')}" in str(error.value)
-
-
-def test_units_need_a_report_beside_which_they_are_kept(H: Path) -> None:
+def test_what_has_no_effect_is_refused_in_every_route(lfcal: Lfcal, H: Path, tmp_path: Path) -> None:
+    cases: tuple[tuple[dict[str, Any], str], ...] = (
+        ({"patterns": 30, "seconds": 0}, "expected {}seconds above 0, got 0"),
+        ({"fit": "fit", "seconds": 0}, "expected {}seconds above 0, got 0"),
+        ({"mat_order": "rows-first"}, "expected a .mat file, got H.h5"),
+        ({"patterns": 0}, "expected a whole number ≥ 1, got 0"),
+        ({"seconds": -1.0}, "expected a number ≥ 0, got -1"),
+    )
+    for more, message in cases:
+        name = next(iter(more))
+        said = re.escape(f"{name}: {message.format('')}")
+        with pytest.raises(InputError, match=said):
+            Inspect(source=H, **more)
+        words = [f"--{key.replace('_', '-')}={value}" for key, value in more.items()]
+        lfcal("inspect", H, *words).refused(f"--{name.replace('_', '-')}: {message.format('--')}")
+        lines = [f"{key} = {json.dumps(value)}" for key, value in {"task": "inspect", "source": str(H), **more}.items()]
+        (tmp_path / "job.toml").write_text("\n".join(lines))
+        with pytest.raises(InputError, match=said):
+            load_job(tmp_path / "job.toml")
     with pytest.raises(InputError, match="--resume: expected --report, got none"):
         Inspect(source=H).run(RunSettings(resume=True))
 
@@ -87,4 +79,4 @@ def test_a_matrix_that_was_asked_to_be_good_fails_in_a_job_too(lfcal: Lfcal, H: 
     assert made.failed and not Inspect(source=H, seconds=0).run()[0].failed
     (tmp_path / "job.toml").write_text('task = "inspect"\nsource = "H.h5"\nseconds = 0\nstrict = true\n')
     done = lfcal("run", tmp_path / "job.toml", "--json")
-    assert done.code == 1 and isinstance(done.json, dict) and done.json["merit"] == made.found.merit
+    assert done.code == 1 and done.json["merit"] == made.found.merit

@@ -10,7 +10,6 @@ import pytest
 
 from lfcal.base import InputError
 from lfcal.camera import ScanPlan, preset
-from lfcal.records import rows
 from lfcal.tasks import (
     PlanDisplay,
     PlanFit,
@@ -22,7 +21,6 @@ from lfcal.tasks import (
     command_of,
     job_of,
     load_job,
-    task_set,
 )
 from tests.cli import conftest
 from tests.tasks.routes import Lfcal, go_every_route
@@ -74,53 +72,31 @@ def test_a_preset_is_no_path(place: Path) -> None:
     assert task.files("in") == () and "lfcal plan bench --virtual-depths=3,4" in command_of(task)
 
 
-@pytest.mark.parametrize("name", ["plan", "plan target"])
-def test_a_field_of_another_kind_is_refused(name: str) -> None:
-    tasks = task_set(name)
-    for kind in tasks.kinds:
-        for other in {row.name for one in tasks.kinds for row in rows(one)} - {row.name for row in rows(kind)}:
-            with pytest.raises(InputError) as error:
-                tasks.refuse(kind, [other])
-            assert str(error.value).endswith(f"got {kind.input_words}; leave {other} out")
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("plan bench --virtual-depths 3 --frames f", "--frames: expected a recorded scan (--positions), got a scan of"),
-        ("plan bench --positions l.csv --average 2", "--average: expected a scan of one region or a scan of several"),
-        ("plan bench --positions l.csv --regions 2x2", "--regions: expected a scan of several regions (--regions)"),
-        ("plan bench --virtual-depths 3 --regions 2x2 --half-cell", "--half-cell: expected a scan of one region"),
-        ("plan bench --virtual-depths 3 --exposure 0.1,-1", "--exposure: expected a number > 0, got -1"),
-        ("plan bench --virtual-depths 3 --exposure fast", "--exposure: expected numbers, got 'fast'"),
-        ("plan bench --virtual-depths 3 --cutout auto", "--cutout: expected one number or two"),
-        ("plan target scan.json array --patterns p", "--patterns: expected a display, got a target that a stage moves"),
+def test_what_does_not_apply_is_refused_by_commands_and_jobs(lfcal: Lfcal, place: Path) -> None:
+    scan, listed = "plan bench --virtual-depths 3", "plan bench --positions l.csv"
+    for words, said in (
+        (f"{scan} --frames f", "--frames: expected a recorded scan (--positions), got a scan of"),
+        (f"{listed} --average 2", "--average: expected a scan of one region or a scan of several"),
+        (f"{listed} --regions 2x2", "--regions: expected a scan of several regions (--regions)"),
+        (f"{scan} --regions 2x2 --half-cell", "--half-cell: expected a scan of one region"),
+        (f"{scan} --exposure 0.1,-1", "--exposure: expected a number > 0, got -1"),
+        (f"{scan} --exposure fast", "--exposure: expected numbers, got 'fast'"),
+        (f"{scan} --cutout auto", "--cutout: expected one number or two"),
+        ("plan target scan.json array --patterns p", "--patterns: expected a display, got a target that a stage"),
         ("plan target scan.json display:9x9@5um --pose tilt_right=1", "--pose: expected a target that a stage moves"),
-    ],
-)
-def test_what_does_not_apply_is_refused_on_the_command_line(lfcal: Lfcal, place: Path, words: str, said: str) -> None:
-    done = lfcal(*words.split(), "-o", "o.json")
-    assert done.code == 2 and said in done.err and done.err.count("\n") == 1, done.err
-    assert not (place / "o.json").exists()
-
-
-@pytest.mark.parametrize(
-    ("job", "said"),
-    [
+    ):
+        lfcal(*words.split(), "-o", "o.json").refused(said)
+        assert not (place / "o.json").exists(), words
+    for job, said in (
         ('task = "plan"\ncamera = "bench"\nvirtual_depths = [3]\nframes = "f"', "frames: expected a recorded scan"),
-        (
-            'task = "plan"\ncamera = "bench"\nvirtual_depths = [3]\ndepths = [1]',
-            "virtual depths (--virtual-depths), got both",
-        ),
+        ('task = "plan"\ncamera = "bench"\nvirtual_depths = [3]\ndepths = [1]', "(--virtual-depths), got both"),
         ('task = "plan fit"\nplan = "scan.json"', "--count: expected a value"),
         ('task = "plan target"\nplan = "p"\nsource = "array"\npatterns = "p"', "patterns: expected a display"),
-    ],
-)
-def test_what_does_not_apply_is_refused_in_a_job(place: Path, job: str, said: str) -> None:
-    (place / "job.toml").write_text(job)
-    with pytest.raises(InputError) as error:
-        load_job(place / "job.toml")
-    assert said in str(error.value)
+    ):
+        (place / "job.toml").write_text(job)
+        with pytest.raises(InputError) as error:
+            load_job(place / "job.toml")
+        assert said in str(error.value)
 
 
 def test_python_knows_the_fields_of_a_kind_only() -> None:

@@ -26,7 +26,7 @@ from lfcal_gui.pages.h.model_checks import (
 )
 from lfcal_gui.pages.h.step_checks import step
 from tests.cli import conftest
-from tests.cli.test_inspect_units import alike
+from tests.cli._building import alike
 from tests.judge.plain_report import undrawn
 from tests.psf.test_mat_import import save_v73
 from tests.tasks.routes import Lfcal

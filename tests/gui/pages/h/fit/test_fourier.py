@@ -15,7 +15,8 @@ from lfcal.simulate import simulate_psf
 from lfcal_gui.models import ProjectState
 from lfcal_gui.pages.h.model_fit import FitSettings
 from lfcal_gui.pages.h.page import Page
-from tests.cli.test_fit_fourier import CENTRES, DEPTHS, camera_of
+from tests.cli._building import CENTRES, DEPTHS
+from tests.cli._building import fourier_camera as camera_of
 from tests.gui.waiting import idle
 
 
