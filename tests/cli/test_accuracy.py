@@ -65,7 +65,7 @@ def test_points_are_marked_in_the_table_and_in_json(lfcal: Lfcal, scan: Path) ->
         assert ("chosen" in lines[point["label"]]) == (point["label"] == chosen)
 
 
-def test_what_does_not_fit_into_the_time_is_said(lfcal: Lfcal, scan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_that_takes_too_long_is_named(lfcal: Lfcal, scan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def slow() -> Iterator[object]:
         yield AccuracyStep("reference", 61.0)
         raise AssertionError("it was begun")
@@ -112,7 +112,7 @@ def _stopped() -> Iterator[object]:
 
 @pytest.fixture
 def interruptible() -> Iterator[None]:
-    """Let Ctrl-C be felt: a shell starts what it runs beside itself with it ignored."""
+    """Let Ctrl-C be felt: a shell starts background programs with it ignored."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

@@ -69,7 +69,7 @@ def test_the_session_keeps_how_it_is_recorded(acquire: Acquire, tmp_path: Path) 
     assert len(frames_of(tmp_path / "s")) == PLAN.n_positions
 
 
-def test_what_is_assumed_of_the_camera_is_said_once(acquire: Acquire, tmp_path: Path) -> None:
+def test_assumed_values_of_the_camera_are_named_once(acquire: Acquire, tmp_path: Path) -> None:
     guessed = replace(PLAN, camera=replace(PLAN.camera, marks=Marks.of({"lattice.gap_um": "assumed"})))
     (tmp_path / "plan.json").write_text(guessed.to_json())
     done = acquire("--assemble", tmp_path / "H.h5", "--option", "optics=pattern").ok()
@@ -90,7 +90,7 @@ def test_frames_of_one_backend_and_the_stage_of_another(acquire: Acquire, tmp_pa
     acquire("--stage", "aravis").refused("a backend with a stage")
 
 
-def test_resume_compares_the_last_position_unless_told_not_to(acquire: Acquire, tmp_path: Path) -> None:
+def test_resume_compares_the_last_position_by_default(acquire: Acquire, tmp_path: Path) -> None:
     """A stage that goes elsewhere than in the run before is found out, or accepted with --no-check-origin."""
     acquire("--option", "faults=times out@6*9").refused("positions are safe")
     moved = ("--resume", "--option", "axes=-x,+y,+z")
@@ -251,7 +251,7 @@ def test_a_whole_session_and_its_h(lfcal: Lfcal, sample: Path, tmp_path: Path) -
     assert "This H file is intact in 1 of 1 plane (compared with their checksums)" in run.out
 
 
-def test_what_is_not_there_is_said_first(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_a_missing_input_is_named_first(lfcal: Lfcal, tmp_path: Path) -> None:
     for name in ("gone.npy", "gone.h5", "recording.h5", "gone"):
         for more in ((), ("--redo", tmp_path / "redo.json")):
             said = f"lfcal: {tmp_path / name}: no such file or folder; check the path\n"

@@ -71,7 +71,7 @@ PLAN = small_plan((3, 4), 2)
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Record a session with darks, and what options may name beside it."""
+    """Record a session with darks, and what options may name."""
     root = tmp_path_factory.mktemp("recorded")
     record(root / "s", PLAN, simulated_rig(PLAN), Options(darks=2, reference_every=0))
     sensor = PLAN.camera.sensor.shape

@@ -30,7 +30,7 @@ from tests.cli.conftest import Lfcal, Run
 from tests.frames.photon_transfer.sensor_model import Truth, micro_images
 from tests.lattice.white_frames import draw_white
 
-# -- ``lfcal camera`` as a newcomer uses it: what is known, what is assumed, and what the white image says --
+# -- ``lfcal camera`` on first use: what is known, what is assumed, and what the white image says --
 SENSOR = ("--sensor", "4384x6576,5.5", "--lens", "200,4,1000")
 
 
@@ -51,7 +51,7 @@ def test_import_states_what_the_options_state(lfcal: Lfcal, tmp_path: Path) -> N
     assert "14 values of light and noise" in done.err and "not applied" in done.err
 
 
-def test_every_command_says_what_is_assumed(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_every_command_names_assumed_values(lfcal: Lfcal, tmp_path: Path) -> None:
     (tmp_path / "c.xml").write_text(xml())
     plan = tmp_path / "plan.json"
     done = lfcal("plan", tmp_path / "c.xml", "--virtual-depths", "3", "-o", plan).ok()
@@ -218,7 +218,7 @@ def test_show(lfcal: Lfcal, tmp_path: Path) -> None:
         assert ["measured" in line for line in lines if shown in line] == [True], shown
 
 
-def test_a_camera_typed_in_mm_is_questioned(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_a_camera_in_mm_is_doubted(lfcal: Lfcal, tmp_path: Path) -> None:
     data = preset("bench").to_dict()
     data["sensor"]["pixel_um"] = 0.0055
     (tmp_path / "c.json").write_text(json.dumps(data))

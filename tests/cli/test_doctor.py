@@ -55,8 +55,7 @@ def test_every_plugin_that_fails_is_named_with_the_reason(broken: Path) -> None:
 
 
 def test_parts_that_load_are_not_listed(lfcal: Lfcal) -> None:
-    done = lfcal("doctor", "--json")
-    assert done.code == 0 and done.json["plugins"] == [] and "plug-in" not in lfcal("doctor").out
+    assert lfcal("doctor", "--json").ok().json["plugins"] == [] and "plug-in" not in lfcal("doctor").out
     assert lfcal("--version").out.startswith("lfcal ")
 
 
@@ -104,7 +103,7 @@ def entry_of(text: str) -> configparser.SectionProxy:
     return parser["Desktop Entry"]
 
 
-def test_it_is_written_again_and_taken_away(lfcal: Lfcal, place: Path) -> None:
+def test_the_entry_is_written_and_removed(lfcal: Lfcal, place: Path) -> None:
     others = place / "applications" / "other.desktop"
     others.parent.mkdir(parents=True)
     others.write_text("[Desktop Entry]\n")
@@ -125,13 +124,7 @@ def test_it_is_written_again_and_taken_away(lfcal: Lfcal, place: Path) -> None:
     assert again.code == 0 and again.out == f"nothing of lfcal in {place}\n"
 
 
-def test_only_linux_has_such_files(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(install_desktop, "sys", type("sys", (), {"platform": "win32"}))
-    run = lfcal("install-desktop")
-    assert run.code == 2 and "expected a Linux desktop, got win32" in run.err and not place.exists()
-
-
-def test_the_window_is_found_beside_or_by_its_name(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_window_is_found_next_to_python_or_by_its_name(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     beside = Path(sys.executable).with_name("lfcal-gui")
     assert window_program() == str(beside)
     elsewhere = program_in(place / "tools")
@@ -143,7 +136,16 @@ def test_the_window_is_found_beside_or_by_its_name(place: Path, monkeypatch: pyt
         window_program()
 
 
-def test_paths_are_quoted_as_the_specification_says() -> None:
+def test_only_linux_has_such_files(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(install_desktop, "sys", type("sys", (), {"platform": "win32"}))
+    lfcal("install-desktop").refused("expected a Linux desktop, got win32")
+    assert not place.exists()
+
+
+def test_paths_are_those_of_the_specification() -> None:
+    home = Path.home() / ".local" / "share"
+    assert data_home({}) == data_home({"XDG_DATA_HOME": "relative"}) == home
+    assert data_home({"XDG_DATA_HOME": "/data"}) == Path("/data")
     for folder, written in (
         ("/opt/lfcal", '"/opt/lfcal/lfcal-gui" %f'),
         ("/home/a b", '"/home/a b/lfcal-gui" %f'),
@@ -151,9 +153,3 @@ def test_paths_are_quoted_as_the_specification_says() -> None:
         ('/x/$a"`', '"/x/\\\\$a\\\\"\\\\`/lfcal-gui" %f'),
     ):
         assert f"\nExec={written}\n" in desktop_files(f"{folder}/lfcal-gui")[NAMES[0]].decode()
-
-
-def test_the_folder_is_that_of_the_specification() -> None:
-    home = Path.home() / ".local" / "share"
-    assert data_home({}) == data_home({"XDG_DATA_HOME": "relative"}) == home
-    assert data_home({"XDG_DATA_HOME": "/data"}) == Path("/data")

@@ -127,7 +127,7 @@ def test_a_scratch_file_is_new_and_follows_no_link(tmp_path: Path) -> None:
 PIPES = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 
 HANG_S = 120
-"""Only to end a test that hangs: a pipe nobody writes to never ends by itself."""
+"""Only to end a test that hangs: a pipe without a writer never ends."""
 
 ON_PIPES = {
     "H": ("export", "PIPE.h5", "-o", "out.npy"),

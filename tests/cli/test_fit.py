@@ -118,7 +118,7 @@ def test_a_fit_writes_camera_effects_numbers_h_and_report(whole: tuple[Path, str
 
 
 def test_the_camera_and_effects_make_the_same_h(lfcal: Lfcal, whole: tuple[Path, str], place: Path) -> None:
-    """What simulate computes of the two files is the model; the engines' settings are chosen anew."""
+    """What simulate computes of the two files is the model; the engines' settings are chosen again."""
     found = whole[0] / "fit"
     settings, given = parse_entries(found / "effects.json")
     assert {"lens_types", "iris_shape"} <= settings.keys() | {one.name for one in given}
@@ -161,7 +161,7 @@ def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: lis
     assert not (place / "b").exists()
 
 
-def test_of_many_positions_some_are_taken(place: Path) -> None:
+def test_some_of_many_positions_are_used(place: Path) -> None:
     how = PatternReading(most=5)
     found, known = drain(iter_patterns(place / "few.h5", how))
     assert len(found) == 5 and found.held_out.sum() == 1 and known == {"source": "few.h5"}
@@ -395,7 +395,7 @@ def test_effects_are_given_beside_the_described_ones(place: Path, lfcal: Lfcal) 
     assert not (place / "other").exists()
 
 
-# -- ``lfcal fit`` with unlucky files: one clear line, and nothing written --
+# -- ``lfcal fit`` with unusable files: one clear line, and nothing written --
 Spoil = Callable[[Path], object]
 
 
@@ -558,7 +558,7 @@ def sparse(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def scan(place: Path, sparse: Path) -> Path:
-    """Return the folder of the frames, beside it that of their fit."""
+    """Return the folder of the frames, next to that of their fit."""
     shutil.copytree(sparse, place, dirs_exist_ok=True)
     return place / "scan"
 
@@ -608,7 +608,7 @@ def test_a_fit_of_a_filled_h_takes_what_was_recorded(lfcal: Lfcal, place: Path, 
     assert again.json["patterns"] + len(again.json["outliers"]) == 15
 
 
-def test_a_fit_of_something_else_fills_nothing(lfcal: Lfcal, place: Path, scan: Path) -> None:
+def test_a_fit_that_does_not_belong_is_not_used_to_fill(lfcal: Lfcal, place: Path, scan: Path) -> None:
     path = place / "fit" / "fit.json"
     kept = json.loads(path.read_text())
     camera = json.loads((place / "fit" / "camera.json").read_text())

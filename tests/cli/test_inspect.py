@@ -75,7 +75,7 @@ def test_json_and_a_reference_by_any_number_of_workers(lfcal: Lfcal, H: Path) ->
 
 
 @pytest.mark.long
-def test_control_frames_of_a_session_tell_the_tiling(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_control_frames_of_a_session_determine_the_tiling(lfcal: Lfcal, tmp_path: Path) -> None:
     """Recorded by simulated devices whose lattice repeats with the plan's period, but for its few positions."""
     plan = small_plan()
     record_session(tmp_path / "session", plan, rig_for(plan), replace(CAREFUL, controls=1))
@@ -113,7 +113,7 @@ def test_without_depths_planes_are_named_by_number(lfcal: Lfcal, tmp_path: Path)
     assert [plane["depth_um"] for plane in told["planes"]] == [None] * 3
 
 
-# -- ``lfcal inspect`` beside the camera's model: faults by name, the camera of a fit, and what is not compared --
+# -- ``lfcal inspect`` compared with the model of the camera --
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)

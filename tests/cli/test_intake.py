@@ -16,7 +16,7 @@ from tests.cli.conftest import Lfcal, Run
 from tests.frames.lists.scans import COLUMNS, ROWS, SENSOR, Scan, scan, small_camera, write_frames
 
 
-# -- Frames that others recorded become H with what lies beside them: a list of the stage, a camera, four commands --
+# -- Frames that others recorded, with a list of the stage and a camera --
 def foreign_list(path: Path, found: Scan, names: list[str]) -> None:
     """Write a list as a spreadsheet of the continent does: semicolons, decimal commas, millimetres, its own names."""
     rows = ["Bild;Pos X (mm);Pos Y (mm);Pos Z (mm);Exp. (ms)"]
@@ -202,7 +202,7 @@ def test_binned_frames_need_a_camera_of_larger_pixels(caplog: pytest.LogCaptureF
         assert words in caplog.text and ("--frame" in caplog.text) != ("--sensor" in caplog.text), shape
 
 
-def test_what_is_said_of_binned_frames_makes_their_camera(
+def test_the_advice_for_binned_frames_makes_their_camera(
     lfcal: Lfcal, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     camera = small_camera()

@@ -86,7 +86,7 @@ def test_lens_centred_by_whole_pixels_and_by_what_they_leave(lfcal: Lfcal, tmp_p
     )
 
 
-def test_another_codes_file_becomes_an_h_file_and_says_how_it_was_read(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_a_file_of_another_code_becomes_an_h_file_with_a_note(lfcal: Lfcal, tmp_path: Path) -> None:
     prevedel(tmp_path / "theirs.mat", np.random.default_rng(2).random((5, 5, 3, 3, 2)), np.array([[1, 5], [2, 4]]))
     done = lfcal("export", tmp_path / "theirs.mat", "--out", tmp_path / "H.h5")
     assert done.code == 0 and "CAindex" in done.err and "rows first" in done.err

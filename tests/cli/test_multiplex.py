@@ -181,7 +181,7 @@ def test_views_leave_out_nan_and_listed_pixels(lfcal: Lfcal, tmp_path: Path) -> 
     np.testing.assert_allclose(tifffile.imread(tmp_path / "views.tif"), 500, rtol=1e-4)
 
 
-def test_what_was_written_is_told_to_scripts(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_json_names_what_was_written(lfcal: Lfcal, tmp_path: Path) -> None:
     shown = lfcal("multiplex", "show", "MURA:5", "-o", tmp_path / "mura.png", "--json").json
     assert shown["side_px"] == [5, 5] and shown["rank"] == 25 and Path(shown["file"]).is_file()
     np.testing.assert_array_equal(shown["matrix"], mask("MURA", 5).matrix)
@@ -208,7 +208,7 @@ def test_views_on_the_lattice_that_a_camera_states(lfcal: Lfcal, tmp_path: Path)
 
 
 @pytest.mark.long
-def test_figures_are_listed_to_scripts(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_json_lists_the_figures(lfcal: Lfcal, tmp_path: Path) -> None:
     files = lfcal("multiplex", "figures", tmp_path / "out", "--json").json["files"]
     assert len(files) == 9 and all(Path(path).is_file() for path in files)
 

@@ -92,7 +92,7 @@ def test_every_option_is_tested(sources: list[str]) -> None:
         for path, option in OPTIONS
         if not any(names(text, path, option) for text in callers[path])
     ]
-    assert not missing, "options that no test names beside their command"
+    assert not missing, "options that no test names with their command"
 
 
 # -- Options that have no effect on a kind of input are refused by name, not ignored --
@@ -188,7 +188,7 @@ def test_one_of_several_regions_has_to_be_chosen(lfcal: Lfcal) -> None:
             assert float(made.plane(0).max()) == pytest.approx(2.0, rel=0.01), name
 
 
-def test_a_reconstruction_with_one_of_several_regions_says_so(lfcal: Lfcal, place: Path) -> None:
+def test_a_reconstruction_with_one_of_several_regions_has_a_note(lfcal: Lfcal, place: Path) -> None:
     H = PSFMatrix(np.ones((1, 2, 2, 3, 3), np.float32))
     save_regions({"middle": H, "edge": H}, "R.h5")
     run = lfcal("reconstruct", "R.h5", "frame.tif", "-o", "v.npy", "-n", "1").ok()
@@ -204,7 +204,7 @@ def test_a_cutout_is_written_alike_for_every_command(lfcal: Lfcal) -> None:
         lfcal(*words, "9 11").refused("--cutout: expected one number or two (rows,columns)")
 
 
-def test_a_plan_of_a_simulation_is_of_the_level_asked_for_and_writes_nothing(lfcal: Lfcal, place: Path) -> None:
+def test_a_simulation_that_is_only_planned_writes_nothing(lfcal: Lfcal, place: Path) -> None:
     words = ("simulate", "bench", "--virtual-depths", "4", "--plan-only")
     done = lfcal(*words, "--level", "geometric", "-o", "H2.h5")
     assert done.code == 0 and "engine geometric" in done.out and "H2.h5 is not written" in done.err

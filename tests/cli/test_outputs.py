@@ -185,18 +185,18 @@ with replace_whole(sys.argv[1]) as part:
 
 
 def test_two_programs_at_one_output(lfcal: Lfcal, place: Path) -> None:
-    """The second is told; the first is not disturbed; one that was killed keeps nobody out."""
+    """The second is refused; the first is not disturbed; one that was killed does not keep others out."""
     command = [sys.executable, "-c", HOLD, str(place / "out.h5")]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as first:
-        assert first.stdout is not None and first.stdout.readline() == b"writing\n"
-        lfcal("transpose", "H.h5", "-o", "out.h5").refused(
-            "out.h5: another program is writing it; wait for it to end, or choose another name"
-        )
-        first.communicate(b"\n")
-    assert (place / "out.h5").read_text() == "first" and not list(place.glob(".out*"))
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as killed:
-        assert killed.stdout is not None and killed.stdout.readline() == b"writing\n"
-        killed.kill()
+    for killed in (False, True):
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as first:
+            assert first.stdout is not None and first.stdout.readline() == b"writing\n"
+            if killed:
+                first.kill()
+                continue
+            said = "out.h5: another program is writing it; wait for it to end, or choose another name"
+            lfcal("transpose", "H.h5", "-o", "out.h5").refused(said)
+            first.communicate(b"\n")
+        assert (place / "out.h5").read_text() == "first" and not list(place.glob(".out*"))
     assert len(list(place.glob(".out*"))) == 2, "its part and its lock"
     lfcal("transpose", "H.h5", "-o", "out.h5", "--force").ok()
     assert not list(place.glob(".out*"))
@@ -306,7 +306,7 @@ def test_a_disk_that_is_read_only(shell: Shell, inputs: Path, mount: Mount, name
 
 
 def test_an_output_on_another_file_system(shell: Shell, inputs: Path, mount: Mount, tmp_path: Path) -> None:
-    """The scratch file lies beside its target, through links too, so that nothing is moved between disks."""
+    """The scratch file is in the folder of its target, through links too, so that nothing is moved between disks."""
     folder = mount("size=24m")
     prepare(inputs, tmp_path, "transpose")
     (tmp_path / "out.h5").unlink()

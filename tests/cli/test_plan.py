@@ -226,4 +226,4 @@ def test_positions_that_cannot_be_chosen_or_recorded_are_refused(lfcal: Lfcal, p
         assert not (place / "s" / "session.json").exists(), words
 
 
-# -- ``lfcal plan target``: a target beside the scan of a single point --
+# -- ``lfcal plan target``: a target compared with the scan of a single point --

@@ -75,14 +75,14 @@ def test_a_display_shows_several_at_once_only_where_that_pays(plan: TargetPlan) 
     assert planned_for_display(noisy, DISPLAY, verdict).lit is None and planned_for_display(plan, DISPLAY, None) is plan
 
 
-def test_nothing_is_said_of_a_single_point_or_few_frames(plan: TargetPlan) -> None:
+def test_a_single_point_or_few_frames_have_no_verdict(plan: TargetPlan) -> None:
     assert coding_verdict(replace(plan, offsets_px=(plan.offsets_px[0][:2],))) is None
     assert coding_verdict(replace(plan, target=Target())) is None
     with pytest.raises(InputError, match="--signal"):
         coding_verdict(plan, signal_e=1e9)
 
 
-def test_the_command_says_it_in_a_line(lfcal: Lfcal, display_place: Path) -> None:
+def test_the_command_shows_the_verdict_in_one_line(lfcal: Lfcal, display_place: Path) -> None:
     array = ("array:4x4@800um", "--most-frames", "7")
     run = lfcal(*CODED, *array)
     (line,) = [one for one in run.out.splitlines() if "coded" in one]
@@ -105,7 +105,7 @@ def test_displays_and_codes_that_cannot_be_planned_end_in_a_line(lfcal: Lfcal, d
         assert not (display_place / "out.json").exists(), words
 
 
-def test_frames_of_a_display_are_not_asked_of_a_stage(lfcal: Lfcal, display_place: Path, plan: TargetPlan) -> None:
+def test_a_stage_cannot_record_frames_of_a_display(lfcal: Lfcal, display_place: Path, plan: TargetPlan) -> None:
     found = planned_for_display(plan, DISPLAY, coding_verdict(plan, signal_e=100.0))
     (display_place / "plan.json").write_text(found.to_json())
     lfcal("acquire", "plan.json", "-o", "s", "--backend", "micromanager").refused("lfcal plan target --patterns")
@@ -136,7 +136,7 @@ def test_a_target_is_planned_beside_a_single_point(lfcal: Lfcal, place: Path) ->
     assert len(plan.offsets_px[0]) == 12 and plan.tolerance_px == 0.1 and plan.scan == SCAN
 
 
-def test_json_holds_what_the_table_says(lfcal: Lfcal, place: Path) -> None:
+def test_json_contains_the_numbers_of_the_table(lfcal: Lfcal, place: Path) -> None:
     (place / "t.json").write_text(Target("square", (6, 6), (1021.3, 1021.3)).to_json())
     options = ("--tolerance", "0.4", "--crosstalk", "0.02", "--pose", "rotation=1,tilt_right=2")
     (place / "scan.json").write_text(replace(SCAN, exposure_s=0.5).to_json())

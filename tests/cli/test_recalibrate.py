@@ -84,7 +84,7 @@ def test_what_has_changed_is_named_and_ends_with_1(lfcal: Lfcal, place: Path) ->
 
 
 @pytest.mark.long
-def test_frames_of_a_folder_with_a_plan_are_held_at_their_places(lfcal: Lfcal, place: Path) -> None:
+def test_frames_of_a_folder_with_a_plan_have_its_positions(lfcal: Lfcal, place: Path) -> None:
     """A plan of another anchor: its positions are those of H that lie at the same pixels."""
     plan = plan_of()
     camera = told().camera
@@ -123,7 +123,7 @@ def test_frames_that_state_no_position_are_named_one_by_one(lfcal: Lfcal, place:
 
 
 @pytest.mark.long
-def test_a_name_that_says_the_place_is_used(lfcal: Lfcal, place: Path) -> None:
+def test_a_name_that_states_the_position_is_used(lfcal: Lfcal, place: Path) -> None:
     write(place / "z0_y4_x5.tif", new_frame(setup_of(plan_of()), (0.3, 0.0)))
     assert "sources are displaced by" in check(lfcal, "old.h5", "z0_y4_x5.tif").ok().err
     write(place / "z0_y0_x0.tif", new_frame(setup_of(plan_of())))
@@ -317,24 +317,14 @@ def read(lfcal: Lfcal, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Ne
     return run
 
 
-def test_one_component_of_a_colour_image_is_used(
+def test_one_colour_of_images_and_mosaics_is_used(
     read: Callable[..., list[NewFrame]], lfcal: Lfcal, beads_place: Path
 ) -> None:
-    beads = tifffile.imread("beads.tif")
+    beads, camera = tifffile.imread("beads.tif"), Camera.from_json((beads_place / "camera.json").read_text())
     tifffile.imwrite("rgb.tif", np.stack([beads // 2, beads, beads // 4], axis=-1), photometric="rgb")
     (found,) = read("rgb.tif", *START, "--channel", "G")
     assert np.array_equal(found.values, beads.astype(np.float32) - 100) and found.valid is None
-    run = lfcal("fit", "frames", "rgb.tif", *START, *FAST)
-    assert run.code == 2 and "use one colour: --channel G" in run.err and "colour=" not in run.err
-    lfcal("fit", "frames", "rgb.tif", *START, *FAST, "--channel", "X").refused(
-        "colour channel: expected R, G or B, got 'X'; choose one of these"
-    )
-
-
-def test_pixels_of_one_colour_of_a_mosaic_are_used(
-    read: Callable[..., list[NewFrame]], lfcal: Lfcal, beads_place: Path
-) -> None:
-    camera = Camera.from_json((beads_place / "camera.json").read_text())
+    # a mosaic: pixels of the colour are valid
     mosaic = replace(camera, sensor=replace(camera.sensor, cfa="GRBG"))
     (beads_place / "mosaic.json").write_text(mosaic.to_json())
     start = ("--camera", "mosaic.json", *START[2:])
@@ -342,24 +332,28 @@ def test_pixels_of_one_colour_of_a_mosaic_are_used(
     wanted = np.zeros(found.values.shape, bool)
     wanted[1::2, ::2] = True
     assert found.valid is not None and np.array_equal(found.valid, wanted)
-    lfcal("fit", "frames", "beads.tif", *start, *FAST).refused(
-        "got a mosaic of G1, R, B, G2; choose one of them (--channel G1)"
-    )
-    lfcal("fit", "frames", "beads.tif", *START, *FAST, "--channel", "R").refused(
-        "colour channel: expected none for monochrome frames, got 'R'; leave the channel out (--channel)"
-    )
-
-
-def test_frames_of_the_camera_of_one_channel_are_thinned(
-    read: Callable[..., list[NewFrame]], beads_place: Path
-) -> None:
-    camera = Camera.from_json((beads_place / "camera.json").read_text())
+    # frames of the camera of one channel are thinned
     rows, columns = camera.sensor.shape
     raw = np.arange(4 * rows * columns, dtype=np.uint16).reshape(2 * rows, 2 * columns)
     pattern = ((33421, "H", 2, (2, 2), True), (33422, "B", 4, bytes([1, 0, 2, 1]), True))  # GRBG
     tifffile.imwrite("mosaic.tif", raw, photometric="cfa", extratags=pattern)
     (found,) = read("mosaic.tif", *START, "--channel", "R")
     assert np.array_equal(found.values, raw[::2, 1::2].astype(np.float32) - 100)
+
+
+@pytest.mark.usefixtures("beads_place")
+def test_colours_that_do_not_fit_are_refused(lfcal: Lfcal) -> None:
+    beads = tifffile.imread("beads.tif")
+    tifffile.imwrite("rgb.tif", np.stack([beads] * 3, axis=-1), photometric="rgb")
+    camera = Camera.from_json(Path("camera.json").read_text())
+    Path("mosaic.json").write_text(replace(camera, sensor=replace(camera.sensor, cfa="GRBG")).to_json())
+    for words, said in (
+        (("rgb.tif", *START), "use one colour: --channel G"),
+        (("rgb.tif", *START, "--channel", "X"), "colour channel: expected R, G or B, got 'X'; choose one of these"),
+        (("beads.tif", "--camera", "mosaic.json", *START[2:]), "got a mosaic of G1, R, B, G2; choose one of them"),
+        (("beads.tif", *START, "--channel", "R"), "colour channel: expected none for monochrome frames, got 'R'"),
+    ):
+        assert "colour=" not in lfcal("fit", "frames", *words, *FAST).refused(said).err
 
 
 def test_a_folder_with_the_name_of_the_command_is_named_with_a_slash(

@@ -424,7 +424,7 @@ def test_times_are_kept(lfcal: Lfcal, recorded: Path) -> None:
     )
 
 
-def test_frames_that_follow_their_spots_are_no_series(lfcal: Lfcal, recorded: Path) -> None:
+def test_frames_that_follow_their_spots_are_not_a_series(lfcal: Lfcal, recorded: Path) -> None:
     plan = small_plan(planes=1)
     record(recorded / "scan", plan, rig_for(plan), CAREFUL)
     lfcal("reconstruct", "H.h5", "scan", *ONE, "-o", "out").refused(
@@ -522,7 +522,7 @@ def test_frames_are_resampled_where_the_lattice_drifts(lfcal: Lfcal, drifting: P
         assert "resampled" in said
 
 
-def test_frames_are_used_as_they_are_where_that_is_asked_for(lfcal: Lfcal, drifting: PSFMatrix) -> None:
+def test_frames_are_used_as_they_are_on_request(lfcal: Lfcal, drifting: PSFMatrix) -> None:
     found, said = solved(lfcal, "frame.tif", "--resample", "never")
     image = tifffile.imread("frame.tif").astype(np.float32)
     P = Projector(drifting, LARGE)
@@ -538,7 +538,7 @@ def test_frames_are_used_as_they_are_where_that_is_asked_for(lfcal: Lfcal, drift
     assert part.shape == (1, 100, 90) and "drift" not in said
 
 
-def test_frames_that_keep_step_are_used_as_they_are(lfcal: Lfcal, drifting: PSFMatrix) -> None:
+def test_frames_without_drift_are_used_as_they_are(lfcal: Lfcal, drifting: PSFMatrix) -> None:
     """Up to half a pixel of drift; a white image that shows more decides against the camera."""
     camera = drifting.camera
     assert camera is not None

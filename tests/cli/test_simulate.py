@@ -140,7 +140,7 @@ def test_magnitudes_of_effects(lfcal: Lfcal, tmp_path: Path) -> None:
     lfcal(*planning, "--effect", "coma=wide").refused("expected a number")
 
 
-def test_what_is_asked_for_and_cannot_show_is_said(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_effects_that_cannot_show_are_named(lfcal: Lfcal, tmp_path: Path) -> None:
     plan = ScanPlan.for_camera(preset("bench"), virtual_depths=[4.0], cutout=11)
     (tmp_path / "plan.json").write_text(replace(plan, period=(1, 2)).to_json())
     asked = ("--effect", "zernike=on", "--effect", "read_noise=on", "--level", "geometric")

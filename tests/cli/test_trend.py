@@ -46,7 +46,7 @@ def test_json_has_every_value(lfcal: Lfcal, tmp_path: Path) -> None:
     assert one["parameters"][0]["per_month"] is None, "nothing to compare it with"
 
 
-def test_fits_of_one_day_tell_their_span_in_place_of_a_rate(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_fits_of_one_day_have_a_span_and_no_rate(lfcal: Lfcal, tmp_path: Path) -> None:
     for name, day, gap in (("a", 0, 400.0), ("b", 0.25, 402.0)):
         write_fit(tmp_path / name, day, {"gap_um": gap})
     run = lfcal("trend", tmp_path)
@@ -54,7 +54,7 @@ def test_fits_of_one_day_tell_their_span_in_place_of_a_rate(lfcal: Lfcal, tmp_pa
     assert "a change per month is not estimated from less than a week" in run.err
 
 
-def test_folders_of_one_name_are_told_apart(lfcal: Lfcal, tmp_path: Path) -> None:
+def test_folders_of_one_name_are_distinguished(lfcal: Lfcal, tmp_path: Path) -> None:
     for name, day in (("may", 0), ("june", 30)):
         write_fit(tmp_path / name / "fit", day, {"gap_um": 400.0 + day})
     run = lfcal("trend", tmp_path / "may" / "fit", tmp_path / "june")
@@ -151,7 +151,7 @@ def test_no_change_per_month_is_estimated_from_less_than_a_week(
         assert (lamp["per_month"] is None) == told.startswith("within") and lamp["span_s"] > 0
 
 
-def test_sessions_of_one_time_or_of_another_array_are_said(
+def test_sessions_of_one_time_or_of_another_array_are_named(
     lfcal: Lfcal, record: dict[str, Any], tmp_path: Path
 ) -> None:
     nz, ny, nx, nt, ns = record["shape"]
@@ -186,7 +186,7 @@ def test_h_files_are_measured(lfcal: Lfcal, tmp_path: Path) -> None:
     assert "planes_lit" in told["worse"] and "time of the file" in told["notes"][0]
 
 
-def test_a_report_says_when_it_was_made(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_report_states_its_date(lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     undrawn(monkeypatch)
     save(reported_matrix(), tmp_path / "H.h5")
     lfcal("inspect", tmp_path / "H.h5", "--seconds", 0, "--report", tmp_path / "a").ok()

@@ -167,9 +167,7 @@ def listing(path: Path) -> Any:
     return path.read_bytes() if path.is_file() else {one.name: one.read_bytes() for one in sorted(path.iterdir())}
 
 
-def test_a_run_that_goes_on_projects_as_it_was_begun(
-    lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_resumed_run_projects_as_it_was_begun(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is quickest differs from moment to moment: volumes of one run are all made in one way."""
     words = ("reconstruct", "H.h5", "frames.tif", "-n", 1, "--executor", "threads", "-o", "out", "--resume")
     read = importlib.import_module("lfcal.reconstruct._frame_units").read_frame
@@ -209,8 +207,8 @@ def test_what_an_earlier_run_left_is_continued_or_replaced(lfcal: Lfcal, place: 
         assert not parts_folder(place / out).exists()
 
 
-def test_a_refusal_says_what_is_kept(lfcal: Lfcal, place: Path) -> None:
-    """The third frame is damaged: what the first two made stays, and mending it goes on from there."""
+def test_a_refusal_names_what_is_kept(lfcal: Lfcal, place: Path) -> None:
+    """The third frame is damaged: what the first two made is kept, and the run continues once it is fixed."""
     (place / "frames").mkdir()
     for k in range(3):
         tifffile.imwrite(place / "frames" / f"t{k}.tif", np.full((30, 31), 50 + k, np.uint16))
@@ -234,7 +232,7 @@ def number(request: pytest.FixtureRequest) -> Iterator[signal.Signals]:
     signal.signal(request.param, before)
 
 
-def test_a_stop_says_what_stays_and_no_more(
+def test_a_stop_names_what_is_kept(
     lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
     """Before the first unit is done nothing stays, not even the folder; behind it the whole ones do."""
@@ -275,7 +273,7 @@ def test_a_run_that_failed_before_its_first_unit_leaves_nothing(
     assert run.code == 2 and run.err == "lfcal: gone\n" and not parts_folder(place / "v.tif").exists()
 
 
-def test_long_work_is_kept_without_being_asked(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_work_is_kept_automatically(lfcal: Lfcal, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lfcal.tasks.task.LONG", 0.0)
     run = lfcal("simulate", "plan.json", "--level", "geometric", "-o", "out.h5").ok()
     assert (
@@ -661,7 +659,7 @@ def test_a_wrong_variable_is_one_line(lfcal: Lfcal, monkeypatch: pytest.MonkeyPa
     assert run.err == f"lfcal: {words}\n"
 
 
-def test_the_doctor_says_what_was_found(lfcal: Lfcal, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_doctor_shows_the_number_of_threads(lfcal: Lfcal, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(WORKERS, "3")
     found = lfcal("doctor", "--json").json["machine"]
     assert found["threads used"] == "3 (LFCAL_WORKERS)"

@@ -164,7 +164,7 @@ class Answer(NamedTuple):
 
 
 class Shell:
-    """A process that runs one command after the other; one that has died is started anew.
+    """A process that runs one command after the other; one that has died is started again.
 
     ``before`` is run in it at its start.
     """

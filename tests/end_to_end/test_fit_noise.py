@@ -1,4 +1,4 @@
-"""Commands as documented, of a camera whose noise nobody stated: ``fit`` needs no --noise."""
+"""Commands as documented, of a camera whose noise is not stated: ``fit`` needs no --noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A stranger's folder: a maker's XML, an Excel list of the stage, TIFFs. Four commands lead to H and its report."""
+"""A folder of another lab: a maker's XML, an Excel list of the stage, TIFFs. Four commands lead to H and its report."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def picture(place: np.ndarray, pitch: float, rng: np.random.Generator) -> np.nda
     return np.rint(out + rng.normal(0, 3, SHAPE)).astype(np.uint16)
 
 
-def strangers_folder(root: Path, pitch: float, period: tuple[int, int], planes: tuple[float, ...]) -> Path:
+def foreign_folder(root: Path, pitch: float, period: tuple[int, int], planes: tuple[float, ...]) -> Path:
     """Write XML, list and frames of a serpentine scan; depths are of the stage, 7 mm from those of the camera."""
     (root / "Aufnahmen für H").mkdir(parents=True)
     (root / "Kalibrierung.xml").write_bytes(XML.format(pitch=pitch).encode("utf-16"))
@@ -80,7 +80,7 @@ def three_commands(lfcal: Lfcal, root: Path) -> tuple[Path, str]:
 
 
 def test_a_makers_xml_leads_to_h(lfcal: Lfcal, tmp_path: Path) -> None:
-    out, said = three_commands(lfcal, strangers_folder(tmp_path / "f", 4.0, (7, 12), (-37e3,)))
+    out, said = three_commands(lfcal, foreign_folder(tmp_path / "f", 4.0, (7, 12), (-37e3,)))
     assert "plan: assumed values of the camera: gap between lenslets and sensor" in said
     with open_psf(out) as matrix:
         assert matrix.shape[:3] == (1, 7, 12)
@@ -96,7 +96,7 @@ def test_a_makers_xml_leads_to_h(lfcal: Lfcal, tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_makers_xml_leads_to_a_report(lfcal: Lfcal, tmp_path: Path) -> None:
-    out, _ = three_commands(lfcal, strangers_folder(tmp_path / "f", 6.0, (10, 18), (-37e3, -30e3)))
+    out, _ = three_commands(lfcal, foreign_folder(tmp_path / "f", 6.0, (10, 18), (-37e3, -30e3)))
     assert "assumed values of the camera: gap" in lfcal("inspect", out, "--report", tmp_path / "report").ok().err
     assert (tmp_path / "report" / "index.html").exists()
     told = lfcal("inspect", out, "--json")

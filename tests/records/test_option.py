@@ -206,7 +206,7 @@ class Sharp(Plain):
 
 @record
 class Soft(Plain):
-    """A way with a width, of somebody else."""
+    """A way with a width, of another distribution."""
 
     way: str = opt("soft", "The way.", flag="--by")
     edge: int = opt(2, "Its edge.", at_least=1)

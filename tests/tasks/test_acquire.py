@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -80,21 +81,20 @@ def stopped(lfcal: Lfcal, plan: Path, at: int) -> Task:
     return task
 
 
-def test_a_job_continues_a_session(lfcal: Lfcal, place: Path) -> None:
-    task = stopped(lfcal, place / "plan.json", 4)
-    (place / "job.toml").write_text(job_of(task))
-    lfcal("run", place / "job.toml").refused("choose another folder, or resume this session")
-    lfcal("run", place / "job.toml", "--resume").ok()
-    assert len(frames(place / "s")) == 6
-    assert lfcal("run", place / "job.toml", "--resume").code == 0, "a session that is complete stays so"
-
-
-def test_command_python_and_job_say_that_a_session_continues(lfcal: Lfcal, place: Path) -> None:
+def test_a_session_continues_by_its_job_and_by_python(lfcal: Lfcal, place: Path) -> None:
     task, run = stopped(lfcal, place / "plan.json", 4), RunSettings(resume=True)
     assert words_of(task, run)[-1] == "--resume" and "resume" not in task.to_dict()
-    (place / "job.toml").write_text(job_of(task, run))
-    assert load_job(place / "job.toml") == (task, run)
+    job = place / "job.toml"
+    job.write_text(job_of(task, run))
+    assert load_job(job) == (task, run)
+    job.write_text(job_of(task))
+    lfcal("run", job).refused("choose another folder, or resume this session")
+    lfcal("run", job, "--resume").ok()
+    assert len(frames(place / "s")) == 6
     exec(python_of(task, run), {})
+    assert len(frames(place / "s")) == 6, "a session that is complete stays so"
+    shutil.rmtree(place / "s")
+    exec(python_of(stopped(lfcal, place / "plan.json", 4), run), {})
     assert len(frames(place / "s")) == 6
 
 

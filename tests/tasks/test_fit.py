@@ -131,7 +131,7 @@ CORRECTIONS = {
         (("fit", "object", "fit", "frame.tif", "--scene", "object.npy"), PredictObject),
     ],
 )
-def test_frames_are_corrected_as_when_h_is_assembled(
+def test_frames_have_all_corrections_of_an_assembly(
     lfcal: Lfcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], kind: type[Any]
 ) -> None:
     """All corrections of lfcal assemble, so that frames need not be assembled first."""

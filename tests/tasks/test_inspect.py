@@ -74,7 +74,7 @@ def test_what_has_no_effect_is_refused_in_every_route(lfcal: Lfcal, H: Path, tmp
         Inspect(source=H).run(RunSettings(resume=True))
 
 
-def test_a_matrix_that_was_asked_to_be_good_fails_in_a_job_too(lfcal: Lfcal, H: Path, tmp_path: Path) -> None:
+def test_strict_fails_in_a_job_too(lfcal: Lfcal, H: Path, tmp_path: Path) -> None:
     (made,) = Inspect(source=H, seconds=0, strict=True).run()
     assert made.failed and not Inspect(source=H, seconds=0).run()[0].failed
     (tmp_path / "job.toml").write_text('task = "inspect"\nsource = "H.h5"\nseconds = 0\nstrict = true\n')

@@ -94,7 +94,7 @@ def test_every_route_gives_the_same_bits(lfcal: Lfcal, place: Path, make: Callab
         np.testing.assert_array_equal(read(path), read(first), err_msg=path.name)
 
 
-def test_a_volume_says_of_which_task_it_is_and_is_made_again(lfcal: Lfcal, place: Path) -> None:
+def test_a_volume_keeps_its_task_and_is_made_again(lfcal: Lfcal, place: Path) -> None:
     task = one(place)
     task.run()
     with h5py.File(task.out) as file:
@@ -179,7 +179,7 @@ def test_a_solver_of_another_distribution_has_the_fields_of_its_options(
     lfcal(*words, "--tolerance", 0.1).refused("--tolerance: expected --solver sieve, rl, ", "got theirs")
 
 
-def test_kinds_are_told_apart_by_what_is_there(place: Path) -> None:
+def test_kinds_are_distinguished_by_the_input(place: Path) -> None:
     tasks = task_set("reconstruct")
     assert tasks.kinds == (Reconstruct, ReconstructSeries, ReconstructBars, ReconstructFeatures, ReconstructForecast)
     (place / "folder").mkdir()

@@ -35,7 +35,7 @@ def test_a_default_is_allowed() -> None:
                 row.value([offered] if row.many else offered, name)
 
 
-def test_every_kind_says_what_its_input_is_and_refuses_fields_of_others() -> None:
+def test_every_kind_names_its_input_and_refuses_fields_of_others() -> None:
     refused = 0
     for name in TASKS:
         tasks = task_set(name)
