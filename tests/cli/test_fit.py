@@ -123,13 +123,12 @@ def test_the_camera_and_effects_make_the_same_h(lfcal: Lfcal, whole: tuple[Path,
     settings, given = parse_entries(found / "effects.json")
     assert {"lens_types", "iris_shape"} <= settings.keys() | {one.name for one in given}
     assert set(settings.values()) == {"on"}
-    with open_psf(found / "H.h5") as H:
-        assert H.camera is not None
-        (place / "plan.json").write_text(replace(small_plan(15, (2.2,)), camera=H.camera, period=(2, 4)).to_json())
-        words = ("simulate", "plan.json", "--effect", found / "effects.json", "--tolerance", 0.01, "-o", "again.h5")
-        lfcal(*words).ok()
-        with open_psf(place / "again.h5") as again:
-            a, b = np.asarray(H), np.asarray(again)
+    camera = Camera.from_json((found / "camera.json").read_text())
+    (place / "plan.json").write_text(replace(PLAN, camera=camera, period=(2, 4)).to_json())
+    words = ("simulate", "plan.json", "--effect", found / "effects.json", "--tolerance", 0.01, "-o", "again.h5")
+    lfcal(*words).ok()
+    with open_psf(found / "H.h5") as H, open_psf(place / "again.h5") as again:
+        a, b = np.asarray(H), np.asarray(again)
     b *= (a * b).sum() / (b * b).sum()
     assert np.abs(a - b).sum() / np.abs(a).sum() < 0.012
 
@@ -161,12 +160,27 @@ def test_frames_are_corrected_and_cut_out(lfcal: Lfcal, place: Path, fitted: lis
     assert not (place / "b").exists()
 
 
-def test_some_of_many_positions_are_used(place: Path) -> None:
+def test_some_of_many_positions_are_used_and_none_is_left_to_predict(
+    lfcal: Lfcal, place: Path, whole: tuple[Path, str]
+) -> None:
     how = PatternReading(most=5)
     found, known = drain(iter_patterns(place / "few.h5", how))
     assert len(found) == 5 and found.held_out.sum() == 1 and known == {"source": "few.h5"}
     for most in (0, 1000):
         assert len(drain(iter_patterns(place / "few.h5", replace(how, most=most)))[0]) == 6
+    shutil.copytree(whole[0] / "fit", place / "fit")
+    stored = read_fit(place / "fit")
+    three = frozenset(sorted(stored.positions)[:3])
+    rest = drain(iter_patterns(place / "few.h5", PatternReading(fit=replace(stored, positions=three))))[0]
+    assert len(rest) == 3 and not {tuple(at) for at in rest.index.tolist()} & three
+    for words, said in (
+        ("fit few.h5", "few.h5, recorded positions: expected at least one position that was not fitted, got none"),
+        ("fit none.h5 --other", "none.h5"),
+        ("nowhere few.h5", "nowhere"),
+        ("fit few.h5 other.h5 --other", "got 2"),
+    ):
+        lfcal("fit", "validate", *words.split()).refused(said)
+    assert not (place / "fit" / "validation.json").exists()
 
 
 @pytest.mark.long
@@ -216,25 +230,6 @@ def test_a_fit_from_its_folder_predicts_as_it_did(whole: tuple[Path, str]) -> No
         assert one.model.error.squared == pytest.approx(other.model.error.squared, rel=1e-9, abs=1e-12)
         assert one.place_px == other.place_px and one.model.gain == pytest.approx(other.model.gain, rel=1e-12)
     assert stored.positions == direct.positions and stored.response == direct.response
-
-
-def test_where_every_position_is_fitted_none_is_left_to_predict(
-    lfcal: Lfcal, place: Path, whole: tuple[Path, str]
-) -> None:
-    shutil.copytree(whole[0] / "fit", place / "fit")
-    stored = read_fit(place / "fit")
-    three = frozenset(sorted(stored.positions)[:3])
-    how = PatternReading(fit=replace(stored, positions=three))
-    rest = drain(iter_patterns(place / "few.h5", how))[0]
-    assert len(rest) == 3 and not {tuple(at) for at in rest.index.tolist()} & three
-    for words, said in (
-        ("fit few.h5", "few.h5, recorded positions: expected at least one position that was not fitted, got none"),
-        ("fit none.h5 --other", "none.h5"),
-        ("nowhere few.h5", "nowhere"),
-        ("fit few.h5 other.h5 --other", "other.h5"),
-    ):
-        lfcal("fit", "validate", *words.split()).refused(said)
-    assert not (place / "fit" / "validation.json").exists()
 
 
 def object_frame(volume: np.ndarray, gap: float, gain: float) -> np.ndarray:
@@ -422,42 +417,25 @@ def no_noise() -> np.ndarray:
     return np.full((*few_patterns().shape[:3], 2), np.nan)
 
 
+FEW = few_patterns
 CASES: dict[str, tuple[Spoil, str]] = {
     "missing": (lambda path: None, "no such file"),
     "empty": (lambda path: path.write_bytes(b""), "expected an intact HDF5 file"),
-    "cut short": (
-        lambda path: (save(few_patterns(), path), path.write_bytes(path.read_bytes()[:9000])),
-        "expected an intact HDF5 file",
-    ),
-    "all zero": (
-        saved(lambda: h_of(np.zeros(few_patterns().shape))),
-        "light of the patterns: expected more light than",
-    ),
-    "below its background": (
-        saved(lambda: h_of(-np.asarray(few_patterns()))),
-        "brighter than the background, got darker",
-    ),
+    "cut short": (lambda p: (save(FEW(), p), p.write_bytes(p.read_bytes()[:9000])), "expected an intact HDF5 file"),
+    "all zero": (saved(lambda: h_of(np.zeros(FEW().shape))), "light of the patterns: expected more light than"),
+    "below its background": (saved(lambda: h_of(-np.asarray(FEW()))), "brighter than the background, got darker"),
     "scattered": (
-        saved(lambda: h_of(4000 * np.random.default_rng(0).random(few_patterns().shape))),
+        saved(lambda: h_of(4000 * np.random.default_rng(0).random(FEW().shape))),
         "expected patterns of a camera like 'bench'",
     ),
-    "one position": (
-        saved(lambda: h_of(facts={"recorded": recorded(0)})),
-        "recorded patterns: expected at least 3, got 1",
-    ),
-    "no position": (
-        saved(lambda: h_of(facts={"recorded": recorded()})),
-        "recorded patterns: expected at least 3, got 0",
-    ),
+    "one position": (saved(lambda: h_of(facts={"recorded": recorded(0)})), "patterns: expected at least 3, got 1"),
+    "no position": (saved(lambda: h_of(facts={"recorded": recorded()})), "patterns: expected at least 3, got 0"),
     "noise unknown": (saved(lambda: h_of(facts={"noise": no_noise()})), "state the noise (--noise CONSTANT,SLOPE)"),
     "all saturated": (
         saved(lambda: h_of(facts={"valid": np.zeros((1, 2, 4, 29), np.uint8)})),
         "patterns: expected pixels that carry a measurement, got none; reduce the exposure",
     ),
-    "resampled": (
-        saved(lambda: h_of(provenance={"cutout": {"scale": [1.1, 1.0]}})),
-        "assemble them without resampling",
-    ),
+    "resampled": (saved(lambda: h_of(provenance={"cutout": {"scale": [1.1, 1.0]}})), "assemble them without resamp"),
     "a microscope": (
         saved(lambda: h_of(camera=preset("lfm_20x05"), depths=[-4000.0], anchor=(500.0, 500.0))),
         "size of the patterns of the camera 'lfm_20x05': expected about the 15 px of the cutout, got ",

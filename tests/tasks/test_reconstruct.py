@@ -123,9 +123,17 @@ def test_options_that_do_not_apply_are_refused(lfcal: Lfcal, place: Path) -> Non
         assert not (place / "v.h5").exists(), options
 
 
-def test_fields_of_another_solver_are_refused_in_a_job_and_in_python(place: Path) -> None:
-    said = job_of(one(place)).replace('name = "rl-tv"', 'name = "rl"')
-    (place / "job.toml").write_text(said)
+def test_a_record_has_the_options_that_its_solver_uses(place: Path) -> None:
+    """A new solver, or a new option of one, needs its record, or field."""
+    every = {"background", "read_noise", "saturation", "strength", "subsets", "tolerance"}
+    for solver in SOLVERS:
+        found = {row.name for row in rows(SOLVER[solver.name])}
+        assert found == {"name", "iterations", "goal", "gain"} | (every & solver.honours), solver.name
+    assert SOLVER["sieve"] is OWN_SOLVERS[0] and tuple(SOLVER_ENDS.values()) == STOPS
+    fields = {row.name: row for row in rows(Reconstruct)}
+    assert fields["goal"].choices == GOALS and {"auto", *METHODS} <= set(fields["method"].offered)
+    # fields of another solver are refused in a job and in Python
+    (place / "job.toml").write_text(job_of(one(place)).replace('name = "rl-tv"', 'name = "rl"'))
     with pytest.raises(InputError, match=r"solver.strength: expected solver.name rl-tv or rl-tikhonov, got rl"):
         load_job(place / "job.toml")
     with pytest.raises(InputError, match=r"solver rl: expected only the settings iterations, goal.*, got strength"):
@@ -137,18 +145,6 @@ def test_fields_of_another_solver_are_refused_in_a_job_and_in_python(place: Path
 
 
 SOLVER: dict[str, Any] = {str(kind().name): kind for kind in OWN_SOLVERS}
-
-
-def test_a_record_has_the_options_that_its_solver_honours() -> None:
-    """Whoever adds a solver, or an option to one, is told to add its record, or field."""
-    every = {"background", "read_noise", "saturation", "strength", "subsets", "tolerance"}
-    shared = {"name", "iterations", "goal", "gain"}
-    for solver in SOLVERS:
-        found = {row.name for row in rows(SOLVER[solver.name])}
-        assert found == shared | (every & solver.honours), solver.name
-    assert SOLVER["sieve"] is OWN_SOLVERS[0] and tuple(SOLVER_ENDS.values()) == STOPS
-    fields = {row.name: row for row in rows(Reconstruct)}
-    assert fields["goal"].choices == GOALS and {"auto", *METHODS} <= set(fields["method"].offered)
 
 
 def test_a_solver_of_another_distribution_has_the_fields_of_its_options(

@@ -81,56 +81,48 @@ def values(out: Path) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("kind", KINDS[:4])
 def test_every_route_gives_the_same_bits(lfcal: Lfcal, kind: type[Task], plan: Path, tmp_path: Path) -> None:
-    suffix = "" if kind is SimulateFrames else ".h5"
-    first, *routes = go_every_route(lfcal, made_by(kind, plan, tmp_path / f"made{suffix}"), tmp_path / f"made{suffix}")
-    before = values(first)
-    assert before
-    if suffix:
+    out = tmp_path / ("made" if kind is SimulateFrames else "made.h5")
+    first, *routes = go_every_route(lfcal, made_by(kind, plan, out), out)
+    if out.suffix:
         routes.append(tmp_path / "again.h5")
         lfcal("run", first, "-o", routes[-1]).ok()
+    assert values(first)
     for path in routes:
-        after = values(path)
-        assert after.keys() == before.keys()
-        for name in before:
-            np.testing.assert_array_equal(after[name], before[name], err_msg=f"{path.name}: {name}")
+        same(values(path), values(first), path.name)
+
+
+def same(one: dict[str, np.ndarray], two: dict[str, np.ndarray], name: str = "") -> None:
+    assert one.keys() == two.keys()
+    for key in one:
+        np.testing.assert_array_equal(one[key], two[key], err_msg=f"{name}: {key}")
 
 
 def test_passes_in_units_of_processes_give_the_same_bits(plan: Path, tmp_path: Path) -> None:
-    found = []
     for name, run in (("here.h5", RunSettings()), ("there.h5", RunSettings(executor="processes", workers=2))):
-        (made,) = made_by(SimulatePasses, plan, tmp_path / name).run(run)
-        made.close()
-        found.append(values(tmp_path / name))
-    assert found[0].keys() == found[1].keys()
-    for name in found[0]:
-        np.testing.assert_array_equal(found[0][name], found[1][name], err_msg=name)
+        made_by(SimulatePasses, plan, tmp_path / name).run(run)[0].close()
+    same(values(tmp_path / "here.h5"), values(tmp_path / "there.h5"))
 
 
 def test_passes_that_were_stopped_are_resumed(lfcal: Lfcal, plan: Path, tmp_path: Path) -> None:
     task = made_by(SimulatePasses, plan, tmp_path / "H.h5")
-    (made,) = made_by(SimulatePasses, plan, tmp_path / "whole.h5").run()
-    made.close()
+    made_by(SimulatePasses, plan, tmp_path / "whole.h5").run()[0].close()
     work = task.work(RunSettings(executor="threads"))
     while "pass 2 of 3" not in next(work).stage:
         pass
     work.close()
     words = shlex.split(command_of(task))[1:]
-    refused = lfcal(*words)
-    assert refused.code == 2 and "--force" in refused.err and (tmp_path / "H.h5").exists()
-    done = lfcal(*words, "--resume")
-    assert done.code == 0 and "complete with errors" in done.err, done.err
+    assert "--force" in lfcal(*words).refused().err and (tmp_path / "H.h5").exists()
+    done = lfcal(*words, "--resume").ok()
+    assert "complete with errors" in done.err
     assert done.err.count("; you can stop now") == 2, "the first pass is not made again"
     np.testing.assert_array_equal(values(tmp_path / "H.h5")["H"], values(tmp_path / "whole.h5")["H"])
 
 
-def test_frames_keep_their_task(plan: Path, tmp_path: Path) -> None:
+def test_frames_keep_their_task_and_h_states_how_magnitudes_are_known(plan: Path, tmp_path: Path) -> None:
     task = made_by(SimulateFrames, plan, tmp_path / "session")
     task.run()
     truth = json.loads((tmp_path / "session" / "truth.json").read_text())
     assert truth["task"] == task.to_dict(absolute=True, outputs=False) and truth["seed"] == 3
-
-
-def test_h_states_how_magnitudes_are_known(plan: Path, tmp_path: Path) -> None:
     words = ("coma=waves:0.3 measured,angle:40deg", "bandwidth=0.02 measured", "bandwidth=off")
     (made,) = SimulateH(camera=str(plan), effects=words, level="geometric", out=tmp_path / "H.h5").run()
     with made.matrix as matrix:
@@ -221,37 +213,24 @@ def test_a_wrong_job_ends_in_one_sentence(plan: Path, tmp_path: Path) -> None:
         assert words in str(error.value) and "\n" not in str(error.value), text
 
 
-def test_texts_and_values_of_planes_and_cutouts_mean_the_same(tmp_path: Path) -> None:
-    (tmp_path / "job.toml").write_text(
-        'task = "simulate"\ncamera = "bench"\nout = "H.h5"\nvirtual_depths = "3:4:0.5"\ncutout = "41x31"\n'
-        'tolerance = "3%"\nprogressive = false\n'
-    )
-    task, _ = load_job(tmp_path / "job.toml")
+def test_texts_of_planes_cutouts_and_paths_of_effects(tmp_path: Path) -> None:
+    job, begun = tmp_path / "job.toml", 'task = "simulate"\ncamera = "bench"\nout = "H.h5"\n'
+    job.write_text(f'{begun}virtual_depths = "3:4:0.5"\ncutout = "41x31"\ntolerance = "3%"\nprogressive = false\n')
+    task, _ = load_job(job)
     out = tmp_path / "H.h5"
     assert task == SimulateH(camera="bench", virtual_depths=(3.0, 3.5, 4.0), cutout=(41, 31), out=out)
-    assert task.files("in") == (), "a preset is no file"
+    assert task.files("in") == (), "a preset is not a file"
     assert task.to_dict(absolute=True)["camera"] == "bench"
-
-
-def test_paths_of_effects_are_relative_to_their_job(tmp_path: Path) -> None:
-    (tmp_path / "job.toml").write_text(
-        'task = "simulate"\ncamera = "bench"\nout = "H.h5"\ndepths = 0\neffects = ["coma=0.3", "fit/effects.json"]\n'
-    )
-    task, _ = load_job(tmp_path / "job.toml")
+    job.write_text(f'{begun}depths = 0\neffects = ["coma=0.3", "fit/effects.json"]\n')
+    task, _ = load_job(job)
     assert task.files("in") == (tmp_path / "fit" / "effects.json",)
     assert task.to_dict(absolute=True)["effects"] == ["coma=0.3", str(tmp_path / "fit" / "effects.json")]
 
 
-def test_a_flag_that_makes_the_kind_is_true_in_it() -> None:
+def test_kinds_that_do_not_fit_are_refused(lfcal: Lfcal, plan: Path) -> None:
     with pytest.raises(InputError, match="progressive: expected true, got false"):
         SimulatePasses(camera="bench", out="H.h5", progressive=False)
     assert command_of(SimulateForecast(camera="bench", depths=(0,))) == "lfcal simulate bench --depths=0 --plan-only"
-
-
-def test_regions_need_a_plan_of_them(plan: Path) -> None:
     with pytest.raises(InputError, match="plan: expected a plan of several regions"):
         SimulateRegions(camera=str(plan), out="H.h5").run()
-
-
-def test_an_option_that_was_renamed_names_the_new_one(lfcal: Lfcal) -> None:
     lfcal("simulate", "bench", "--effects", "coma=on", "--plan-only").refused("Did you mean --effect?")
