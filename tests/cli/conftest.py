@@ -23,7 +23,7 @@ SHAPE = (2, 3, 4)
 SENSOR = (40, 48)
 ANCHOR = (16, 20)
 CUTOUT = (9, 11)
-NOTE = re.compile("note: |warning: |kept: |assumed values|set-up| ahead")
+NOTE = re.compile("^reads: |note: |warning: |kept: |assumed values|set-up| ahead")
 """In lines of standard error that do not say why a command ended."""
 
 

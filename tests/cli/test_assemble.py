@@ -102,7 +102,7 @@ CHANGES = (
     "--black-level 30",
     "--white white.npy --white-mode pixels --dark dark.npy",
     "--white white.npy --white-mode pixels --white-floor 0.9 --dark dark.npy",
-    "--background 50",
+    "--background 0.5",
     "--exposure 0.01",
     "--defect-list hot.txt",
     "--mask lost.png",
@@ -423,7 +423,7 @@ def test_bad_input_of_other_commands_is_one_line(lfcal: Lfcal, tmp_path: Path, m
     before = sorted(tmp_path.iterdir())
     for words in (
         *(f"transpose {name} -o out/HT.h5" for name in ("none.h5", "flat.npy", "old.mat", "text.h5")),
-        "transpose good.npy -o out/p.h5 --method paper",
+        "transpose good.npy -o p.h5 --method paper",
         "export none.h5 -o H.mat",
         *(f"export good.npy -o {out}" for out in ("x.xyz", "x.tif --position 9,9", "x.tif --position a")),
         *(f"plan bench --virtual-depths 3 {option}" for option in ("--cutout 8", "--exposure 1e308", "--settle 1e300")),

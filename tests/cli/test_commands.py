@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -213,3 +214,10 @@ def test_a_bar_is_shown_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch) -> 
         assert run_work(planes(8), quiet=quiet) == "done"
         said = written.getvalue()
         assert all((word in said) == shown for word in ("planes", "8 of 8", "left", "plane 7")) and bool(said) == shown
+
+
+def test_the_script_of_a_shell_is_shown() -> None:
+    env = {**os.environ, "SHELL": "/bin/bash", "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    words = [sys.executable, "-m", "lfcal", "--show-completion", "bash"]
+    done = subprocess.run(words, capture_output=True, text=True, env=env)
+    assert done.returncode == 0 and "_LFCAL_COMPLETE=complete_bash" in done.stdout, done.stderr

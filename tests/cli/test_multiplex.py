@@ -29,6 +29,7 @@ from lfcal.multiplex import (
 )
 from lfcal.psf import PSFMatrix, open_psf, save
 from tests.cli.conftest import Lfcal
+from tests.cli.writing import WRITERS
 
 # -- ``lfcal multiplex coding`` against the library --
 CAMERA = preset("bench")
@@ -220,3 +221,9 @@ def test_samples_and_their_deviation_are_two_files(lfcal: Lfcal, tmp_path: Path)
         words = (name, tmp_path / "frame.png", *more, "-o", out, "--deviation", out)
         lfcal("multiplex", *words).refused("outputs: expected")
         assert not out.exists()
+
+
+def test_the_number_of_workers_is_positive(lfcal: Lfcal) -> None:
+    for name in ("compare", "search", "filters", "map", "design", "figures"):
+        words = WRITERS[f"multiplex {name}"].words("--workers", "0")
+        lfcal(*words).refused("--workers: expected a whole number ≥ 1")

@@ -24,7 +24,8 @@ def test_the_main_job_on_the_sample_session(
     """The pictures of its report are those of any report; its own are always drawn."""
     if not drawn:
         undrawn(monkeypatch)
-    found = lfcal("demo", tmp_path, "--json").ok().json
+    found = lfcal("demo", tmp_path, "--workers", 2, "--json").ok().json
+    lfcal("demo", tmp_path).refused("--force")
     assert found["correlation"] > 0.999, "H from frames equals H simulated directly"
     assert found["recorded_correlation"] > 0.999, "and so does H of the session that lfcal recorded"
     assert found["max_shift_px"] < 0.3

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from typing import Any
 
+import pytest
+
+from lfcal.base import Work
 from lfcal.tasks import Task, command_of, job_of, python_of
 from tests.cli.conftest import Lfcal
 
@@ -26,3 +30,21 @@ def go_every_route(lfcal: Lfcal, task: Task, out: Path) -> list[Path]:
     done = lfcal("run", folder / "job.toml")
     assert done.code == 0, done.err
     return made
+
+
+def check_every_route(lfcal: Lfcal, patch: pytest.MonkeyPatch, task: Task, folder: Path) -> None:
+    """Check that command, Python and job file make the same task, which is not run: for tasks that take long."""
+    seen: list[Any] = []
+
+    def work(self: Task, _: object) -> Work[tuple[()]]:
+        seen.append(self)
+        yield from ()
+        return ()
+
+    with patch.context() as stubbed:
+        stubbed.setattr(type(task), "work", work)
+        lfcal(*shlex.split(command_of(task))[1:]).ok()
+        exec(python_of(task), {})
+        (folder / "job.toml").write_text(job_of(task))
+        lfcal("run", folder / "job.toml").ok()
+    assert seen == [task] * 3

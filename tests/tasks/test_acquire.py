@@ -61,8 +61,8 @@ def test_every_route_records_the_same_frames(lfcal: Lfcal, place: Path) -> None:
 
 
 def test_every_route_records_the_same_regions(lfcal: Lfcal, place: Path) -> None:
-    task = AcquireRegions(plan=place / "regions.json", out=place / "r", pack=False, **QUICK)
-    first, *others = go_every_route(lfcal, task, place / "r")
+    task = AcquireRegions(plan=place / "regions.json", out=place / "two", pack=False, **QUICK)
+    first, *others = go_every_route(lfcal, task, place / "two")
     for name in ("left", "right"):
         for folder in others:
             np.testing.assert_array_equal(frames(folder / name), frames(first / name), err_msg=folder.name)

@@ -31,7 +31,7 @@ from lfcal.tasks.task import RunSettings, Task
 from lfcal.work import parts_folder
 from tests.cli import conftest
 from tests.cli.conftest import Lfcal
-from tests.tasks.routes import go_every_route
+from tests.tasks.routes import check_every_route, go_every_route
 
 lfcal = conftest.lfcal
 
@@ -79,7 +79,16 @@ def values(out: Path) -> dict[str, np.ndarray]:
         return {name: one[()] for name, one in found.items() if one.dtype.kind in "iuf"}
 
 
-@pytest.mark.parametrize("kind", KINDS[:4])
+def test_every_route_makes_the_same_task(
+    lfcal: Lfcal, plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for kind in (SimulatePasses, SimulateRegions):
+        check_every_route(lfcal, monkeypatch, made_by(kind, plan, tmp_path / "made.h5"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    "kind", [SimulateH, SimulateFrames, *(pytest.param(k, marks=pytest.mark.long) for k in KINDS[1:3])]
+)
 def test_every_route_gives_the_same_bits(lfcal: Lfcal, kind: type[Task], plan: Path, tmp_path: Path) -> None:
     out = tmp_path / ("made" if kind is SimulateFrames else "made.h5")
     first, *routes = go_every_route(lfcal, made_by(kind, plan, out), out)
@@ -97,6 +106,7 @@ def same(one: dict[str, np.ndarray], two: dict[str, np.ndarray], name: str = "")
         np.testing.assert_array_equal(one[key], two[key], err_msg=f"{name}: {key}")
 
 
+@pytest.mark.long
 def test_passes_in_units_of_processes_give_the_same_bits(plan: Path, tmp_path: Path) -> None:
     for name, run in (("here.h5", RunSettings()), ("there.h5", RunSettings(executor="processes", workers=2))):
         made_by(SimulatePasses, plan, tmp_path / name).run(run)[0].close()
@@ -136,7 +146,7 @@ def test_the_result_names_engine_sampling_time_and_error_of_every_plane(
     """It said the wave level where the grid engine computed, and the H file said auto."""
     two = ScanPlan.from_json(plan.read_text())
     camera = two.camera
-    two = replace(two, depths_um=(camera.depth_of(3.0), camera.depth_of(4.0)), period=(4, 3))
+    two = replace(two, depths_um=(camera.depth_of(3.0), camera.depth_of(4.0)), period=(1, 2), cutout=(31, 31))
     plan.write_text(two.to_json())
     task = SimulateH(camera=str(plan), tolerance=0.01, out=tmp_path / "H.h5")
     (made,) = task.run(RunSettings(executor=executor, workers=2))
@@ -159,7 +169,7 @@ def test_the_result_names_engine_sampling_time_and_error_of_every_plane(
 def test_what_a_plane_took_is_kept_where_a_run_resumes(plan: Path, tmp_path: Path) -> None:
     two = ScanPlan.from_json(plan.read_text())
     camera = two.camera
-    plan.write_text(replace(two, depths_um=(camera.depth_of(3.0), camera.depth_of(4.0)), period=(4, 3)).to_json())
+    plan.write_text(replace(two, depths_um=(camera.depth_of(3.0), camera.depth_of(4.0)), period=(1, 2)).to_json())
     task = SimulateH(camera=str(plan), tolerance=0.1, out=tmp_path / "H.h5")
     work = task.work(RunSettings(executor="threads", workers=1))
     while not next(work).note.startswith("1 of"):
