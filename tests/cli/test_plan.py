@@ -208,7 +208,7 @@ REFUSED = (
     ("plan fit plan.json --count 9 -o a.json --draw a.json", "a different name for each"),
     ("plan fit camera.json --count 9", "PLAN: expected a scan plan (.json), got camera.json"),
     ("plan fit bench --count 9", "PLAN: expected a scan plan (.json), got the camera bench"),
-    ("acquire plan.json --positions list.json --resume -o s", "--positions: is of a new session"),
+    ("acquire plan.json --positions list.json --resume -o s", "--positions: expected a new session, got --resume"),
     ("acquire plan.json --positions camera.json -o s", "lfcal-redo"),
     ("acquire plan.json --positions far.json -o s", "inside (1, 19, 33)"),
     ("acquire plan.json --positions none.json -o s", "positions to record: expected at least one"),

@@ -61,13 +61,11 @@ def test_the_fit_is_shown_and_becomes_that_of_the_camera(lfcal: Lfcal, here: Pat
 
 
 @pytest.mark.usefixtures("here")
-def test_lens_types_and_nominal_values_are_options(lfcal: Lfcal) -> None:
+def test_lens_types_are_an_option(lfcal: Lfcal) -> None:
     words = ("white", "white.tif", "--camera", "camera.json", "--json")
     asked, not_asked = (lfcal(*words, option).ok().json for option in ("--types", "--no-types"))
     assert asked["lens_types"]["type_step"] == 2 and asked["camera"]["lattice"]["type_step"] == 2
     assert not_asked["lens_types"] is None and not_asked["camera"]["lattice"]["type_step"] == 1
-    led = lfcal("white", "white.tif", "--pitch", "15", "--kind", "hexagonal", "--json").ok().json
-    assert led["kind"] == "hexagonal" and led["pitch_px"] == pytest.approx(asked["pitch_px"], abs=1e-3)
     assert asked["pitch_px"] == not_asked["pitch_px"]
 
 
@@ -94,9 +92,11 @@ def test_bad_input_is_one_line_and_leaves_nothing(lfcal: Lfcal, tmp_path: Path) 
 def test_one_colour_and_a_mosaic_have_the_lattice_of_the_grey_image(lfcal: Lfcal) -> None:
     refused = lfcal("white", "rgb.tif").refused("--channel G")
     assert "each" not in refused.err and "colour=" not in refused.err
-    for given in ("rgb.tif --channel G", "mosaic.npy", "mosaic.npy --cfa RGGB"):
+    nominal = "white.tif --pitch 15 --kind hexagonal"
+    for given in ("rgb.tif --channel G", "mosaic.npy", "mosaic.npy --cfa RGGB", nominal):
         run = lfcal("white", *given.split(), "--json").ok()
         assert not run.err and run.json["pitch_px"] == pytest.approx(16.0, abs=0.003)
+        assert run.json["kind"] == "hexagonal"
 
 
 @pytest.mark.long
