@@ -177,7 +177,7 @@ def test_some_of_many_positions_are_used_and_none_is_left_to_predict(
         ("fit few.h5", "few.h5, recorded positions: expected at least one position that was not fitted, got none"),
         ("fit none.h5 --other", "none.h5"),
         ("nowhere few.h5", "nowhere"),
-        ("fit few.h5 other.h5 --other", "got 2"),
+        ("fit few.h5 other.h5 --other", "other.h5"),
     ):
         lfcal("fit", "validate", *words.split()).refused(said)
     assert not (place / "fit" / "validation.json").exists()
