@@ -29,7 +29,7 @@ from lfcal_gui.pages.sessions.model_trend import TrendCurve
 from lfcal_gui.pages.sessions.page import Page
 from lfcal_gui.widgets import ComparePanel
 from lfcal_gui.window import MainWindow
-from tests.cli.test_trend_quality import dated, write
+from tests.cli.test_trend import dated, write
 from tests.gui.conftest import OpenPage
 from tests.gui.waiting import GUARD_MS, idle
 from tests.judge.test_comparison import moved
