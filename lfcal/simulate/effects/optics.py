@@ -26,10 +26,6 @@ estimate (measured: 0.06 to 0.26), and the limit of its use. Running the effect 
 FRINGED, SHOWN = 20.0, 0.5
 """Fresnel number of the iris, and rms width of spots (px), below which a shift does not describe exact angles."""
 
-OF_PHASE, MOST_FRINGES = 2.0, 0.2
-"""Error per change of phase at the rim of the pupil (1/rad), and largest error, of exact angles if the Fresnel number
-is below `FRINGED`: upper bounds for 24 random cameras, where up to 1.7 per radian and up to 0.14 were found."""
-
 
 @dataclass(frozen=True, slots=True)
 class LensTypeDefocus(SceneEffect):
@@ -131,12 +127,15 @@ class IrisDiffraction(SceneEffect):
     def estimate(self, outlook: Outlook) -> Estimate:
         """Return the Fresnel number N_F of the iris's shadow, and the relative error 0.6 / sqrt(N_F), at most 1.5.
 
-        The error is 0 for a microscope and for N_F below 8, because the fringes are always included there.
+        The error is 0 for a microscope, and for N_F below 8 at any distance of the pupil, because the fringes are
+        included there.
         """
         number = outlook.fresnel_main
         if not outlook.has_lens:
             return Estimate(number, "N_F", 0.0, "in the Debye integral")
-        if number < INSEPARABLE:
+        # a pupil at its actual distance b turns a into a/(1 + a/b), which may exceed the limit (see `Telecentricity`)
+        reduced = number / abs(1 + outlook.shift_um / outlook.camera.optics.image_distance_um)
+        if max(number, reduced) < INSEPARABLE:
             return Estimate(number, "N_F", 0.0, "one with the shadow at this depth")
         return Estimate(number, "N_F", min(1.5, 0.6 / math.sqrt(number)), "|a|/(4 Nw² lambda); 0.6/N_F^(1/2)")
 
@@ -261,24 +260,7 @@ class ExactAngles(SceneEffect):
         rim = outlook.gap_um / (2 * (2 * outlook.f_number) ** 3) / outlook.pixel_um
         near = min(1.0, abs(outlook.virtual_depth) / 1.2)  # the cone covers less than one lenslet
         share = 0.56 if outlook.shift_um > 0 else 0.65  # in front of the array, rays diverge
-        moved, fringes = outlook.moved(share * rim * near), self._fringes(outlook)
-        if fringes > moved:
-            return Estimate(rim, "px", fringes, "the phase at the rim of the pupil displaces fringes", upper_bound=True)
-        return Estimate(rim, "px", moved, "B/(2 (2 Nw)³); a shift of 0.56 to 0.65 of it")
-
-    @staticmethod
-    def _fringes(outlook: Outlook) -> float:
-        """Return an upper bound of the error due to displaced fringes of the iris, which simulations stay below.
-
-        The phase at the rim of the pupil changes by k θ⁴ (3 |a| + B) / 8, with the wave number k, the distance a of
-        the image from the array, and the gap B.
-        """
-        if outlook.fresnel_main >= FRINGED:
-            return 0.0
-        steepness = (2 * outlook.f_number) ** -4
-        length = (3 * abs(outlook.shift_um) + outlook.gap_um) / 8
-        phase = 2 * math.pi / outlook.wavelength_um * steepness * length
-        return min(OF_PHASE * phase, MOST_FRINGES)
+        return Estimate(rim, "px", outlook.moved(share * rim * near), "B/(2 (2 Nw)³); a shift of 0.56 to 0.65 of it")
 
     @staticmethod
     def _behind_lenslets(outlook: Outlook) -> Estimate:
