@@ -61,7 +61,7 @@ def command(
     device: str = typer.Option(
         "",
         "--device",
-        help="With --r29: what projects, cpu (the default), cuda, cuda:1 or auto; with --tolerance: beside the "
+        help="With --r29: what projects, cpu (the default), cuda, cuda:1 or auto; with --tolerance: next to the "
         "processor, auto by default.",
     ),
     folder: FolderOption = None,
@@ -113,13 +113,13 @@ def command(
     )
 
 
-def _refuse(given: Mapping[str, bool], beside: str) -> None:
-    """Raise `InputError` for the first option that was given and would be ignored: it wants ``beside`` beside it."""
+def _refuse(given: Mapping[str, bool], other: str) -> None:
+    """Raise `InputError` for the first option that was given and would be ignored: it requires ``other`` with it."""
     from lfcal.base.errors import InputError
 
     for option in (name for name, said in given.items() if said):
-        got = "it" if beside.startswith("no ") else "none"
-        raise InputError.expected(option, f"{beside} beside it", got, f"leave {option} out, or change that")
+        got = "it" if other.startswith("no ") else "none"
+        raise InputError.expected(option, f"{other} with it", got, f"leave {option} out, or change that")
 
 
 def measure(image: int, period: int, cutout: int, planes: int, repeats: int, workers: int) -> list[Row]:

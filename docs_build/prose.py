@@ -41,7 +41,7 @@ WORDS = {
 }
 """Expressions to avoid, with what to write instead."""
 
-PATTERNS = {re.compile(rf"\b(?:{word})\b", re.IGNORECASE): instead for word, instead in WORDS.items()}
+PATTERNS = {re.compile(rf"(?<!-)\b(?:{word})\b", re.IGNORECASE): instead for word, instead in WORDS.items()}
 CODE = re.compile(r"`[^`]*`|https?://\S+|\]\([^)]*\)")
 CHECKS_ITSELF = ("docs_build/prose.py", "tests/docs_build/test_prose.py")
 

@@ -49,12 +49,12 @@ def test_wrong_options_are_refused(bench: Bench, tmp_path: Path) -> None:
         ("transpose --workers 0", ""),
         ("work bench --executors magic", "dask, processes or threads"),
         # options of another projection were ignored
-        ("project --frame", "--frame: expected --r29 beside it, got none"),
-        ("project --device cpu", "--device: expected --r29 beside it"),
-        ("project --tolerance 0.005", "--tolerance: expected --r29 beside it"),
-        ("project --r29 --image 300", "--image: expected no --r29 beside it, got it"),
-        ("project --r29 --frame --side 100", "--side: expected no --frame beside it"),
-        ("project --r29 --tolerance 0.01 --full", "--full: expected no --tolerance beside it"),
+        ("project --frame", "--frame: expected --r29 with it, got none"),
+        ("project --device cpu", "--device: expected --r29 with it"),
+        ("project --tolerance 0.005", "--tolerance: expected --r29 with it"),
+        ("project --r29 --image 300", "--image: expected no --r29 with it, got it"),
+        ("project --r29 --frame --side 100", "--side: expected no --frame with it"),
+        ("project --r29 --tolerance 0.01 --full", "--full: expected no --tolerance with it"),
     ):
         shown = bench(*words.split(), code=2)
         assert message in shown and shown.strip().count("\n") == 0, words

@@ -180,7 +180,7 @@ def test_another_target_may_be_before_the_simulated_camera(
         lfcal("acquire", tmp_path / "scan.json", "-o", tmp_path / "s", *QUICK, "--option", option).refused(said)
 
 
-# -- ``lfcal acquire --until-error``: a session that ends when H is as good as wanted, and goes on after an end --
+# -- ``lfcal acquire --until-error``: a session that ends when H is as good as wanted, and continues after an end --
 SIMULATED = ("--option", "optics=grid", "--option", "effects=effects.json", "--no-check-stage")
 
 

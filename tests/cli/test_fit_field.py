@@ -118,7 +118,7 @@ def test_regions_are_fitted_as_one_camera(whole: tuple[Path, dict[str, Any]]) ->
     _, (law,) = parse_entries(place / "fit" / "effects.json")
     assert isinstance(law, FieldAberrations) and law.coma == coma["value"]
     assert abs(coma["value"] / law.radius_um - 0.4 / 7e3) < 4 * coma["sigma"] / law.radius_um < 0.1 * 0.4 / 7e3
-    # a region's folder is as of a fit of its own: the offset of its sources, and H there
+    # a region's folder equals that of a separate fit: the offset of its sources, and H there
     aside = found["regions"][1]["aside_px"]
     assert read_fit(place / "fit" / "edge").setup.aside_px == tuple(aside) != (0.0, 0.0)
     with open_psf(place / "fit" / "edge" / "H.h5") as H, open_psf(place / "edge.h5") as measured:

@@ -113,7 +113,7 @@ INPUTS = (
     ("multiplex views frame.tif --white white.tif -o white.tif", "white.tif"),
     ("white white.tif --camera out/camera.json -o out", "out/camera.json"),
 )
-"""A command, and the input that it is told to write."""
+"""A command, and the input that it is to replace."""
 
 
 def test_an_input_is_never_replaced(lfcal: Lfcal, place: Path) -> None:

@@ -384,7 +384,7 @@ def test_presets_with_spherical_aberration_and_coma(name: str, cutout: int, coun
 
 @pytest.mark.long
 def test_seidel_aberrations_of_the_summed_integral_are_found() -> None:
-    """The integral has the Seidel wavefront as it stands and is paraxial; unseen patterns are also by the integral."""
+    """The integral has the unchanged Seidel wavefront and is paraxial; it also computes the unseen patterns."""
     plan, rng, count = small_plan(29), np.random.default_rng(5), 20
     start = random_truth(plan, rng, size=0.0)
     effects = tuple(e for e in start.setup.effects if not isinstance(e, ExactAngles | Zernike))

@@ -197,7 +197,7 @@ def test_unknowns_that_a_scan_cannot_distinguish_are_named() -> None:
 
 
 def uneven(measured: Measured, prnu: float) -> Measured:
-    """Return the patterns as a sensor whose pixels have gains of their own records them."""
+    """Return the patterns as recorded by a sensor whose pixels have different gains."""
     gains = 1 + prnu * np.random.default_rng(8).standard_normal(measured.plan.camera.sensor.shape)
     patterns, cutout = measured.patterns.copy(), Cutout.for_plan(measured.plan)
     places = {(at.z, at.y, at.x): at for at in measured.plan.positions()}

@@ -415,7 +415,7 @@ def excess(values: np.ndarray, predicted: np.ndarray, light: np.ndarray, levels:
 
 @pytest.mark.parametrize("exposure_s", [0.5, 2.0])
 def test_dark_white_exposure_and_background_pass_the_variance_on_pixel_by_pixel(exposure_s: float) -> None:
-    """Every repeat with a dark of its own, so that the darks' noise shows; the white changes from pixel to pixel."""
+    """Every repeat has a separate dark, whose noise counts; the white differs from pixel to pixel."""
     white = White(1000 * vignetting(SMALL, 0.8) ** 2, 0.0, floor=0.1)
     values, predicted = [], []
     for k in range(REPEATS):

@@ -241,7 +241,7 @@ def _squeezed(widget: qt.QWidget) -> Iterator[str]:
 
 
 def _lines(label: qt.QLabel) -> Iterator[str]:
-    """Words in lines of their own, or a table of words: their last line."""
+    """Yield the last line of words in separate lines, or of a table of words."""
     picture = label.pixmap()
     if label.wordWrap() or not (label.text().strip() or not picture.isNull()):
         return  # what wraps is looked at with its width

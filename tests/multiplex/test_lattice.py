@@ -219,7 +219,7 @@ def test_dead_and_saturated_pixels_are_bridged() -> None:
     found = lattice_channels_weighted(frame, given, 7, weights)
     plain = lattice_channels(1 + y + 2 * x, given, 7)
     assert np.isfinite(found.deviation).all()
-    # what stands in for a missing channel is of super-pixels around it, over which this light changes evenly
+    # a missing channel is replaced by super-pixels around it, over which this light changes evenly
     np.testing.assert_allclose(found.samples, plain, atol=0.25)
     assert (np.abs(found.samples - plain) < 1e-9).mean() > 0.9
     with pytest.raises(InputError):

@@ -103,7 +103,7 @@ def psf(tmp_path: Path) -> Path:
 
 
 def stored(path: Path) -> Any:
-    """Return what is in a file; the head of a MATLAB file tells the time."""
+    """Return the content of a file; the header of a MATLAB file contains the time."""
     return contents(path) if h5py.is_hdf5(path) else path.read_bytes()
 
 

@@ -248,7 +248,7 @@ def signed(seed: int = 0) -> Plane:
 
 
 def shares(plane: Plane, found: SteppedPlane) -> Plane:
-    """Return what each pattern lacks of itself, by itself."""
+    """Return the part of each pattern that is missing, computed separately."""
     lacking = np.abs(plane - found.values.astype(float)).sum(axis=(2, 3))
     own = np.abs(plane).sum(axis=(2, 3))
     return np.divide(lacking, own, out=np.zeros_like(own), where=own > 0)
@@ -324,7 +324,7 @@ def test_planes_of_any_scale_and_type() -> None:
 
 
 def test_whole_numbers_that_the_finest_step_keeps_exactly() -> None:
-    """An error of 0 tells nothing of how errors grow with the step."""
+    """An error of 0 does not show how errors grow with the step."""
     plane = np.zeros((1, 1, 3, 3))
     plane[0, 0, :, 0] = 65534, 1000, 7  # a step of 1 is the finest of all
     for tolerance in (1e-6, 1e-5, 1e-3):

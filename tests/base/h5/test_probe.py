@@ -54,7 +54,7 @@ def is_read(path: Path) -> None:
 
 @pytest.fixture
 def fresh(monkeypatch: pytest.MonkeyPatch) -> Iterator[probing._Child]:
-    """Let the next question start a child of its own."""
+    """Let the next question start a separate child."""
     child = probing._Child()
     monkeypatch.setattr(probing, "_CHILD", child)
     yield child

@@ -231,7 +231,7 @@ def plan() -> ScanPlan:
 
 @pytest.fixture(scope="module")
 def found() -> Scan:
-    """Return a scan in an order of its own, the stage turned round."""
+    """Return a scan in an unusual order, with the stage reversed."""
     ordered = scan(right="-x", origin=(120.0, -40.0, 7.0))
     order = np.random.default_rng(5).permutation(len(ordered.stage))
     return Scan(ordered.camera, ordered.depths, ordered.positions[order], ordered.stage[order])

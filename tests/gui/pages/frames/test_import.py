@@ -473,12 +473,12 @@ def test_a_problem_ends_with_a_remedy(
 
 
 SAID = {
-    "axes: +x as assumed: neither list nor frames tell; --stage states them": "axes: +x as assumed: neither list nor "
-    "frames tell",
+    "axes: assumed, as neither list nor frames show them; --stage states them": "axes: assumed, as neither list nor "
+    "frames show them",
     "samples: left-aligned, moved down by 4": "samples: left-aligned, moved down by 4",
     "list: expected 2, got 3; correct --first": "list: expected 2, got 3",
     "names: read as --pattern 'y{y}_x{x}.png'": "names: read as 'y{y}_x{x}.png'",
-    "axes: as the steps tell; their senses are assumed, --stage states them": None,
+    "axes: from the steps; their signs are assumed, --stage states them": None,
     "list: expected 2, got 3; check the contents of the columns (--columns)": None,
     "list: expected 2, got 3; it is of another scan: make its plan with lfcal plan CAMERA --positions L": None,
 }

@@ -356,7 +356,7 @@ def test_the_white_image_of_a_session_is_found(tmp_path: Path) -> None:
     plain.close()
     (tmp_path / "dark").mkdir()
     alone = import_folder(str(tmp_path), FrameSettings(use_white=False), None)
-    assert alone.settings.dark == "", "a recording has darks of its own"
+    assert alone.settings.dark == "", "a recording contains its darks"
     alone.close()
     (tmp_path / "white").mkdir()
     found = import_folder(str(tmp_path), FrameSettings(use_white=False, use_dark=False), None)

@@ -116,7 +116,7 @@ def opened(shape: tuple[int, int, int]) -> Opened:
 
 
 def test_a_recorded_session_opens_with_its_own_plan_and_place() -> None:
-    """The sample recording: cutouts that know where they lie, darks of their own, a plan of one plane."""
+    """The sample recording: cutouts with positions, its darks, and a plan of one plane."""
     other = default_plan(preset("bench"))
     opened = open_imported(str(sample_recording()), FrameSettings(), other)
     with opened.source:

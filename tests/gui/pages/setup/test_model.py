@@ -168,8 +168,8 @@ def test_scan_path_and_forecast() -> None:
     assert len(path) == 19 * 33 and tuple(path[0]) == plan.anchor
     rows = dict(rows_of(plan))
     assert rows["Positions"] == f"{plan.n_positions:,}" and rows["H, float32"].endswith("B")
-    assert "Time without readout" in rows and rows["  whole frames at"].endswith("B/s"), "what is not counted is told"
-    assert "  moving at 1 mm/s" in rows, "what is assumed is told"
+    assert "Time without readout" in rows and rows["  whole frames at"].endswith("B/s"), "what is not counted is stated"
+    assert "  moving at 1 mm/s" in rows, "what is assumed is stated"
     rows = dict(rows_of(plan, speed=2000.0, frame_rate=10.0))
     assert {"Time", "  reading out", "  moving at 2 mm/s"} <= rows.keys()
     assert isinstance(plan.camera.optics, MainLens)
