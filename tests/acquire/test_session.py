@@ -88,7 +88,7 @@ def test_a_session_that_was_stopped_aborted_or_closed_is_resumed(tmp_path: Path,
     patient = replace(CAREFUL, retries=9, tolerance_um=(2.0, 2.0, 9.0), order="coarse")
     assert record(tmp_path, PLAN, rig_for(PLAN), patient, resume=True).how == "complete"
     assert_same_frames(frames_of(tmp_path), frames_of(whole))
-    assert SessionFile.read(tmp_path).runs[-1].how == "complete" and threading.active_count() == threads
+    assert SessionFile.read(tmp_path).runs[-1].how == "complete" and threading.active_count() <= threads
     with RecordingSource(tmp_path) as source:
         notes = sorted((source.record(k) for k in range(27)), key=lambda note: int(note["sequence"]))
     assert np.all(np.diff([float(note["elapsed_s"]) for note in notes]) > 0)

@@ -266,7 +266,7 @@ def test_a_known_objects_frame_is_predicted(lfcal: Lfcal, place: Path) -> None:
     assert wrong["error"]["known"] and wrong["error"]["value"] > 0.08
     for more, what in (
         (("right.tif",), "Missing option '--scene'"),
-        (("right.tif", "--scene", "small.npy"), "small.npy, volume: expected (1, 120, 120)"),
+        (("right.tif", "--scene", "small.npy"), "small.npy, volume: expected shape (1, 120, 120)"),
         (("none.tif", "--scene", "object.npy"), "none.tif"),
         (("right.tif", "--scene", "none.npy"), "none.npy"),
     ):

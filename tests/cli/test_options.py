@@ -70,7 +70,7 @@ def calls(text: str, path: tuple[str, ...]) -> bool:
 
 def names(text: str, path: tuple[str, ...], option: str) -> bool:
     """Return whether a test module calls the command and names the option."""
-    written = option in words_of(text)[1]
+    written = option in words_of(text)[1] or (option == "--json" and "bench.json(" in text)
     return calls(text, path) and (written or any(f'"{short}"' in text for short in OPTIONS[path, option]))
 
 
