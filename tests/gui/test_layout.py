@@ -73,11 +73,17 @@ def test_every_page_has_room_in_the_smallest_window(stage: Stage) -> None:
         assert window.shown is page and window.minimumSizeHint().width() <= LEAST[0], spec.key
         least = page.body.minimumSizeHint()
         assert least.width() <= SMALL[0] - 85 and least.height() <= 640, (spec.key, least)
-    # a large window with the log becomes the smallest immediately
+
+
+def test_a_large_window_with_the_log_becomes_the_smallest_at_once(stage: Stage) -> None:
+    window, plan = stage.window, ScanPlan.for_camera(preset("bench"), virtual_depths=[3.0])
     window.log_dock.show()
-    for size in (LARGE, LEAST):
-        stage.resize(*size)
-        stage.turn()
+    window.project.update("a plan", camera=plan.camera, plan=plan)
+    stage.resize(*LARGE)
+    window.go("acquire")  # only a page in view follows the size
+    stage.settle()
+    stage.resize(*LEAST)
+    stage.turn()
     assert (window.width(), window.height()) == LEAST
 
 
