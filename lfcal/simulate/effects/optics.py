@@ -134,8 +134,8 @@ class IrisDiffraction(SceneEffect):
         if not outlook.has_lens:
             return Estimate(number, "N_F", 0.0, "in the Debye integral")
         # a pupil at its actual distance b turns a into a/(1 + a/b), which may exceed the limit (see `Telecentricity`)
-        reduced = number / abs(1 + outlook.shift_um / outlook.camera.optics.image_distance_um)
-        if max(number, reduced) < INSEPARABLE:
+        of_pupil = abs(1 + outlook.shift_um / outlook.camera.optics.image_distance_um)
+        if number < INSEPARABLE * min(1.0, of_pupil):
             return Estimate(number, "N_F", 0.0, "one with the shadow at this depth")
         return Estimate(number, "N_F", min(1.5, 0.6 / math.sqrt(number)), "|a|/(4 Nw² lambda); 0.6/N_F^(1/2)")
 
