@@ -18,7 +18,7 @@ HEIGHT = 20
 """Height of the buttons, which does not increase that of the status bar (px)."""
 
 LONG = re.compile(r"\S{2,}(\S{23})")
-"""A path and its end: in a line that is too short, the reason matters more than the whole path."""
+"""A path and its end. If the line is too short, the path is shortened, because the reason matters more."""
 
 WIDEST = 560
 """Width of a message that is shown in full (px)."""

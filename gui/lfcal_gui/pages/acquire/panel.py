@@ -45,7 +45,7 @@ class AcquirePanel(QWidget):
         self.record.noted.connect(self._say)
 
     def minimumSizeHint(self) -> QSize:
-        """Return the size with a narrow inspector, so that a wide window can be made narrow at once."""
+        """Return the size with a narrow inspector, so that a wide window can be made narrow in one step."""
         least = super().minimumSizeHint()
         return QSize(least.width() - self.inspector.width() + inspector_width(0), least.height())
 
