@@ -47,7 +47,8 @@ class AcquirePanel(QWidget):
     def minimumSizeHint(self) -> QSize:
         """Return the size with a narrow inspector, so that a wide window can be made narrow in one step."""
         least = super().minimumSizeHint()
-        return QSize(least.width() - self.inspector.width() + inspector_width(0), least.height())
+        less = 0 if self.inspector.isHidden() else self.inspector.width() - inspector_width(0)
+        return QSize(least.width() - less, least.height())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Widen the inspector in a large window."""
