@@ -63,14 +63,15 @@ def mean_drift(drifts: Sequence[MeasuredDrift]) -> MeasuredDrift:
 class AlarmTest:
     """Test whether drifts differ from those of quiet frames, or from zero.
 
-    With quiet frames, this is Hotelling's test of values in units of their stated standard deviations. These adapt it
-    to the brightness of each frame; the quiet frames determine mean and covariance, so that the stated standard
-    deviations may be wrong by a common factor. Without quiet frames, the stated covariance is trusted.
+    With quiet frames, this is Hotelling's test of values in units of their stated standard deviations, which depend on
+    the brightness of each frame. Mean and covariance of these values are estimated from the quiet frames. A common
+    factor in the stated standard deviations therefore has no effect. Without quiet frames, the stated covariance is
+    assumed to be correct.
 
     Parameters
     ----------
     quiet
-        Drifts of at least `LEAST_QUIET` quiet frames; none: the test trusts the stated covariance.
+        Drifts of at least `LEAST_QUIET` quiet frames; empty: none.
     rate
         Probability of an alarm without a drift.
     """

@@ -81,7 +81,8 @@ def find_spots(
 ) -> Spots:
     """Return the points of light of a frame.
 
-    The frame is smoothed until the micro-images of a point merge into one peak, from which the centroid starts.
+    Smoothing merges the micro-images of a point into one peak, where the search for the centroid starts. Points whose
+    patterns are cut off by the border of the frame are left out.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ def find_spots(
     Raises
     ------
     InputError
-        If no point is found.
+        If there is no complete pattern.
     """
     from scipy.ndimage import gaussian_filter, maximum_filter
 

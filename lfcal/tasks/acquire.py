@@ -176,7 +176,7 @@ class _Acquire(Task):
     cover: bool = opt(
         False,
         "Pause before dark frames, so that you can cover the lens if the light has no switch.",
-        label="Cover the lens",
+        label="Pause to cover the lens",
         more=True,
     )
     reference_every: int | None = opt(

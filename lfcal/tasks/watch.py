@@ -81,7 +81,7 @@ class Watch(Task):
         (),
         "Frames recorded directly after the calibration, at least 6: files, or folders of frames. May be repeated. "
         "Drifts are relative to them, and their scatter sets the threshold.",
-        label="Reference frames",
+        label="Quiet frames",
         file="in",
         empty="drifts are relative to H, and the stated noise sets the threshold",
     )

@@ -158,7 +158,7 @@ def depth_sum_of(
 
 
 def _outline(blades: int, rotation: float, apothem: float, curvature: float, fault: IrisFault) -> NDArray[np.float64]:
-    """Return the radius over `RAYS`: the nearest of all blades and of the rim, each by its own circle."""
+    """Return the radius in the directions `RAYS`, up to the nearest blade or the rim; each is an arc or a line."""
     arcs = [(rotation + (k + 0.5) * 2 * math.pi / blades, apothem, curvature / apothem) for k in range(blades)]
     if fault.stuck >= 0:
         direction, distance, bend = arcs[fault.stuck]

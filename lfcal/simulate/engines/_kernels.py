@@ -1,6 +1,6 @@
 """Compiled loops of the wave engine: one lenslet, many source positions of a row.
 
-With c the lenslet, X0 the source's image and L = lambda B', the field behind the lenslet is (see `wave.py`)
+With c the lenslet, X0 the source's image and L = lambda B', the field behind the lenslet is (see `_wave.py`)
 
     V(s) = exp(i pi |s-c|^2/L)/L sum_k E(x_k + c - X0) m(x_k) exp(i pi sigma x_k^2/L)
            exp(-2 pi i x_k.(s - c + (B'/a')(c - X0))/L) dx^2,     x_k = (x0 + kx dx, y0 + ky dx).

@@ -226,8 +226,8 @@ def draw_spots(
 ) -> tuple[int, float, float, float]:
     """Add the spots of all lenslets to the cutouts of ``target``.
 
-    A point u of the subject arrives at s = c - pull (c - X0) + size u, which covers both forms of the ray map in
-    `geometric.py`.
+    A point u of the subject (see `Shapes`) arrives at s = c - pull (c - X0) + size u, where c is the centre of the
+    lenslet. This holds whether the subject is the aperture of the lenslet or the pupil.
 
     Parameters
     ----------
@@ -236,12 +236,13 @@ def draw_spots(
     pixel
         Middle pixels of the cutouts ``(n, 2)`` as (row, column).
     lenslets, shapes, drawing
-        See `geometric.py`.
+        As documented in these classes.
 
     Returns
     -------
     tuple
-        Responses, energy in, energy out, worst ratio.
+        Number of spots, energy of the spots in the cutouts, energy that was drawn, and the largest ratio of drawn
+        energy to energy of a single spot.
     """
     out, a, b, acc = target.out, target.polygon, target.clipped, target.cover
     nt, ns, px = out.shape[1], out.shape[2], drawing.px_um

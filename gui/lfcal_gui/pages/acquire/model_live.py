@@ -301,8 +301,9 @@ def predicted_pattern(
 ) -> NDArray[Any] | None:
     """Return the pattern expected in the cutout at ``point`` (row, column), ``(nt, ns)``; None if unknown.
 
-    It is the nearest position of ``reference`` if that matches the plan, else rays through the camera. Between
-    planes there is no prediction, because the pattern of another depth would make a correct rig look faulty.
+    It is the pattern at the nearest position of ``reference`` if that has the shape of the plan, else a simulation with
+    rays. Between planes there is no prediction, because a pattern of another depth would make a correct rig look
+    faulty.
     """
     depth = float(plan.stage.to_object(np.array(stage_um))[2])
     if plane_at(plan, depth) is None:
