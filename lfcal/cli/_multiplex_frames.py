@@ -45,7 +45,7 @@ DeviationOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         "--deviation",
-        help="Also write each sample's standard deviation; without a camera, in units of a pixel's noise.",
+        help="File for the standard deviation of each sample; without the noise of a sensor, in units of a pixel's noise.",
     ),
 ]
 

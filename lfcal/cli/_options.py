@@ -60,7 +60,7 @@ WorkersOption: TypeAlias = Annotated[
     ),
 ]
 
-ForceOption: TypeAlias = Annotated[bool, typer.Option("--force", help="Replace what exists.")]
+ForceOption: TypeAlias = Annotated[bool, typer.Option("--force", help="Replace existing files.")]
 """Option to replace existing files; without it, such a command ends at the start (see `lfcal.tasks.outputs`)."""
 
 MatOrderOption: TypeAlias = Annotated[

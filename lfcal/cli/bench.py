@@ -11,7 +11,10 @@ from lfcal.cli._options import JsonOption
 WHERE = "run `python -m benchmarks` in a checkout of lfcal"
 
 
-def command(name: str = typer.Argument("", help="Name of a benchmark."), json: JsonOption = False) -> None:
+def command(
+    name: str = typer.Argument("", help="Name of a benchmark. It is always refused: benchmarks are not installed."),
+    json: JsonOption = False,
+) -> None:
     """Print where the benchmarks are: in the source, outside the installed package.
 
     Example: `lfcal bench`
