@@ -45,7 +45,7 @@ DeviationOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         "--deviation",
-        help="File for the standard deviation of each sample; without the noise of a sensor, in units of a pixel's noise.",
+        help="File for the standard deviation of each sample; without sensor noise, in units of a pixel's noise.",
     ),
 ]
 
