@@ -292,8 +292,8 @@ class LiveQuality:
         look("lamp", change, "the lamp drifts: let it warm up, or stabilise it")
         if len(levels) > 1:
             off = float(np.abs(levels - levels[0]).max()) / self._range
-            look("dark", off, "the dark level drifts: let the camera warm up, record darks more often")
-        look("hot", self._references.hot, "pixels became hot: record darks more often, cool the camera")
+            look("dark", off, "the dark level drifts: let the camera warm up, or record darks more often")
+        look("hot", self._references.hot, "pixels became hot: record darks more often, or cool the camera")
         energy = self._energy[seen]
         dim = float((energy < 0.5 * np.median(energy)).mean())
         look("dim", dim, "some positions are much darker than the others: check lamp, shutter and vignetting")

@@ -123,12 +123,12 @@ class Options:
         for name in ("darks", "dark_every", "reference_every", "controls", "retries"):
             check_number(name.replace("_", " "), getattr(self, name), at_least=0, integer=True)
         if self.keep_free_bytes is not None:
-            check_number("keep free (bytes)", self.keep_free_bytes, at_least=0, integer=True)
+            check_number("space to keep free (bytes)", self.keep_free_bytes, at_least=0, integer=True)
         for name in ("move_timeout_s", "grab_timeout_s"):
-            check_number(name.replace("_", " "), getattr(self, name), above=0, at_most=86_400)
-        check_number("steady s", self.steady_s, at_least=0, at_most=86_400)
+            check_number(f"{name[:-2].replace('_', ' ')} (s)", getattr(self, name), above=0, at_most=86_400)
+        check_number("steady time (s)", self.steady_s, at_least=0, at_most=86_400)
         self.bounds  # noqa: B018 this parses and checks each one
-        check_number("light settle s", self.light_settle_s, at_least=0, at_most=86_400)
+        check_number("light settle time (s)", self.light_settle_s, at_least=0, at_most=86_400)
         for name in ("tolerance_um", "overshoot_um"):
             values = getattr(self, name)
             if values is not None and len(values) != 3:

@@ -74,7 +74,7 @@ OBJECTIVE = "--objective MAGNIFICATION,NA,INDEX"
 SENSOR = "--sensor ROWSxCOLUMNS,PIXEL"
 
 CLEAR = "lattice.clear_um"
-UNSTATED = {"square": "squares without gaps", "hexagonal": "round, the pitch across"}
+UNSTATED = {"square": "squares without gaps", "hexagonal": "round, as wide as the pitch"}
 """Shape of lenslets without a stated clear diameter, by the kind of array; others are round, within their cells."""
 FULL = "; ".join(f"{kind}: {words}" for kind, words in UNSTATED.items())
 

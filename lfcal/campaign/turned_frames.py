@@ -61,7 +61,7 @@ class TurnedFrames:
     def words(self) -> str:
         """Text that states the orientation of the frames, with the evidence."""
         ways = any_of(turn.words for turn in self.turns)
-        left = f"{100 * self.residual:.0f} % of the light is then unexplained, {100 * self.as_is:.0f} % as delivered"
+        left = f"unexplained light: {100 * self.residual:.0f} % when upright, {100 * self.as_is:.0f} % as delivered"
         return f"{ways} relative to the camera ({left})"
 
     @property

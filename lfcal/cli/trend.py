@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from lfcal.base import InputError, format_dates, format_slope
+from lfcal.base import InputError, format_count, format_dates, format_slope
 from lfcal.cli._console import print_json, print_table, report, run_work
 from lfcal.cli._options import ForceOption, JsonOption
 from lfcal.tasks import check_output, open_matrix
@@ -109,7 +109,7 @@ def _show_inspections(found: Trend) -> None:
     header = ["what", *(one.label for one in found.sessions[-SHOWN:]), "unit", "per month", ""]
     print_table(header, rows, title=f"{len(found.sessions)} sessions, {format_dates(first.when, newest.when)}")
     rest = sum(not one.notable and one.newest is not None for one in found.courses if one.group == "metric")
-    typer.echo(f"{rest} checks were good in all sessions")
+    typer.echo(f"{format_count(rest, 'check was', 'checks were')} good in all sessions")
     typer.echo(f"{newest.label}: {newest.verdict}")
     _show_worse("worse than before", [one.title for one in found.worse], "nothing got worse")
 

@@ -222,7 +222,7 @@ def command(
     described = load_camera(camera, light=False) if camera else None
     if types != "none" and (described is None or len(described.lattice.types) != 3):
         raise InputError.expected(
-            "--types", "a --camera with three lens types", camera or "none", "give this camera, or leave --types out"
+            "--types", "a --camera with three lens types", camera or "none", "give such a camera, or leave --types out"
         )
     if types != "none" and lattice is not None and white is None:
         raise InputError(

@@ -58,7 +58,7 @@ class TurnedWhite:
     def words(self) -> str:
         """Description of the orientation and of the evidence for it."""
         ways = " or ".join(turn.words for turn in self.turns)
-        places = f"{self.away_px:.2f} px from the camera's lattice then, {self.as_is_px:.2f} px as delivered"
+        places = f"{self.away_px:.2f} px from the camera's lattice when upright, {self.as_is_px:.2f} px as delivered"
         return f"{ways} ({f'{self.sigmas:.0f} σ; ' if self.sigmas is not None else ''}{places})"
 
     @property

@@ -139,7 +139,7 @@ CLEAR = [
     ("square", 150.0, "150 µm, round"),
     ("square", 180.0, "180 µm, round, cut off where the next lenslet begins"),
     ("square", 212.1, "212.1 µm, without gaps"),
-    ("hexagonal", None, "round, the pitch across"),
+    ("hexagonal", None, "round, as wide as the pitch"),
     ("hexagonal", 150.0, "150 µm, round"),
     ("hexagonal", 173.2, "173.2 µm, without gaps"),
 ]
@@ -154,4 +154,4 @@ def test_a_clear_diameter_is_shown_with_what_it_means() -> None:
         assert quantity.text(value_at(other, "lattice.clear_um")) == words
     quantity = next(one for one in QUANTITIES if one.path == "lattice.clear_um")
     assert "on the sensor" in quantity.label
-    assert quantity.text(None) == "square: squares without gaps; hexagonal: round, the pitch across"
+    assert quantity.text(None) == "square: squares without gaps; hexagonal: round, as wide as the pitch"

@@ -186,7 +186,7 @@ WRONG = (
     ("array:6x6@1mm --crosstalk 2", "--crosstalk: expected a number ≥ 1e-06 and < 1"),
     ("array:6x6@1mm --speed 0", "--speed: expected a number > 0"),
     ("array:6x6@1mm --frame-rate 0", "--frame-rate: expected a number > 0"),
-    ("--source array:6x6@1mm", "type lfcal plan target PLAN SOURCE"),
+    ("--source array:6x6@1mm", "use lfcal plan target PLAN SOURCE"),
     ("array:6x6@1mm -o scan.json", "a file other than the input"),
     ("t.json -o t.json", "a file other than the input"),
 )
@@ -198,7 +198,7 @@ def test_targets_that_cannot_be_planned_end_in_a_line(lfcal: Lfcal, place: Path)
         lfcal(*PLAN, *words.split(), *(() if "-o" in words else ("-o", "out.json"))).refused(said)
         assert not (place / "out.json").exists(), words
     for option in ("--tolerance", "--crosstalk", "--pose", "--pose-within", "--most-frames"):
-        said = f"{option}: expected another spelling; type lfcal plan target PLAN SOURCE {option}"
+        said = f"{option}: not an option of lfcal plan; use lfcal plan target PLAN SOURCE {option}"
         lfcal("plan", "camera.json", "--virtual-depths", "4", option, "1").refused(f"lfcal: {said}")
 
 

@@ -441,10 +441,10 @@ def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
         return (f"depth axis not checked: {fit.by}",)
     off, axis = abs(fit.scale - 1), plan.stage.away[1]
     way = abs(plan.depths_um[-1] - plan.depths_um[0])
-    by = "how the image's movement" if fit.by == "growth" else "how the pattern"
+    by = "the growth of the image's movement" if fit.by == "growth" else "the growth of the pattern"
     what = f"depth axis {axis} of the stage"
     if off > (GROWTH_OFF if fit.by == "growth" else SPREAD_OFF) + 3 * fit.error:
-        got = f"{fit.scale:.3f} times that, inferred from {by} grows"
+        got = f"{fit.scale:.3f} times that, inferred from {by}"
         remedy = (
             f"correct the scale of axis {axis}, or the camera's working distance, or record without this check "
             "(--no-check-stage)"
@@ -459,5 +459,5 @@ def check_depth(fit: DepthFit, plan: ScanPlan) -> tuple[str, ...]:
     notes = () if fit.by == "growth" else (f"sense of the {what} not checked: the camera is telecentric",)
     if off <= (max(CELL_PX / moved, 3 * fit.error) if fit.by == "growth" else SPREAD_NOTED):
         return notes
-    how = f"{fit.scale:.3f} ± {fit.error:.3f} times as far as planned, inferred from {by} grows"
+    how = f"{fit.scale:.3f} ± {fit.error:.3f} times as far as planned, inferred from {by}"
     return (*notes, f"{what} moves {how}: check its scale")

@@ -113,8 +113,8 @@ class SimBackend:
     options: Mapping[str, str] = {
         "optics": "auto (default), geometric, wave, grid (finest, for fits), microscope: the plan's camera as lfcal "
         "simulate computes it; or pattern: a quick blur without lenslets, the default with a target",
-        "effects": "auto (default without the option optics: what the camera needs), or a JSON file of effects on the "
-        "optics as lfcal simulate --effect reads it; with optics alone they are ideal",
+        "effects": "auto: those that the camera needs; or a JSON file of effects on the optics, as for lfcal simulate "
+        "--effect; by default auto, but none if the option optics is given",
         "time": "virtual (waits take no time) or real",
         "velocity": "speed of the stage (µm/s)",
         "backlash": "backlash of each axis (µm)",

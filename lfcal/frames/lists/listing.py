@@ -215,7 +215,9 @@ def _exposures(table: Table, column: Column | None) -> tuple[tuple[float, ...] |
             f"state the unit in the contents of the columns (--columns exposure_us={column.name} or "
             f"exposure_ms={column.name})"
         )
-        raise InputError.expected(name, "a unit of such large times", f"{np.median(values):g} without a unit", remedy)
+        raise InputError.expected(
+            name, "a unit, because the times are large", f"{np.median(values):g} without a unit", remedy
+        )
     if (longest := float(values.max() * TIMES[unit])) > MAX_EXPOSURE_S:
         remedy = f"correct its unit (for example --columns exposure_us={column.name})"
         raise InputError.expected(name, f"exposures of at most {MAX_EXPOSURE_S:g} s", f"{longest:g} s", remedy)

@@ -130,7 +130,10 @@ SOURCE = SourceKind("files", lambda _: True, open_files, rank=100)
 def _bounded(manifest: Manifest, shape: tuple[int, int, int]) -> Manifest:
     if manifest.plan_shape is not None:
         raise InputError.expected(
-            "scan shape", f"{manifest.plan_shape} as in the manifest", shape, "leave it out or correct it"
+            "scan shape",
+            f"{manifest.plan_shape} as in the manifest",
+            shape,
+            "use the plan of this scan, or correct the manifest",
         )
     fields = {name: getattr(manifest, name) for name in ("shape", "dtype", "bit_depth", "cfa")}
     return Manifest(manifest.entries, plan_shape=shape, **fields)

@@ -334,7 +334,7 @@ class Metric:
         if limits.good or limits.higher_is_better:
             good = f"{better} {good}"
         if self.spec.by_cost:
-            return f"{good} is good, more are rated by their cost: from {FAIR:g} fair, from {BAD:g} bad"
+            return f"{good} is good; larger values are rated by their cost: fair from {FAIR:g}, bad from {BAD:g}"
         return f"{good} is good, {worse if limits.good == limits.bad else f'{worse} than {bad}'} is bad"
 
     def to_dict(self) -> dict[str, object]:

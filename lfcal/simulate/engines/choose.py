@@ -46,9 +46,9 @@ def engine_for(scene: AnyScene, level: str = "wave", sampling: Sampling | None =
         return GeometricPlane(scene)
     if not scene.lenslet_diffraction:
         raise InputError.expected(
-            f"level '{level}'",
-            "the effect lenslet diffraction on",
-            "the effect off",
+            "lenslet diffraction (lenslet_diffraction)",
+            f"on, because the level is {level}",
+            "off",
             "switch it on, or use the level geometric",
         )
     if level == "reference":

@@ -90,7 +90,7 @@ def test_exposures_have_the_unit_that_their_column_states(tmp_path: Path) -> Non
         assert "_" in name or "(" in name or "taken as" in found.notes[0]
 
 
-TIMES = "ExposureTime: expected a unit of such large times, got 20000 without a unit; state the unit in the"
+TIMES = "ExposureTime: expected a unit, because the times are large, got 20000 without a unit; state the unit in the"
 BAD: list[tuple[str, str, str]] = [
     ("file,PosX,x_stage,y\na,1.5,2,3\n", "", "column of x: expected one, got 'PosX' or 'x_stage'; state"),
     ("A,x,y\nb,1.5,2\n", "", "column of file: expected a name such as"),

@@ -355,7 +355,8 @@ def test_from_h_to_the_list_of_positions(window: MainWindow, qtbot: QtBot, tmp_p
         told = next(one for one in checks_of(others) if one.title == "Missing frames")
         assert (told.merit, told.rating) == (merit, rating), "the word follows the cost; no tick where frames are bad"
         assert (
-            f", {rating} (0 frames is good, more are rated by their cost: from 0.03 fair, from 0.1 bad)" in told.words
+            f", {rating} (0 frames is good; larger values are rated by their cost: fair from 0.03, bad from 0.1)"
+            in told.words
         )
         assert ("1 to repeat" in count_words(others)) is (rating == "repeat")
     page.panel.level_asked.emit("")
