@@ -95,7 +95,7 @@ def scene_of(
 
 
 def _described(camera: Camera) -> dict[str, Any]:
-    """Return the fields of a scene that hold for every plane of ``camera``."""
+    """Return the fields of a scene that are the same in every plane of ``camera``."""
     optics, lattice, sensor = camera.optics, camera.lattice, camera.sensor
     known: dict[str, Any] = {
         "wavelength_um": camera.wavelength_um,

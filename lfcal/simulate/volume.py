@@ -33,7 +33,7 @@ class ResponseSource(Protocol):
 
 
 class _Stored:
-    """Responses of an H that is there already."""
+    """Responses of an existing H."""
 
     def __init__(self, matrix: PSFMatrix) -> None:
         self.matrix = matrix

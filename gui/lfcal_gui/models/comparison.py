@@ -27,7 +27,7 @@ Place = tuple[int, int, int]
 COMPARED_MODES = (("side", "side by side"), ("blink", "blink"), ("difference", "difference"))
 """Ways to display two H."""
 
-COMPARED_COLUMNS = ("Plane, lenslets", "NRMSE (%)", "Scale", "Scaled (%)", "Shift (px)", "Left (%)")
+COMPARED_COLUMNS = ("Plane, lenslets", "NRMSE (%)", "Scale", "Scaled (%)", "Shift (px)", "Residual (%)")
 COMPARED_TIPS = (
     "Number and depth of the plane, with both numbers where they differ; lenslet type whose pixels are compared",
     "|A − B| / |B|, without scaling",

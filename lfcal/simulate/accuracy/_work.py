@@ -25,7 +25,7 @@ FITTED_RATE = 2e10
 """Complex multiply-adds per second of the machine on which the times were measured."""
 
 SET_UP = 1e-3
-"""CPU-seconds for the tables of an engine that do not grow."""
+"""Constant part of the CPU-seconds for the tables of an engine."""
 
 PER_POSITION, PER_SAMPLE, PER_BINNED = 1.2e-5, 1.2e-10, 4.5e-10
 """CPU-seconds of a grid of n x n samples for each position: for itself, for n² log2 n, and for a cutout's samples."""
@@ -75,7 +75,7 @@ SPARE_RANK = 14
 """Rank of a field on the Debye path beyond its band times its width."""
 
 FAINT_TAIL, FAINT_EDGE = 20, 18
-"""Width of the region beyond a point's shadow that has all nodes, in units of lambda N, and shadow that halves it."""
+"""Width of the region with all nodes beyond a small shadow, and shadow radius that halves it, in units of lambda N."""
 
 SAME_PLACE = 1e-6
 """Largest difference of a lenslet's pitch from whole pixels at which phases share rows of their matrices (px)."""

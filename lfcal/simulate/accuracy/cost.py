@@ -45,7 +45,7 @@ RISK = 0.12
 """Largest fraction of a plane's time that may be lost if a coarser sampling turns out to be too coarse."""
 
 WARY = 1.5
-"""Largest ratio of the allowed to the expected error from which a sampling is tried whose failure would lose more."""
+"""Largest factor on the expected error of a sampling whose failure would lose a larger fraction than `RISK`."""
 
 REFERENCE_OVER_WAVE, REFERENCE_OVER_GRID = 280.0, 200.0
 """Ratio of the reference's time to that of windows, and of a grid."""

@@ -194,7 +194,7 @@ def engine_bytes(scene: Scene, step: LevelSampling, workers: int) -> int:
 
 
 def _field_samples(scene: Scene, dx: float, half: float, mode: str) -> float:
-    """Return about the samples of the table of the main lens's field; see `lfcal.simulate.engines.field`."""
+    """Return the approximate number of samples of the table of the main lens's field; see `lfcal.simulate.engines.field`."""
     fringe = math.sqrt(scene.wavelength_um * abs(scene.reduced_image_um))
     shadow = scene.shadow_radius_um
     reach = half
@@ -208,7 +208,7 @@ def _field_samples(scene: Scene, dx: float, half: float, mode: str) -> float:
 def _cell_bytes(scene: Scene, dx: float, reach: float, bent: bool = False) -> tuple[float, float]:
     """Return the bytes of the table of a lenslet's cell while it is made and afterwards; 0 for a disc.
 
-    Bent ones, of a grid, are complex.
+    ``bent`` tables, which a grid uses, are complex.
     """
     # compiled code: loaded only when it is needed
     from lfcal.simulate.engines import MAX_CACHED, MAX_TABLE, bent_fineness, fineness

@@ -385,7 +385,7 @@ def _changes_work(effect: Effect) -> bool:
 
 
 def _in_engines(effect: Effect) -> bool:
-    """Return whether an effect's seconds are those of the engines: the step to waves, and further runs."""
+    """Return whether an effect's seconds are those of engines: for the step from rays to waves, or for further runs."""
     return isinstance(effect, LensletDiffraction) or effect.by_wavelength or effect.acts_on is ActsOn.LIGHT
 
 
@@ -455,7 +455,7 @@ def _decided(drafts: Sequence[_Draft], plane: int, allowed: float, costs: _Costs
 
 
 def _with_bandwidth(drafts: Sequence[_Draft], plane: int, found: dict[str, _Decision]) -> float:
-    """Switch the bandwidth on if another effect spreads the wavelengths; return what is then no longer left out."""
+    """Switch the bandwidth on if another effect spreads the wavelengths; return the error that is then no longer omitted."""
     coloured = [d.effect.title for d in drafts if found[d.effect.name].on and d.effect.by_wavelength]
     width = next(d for d in drafts if d.effect.name == Bandwidth.name)
     if not coloured or width.setting != "auto" or found[Bandwidth.name].on or not width.at(plane).size:

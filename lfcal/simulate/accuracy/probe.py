@@ -203,7 +203,7 @@ class _ErrorProbe:
         return error - windows > share
 
     def _reference_side(self) -> float:
-        """Return about the side of the reference's coarsest grid."""
+        """Return the approximate side of the reference's coarsest grid."""
         scene = self.scene
         samples = steps_for(scene, "reference")[0].sampling.samples_per_px or 8
         across = 2 * scene.shadow_radius_um + 4 * scene.lattice.pitch_um
@@ -264,7 +264,8 @@ class _ErrorProbe:
     def _references(self, step: LevelSampling, sampling: Sampling, level: str) -> Iterator[tuple[str, Sampling, float]]:
         """Yield samplings to compare one with, the best first, and the fraction of its error that each shows.
 
-        What changes from a step to a finer one is the error less that of the finer one. ``level`` is the engine's.
+        The difference between a step and a finer one is the error of the step minus that of the finer one. ``level`` is
+        the engine's level.
         """
         if step.level == "debye":
             visible = VISIBLE_NODES.get(sampling.nodes_per_px, VISIBLE_MORE_NODES)

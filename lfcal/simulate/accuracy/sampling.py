@@ -62,8 +62,9 @@ SPARE = 0.6
 
 ONE_NODE = (0.16, 0.6)
 """Expected error of one node per pixel of the Debye path, divided by the square of `Fringes.band`: if the light is
-within a lenslet, and otherwise. A failed attempt costs half the time of a small plane, so that it is the largest one
-(measured on 17 random microscopes: 0.075 to 0.12, and 0.18 to 0.4, of which the comparison states 1.2 times)."""
+within a lenslet, and otherwise. A failed attempt costs half the time of a small plane. The values are therefore upper
+limits (measured on 17 random microscopes: 0.075 to 0.12, and 0.18 to 0.4; the comparison overestimates them by a factor
+of 1.2)."""
 
 UNBALANCED = 0.1
 """Error of one node above which it is not tried: often, the energy does not balance."""
@@ -332,7 +333,7 @@ def _shadow_um(described: Scene | Outlook) -> float:
 
 
 def _kink_factor(described: Scene | Outlook) -> float:
-    """Return by how much samples are more where all light may meet at the edge between lenslets that touch."""
+    """Return the factor on the number of samples if all light may meet at the edge between touching lenslets."""
     if isinstance(described, Outlook):
         lattice = described.camera.lattice.scaled(1 / described.camera.lattice_scale)
         touching = lattice.gapless

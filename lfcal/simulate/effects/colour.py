@@ -50,9 +50,9 @@ def _wavelengths(reach_px: float, outlook: Outlook) -> int:
 
 
 def _fringes(rms_px: float, outlook: Outlook) -> float:
-    """Return the light moved within spots whose fringes move by ``rms_px``: 0.09 (s/w)^1.5, w that of a sharp spot.
+    """Return the fraction of light that moves within spots whose fringes move by s = ``rms_px``: 0.09 (s/w)^1.5.
 
-    Measured, and the same for spots sharp and wide.
+    Here w is the rms width of a sharp spot. The formula was fitted to measurements, for sharp and for wide spots.
     """
     airy = 0.42 * outlook.wavelength_um * outlook.gap_um / outlook.clear_um / outlook.pixel_um
     return min(1.0, 0.09 * math.pow(rms_px / math.hypot(airy, math.sqrt(1 / 12)), 1.5))

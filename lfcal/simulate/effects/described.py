@@ -294,7 +294,7 @@ def _value(kind: type[Effect], key: str, text: str) -> float:
 
 
 def _terms(name: str, text: str, three: str, example: str) -> list[list[float]]:
-    """Return the terms of ``n,m,waves;n,m,waves``, or what else the ``three`` are."""
+    """Return the triples in a text such as ``n,m,waves;n,m,waves``; ``three`` names the numbers of a triple."""
     try:
         terms = [[float(v) for v in part.split(",")] for part in text.split(";") if part.strip()]
     except ValueError:

@@ -141,7 +141,7 @@ class Ghost(FrameEffect):
 
 
 def _gathered(light: NDArray[np.float32], edges: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the light of ``light`` (n, m) between neighbouring ``edges``, which fall: ``(edges - 1, m)``.
+    """Return the sums of ``light`` (n, m) between neighbouring ``edges``, in decreasing order: ``(edges - 1, m)``.
 
     It uses differences of a running sum, so that light is conserved at any scale.
     """

@@ -59,7 +59,7 @@ def _stages(n: int, radices: tuple[int, ...]) -> Stages:
 
 
 def _fewest(n: int, most: int) -> tuple[int, ...] | None:
-    """Return factors of ``n`` from `RADICES`, at most ``most``, falling: the fewest, and of those the smallest sum."""
+    """Return the fewest factors of ``n`` from `RADICES`, with the smallest sum, decreasing from at most ``most``."""
     if n == 1:
         return ()
     found = []

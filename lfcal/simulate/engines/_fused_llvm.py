@@ -207,7 +207,7 @@ def _same(b: Any, value: Any) -> Any:
 
 
 def _picked(b: Any, pair: tuple[Any, ...], places: list[int]) -> Any:
-    """Return the lanes of two that are named, those of the second counted on from the first's."""
+    """Return the lanes ``places`` of two vectors; the lanes of the second are numbered after those of the first."""
     return b.shuffle_vector(*pair, ir.Constant(ir.VectorType(_I32, LANES), places))
 
 
@@ -246,9 +246,10 @@ def _define_step(function: Any, before: bool, after: bool) -> None:
 
 
 def _step(module: Any, before: bool, after: bool) -> Any:
-    """Return ``step(x, at, apart, twiddles, first, radix)``: butterflies of numbers, ``apart`` from one another.
+    """Return ``step(x, at, apart, twiddles, first, radix)``, which computes ``apart`` butterflies in place.
 
-    As many, in place, the first from ``at`` on; with twiddle factors from ``first`` on before or after them.
+    The first begins at ``at``, and the numbers of a butterfly are ``apart`` from one another. Twiddle factors, from
+    ``first`` on, are applied before or after the butterflies.
     """
     pointer = _REAL.as_pointer()
     return _function(

@@ -145,7 +145,7 @@ def mask_from_disc(aperture: LensAperture, dx: float, x0: float, y0: float, mask
 
 
 def fill_disc(aperture: LensAperture, dx: float, x0: float, y0: float, mask: Split) -> None:
-    """Fill a disc as `mask_from_disc`, which does it unless it would be compiled for this."""
+    """Fill a disc as `mask_from_disc` does, but with NumPy if compiling that function is not worthwhile."""
     n, h = mask.re.shape[0], mask.re.shape[0] // 2
     if not kernel_spared(__name__, "mask_from_disc", DISC_S * n * n):  # numba replaces kernels that others call
         mask_from_disc(aperture, dx, x0, y0, mask)

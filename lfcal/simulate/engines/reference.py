@@ -32,7 +32,7 @@ BENT_FINE = 4
 MAX_SAMPLES = 6000
 """Largest side of the grid (samples): 0.6 GB in double precision."""
 REFERENCE_CACHE_BYTES = 64_000_000
-"""Number of lenslets kept for others with the same position relative to the grid."""
+"""Largest total size of stored lenslets (bytes), which are reused at equal positions relative to the grid."""
 Complex = NDArray[np.complex128]
 
 

@@ -45,7 +45,7 @@ ARC_SIDES = 96
 """Number of sides of the circle with equal area that represents a disc clipped by its cell (error 5e-4 radii)."""
 
 BEST = 1 / 16
-"""Fraction of the light up to which a lenslet counts as the brightest one, so that the floor stays low near focus."""
+"""Upper limit of the fraction of light behind the brightest lenslet, so that the floor stays low near focus."""
 
 Array = NDArray[Any]
 Lit = NDArray[np.float32]

@@ -134,7 +134,7 @@ class Responses:
         return self.cached[z, nearest] if nearest is not None and differences[nearest] < NEAR_PX else None
 
     def _evict(self) -> None:
-        """Let the oldest responses away from the planes go: a stage that is moved along leaves one at every step."""
+        """Discard the oldest responses away from the planes, because a moving stage adds one at every step."""
         displaced = [key for key in self.cached if key[1]]
         for key in displaced[: max(0, len(displaced) - DISPLACED_CACHED + 1)]:
             del self.cached[key]

@@ -164,7 +164,7 @@ write_session = drained(
 
 
 def _begin(source: SimulatedCamera, out: Path, others: int, resume: bool) -> None:
-    """Say in the folder which session is being written; raises `InputError` where another was begun."""
+    """Record in the folder which session is being written; raise `InputError` if it contains another unfinished one."""
     identity = {
         "frames": len(source),
         "others": others,
