@@ -117,7 +117,7 @@ def _own_faults(value: Any, schema: Schema, names: dict[str, int]) -> Iterator[s
 
 
 def _denied(value: Any, schema: Schema) -> Iterator[str]:
-    """Yield a word for each rule of a ``not`` that ``value`` breaks, as it must."""
+    """Yield the name of each rule inside a ``not`` that ``value`` does not satisfy, as the schema requires."""
     if "const" in schema and value != schema["const"]:
         yield "const"
     if "multipleOf" in schema and value % schema["multipleOf"]:

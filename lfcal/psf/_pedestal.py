@@ -71,7 +71,7 @@ def _level(around: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _surroundings(gatherer: Gatherer, index: int) -> NDArray[np.float64] | None:
-    """Return the samples of a frame beyond its cutout, or None where these are too few to speak for it."""
+    """Return the samples of a frame beyond its cutout, or None if these are too few to determine a level."""
     _, region = gatherer.place(index)
     frame = gatherer.source.read(index).astype(np.float64)
     outside = np.ones(frame.shape, bool)

@@ -90,7 +90,7 @@ def _text(value: Any, *_: Any) -> Any:
 
 
 class _Refused(Exception):
-    """A pickle asks for something else than numbers."""
+    """A pickle requests something other than numbers."""
 
 
 def _buffered(data: Any = b"", kind: Any = None, shape: Any = (), order: Any = "C") -> _Array:
@@ -163,7 +163,7 @@ def _check_memo(data: bytes) -> None:
 
 
 def _resolved(value: Any, depth: int, known: dict[int, Any]) -> Any:
-    """Return a value with arrays in place of their stand-ins; shared parts are converted one time."""
+    """Return a value with arrays in place of their placeholders; shared parts are converted only once."""
     if isinstance(value, int | float | str | bytes | None):
         return value
     if depth > 8:

@@ -170,7 +170,7 @@ def stepped_plane(
 def _used(lines: NDArray[np.float64], total: NDArray[np.float64], share: float) -> tuple[int, int]:
     """Return the first and last of ``lines`` ``(ny, nx, n)`` outside of which no pattern has more than ``share``.
 
-    Of either side; nothing is cut from a pattern without light.
+    The limit applies to each side separately. Nothing is cut from a pattern without light.
     """
     allowed = (share * total)[..., None]
     inside = ((np.cumsum(lines, axis=-1) > allowed) & (total > 0)[..., None]).any(axis=(0, 1))
@@ -185,9 +185,9 @@ def _step(
     total: float,
     tolerance: float,
 ) -> float:
-    """Return about the largest step that keeps a pattern within ``tolerance``, of few binary digits.
+    """Return approximately the largest step of few binary digits that keeps a pattern within ``tolerance``.
 
-    By the error of a few steps, each guessed from the last two: it grows like a power of the step.
+    A few steps are tried. Each is extrapolated from the errors of the last two, as a power of the step.
     """
     low, high = min(ends[0], 0.0), max(ends[1], 0.0)
     if total == 0 or window[1] < window[0]:

@@ -321,7 +321,7 @@ def units_of(source: PlaneSource, stored: Stored) -> dict[int, Unit]:
 def _iter_joined(
     parts: tuple[Path, ...], source: PlaneSource, numbers: tuple[int, ...], writer: PSFWriter
 ) -> Work[None]:
-    """Write the file of the units' planes, which ``parts`` hold by ``numbers``, and of those that are made here."""
+    """Write the file from the planes ``numbers``, which the units wrote to ``parts``, and from planes made here."""
     files, planes = dict(zip(numbers, parts, strict=True)), source.header.shape[0]
     clock = Clock("join planes", planes)
     with writer, closing(source):

@@ -324,7 +324,7 @@ class _Reader:
         return (0.0, 0.0) if stated is None else (stated[0] - 1, stated[1] - 1)
 
     def _pair(self, name: str) -> tuple[float, float] | None:
-        """Return a pair of lfcal's own as (rows, columns)."""
+        """Return a pair of numbers from a variable that only lfcal writes, as (rows, columns)."""
         if not self._order or name not in self._file:
             return None
         values = self._file.values(name, finite=True).ravel()

@@ -250,7 +250,8 @@ def _blocks(counts: NDArray[np.int64], side: int) -> Iterator[tuple[int, int, in
 def _values(gatherer: Gatherer, numbers: list[int], middle: int) -> tuple[F8, NDArray[np.bool_]] | None:
     """Return samples ``(frames, rows, columns)`` of the same pixels of the sensor, about the ``middle`` frame's.
 
-    With those pixels ``(rows, columns)`` that carry a measurement in all of them. None: they have none in common.
+    The second result is True for the pixels ``(rows, columns)`` that are valid in all these frames. None: there are no
+    such pixels.
     """
     rows, columns = moved(gatherer.place(middle)[1], gatherer.infos[middle].origin)
     height, width = gatherer.source.shape

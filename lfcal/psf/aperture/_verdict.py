@@ -146,7 +146,7 @@ def _about(fit: OutlineFit) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 
 
 def _matched(edge: Edge, fits: _Fits) -> list[_Fits]:
-    """Return the fits to the edge measured with less noise, about the best iris, and about the circle and its best."""
+    """Return the fits to the edge, measured with less noise about the best iris, and, separately, about the circle."""
     ends = []
     for start in (fits.regular[0], fits.round):
         about = start
@@ -184,7 +184,7 @@ def _chosen(fits: _Fits) -> tuple[str, OutlineFit, float]:
 
 
 def _faulty(fits: _Fits, sound: float) -> tuple[str, OutlineFit, float]:
-    """Return kind, fit and margin of the irregular shape that holds; ``sound`` is the best regular chi-square."""
+    """Return kind, fit and margin of the best irregular shape; ``sound`` is the best regular chi-square."""
     stuck, unit = fits.stuck[0], fits.unit
     # a cut circle has as many parameters as an iris with a stuck blade, a cut iris has two more
     cuts = [(fit.chi2 + (DOUBT * unit if fit.blades else 0.0), fit) for fit in fits.rims]

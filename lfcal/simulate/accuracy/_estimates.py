@@ -73,7 +73,7 @@ def estimates_of(
 
 
 def _is_run_without(effect: Effect, planes: Sequence[Outlook]) -> bool:
-    """Return whether other effects are run without this one: it prevents a microscope's fast path and matters little."""
+    """Return whether others are run without this effect: it prevents a microscope's fast path and changes little."""
     return isinstance(effect, ExactAngles) and not planes[0].has_lens and all(map(effect.holds, planes))
 
 

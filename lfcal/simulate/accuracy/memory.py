@@ -194,7 +194,7 @@ def engine_bytes(scene: Scene, step: LevelSampling, workers: int) -> int:
 
 
 def _field_samples(scene: Scene, dx: float, half: float, mode: str) -> float:
-    """Return the approximate number of samples of the table of the main lens's field; see `lfcal.simulate.engines.field`."""
+    """Return the approximate number of samples of the main lens's field table; see `lfcal.simulate.engines.field`."""
     fringe = math.sqrt(scene.wavelength_um * abs(scene.reduced_image_um))
     shadow = scene.shadow_radius_um
     reach = half

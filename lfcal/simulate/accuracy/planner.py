@@ -455,7 +455,7 @@ def _decided(drafts: Sequence[_Draft], plane: int, allowed: float, costs: _Costs
 
 
 def _with_bandwidth(drafts: Sequence[_Draft], plane: int, found: dict[str, _Decision]) -> float:
-    """Switch the bandwidth on if another effect spreads the wavelengths; return the error that is then no longer omitted."""
+    """Switch the bandwidth on if another effect spreads the wavelengths; return the error that this avoids."""
     coloured = [d.effect.title for d in drafts if found[d.effect.name].on and d.effect.by_wavelength]
     width = next(d for d in drafts if d.effect.name == Bandwidth.name)
     if not coloured or width.setting != "auto" or found[Bandwidth.name].on or not width.at(plane).size:

@@ -507,7 +507,7 @@ def advice_words(folder: FolderState, *, recording: bool, backend: str, measured
     if recording:
         return "Recording continues while you use other pages."
     if folder.complete and folder.target is not None:
-        return "Complete. Assemble H uses the points whose phases match positions of the plan; lfcal fit uses all points."
+        return "Complete. Assemble H uses points whose phases match positions of the plan; lfcal fit uses all points."
     if folder.complete and folder.chosen is not None:
         return "Fit opens the fit of the recorded positions; enter a smaller error to continue the session."
     if folder.complete:
