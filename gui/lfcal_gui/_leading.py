@@ -41,7 +41,7 @@ GATHER_MS, JUDGE_MS = 40, 1500
 """Delay before a change is shown, because changes come in groups, and idle time before H is judged (ms)."""
 
 ELSEWHERE_S = 10.0
-"""For how long after a click another page stays in view when H is made."""
+"""Time after a click during which another page stays in view when H is made (s)."""
 
 MAKING = {"acquire", "frames"}
 """Pages whose jobs make H; the new H is shown."""

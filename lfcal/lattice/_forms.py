@@ -276,7 +276,7 @@ MIN_SHARE = 4.0
 """Smallest number of measured coordinates per free parameter."""
 
 FLEXIBLE_SHARE = 8.0
-"""Smallest number for a form that extrapolates, or weights the places."""
+"""The same for a form that is used to extrapolate, or to weight the positions."""
 
 MIN_GAIN_PX = 0.01
 """Displacement (px rms) by which a form must differ from a simpler one to be chosen."""

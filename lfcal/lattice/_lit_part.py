@@ -107,7 +107,7 @@ class LitPart:
 
 
 def _holes(flat: NDArray[np.float32]) -> NDArray[np.bool_] | None:
-    """Return the pixels in the dark middles of rings; None if the micro-images are no rings."""
+    """Return the pixels in the dark middles of rings; None if the micro-images are not rings."""
     from lfcal.base import cv2
 
     smooth = cv2.GaussianBlur(flat, (0, 0), 0.7)

@@ -47,7 +47,7 @@ RECTANGLE_ORDERS = (((1, 0),), ((0, 1),), ((1, 1),), ((1, -1),), ((2, 0),), ((0,
 """Lowest orders of a cell in sets that rotations by 120, 90 or 180 degrees map to each other, without opposite ones."""
 
 RECTANGLE_EXPLAINED = 0.8
-"""Smallest fraction of the peaks that rectangular cells must explain: they at least 0.98, textures below 0.73."""
+"""Smallest fraction of the peaks that rectangular cells must explain (measured: at least 0.98; textures below 0.73)."""
 
 DIAGONAL = np.array([[1.0, -1.0], [1.0, 1.0]]) / 2
 FINER = {
@@ -137,7 +137,7 @@ def guess_lattice(image: NDArray[np.float32], kind: str | None, pitch_px: float 
 
 
 def overlapping(wanted: str, found: str) -> InputError:
-    """Return the refusal of an image whose micro-images may overlap."""
+    """Return the error for an image whose micro-images may overlap."""
     remedy = "record an evenly lit image of the lenslets, with the main lens stopped down if micro-images overlap"
     return InputError.expected("white image", wanted, found, remedy)
 

@@ -2,7 +2,7 @@
 
 - ``_frames``: frames in electrons, checked; ``_window``: windows of the sensor on which they are compared with a model
 - ``_patterns``: H over a window, without a period, and sums over it
-- ``_scene``: the object and dark field of a frame; ``score``: what the frame says about the camera in spite of them
+- ``_scene``: the object and dark field of a frame; ``score``: the remaining information about the camera
 - ``_modes``: combinations of unknowns that frames determine, and those that they do not
 - ``model``: frames of a window with the model that explains them; ``recalibrate``: the complete fit; ``files``: its
   files

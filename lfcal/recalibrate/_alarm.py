@@ -18,14 +18,14 @@ LEAST_QUIET = 6
 
 
 EXACT: F8 = np.zeros(3)
-"""Error of no step."""
+"""Default of the error of a linear step: none."""
 
 
 class MeasuredDrift(NamedTuple):
     """Measured drifts ``(k,)``, their covariance ``(k, k)`` from noise, and two errors ``(k,)``.
 
-    ``floors`` is the error of the model. ``linear`` is that of a linear step to the drift, which is zero without one,
-    so that no test needs it.
+    ``floors`` is the error of the model. ``linear`` is the error of a linear step to the drift. Without a drift it is
+    zero, so tests do not include it.
     """
 
     values: F8
@@ -91,8 +91,9 @@ class AlarmTest:
     def tested(self, drifts: Sequence[MeasuredDrift], *, floored: bool = False) -> tuple[float, float]:
         """Return T² of the mean of drifts, and the probability of a larger one without a drift.
 
-        The scatter of quiet frames contains the part of the model's error that depends on the object. ``floored``: the
-        mean is over so many frames that this error must not be taken as averaged; without quiet frames it never is.
+        The scatter of quiet frames contains the part of the model's error that depends on the object. ``floored``
+        states that the mean is over many frames, so that averaging must not reduce this error. Without quiet frames, it
+        is never reduced.
         """
         k, n, m = len(drifts[0].values), self.count, len(drifts)
         if not n:

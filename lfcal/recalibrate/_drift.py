@@ -1,4 +1,4 @@
-"""What a frame of an unknown object says about the drift of the array, for an H that stays fixed."""
+"""Drift of the array in a frame of an unknown object, for an H that stays fixed."""
 
 from __future__ import annotations
 

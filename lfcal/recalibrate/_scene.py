@@ -1,4 +1,4 @@
-"""The unknown object and dark field behind a frame: an accelerated Richardson-Lucy estimate, which fits them only."""
+"""The unknown object and dark field of a frame, estimated with accelerated Richardson-Lucy for a fixed camera."""
 
 from __future__ import annotations
 

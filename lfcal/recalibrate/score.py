@@ -1,4 +1,4 @@
-"""The orthogonal score: what a frame of an unknown object says about the camera.
+"""The orthogonal score: information of a frame of an unknown object about the camera.
 
 Let m = H(u) g be the expected frame for unknowns u and a volume g. A derivative J = dH/du g is partly the same as a
 change of the volume, H dg. This part is projected out, so that to first order the result does not depend on errors of

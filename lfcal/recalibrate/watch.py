@@ -203,7 +203,7 @@ class _Array:
                 yield clock.at(done)
 
     def iter_measured(self, frames: Sequence[NewFrame], k: int, taken: Sequence[str]) -> Work[_Measured]:
-        """Return the drift in a frame; one that cannot be used is no reason to end the series."""
+        """Return the drift in a frame; a frame that cannot be used does not end the series."""
         name = distinct_label(f"frame {k + 1}", taken)
         try:
             frame = frames[k]

@@ -3,7 +3,8 @@
 The residual of a frame has the covariance M = V + H G HT: the noise V of its pixels, and the image of what is unknown
 about the rest of the volume. G is that of the random objects of error bars (`ObjectModel`): relative fluctuations of
 several correlation lengths. The generalized least-squares estimate with M^-1 hence uses the surroundings of a feature
-to predict its background, and trusts pixels where this prediction is uncertain less (Aitken 1935; kriging).
+to predict its background, and gives less weight to pixels for which this prediction is uncertain (Aitken 1935;
+kriging).
 """
 
 from __future__ import annotations
@@ -35,10 +36,10 @@ RESIDUAL = 3e-3
 """Relative residual at which the conjugate gradients stop."""
 
 LIMIT = 4.0
-"""Largest misfit of a model that is right, in standard deviations of its logarithm."""
+"""Largest misfit of a correct model, in standard deviations of its logarithm."""
 
 DRAWS = 8
-"""Number of random residuals that determine the distribution of the misfit of a model that is right."""
+"""Number of random residuals that determine the distribution of the misfit of a correct model."""
 
 
 class Covariance:

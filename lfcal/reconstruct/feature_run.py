@@ -42,7 +42,7 @@ def read_features(path: Path, depths: NDArray[np.float64]) -> tuple[Feature, ...
     Raises
     ------
     FileFormatError
-        If a column is missing, or a cell is no number.
+        If a column is missing, or a cell does not contain a number.
     """
     table = read_table(path)
     missing = [name for name in GIVEN[:2] if name not in table.columns]
@@ -151,7 +151,7 @@ COLUMNS = ("row", "column", "depth_um", "brightness", "width", "end_row", "end_c
 
 
 def _table(features: Sequence[FittedFeature]) -> str:
-    """Return a line for each feature as comma-separated values; an uncertainty that does not hold is empty."""
+    """Return a line for each feature as comma-separated values; uncertainties that are not valid are empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["number", *(f"{pre}{name}" for name in COLUMNS for pre in ("", "sigma_")), "chi2", "limit"])

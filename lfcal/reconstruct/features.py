@@ -99,9 +99,9 @@ class FittedFeature:
         ``end_row``, ``end_column``, and ``depth_um`` with the unit of `depth_um`. 0 for fixed values; NaN if the
         feature does not fit (`fits`).
     chi2
-        Misfit of the frame near the feature relative to that of a model that is right.
+        Misfit of the frame near the feature relative to that of a correct model.
     limit
-        Largest `chi2` of a model that is right.
+        Largest `chi2` of a correct model.
     """
 
     feature: Feature

@@ -642,7 +642,7 @@ def volume_facts(path: str | os.PathLike[str]) -> VolumeFacts:
 
 
 Said = tuple[dict[str, Any], dict[str, Any]]
-"""What a file states of `KNOWN`, by the order of its planes, and its details."""
+"""Values that a file states for `KNOWN`, with planes in the order of the file, and its details."""
 
 
 def _said(source: Path) -> Said:

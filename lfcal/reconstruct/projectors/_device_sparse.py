@@ -164,7 +164,7 @@ class DeviceSparse(DeviceEngine):
         return xp.reshape(total, (count, lattices.shape[1]))
 
     def _blocks(self) -> Iterator[tuple[int, int]]:
-        """Yield runs of lattice rows whose shifted lattices fit into half the room there is."""
+        """Yield runs of lattice rows whose shifted lattices fit into half of the available memory."""
         _, (cells_y, cells_x), (ry, rx) = self._sizes()
         one = 2 * (2 * ry + 1) * (2 * rx + 1) * self.grid.phases * cells_x * self.dtype.itemsize
         step = max(1, self.placement.room // 2 // one)

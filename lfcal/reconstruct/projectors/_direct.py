@@ -276,7 +276,7 @@ class Direct:
     def _row_runs(self, height: int, first: int, step: int, ramp: int) -> Iterator[slice]:
         """Yield runs of at most ``step`` window rows that fall onto selected image phases, row 0 onto ``first``.
 
-        The first and the last ``ramp`` rows are not reached by all rows of sources: runs end amid them.
+        The first and the last ``ramp`` rows are not reached by all rows of sources; a run ends in the middle of each.
         """
         half = ramp // 2 + 1
         cuts = [0, half, height - half, height] if half > LEAST_RAMP and height > 2 * half else [0, height]

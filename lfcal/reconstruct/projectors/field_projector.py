@@ -133,7 +133,7 @@ def field_weights(middles: Sequence[Pair], shape: tuple[int, int]) -> list[F8]:
 
 
 def _between(pixels: int, nodes: int) -> tuple[NDArray[np.intp], F8, int]:
-    """Return for each pixel the node before it, the fraction of the one after it, and how far on that is."""
+    """Return for each pixel the node before it and the weight of the next node, and the step to that node (0 or 1)."""
     if nodes == 1:
         return np.zeros(pixels, np.intp), np.zeros(pixels), 0
     at: F8 = np.arange(pixels, dtype=np.float64) * ((nodes - 1) / max(1, pixels - 1))
