@@ -21,7 +21,8 @@ HOT_SIGMAS, HOT_SHARE = 20.0, 0.02
 """Thresholds of a hot pixel above its dark surroundings: standard deviations of the noise, and fraction of the
 range."""
 ALONE, FEW_HOT = 4.0, 16
-"""Smallest ratio of its rise to that of its neighbours; largest number of pixels that become hot between two frames."""
+"""Smallest ratio of the rise of a hot pixel to that of its neighbours; largest number of pixels that become hot
+between two frames."""
 MANY = 1000
 """Largest number of hot pixels in a dark frame; if there are more, none is excluded."""
 

@@ -21,7 +21,8 @@ COUNT = 8
 """Number of frames of each kind."""
 
 PARTS = 4
-"""Parts of the sensor along rows and columns; a share `LIT` of them must reach `DIM` times the brightest."""
+"""Number of parts of the sensor along rows and columns; the fraction `LIT` of the parts must reach `DIM` times the
+light of the brightest part."""
 LIT = 0.75
 DIM = 0.1
 SATURATED = 1e-3

@@ -139,7 +139,7 @@ def _check_array(source: Path, array: Any, image: Mapping[str, Any]) -> None:
 
 
 def _codecs(steps: Any) -> Iterator[str]:
-    """Yield the names of codecs of zarr format 3, also of those within shards."""
+    """Yield the names of codecs of zarr format 3, including those within shards."""
     for step in steps:
         yield str(step["name"]).removeprefix("numcodecs.")
         inner = step.get("configuration") or {}

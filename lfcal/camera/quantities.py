@@ -129,7 +129,7 @@ IN_A_PUPIL: dict[str, dict[str, Any]] = {
     "lattice.offset_um": {"label": "optical axis on the sensor (x, y)"},
     CLEAR: {"label": "diameter of a lenslet", "usual": (100.0, 5e4), "empty": "none"},
 }
-"""What differs where the lenslets are in a pupil plane."""
+"""Attributes of quantities that differ for lenslets in a pupil plane."""
 
 UNLESS: dict[str, object] = {
     "lattice.row_pitch_um": None,

@@ -482,7 +482,7 @@ class _Campaign:
 
 
 def _gained_nothing(steps: Sequence[AdaptiveStep]) -> bool:
-    """Return whether the last patterns neither lowered the left-out error nor brought another group of unknowns."""
+    """Return whether the last patterns neither lowered the held-out error nor added a group of unknowns."""
     if len(steps) < 2:
         return False
     before, now = steps[-2].held_out_error, steps[-1].held_out_error

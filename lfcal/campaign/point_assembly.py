@@ -186,11 +186,11 @@ def target_facts(points: Points) -> dict[str, Any]:
     ``crosstalk`` is the largest fraction of light from neighbours in a cutout. It is the plan's value for equally
     bright holes, multiplied by the largest ratio of a neighbour's brightness to that of the point. ``stage_px`` is the
     rms deviation of frames from their planned positions, without the mean of each plane. ``pose_rms_px`` is the median
-    of all frames of the rms deviation of the holes' images from the lattice (both in px). ``doubtful`` is the fraction
-    of holes with an uncertain label or at a wrong position, and ``missing`` the largest number of missing holes in a
-    frame. ``points`` and ``frames`` are counts. ``brightness_spread`` is the robust relative standard deviation of the
-    holes' brightness. ``pose``, ``pose_sigma``, ``scale`` and ``distortion`` are results of the first frame, and
-    ``mistakes`` lists deviations from the target's description.
+    over all frames of the rms deviation of the holes' images from the lattice (both in px). ``doubtful`` is the
+    fraction of holes with an uncertain label or at a wrong position, and ``missing`` the largest number of missing
+    holes in a frame. ``points`` and ``frames`` are counts. ``brightness_spread`` is the robust relative standard
+    deviation of the holes' brightness. ``pose``, ``pose_sigma``, ``scale`` and ``distortion`` are results of the first
+    frame, and ``mistakes`` lists deviations from the target's description.
     """
     found = list(points.found.values())
     confidence = np.concatenate([one.confidence for one in found])

@@ -293,7 +293,7 @@ def measured_modulo(source: FrameSource, points: Points, *, most: int | None = N
 
 @dataclass(frozen=True, eq=False)
 class _Cut:
-    """Patterns of holes equally bright ``(n, nt, ns)``, which pixels are theirs alone, constant and slope of noise."""
+    """Patterns scaled to equally bright holes ``(n, nt, ns)``, valid pixels, and constant and slope of the noise."""
 
     patterns: NDArray[np.float32]
     valid: NDArray[np.bool_]

@@ -1,4 +1,4 @@
-"""``lfcal accuracy``: the cost of accuracy for a camera, a scan plan or H, wherever it can be chosen."""
+"""``lfcal accuracy``: measure what accuracy costs for a camera, a scan plan or H."""
 
 from __future__ import annotations
 

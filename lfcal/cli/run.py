@@ -23,7 +23,7 @@ def command(
     show: bool = typer.Option(False, "--show", help="Only print the job, its input files, and its command."),
     json: JsonOption = False,
 ) -> None:
-    """Run a job file, which may hold any task with the same fields as its form and command.
+    """Run the task in a job file, or the task that made an H or volume file.
 
     Example: `lfcal run job.toml -o H.h5`
     """

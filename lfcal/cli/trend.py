@@ -50,7 +50,8 @@ def command(
 
     With --quality, compare inspections: which checks got worse, and which faults are new.
 
-    Exit code 0: nothing has changed, or got worse; 1: something has; 2: the inputs cannot be compared.
+    Exit code 0: nothing has changed or got worse; 1: something has changed or got worse; 2: the inputs cannot be
+    compared.
 
     Example: `lfcal trend fits/ -o trend.png`, `lfcal trend --quality reports/`
     """

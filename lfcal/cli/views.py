@@ -161,7 +161,7 @@ def _by_white(
 
 TYPES = ("none", "together", "each")
 SLOPES = {"none": "-6:6:2", "together": "2:6:0.5", "each": "2:6:0.5"}
-"""Default slopes of the focal stack, outside the lenslets' own plane, where lens types see."""
+"""Default slopes of the focal stack. Lens types cannot show planes near the lenslets, whose slopes are small."""
 
 
 def command(

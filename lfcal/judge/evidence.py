@@ -400,7 +400,7 @@ ALIKE = 0.5
 """Median correlation with the best fit above which patterns belong to the camera."""
 
 LEAST, MOST = 1e-12, 1e15
-"""Largest allowed value of patterns; variances of larger ones overflow single precision."""
+"""Limits of the largest value of the patterns; beyond them, variances underflow or overflow in single precision."""
 
 
 def iter_evidence(

@@ -42,7 +42,7 @@ AS_WELL = 1.25
 """Ratio to the best residual up to which other orientations explain patterns equally well, as for symmetric arrays."""
 
 NEAR_PX, MOST_OF = 1, 0.75
-"""Distance from a common rule (pixels) up to which positions follow it, and the share that must follow it."""
+"""Distance from a common rule (pixels) up to which positions follow it, and the fraction that must follow it."""
 
 MATCHING = 0.7
 """Smallest correlation of H's patterns with the camera's in the right orientation."""

@@ -218,7 +218,7 @@ def _progress(
 def _folders(
     folders: Sequence[str | os.PathLike[str]], depth: int, notes: list[str]
 ) -> Iterator[tuple[Path, list[os.DirEntry[str]]]]:
-    """Yield each folder once with its entries; what cannot be looked into is noted."""
+    """Yield each folder once with its entries; folders that cannot be searched are added to ``notes``."""
     seen: set[tuple[int, int]] = set()
     waiting = [(Path(folder), depth) for folder in folders]
     while waiting:
@@ -248,7 +248,7 @@ def _folders(
 
 
 def _is_folder(entry: os.DirEntry[str]) -> bool:
-    """Return whether an entry is a folder that may hold results: not hidden, no units of unfinished work."""
+    """Return whether an entry is a folder that may contain results: not hidden, and not that of unfinished work."""
     return entry.is_dir() and not entry.name.startswith(".") and not entry.name.endswith((".parts", ".zarr"))
 
 
@@ -312,7 +312,7 @@ def read_result(path: str | os.PathLike[str]) -> StoredResult | None:
 
 
 def _nothing(path: Path, bare: StoredResult) -> None:
-    """Return None: nothing that lfcal makes has such a name."""
+    """Return None, because lfcal does not write such files."""
 
 
 def _recording(folder: Path, bare: StoredResult) -> StoredResult | None:
@@ -530,7 +530,7 @@ def _volume(bare: StoredResult, shape: Sequence[int], depths: Iterable[float] = 
 Reader = Callable[[Path, StoredResult], StoredResult | None]
 
 _OF_FOLDERS: dict[str, Reader] = {NAME: _recording, FIT: _fit, QUALITY: _report}
-"""Program that reads a folder with a file of this name."""
+"""Function that reads the result in a folder, by the name of a file in the folder."""
 
 _OF_FILES: dict[str, Reader] = {
     ".h5": _hdf5,
@@ -541,7 +541,7 @@ _OF_FILES: dict[str, Reader] = {
     ".tiff": _tiff,
     ".zarr": _zarr,
 }
-"""Program that reads a file with this ending."""
+"""Function that reads a result, by the suffix of its file."""
 
 
 # -- details of one result ---------------------------------------------------------------------------------

@@ -82,7 +82,7 @@ def _without(evidence: Evidence, finding: FoundFault) -> Evidence:
 
 
 def _blinded(evidence: Evidence, pixels: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return which samples ``(n, nt, ns)`` fall on pixels of the sensor."""
+    """Return a mask ``(n, nt, ns)`` of the samples that show these pixels of the sensor."""
     ny, nx = evidence.plan.period
     nt, ns = evidence.plan.cutout
     blind = np.zeros((ny + nt - 1, nx + ns - 1), np.bool_)

@@ -34,7 +34,7 @@ AS_DISTANCE = ("gap_um", "f_number", "focal_0_um", "focal_1_um", "focal_2_um")
 """Parameters that have the same effect as a source nearer or farther away than described."""
 
 SHIFTS = {"offset_y_um": 1, "offset_x_um": 0}
-"""Parameters that are relative to the description of each fit, so that places of the array are compared instead."""
+"""Parameters that are relative to the description of each fit, so that positions of the array are compared instead."""
 
 PLANNED = ("distance", "depths")
 """Groups of unknowns that are relative to the planned depths."""
@@ -308,14 +308,14 @@ def _parameter_course(name: str, fits: Sequence[DatedFit], sigmas: float) -> Cou
 
 
 def _same(name: str, one: DatedFit, newest: DatedFit) -> bool:
-    """Return whether a value means the same as the newest fit's."""
+    """Return whether a value has the same meaning as in the newest fit."""
     if one.groups != newest.groups or name not in newest.values:
         return False
     return one.groups_of[name] not in PLANNED or one.depths_um == newest.depths_um
 
 
 def _value(name: str, one: DatedFit, newest: DatedFit) -> float:
-    """Return a parameter's value; of an offset, how far the array is from where the newest fit has it."""
+    """Return the value of a parameter; for an offset, the displacement of the array relative to the newest fit."""
     if name not in SHIFTS:
         return one.values[name][0]
     middle = np.array(newest.middle_um)

@@ -116,7 +116,8 @@ def render(
     Raises
     ------
     InputError
-        If the shape of a frame differs from that of the lattice, or ``slopes`` or ``samples`` is out of range.
+        If the shape of a frame differs from that of the lattice, or ``slopes``, ``radius_px`` or ``samples`` is out of
+        range.
 
     Examples
     --------

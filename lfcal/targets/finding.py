@@ -28,7 +28,7 @@ REACH = 3.3
 """Largest distance of neighbours in pitches, so that one or two missing rows do not divide the lattice."""
 
 OFF = 0.22
-"""Largest displacement of a neighbour from its place, in pitches."""
+"""Largest displacement of a neighbour from its expected position, in pitches."""
 
 NEAR = 0.3
 """The same for the first neighbours, from which the basis is measured."""

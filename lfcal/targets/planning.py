@@ -137,7 +137,7 @@ PHASES = 3
 """Number of phases per axis for averaging patterns, because neighbours may have any phase."""
 
 TOLERANCE = 0.1
-"""Relative L1 error by which effects are chosen: diffraction is always included, others change spots more."""
+"""Relative L1 error by which effects are chosen; diffraction, which causes the tails, is always included."""
 
 WITHOUT_GRID = 0.003
 """Relative L1 error if the scene does not fit on a grid: windows about lenslets must be wide to contain tails."""

@@ -1,4 +1,4 @@
-"""Ask for each frame of a series whether H is still valid."""
+"""Check for each frame of a series whether H is still valid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Content of the menu Help: pages and sections of the manual, and the report of the doctor. No Qt."""
+"""Content of the menu Help: pages and sections of the manual, and the report of ``lfcal doctor``. No Qt."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ def _sections(found: Mapping[str, Any]) -> list[tuple[str, list[tuple[str, str]]
 
 
 def doctor_text(found: Mapping[str, Any]) -> str:
-    """Return the report of the doctor as plain text."""
+    """Return the report of ``lfcal doctor`` as plain text."""
     parts = [(title, rows) for title, rows in _sections(found) if rows]
     return "\n\n".join("\n".join((title, *(f"  {name}: {value}" for name, value in rows))) for title, rows in parts)
 
 
 def doctor_html(found: Mapping[str, Any]) -> str:
-    """Return the report of the doctor as HTML."""
+    """Return the report of ``lfcal doctor`` as HTML."""
     return "".join(
         f"<h3>{title}</h3><table>"
         + "".join(

@@ -119,10 +119,11 @@ def _whole(
 
 
 class RecordingSource(Frames):
-    """Frame source for the frames of a session that are safe on disk; of a repeated position, the latest frame is used.
+    """Frame source that reads the frames of a session that are safe on disk.
 
-    Frames are cutouts, and `info` states their position on the sensor. ``metadata`` contains the session's ``plan``,
-    the camera's bit depth and saturation, and the recorded ``darks``, by exposure time (s).
+    If a position was repeated, its latest frame is used. Frames are cutouts, and `info` states their position on the
+    sensor. ``metadata`` contains the session's ``plan``, the camera's bit depth and saturation, and the recorded
+    ``darks``, by exposure time (s).
 
     Parameters
     ----------
@@ -427,13 +428,13 @@ def _devices(devices: Devices) -> dict[str, Any]:
 
 
 class TargetRecording(RecordingSource):
-    """Frame source for the frames of a session with a target that are safe on disk, in the plan's order.
+    """Frame source that reads the frames of a session with a target, in the order of the plan.
 
-    In a complete session, frame ``k`` is frame ``k`` of the plan; otherwise, `frames` states which frames were
-    recorded. The ``points`` of each frame are the positions nearest to its holes at the planned pose, in the order of
-    `TargetPlan.points` for the offsets that the frame shows. The actual pose of the target, which may differ, is not
-    known here; it has to be fitted to the frames. ``metadata`` contains the ``plan`` of the scan and the ``target``
-    (`lfcal.targets.TargetPlan`), in addition to the entries of every session.
+    It contains the frames that are safe on disk. In a complete session, frame ``k`` is frame ``k`` of the plan;
+    otherwise, `frames` states which frames were recorded. The ``points`` of each frame are the positions nearest to its
+    holes at the planned pose, in the order of `TargetPlan.points` for the offsets that the frame shows. The actual pose
+    of the target, which may differ, is not known here; it has to be fitted to the frames. ``metadata`` contains the
+    ``plan`` of the scan and the ``target`` (`lfcal.targets.TargetPlan`), in addition to the entries of every session.
 
     Parameters
     ----------

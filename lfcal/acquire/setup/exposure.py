@@ -1,4 +1,4 @@
-"""Find an exposure time for each plane: bright, but not saturated."""
+"""Find an exposure time for each plane at which the image is bright, but not saturated."""
 
 from __future__ import annotations
 

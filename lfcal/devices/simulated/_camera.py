@@ -28,11 +28,11 @@ WARM = 60 / 4095
 """Rise of the dark level (fraction of the range)."""
 DIMMED = 0.7
 CLAMPED = 0.1
-"""Remaining fraction of the lamp's light, and of an exposure, in faults of these."""
+"""Fractions that remain of the lamp's light and of the exposure during faults of these."""
 
 FIXED = {"ExposureAuto": "Off", "GainAuto": "Off", "Gamma": "1"}
 AUTOMATIC = {"ExposureAuto": "Continuous", "GainAuto": "Continuous", "Gamma": "2.2"}
-"""Settings of the camera under which samples are proportional to light, and their values if they stay automatic."""
+"""Values of settings of the camera with which samples are proportional to light, and if they stay automatic."""
 PEAK = 0.7
 """Level of the brightest pixel with automatic exposure and gain (fraction of the range above black)."""
 

@@ -31,7 +31,7 @@ FEW = 12
 """Smallest number of samples at a ceiling."""
 
 HIGHER = 2.0
-"""Multiple of that share by which their light should have exceeded the ceiling."""
+"""Multiple of the band (see `BANDS`) by which the expected light must exceed the highest value."""
 
 ALWAYS, SEVERAL = 0.9, 4
 """Fraction of the patterns in which a hot pixel is at the ceiling, and the number of patterns needed to decide."""
@@ -50,10 +50,10 @@ DARK, MANY = 5e-4, 2000
 """Fraction of the brightest light below which samples are dark, and the number needed to determine their noise."""
 
 ZEROS = 0.1
-"""Fractions of dark samples that are exactly zero, and that are not, if noise was cut off."""
+"""Smallest fraction of dark samples that are exactly zero, and of those that are not, if noise was cut off."""
 
 TAIL = 5.0
-"""Standard deviations that such noise reaches."""
+"""Largest value of such noise, in standard deviations."""
 
 DIM = 4.0
 """Standard deviations of the noise below which samples may have been cut off."""
@@ -107,7 +107,7 @@ class Saturated(Fault):
 
 
 def _spread(evidence: Evidence, at: NDArray[np.bool_]) -> bool:
-    """Return whether most samples are at pixels that are not always at the ceiling, unlike hot pixels."""
+    """Return whether over a third of the samples are at pixels that, unlike hot pixels, are not always at the ceiling."""
     ny, nx = evidence.plan.period
     nt, ns = evidence.plan.cutout
     hits, seen = np.zeros((2, ny + nt - 1, nx + ns - 1))

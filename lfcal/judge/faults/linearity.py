@@ -23,7 +23,7 @@ CURVED = 0.02
 """Difference of an exponent from 1 above which it is reported."""
 
 STRONG = 0.1
-"""The difference above which exponents are tried, because a derivative is not accurate enough."""
+"""Difference of an exponent from 1 above which exponents are tried, because a derivative is not accurate enough."""
 
 EXPONENTS = np.geomspace(0.3, 3.0, 41)
 """Exponents that are tried."""
@@ -170,9 +170,10 @@ def _reported(evidence: Evidence, law: _Law) -> tuple[float, float]:
 
 
 def _likeliest(evidence: Evidence, peak: float) -> tuple[_Law, float] | None:
-    """Return the power without which patterns best match those of the camera, and the least certain improvement.
+    """Return the power law whose removal makes patterns most similar to the camera, and its estimated significance.
 
-    None if they match unchanged, or hardly better without it: a small bend is measured by its derivative.
+    The result is None if they match unchanged, or if the removal hardly improves the match. A small bend is measured by
+    its derivative instead.
     """
     model = _without_mean(evidence.model, evidence.valid)
     alike = correlation(model, _without_mean(evidence.data, evidence.valid))

@@ -187,7 +187,7 @@ def _displaced(left: F4, view: F4, *, near: bool) -> tuple[float, float, tuple[i
 
 
 def _in_most(left: F4, copy: F4, share: float) -> bool:
-    """Return whether most patterns ``(n, nt, ns)`` contain this fraction of a copy; patterns elsewhere may also do."""
+    """Return whether most patterns ``(n, nt, ns)`` contain at least a third of the fraction ``share`` of a copy."""
     power = np.square(copy).sum((1, 2), dtype=np.float64)
     seen = left.any((1, 2)) & (power > 0)
     each = (left * copy).sum((1, 2), dtype=np.float64)[seen] / power[seen]
@@ -259,7 +259,7 @@ def _dimmed(gains: F8) -> PutIn:
 
 
 def _types_of(plan: ScanPlan, index: NDArray[np.intp], cutout: tuple[int, int]) -> NDArray[np.intp]:
-    """Return the type of the lenslet whose centre is nearest to each sample's ``(n, nt, ns)``."""
+    """Return the type of the lenslet whose centre is nearest to each sample, ``(n, nt, ns)``."""
     camera = plan.camera
     lattice = camera.periodic
     nt, ns = cutout

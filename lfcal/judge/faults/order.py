@@ -28,10 +28,10 @@ GOOD = 0.85
 """Smallest correlation of patterns in the right order."""
 
 BETTER = 0.15
-"""Correlation that another order must reach."""
+"""Smallest increase of the correlation by another order."""
 
 LAGS = (1, 2, 3, 4, 5, 6, 8, 10)
-"""Largest number of frames by which a scan may be late or early."""
+"""Numbers of frames by which a scan may be late or early."""
 
 Index = NDArray[np.intp]
 Order = Callable[[Index], Index]

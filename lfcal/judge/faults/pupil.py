@@ -44,7 +44,7 @@ FOLLOWS = 6.0
 """Multiple of the camera's error by which parts may scatter, because displacements compensate for some of it."""
 
 EXPLAINS = 0.3
-"""Fraction of the residual of patterns that it must explain."""
+"""Fraction of the residual of patterns that a change of the focal length must explain."""
 
 LEFT = 0.02
 """Misfit above which lens types are tried; a smaller one rules out a type that is out of focus."""
@@ -214,7 +214,7 @@ class TypeFocus(Fault):
 def _settled(evidence: Evidence, kind: int, change: float) -> tuple[float, F4, Evidence] | None:
     """Return the change of a type's focal length from a first guess, the light with it, and the evidence without.
 
-    None where the first guess explains next to nothing: it is another fault.
+    The result is None if the first guess explains hardly anything, because the fault is then another one.
     """
     for turn in range(ROUNDS):
         other = _light(evidence, _with_focal(evidence.camera, kind, change))

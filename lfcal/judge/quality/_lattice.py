@@ -132,7 +132,7 @@ def spot_waves(
 
 
 def _ordered(y: NDArray[np.int64], x: NDArray[np.int64], period: tuple[int, int]) -> dict[str, NDArray[np.float64]]:
-    """Return where position (y, x) would be, ``(n, 2)`` as (x, y), for each of `ORDERS`."""
+    """Return, for each of `ORDERS`, the actual positions ``(n, 2)`` as (x, y) of the frames numbered (y, x)."""
     ny, nx = period
     swapped = (y, x)
     if ny != nx:  # the frames were recorded along y first, but counted along x

@@ -227,7 +227,7 @@ class MetricSpec:
     if_unknown: str = ""
 
     def __post_init__(self) -> None:
-        """Check that there is exactly one function, and that all words are there."""
+        """Check that there is exactly one function, and that no text is empty."""
         if (self.of_plane is None) == (self.of_matrix is None):
             raise ValueError(f"metric {self.key!r}: give one function, of_plane or of_matrix")
         for name in ("key", "title", "meaning", "advice"):

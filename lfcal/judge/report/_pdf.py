@@ -42,7 +42,7 @@ LISTED = 30
 
 @dataclass(frozen=True)
 class PageBlock:
-    """A block of a page: words, a picture, or both side by side.
+    """A block of a page: words, a picture, or words above a picture.
 
     Attributes
     ----------
@@ -51,9 +51,9 @@ class PageBlock:
     size, bold, colour
         Font of the words: size (points), bold, colour.
     cells, at
-        Words of a table row instead, and the start of each (inches from the left margin).
+        Words of a table row, one for each column, and left edges of the columns (inches from the left margin).
     picture, width
-        PNG under the words, and its width (inches) at most.
+        PNG below the words, and its largest width (inches).
     gap
         Space above the block (inches).
     keep
@@ -170,7 +170,7 @@ def _actions(inspection: Inspection) -> Iterator[PageBlock]:
 
 
 AT = (0.0, 0.65, 2.55, 4.25, 4.95, 5.65)
-"""Where the columns of the table of metrics begin (inches)."""
+"""Left edges of the columns of the table of metrics (inches from the left margin)."""
 
 
 def _metrics(inspection: Inspection, every: bool) -> Iterator[PageBlock]:
@@ -209,7 +209,7 @@ def _drawn(pictures: Sequence[ReportPicture]) -> Iterator[PageBlock]:
 
 
 def iter_pages(content: Sequence[PageBlock]) -> Iterator[Figure]:
-    """Give each page as a figure, which is of use until the next one."""
+    """Yield each page as a figure, which is valid until the next page is requested."""
     rest = list(content)
     number = 0
     while rest:
@@ -227,7 +227,7 @@ def iter_pages(content: Sequence[PageBlock]) -> Iterator[Figure]:
 
 
 def _together(rest: Sequence[PageBlock]) -> float:
-    """Return the room of the first block and of those that stand with it."""
+    """Return the height of the first block and of those that must be on the same page (inches)."""
     total = 0.0
     for one in rest:
         total += one.height()
@@ -237,7 +237,7 @@ def _together(rest: Sequence[PageBlock]) -> float:
 
 
 def _put(fig: Figure, block: PageBlock, y: float) -> float:
-    """Put a block at a height (inches from the top); return where the next one begins."""
+    """Draw a block at the distance ``y`` from the top of the page (inches); return that of the next block."""
     y += block.gap
     step = 1.3 * block.size * POINT
     columns = block.lines()

@@ -34,7 +34,7 @@ PICTURES = (
     "against_reference.png",
     "shifts.png",
 )
-"""Names of the pictures a report may have, besides ``map_METRIC.png``."""
+"""Names of the pictures a report may have, in addition to ``map_METRIC.png``."""
 
 PANELS = 12
 """Number of planes shown of a deep H, evenly spaced."""
@@ -281,7 +281,7 @@ def _positions_map(axes: Axes, values: NDArray[np.floating], title: str, unit: s
 
 
 def _tiling(quality: QualityReport) -> ReportPicture:
-    """Draw the control frames at their places: their difference from the cell, and the place that fits best."""
+    """Draw the control frames at their positions: difference from the cell, and distance of the best fit."""
     known = [(z, t) for z, t in enumerate(quality.tilings) if t is not None]
     shown = [known[k] for k in chosen(len(known), 4)]
     with _sheet(2, len(shown) * 2.7) as sheet:

@@ -65,7 +65,7 @@ OTHER_UNITS = 10.0
 """Scale between two H above which their values have different units: counts, and fractions of the light."""
 
 MOST_PERCENT = 1000.0
-"""Difference above which it only shows that scales differ, and is not given in figures."""
+"""Difference (%) above which no number is stated, because it shows only that the scales differ."""
 
 EVEN = 0.01
 """Fraction of the largest difference up to which all positions count as equally different."""

@@ -402,7 +402,7 @@ class ReconstructSettings(PageSettings):
 
 
 def task_of(settings: ReconstructSettings, psf: str, frame: str, out: str, mat_order: str = "") -> Reconstruct:
-    """Return the task that reconstructs a volume from a light field in a file; it cannot select a region."""
+    """Return the task that reconstructs a volume from a light field in a file; ``settings.region`` is ignored."""
     margin = settings.margin if used_by(settings.solver, "margin") else 0
     side = settings.voxel if settings.voxel in ("", "auto") else _side(settings.voxel)
     row, column = settings.anchor or (0.0, 0.0)

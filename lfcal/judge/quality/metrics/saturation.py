@@ -51,7 +51,7 @@ def _lost(plane: PlaneMeasures, counts: NDArray[np.float64]) -> float:
 
 
 def _counted(counts: NDArray[np.float64]) -> Reading:
-    """Return the counted number; zero only if every position was counted."""
+    """Return the number of saturated pixels; unknown instead of good if some positions were not counted."""
     total, known = float(np.nansum(counts)), np.isfinite(counts)
     if known.all():
         return Reading(total, map=counts, positions=counts > 0)
@@ -63,7 +63,7 @@ def _counted(counts: NDArray[np.float64]) -> Reading:
 def _suspected(plane: PlaneMeasures) -> Reading:
     """Return the number of pixels with the highest value of the plane; many such pixels indicate saturation.
 
-    Corrections, rescaling and averaging hide clipping by the sensor, so that none does not prove "no saturation".
+    Corrections, rescaling and averaging hide clipping by the sensor. A small number is therefore unknown, and not good.
     """
     table, use = plane.table, plane.use
     if table.computed or plane.edges.cut_off or not use.any():  # also if the noise is unknown
