@@ -105,7 +105,7 @@ def _reversed(part: slice, count: int) -> slice:
 
 CHECK = "check"
 AUTO = "auto"
-"""Choices besides the names: refuse frames that are certainly turned, or turn them."""
+"""Choices in addition to the names: refuse frames that are certainly turned (check), or turn them (auto)."""
 
 AS_IS = "as is"
 

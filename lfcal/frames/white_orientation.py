@@ -129,7 +129,7 @@ def compared_orientations(check: CameraCheck, camera: Camera) -> tuple[CameraChe
 def _compare(
     camera: Camera, turn: Orientation, places: NDArray[np.float64], kinds: NDArray[np.intp] | None
 ) -> _Compared:
-    """Return the distance of upright places ``(n, 2)`` (row, column) from the camera's lenslets of their type."""
+    """Return the distance of upright positions ``(n, 2)`` (row, column) from the camera's lenslets of their type."""
     lattice = camera.lattice
     at = lattice.lenslet_at(camera.sensor_um(places))
     if camera.marks["lattice.offset_um"] == "assumed":

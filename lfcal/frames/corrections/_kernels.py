@@ -32,7 +32,7 @@ PIXEL_S = 3e-9
 
 
 def correct(raw: NDArray[Any], terms: CorrectionTerms, out: NDArray[np.float32], workers: int | None) -> None:
-    """Correct all rows as `correct_rows`, which does it unless it would be compiled for this; to the same bits."""
+    """Correct all rows by `correct_rows`, or by numpy if the kernel is spared; the results are identical."""
     if not correct_rows.spared(PIXEL_S * raw.size):
         for_each_chunk(lambda a, b: correct_rows(raw, terms, (0, 0), a, b, out), len(raw), workers)
         return

@@ -15,11 +15,11 @@ from lfcal.frames.formats.image_file import ImageFile
 __all__ = ["FramesLast", "used_axes"]
 
 LARGEST = 4 << 30
-"""Bytes of a stack along the last axis that are rearranged in memory."""
+"""Largest size of a stack with frames along the last axis, which is rearranged in memory (bytes)."""
 
 
 def used_axes(shape: Sequence[int]) -> tuple[int, ...]:
-    """Return the axes of an array of frames without the one axis of length 1 in four, such as that of the colour."""
+    """Return the axes of an array of frames; of four axes, the first of length 1 is left out, such as that of colour."""
     single = [axis for axis, length in enumerate(shape) if length == 1]
     if len(shape) != 4 or not single:
         return tuple(range(len(shape)))

@@ -18,13 +18,13 @@ BLOCK = 2880
 """Headers and data fill whole blocks of this many bytes."""
 
 MAX_BLOCKS = 1000
-"""Longest header that is read (blocks)."""
+"""Length of the longest header that is read (blocks)."""
 
 MAX_AXES = 999
-"""Most axes of an array."""
+"""Largest number of axes of an array."""
 
 MAX_ARRAYS = 100
-"""Arrays that are looked at for the first image."""
+"""Largest number of arrays that are searched for the first image."""
 
 _TYPES = {8: "u1", 16: ">i2", 32: ">i4", 64: ">i8", -32: ">f4", -64: ">f8"}
 

@@ -23,12 +23,12 @@ _COMPRESSING = {1: "deflate", 32000: "lzf", 32001: "blosc", 32004: "lz4", 32008:
 """Names of the compression filters, by their numbers."""
 
 _NEXUS_DEPTH = 8
-"""Groups that NeXus ``default`` attributes may lead through."""
+"""Largest number of groups that NeXus ``default`` attributes may lead through."""
 
 _DARK = re.compile(r"dark|background", re.IGNORECASE)
 
 _CALIBRATION = re.compile(r"(?:^|[/_])(?:dark|white|flat|bright|background)s?(?:[/_]|$)", re.IGNORECASE)
-"""Names of datasets that hold dark or white frames."""
+"""Names of datasets that contain dark or white frames."""
 
 
 class Hdf5Image(ImageFile):

@@ -357,7 +357,7 @@ _REMEDIES = {
     b"Andor Technology": "export it as TIFF, in Solis",
     b"\xed\xfe\0\0": "export it as TIFF, in StreamPix",
 }
-"""What to do with a kind of file; all others are converted."""
+"""Remedies for kinds of files, by the start of the file; all others should be converted."""
 
 
 def _guess(head: bytes) -> str:

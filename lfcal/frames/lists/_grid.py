@@ -14,7 +14,7 @@ __all__ = ["PlaneGrid", "ScanGrid", "find_grid"]
 CONE = 0.6
 """Largest ratio of lateral to forward part of a step along an axis: the scan may be rotated by up to 30 degrees."""
 NEIGHBOURS = 13
-"""Number of nearest places examined: enough steps along each axis, even if places were recorded several times."""
+"""Number of nearest positions examined: enough steps along each axis, even if positions were recorded several times."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -191,7 +191,7 @@ def _check_orientation(light: CentroidMotion | None, camera: Camera) -> None:
 
 
 def _check_period(period: tuple[int, int], camera: Camera) -> None:
-    """Raise unless the places cover whole periods of the camera."""
+    """Raise an error unless the positions cover whole periods of the camera."""
     for n, p, what in zip(period, camera.period_px, ("rows", "columns"), strict=True):
         cells = max(1, round(n / p))
         if abs(n - cells * p) > 0.5 * cells + 1e-6:

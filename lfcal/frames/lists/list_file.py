@@ -42,10 +42,10 @@ _DARK = re.compile(r"\b(?:dark|background|off|closed)\b", re.IGNORECASE)
 """Names of channels without light."""
 
 MOST_DARKS = 64
-"""Dark frames that are averaged at most."""
+"""Largest number of dark frames that are averaged."""
 
 SAMPLE = 50
-"""Number of rows that decide whether places are counted or measured."""
+"""Number of rows that show whether positions are numbers or coordinates."""
 
 
 def is_plain(path: Path) -> bool:

@@ -40,7 +40,7 @@ MOST_MASKED = 0.5
 """Fraction of a frame without values above which its pixels are not masked but refused."""
 
 NAN_MODES = ("auto", "mask", "refuse")
-"""What happens to NaN and infinity in frames; see `FolderSource`."""
+"""Treatments of NaN and infinity in frames; see `FolderSource`."""
 
 MAX_OPEN = 128
 """Largest number of multi-page files kept open simultaneously."""

@@ -107,7 +107,7 @@ class Saturated(Fault):
 
 
 def _spread(evidence: Evidence, at: NDArray[np.bool_]) -> bool:
-    """Return whether over a third of the samples are at pixels that, unlike hot pixels, are not always at the ceiling."""
+    """Return whether over a third of the samples are at pixels that are not, like hot pixels, always at the ceiling."""
     ny, nx = evidence.plan.period
     nt, ns = evidence.plan.cutout
     hits, seen = np.zeros((2, ny + nt - 1, nx + ns - 1))
