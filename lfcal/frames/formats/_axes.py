@@ -19,7 +19,7 @@ LARGEST = 4 << 30
 
 
 def used_axes(shape: Sequence[int]) -> tuple[int, ...]:
-    """Return the axes of an array of frames; of four axes, the first of length 1 is left out, such as that of colour."""
+    """Return the axes of an array of frames; of four axes, the first of length 1 is left out (such as colour)."""
     single = [axis for axis, length in enumerate(shape) if length == 1]
     if len(shape) != 4 or not single:
         return tuple(range(len(shape)))

@@ -140,7 +140,7 @@ def _numbers(table: Table, column: Column) -> NDArray[np.float64]:
 def _unit(
     table: Table, by_role: dict[str, Column], places: NDArray[np.float64]
 ) -> tuple[str, NDArray[np.float64] | float, bool]:
-    """Return the unit of the positions, the factors that convert all axes to it, and whether only planes are counted."""
+    """Return the unit of the positions, factors that convert all axes to it, and whether only planes are counted."""
     used = [by_role[axis] if axis in by_role else None for axis in "xyz"]
     units = [column.unit if column is not None else None for column in used]
     stated = {unit for unit in units if unit is not None}

@@ -145,7 +145,7 @@ def _fitted(points: TransferPoints, limit: float, whole: bool, saturation: Measu
 def _least_squares(
     x: NDArray[np.float64], y: NDArray[np.float64], n: NDArray[np.float64], terms: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Return the polynomial through the points, its covariance (scaled by the scatter), and chi² per degree of freedom."""
+    """Return the polynomial fit, its covariance (scaled by the scatter), and chi² per degree of freedom."""
     scale = float(x.max())
     base = np.stack([(x / scale) ** k for k in range(terms)], axis=1)
     floor = max(1e-4 * float(y.max()), 1e-12)
