@@ -1,7 +1,7 @@
 """Judge the quality of data: findings, the verdict, the report, trends, and comparisons of two H.
 
-Every check reports problems as `lfcal.base.Finding`. Each finding has a subject, and `lfcal.base.verdict_of` writes
-the verdict from all of them.
+Every check reports problems as `lfcal.base.Finding`. Each finding has a subject, and `lfcal.base.Judgement` writes the
+verdict from all of them.
 
 - ``quality``: metrics that need no camera
 - ``inspection``: these metrics together with the comparison with a camera

@@ -121,7 +121,7 @@ class Starts:
 
 
 def parts(index: NDArray[np.intp], which: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Yield the patterns ``which`` plane by plane, in batches."""
+    """Return the patterns ``which`` plane by plane, in batches."""
     found = []
     for z in np.unique(index[which, 0]).tolist():
         own = which[index[which, 0] == z]

@@ -431,7 +431,7 @@ def drift_note(camera: Any, period: tuple[int, int], shape: tuple[int, int]) -> 
 
 
 def _is_whole(camera: Any, shape: tuple[int, int]) -> bool:
-    """Return whether ``shape`` is that of the sensor of ``camera``, whose lattice may drift. None: false."""
+    """Return whether ``camera`` has a lattice, and its whole sensor has ``shape``; False if ``camera`` is None."""
     return camera is not None and camera.has_lattice and tuple(shape) == tuple(camera.sensor.shape)
 
 

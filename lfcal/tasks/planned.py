@@ -62,7 +62,7 @@ def virtual_depths_field(empty: str) -> tuple[float, ...]:
 def cutout_field(source: str, *, more: bool = False) -> tuple[int, int] | None:
     """Declare the field ``cutout`` of a task on a scan; ``source`` names the origin of its default in the help.
 
-    ``more`` states whether the field is advanced, as in `lfcal.records.Opt`.
+    ``more`` states whether the field is advanced, as in `lfcal.records.option.Opt`.
     """
     words = "Size of the cutout around the image of each point: an odd number of pixels, or ROWS,COLUMNS."
     empty = f"as in {source}, else the geometric size of the pattern"

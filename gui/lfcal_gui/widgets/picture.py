@@ -208,7 +208,7 @@ class Picture(QWidget):
 
     @property
     def shot(self) -> Shot:
-        """The displayed shot; None if there is none."""
+        """The displayed shot, an empty `Shot` if there is none."""
         return self._shot
 
     @property

@@ -59,7 +59,10 @@ def _stages(n: int, radices: tuple[int, ...]) -> Stages:
 
 
 def _fewest(n: int, most: int) -> tuple[int, ...] | None:
-    """Return the fewest factors of ``n`` from `RADICES`, with the smallest sum, decreasing from at most ``most``."""
+    """Return the fewest factors of ``n`` from `RADICES`, in decreasing order from at most ``most``; None: impossible.
+
+    Of several sets, the one with the smallest sum is returned.
+    """
     if n == 1:
         return ()
     found = []
