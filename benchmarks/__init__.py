@@ -1,4 +1,4 @@
-"""Side-by-side timings, outside the installed package: ``python -m benchmarks NAME`` in the folder of the source.
+"""Benchmarks, outside the installed package: ``python -m benchmarks NAME`` in the folder of the source.
 
-One public module per benchmark, each with ``register(app)``; modules with an underscore are what they share.
+There is one public module per benchmark, each with ``register(app)``. Modules with an underscore contain shared code.
 """

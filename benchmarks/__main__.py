@@ -1,4 +1,4 @@
-"""The program ``python -m benchmarks``: a command for each public module beside this one."""
+"""The program ``python -m benchmarks``: a command for each public module of this folder."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def command_line() -> Any:
     app = typer.Typer(
         name=PROGRAM,
         cls=_Benchmarks,
-        help="Time lfcal side by side with other ways to do the same.",
+        help="Compare the time and the error of lfcal with those of other methods.",
         add_completion=False,
         no_args_is_help=True,
         rich_markup_mode="markdown",

@@ -1,4 +1,4 @@
-"""Random cameras, depths and known errors of build, as different from each other as real ones are."""
+"""Random cameras, depths and known errors of construction, as varied as real ones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["random_plan"]
 
 WIDEST = 121
-"""Largest cutout (pixels): a wide pattern is cut, as a user would."""
+"""Largest cutout (px); wider patterns are cropped, as a user would crop them."""
 
 F_NUMBERS = (1.8, 16.0)
 """Smallest and largest working f-number of photographic lenses."""
@@ -31,13 +31,13 @@ OBJECTIVES = (
 )
 VIRTUAL_DEPTHS = (0, 0, 0.02, -0.05, 0.2, -0.4, 0.7, -0.8, 1.2, 1.5, 2, 2.2, 3, 4, 6, -1.5, -2, -3, -5)
 DEFOCUS = (0, 0, 1, -1, 3, -5, 10, 25, -25)
-"""Distance from the focal plane in units of lambda/NA² over 2."""
+"""Distance from the focal plane in units of lambda / (2 NA²)."""
 
 
 def random_plan(number: int) -> tuple[ScanPlan, tuple[Effect, ...]]:
-    """Return the plan of one plane of a camera, and four errors of build that are known of it.
+    """Return the plan of one plane of a camera, and its four known errors of construction.
 
-    Every fourth or so is a microscope, and one in five is at or near the native plane.
+    About every fourth camera is a microscope. About every fifth plane is at or near the working plane.
     """
     import numpy as np
 
@@ -50,7 +50,7 @@ def random_plan(number: int) -> tuple[ScanPlan, tuple[Effect, ...]]:
             camera, z_um = _microscope(rng) if rng.random() < 0.25 else _photographic(rng)
             plan = ScanPlan.for_camera(camera, depths_um=[z_um])
         except LfcalError:
-            continue  # no object has its image there, or the pattern is wider than the sensor
+            continue  # no object is imaged there, or the pattern is wider than the sensor
         plan = replace(plan, cutout=(min(plan.cutout[0], WIDEST), min(plan.cutout[1], WIDEST)))
         return plan, _known(rng, plan)
 
@@ -123,6 +123,6 @@ def _known(rng: np.random.Generator, plan: ScanPlan) -> tuple[Effect, ...]:
         effects.FiniteSource(float(rng.choice([0.2, 0.6, 1.5])) * camera.step_um(plan.depths_um[0])),
         effects.PixelFill(float(rng.choice([0.5, 0.8, 0.95]))),
     ]
-    if isinstance(camera.optics, MainLens):  # of a microscope's wavefront only what is round is computed
+    if isinstance(camera.optics, MainLens):  # in a microscope, only rotationally symmetric aberrations are computed
         pool.append(effects.Coma(float(rng.choice([0.03, 0.1, 0.3])), 0.7))
     return tuple(pool[k] for k in rng.choice(len(pool), 4, replace=False))

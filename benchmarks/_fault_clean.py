@@ -1,4 +1,4 @@
-"""Cameras without a fault, that an inspection must not raise an alarm about."""
+"""Recordings without a fault, for which an inspection must not report one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["clean_cameras"]
 F4 = NDArray[np.float32]
 
 PRNU, FLICKER = 0.01, 0.01
-"""Response of pixels and light of frames: what they scatter by where a recording has that."""
+"""Relative rms scatter of the pixel response and of the light of frames, in recordings with PRNU or flicker."""
 
 
 def _one_type() -> Camera:
@@ -37,7 +37,7 @@ def _turned(degrees: float) -> Camera:
 
 
 def _whole_60x() -> Camera:
-    """Return a `lfm_60x12` whose lenslets are 15 pixels apart, and not 15.4: no whole number of these is a period."""
+    """Return a `lfm_60x12` whose pitch is 15 pixels instead of 15.4, so that the period is a whole number of pixels."""
     camera = preset("lfm_60x12")
     return replace(camera, sensor=replace(camera.sensor, pixel_um=camera.lattice.pitch_um / 15))
 
@@ -59,7 +59,7 @@ def _plans() -> Iterator[tuple[str, ScanPlan]]:
 
 
 def clean_cameras(count: int) -> Iterator[tuple[str, Recording, F4]]:
-    """Yield names, recordings and values ``(nz, ny, nx, nt, ns)``: each as it is, with PRNU, flicker, other noise."""
+    """Yield names, recordings and values ``(nz, ny, nx, nt, ns)``: each also with PRNU, flicker, half the light."""
     done = 0
     for name, plan in _plans():
         recording = Recording(plan)

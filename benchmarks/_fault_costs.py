@@ -1,4 +1,4 @@
-"""What a fault truly costs: large scenes reconstructed with a whole H that has it, and with one that has none."""
+"""True costs of faults: large scenes reconstructed with a complete H, with and without the fault."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ __all__ = ["TrueCost"]
 F4 = NDArray[np.float32]
 
 SIDE_PX = 96
-"""Pixels along each axis of the images at least."""
+"""Smallest side of the images (px)."""
 
 SCENES = (partial(scene, seed=5), partial(beads, seed=6), partial(lines, seed=7))
-"""Points and a smooth part, beads, and lines: others than an inspection's."""
+"""Points with a smooth part, beads, and lines: scenes that an inspection does not use."""
 
 
 class TrueCost:
@@ -28,7 +28,7 @@ class TrueCost:
     light
         Patterns ``(nz, ny, nx, nt, ns)`` without noise and faults.
     noisy
-        The same with noise: what any recording has.
+        The same patterns with the noise of a recording.
     """
 
     def __init__(self, light: F4, noisy: F4) -> None:
@@ -36,9 +36,9 @@ class TrueCost:
         self.clean = self.error(noisy)
 
     def error(self, values: F4) -> float:
-        """Return the error of a reconstruction with an H, beside that with the true one (NRMSE)."""
+        """Return the NRMSE of the reconstruction with an H, compared with the reconstruction with the true H."""
         return self._trial.error(values)
 
     def cost(self, values: F4) -> float:
-        """Return the error that an H makes beyond noise: both add in squares."""
+        """Return the error that an H causes in addition to noise; errors add in quadrature."""
         return float(np.sqrt(max(0.0, self.error(values) ** 2 - self.clean**2)))

@@ -1,4 +1,4 @@
-"""The faults that an inspection is tried with: one line each, with three strengths and how it is put in."""
+"""Faults with which inspections are tested: one line each, with three strengths and the function that adds it."""
 
 from __future__ import annotations
 
@@ -62,20 +62,20 @@ __all__ = ["FAULTS", "Injected"]
 
 @dataclass(frozen=True, eq=False)
 class Injected:
-    """A fault that is put in.
+    """A fault that is added to a recording.
 
     Attributes
     ----------
     name, unit
-        What it is, and of what its strengths are numbers.
+        The fault, and the unit of its strengths.
     strengths
         Three, from weak to strong.
     named
-        Names of the findings, or keys of the metrics, by which it counts as named.
+        Names of the findings, or keys of the metrics, that count as identification.
     put_in
-        Makes the recording ``(nz, ny, nx, nt, ns)`` of a strength.
+        Function that returns the recording ``(nz, ny, nx, nt, ns)`` with the fault at a strength.
     types
-        Lens types that a camera must have.
+        Number of lens types that a camera must have.
     """
 
     name: str
@@ -167,4 +167,4 @@ def _faults() -> Iterator[Injected]:
 
 
 FAULTS: tuple[Injected, ...] = tuple(_faults())
-"""Every fault that is put in."""
+"""All faults."""

@@ -1,4 +1,4 @@
-"""Faults of lamps, focus and optics: each takes a recording and a strength, and gives all patterns."""
+"""Faults of lamps, focus and optics: functions of a recording and a strength that return all patterns."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def focus(r: Recording, s: float) -> F4:
 
 
 def warming(r: Recording, s: float) -> F4:
-    """Return the recording of a camera whose virtual depth changes by s during the scan of each plane."""
+    """Return the recording of a camera whose virtual depth changes by ``s`` during the scan of each plane."""
     light = r.light()
     for z, depth in enumerate(r.plan.depths_um):
         v = abs(r.plan.camera.virtual_depth(depth))
@@ -82,7 +82,7 @@ def deep(*planes: int) -> PutIn:
 
 
 def swapped_planes(r: Recording, s: float) -> F4:
-    """Return the recording with a share of the positions, from the first on, in the other plane."""
+    """Return the recording with the first fraction ``s`` of the rows exchanged between the planes."""
     values = r.clean()
     rows = round(s * values.shape[1])
     values[:, :rows] = values[::-1, :rows].copy()
@@ -122,14 +122,14 @@ def blurred_type(r: Recording, s: float) -> F4:
 
 
 def shadow(*, straight: bool) -> PutIn:
-    """Return what darkens a part of the pupil: beyond a chord, or more and more towards one side."""
+    """Return the fault of a partly dark pupil: beyond a chord, or increasingly towards one side."""
 
     def put_in(r: Recording, s: float) -> F4:
         light = r.light()
         nt, ns = r.plan.cutout
         y, x = np.mgrid[:nt, :ns] - np.array([(nt - 1) / 2, (ns - 1) / 2])[:, None, None]
         for z, image in enumerate(light.sum((1, 2), dtype=np.float64)):
-            # of an even disk
+            # radius of a uniform disc with this second moment
             radius = np.sqrt(2 * float((image * (y**2 + x**2)).sum() / image.sum()))
             along = (np.cos(0.6) * x + np.sin(0.6) * y) / max(radius, 1.0)
             part = 1 / (1 + np.exp((along - (1 - s)) / 0.05)) if straight else 1 - s * np.clip((along + 1) / 2, 0, 1)

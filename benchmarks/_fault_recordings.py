@@ -1,4 +1,4 @@
-"""Recordings of simulated cameras without a fault, and what faults are made of."""
+"""Recordings of simulated cameras without a fault, and operations from which faults are made."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PEAK, READ, PHOTONS, LAMP = 3000.0, 3.0, 0.2, 0.005
 """Counts of the brightest sample, read noise in counts, variance of photons per count, and flicker of the lamp."""
 
 DEPTH_STEPS = 6
-"""Depths that a plane whose focus drifts is made of."""
+"""Number of depths that represent a plane with focus drift."""
 
 F4 = NDArray[np.float32]
 F8 = NDArray[np.float64]
@@ -51,7 +51,7 @@ CAMERAS: dict[str, Callable[[], ScanPlan]] = _plans()
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A scan by a camera that is what its description says."""
+    """A scan with a camera that agrees with its description."""
 
     plan: ScanPlan
 
@@ -61,11 +61,11 @@ class Recording:
         return values * np.float32(PEAK / values.max())
 
     def light(self) -> F4:
-        """Return the light before any noise, in counts, to be changed at will."""
+        """Return a copy of the light before noise, in counts."""
         return self._light.copy()
 
     def noisy(self, light: F4 | F8, seed: int = 0) -> F4:
-        """Return light as a camera counts it: lamp (0.5 %), photons, read noise."""
+        """Return the light with the noise of lamp (0.5 %), photons and readout."""
         rng = np.random.default_rng(seed)
         lit = light * (1 + LAMP * rng.standard_normal(light.shape[:3]))[..., None, None]
         spread = np.sqrt(READ**2 + PHOTONS * np.maximum(lit, 0))
@@ -73,7 +73,7 @@ class Recording:
         return found
 
     def clean(self) -> F4:
-        """Return the recording without a fault, to be changed at will."""
+        """Return a new copy of the recording without a fault."""
         return self.noisy(self._light)
 
     def matrix(self, values: F4) -> PSFMatrix:
@@ -102,14 +102,14 @@ class Recording:
         return out
 
     def come(self) -> F8:
-        """Return how far the scan has come at each position, 0 to 1 ``(ny, nx, 1, 1)``, to and fro."""
+        """Return the completed fraction of a serpentine scan at each position ``(ny, nx, 1, 1)``."""
         ny, nx = self.plan.period
         found = np.arange(ny * nx, dtype=np.float64).reshape(ny, nx)
         found[1::2] = found[1::2, ::-1].copy()
         return (found / (ny * nx))[..., None, None]
 
     def grid(self) -> tuple[F8, F8]:
-        """Return rows and columns of positions ``(ny, nx)`` about the middle."""
+        """Return rows and columns of the positions ``(ny, nx)``, relative to the middle."""
         ny, nx = self.plan.period
         y, x = np.meshgrid(np.arange(ny) - (ny - 1) / 2, np.arange(nx) - (nx - 1) / 2, indexing="ij")
         return y, x
@@ -119,7 +119,7 @@ class Recording:
         return self._changed(lambda z: self._model(z, self._setup(), dy, dx))
 
     def deeper(self, z: int, shares: F8) -> F4:
-        """Return the light with the virtual depth of plane z off by shares ``(ny, nx)``."""
+        """Return the light if the relative error of the virtual depth of plane ``z`` is ``shares`` ``(ny, nx)``."""
         camera, planned = self.plan.camera, self.plan.depths_um[z]
         steps = np.rint(shares / max(float(np.ptp(shares)), 1e-12) * (DEPTH_STEPS - 1))
         out = self.light()
@@ -134,13 +134,13 @@ class Recording:
         return out
 
     def with_camera(self, camera: Camera) -> F4:
-        """Return the light of another camera in the same scan."""
+        """Return the light of the same scan with another camera."""
         still = np.zeros(self.plan.period)
         other = Setup(camera, described_effects(camera), (0.0,) * self.plan.shape[0])
         return self._changed(lambda z: self._model(z, other, still, still))
 
     def _changed(self, model: Callable[[int], F4]) -> F4:
-        # differences of one engine are added to the light of the simulation
+        # a difference of two results of one engine is added, so that its systematic error cancels
         return np.stack([self._light[z] + model(z) - self._still(z) for z in range(self.plan.shape[0])])
 
     def _still(self, z: int) -> F4:
@@ -172,4 +172,4 @@ class Recording:
 
 
 PutIn = Callable[[Recording, float], F4]
-"""Makes the patterns ``(nz, ny, nx, nt, ns)`` of a recording with a fault of a strength."""
+"""Function that returns the patterns ``(nz, ny, nx, nt, ns)`` of a recording with a fault of a given strength."""

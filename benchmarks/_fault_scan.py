@@ -1,4 +1,4 @@
-"""Faults of scans and stages: each takes a recording and a strength, and gives all patterns."""
+"""Faults of scans and stages: functions of a recording and a strength that return all patterns."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def lines_swapped(axis: int) -> PutIn:
 
 
 def order(values: F4) -> F4:
-    """Return frames in the order of a scan to and fro, as a copy ``(nz, ny * nx, nt, ns)``."""
+    """Return a copy of the frames in the order of a serpentine scan ``(nz, ny * nx, nt, ns)``."""
     out = values.copy()
     out[:, 1::2] = out[:, 1::2, ::-1]
     return rows_joined(out)
@@ -98,7 +98,7 @@ def blank(r: Recording, s: float) -> F4:
 
 
 def doubled(r: Recording, s: float) -> F4:
-    """Return the recording whose stage moves on during every s-th exposure: half of it shows the next position."""
+    """Return the recording of a stage that moves during every s-th exposure, half of which shows the next position."""
     light = r.light()
     out = light.copy()
     frames, found = rows_joined(light), rows_joined(out)

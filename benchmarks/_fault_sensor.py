@@ -1,4 +1,4 @@
-"""Faults of sensors: each takes a recording and a strength, and gives all patterns."""
+"""Faults of sensors: functions of a recording and a strength that return all patterns."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ F4 = NDArray[np.float32]
 
 
 def compressed(values: F4, quality: float) -> F4:
-    """Return each frame as a JPEG of 8 bits gives it back."""
+    """Return each frame after compression as an 8-bit JPEG."""
     import cv2
 
     out = np.empty_like(values)
@@ -146,7 +146,7 @@ def saturated(r: Recording, s: float) -> F4:
 
 
 def few_saturated(r: Recording, s: float) -> F4:
-    """Return the recording with so many of the highest values cut off at the next."""
+    """Return the recording with the ``s`` highest values clipped to the next lower value."""
     values = r.clean()
     found: F4 = np.minimum(values, np.partition(values.ravel(), -int(s) - 1)[-int(s) - 1])
     return found
@@ -157,6 +157,6 @@ def lifted(sign: int) -> PutIn:
 
 
 def clipped(r: Recording, s: float) -> F4:
-    """Return the recording less a part of its read noise, without what is negative then."""
+    """Return the recording minus ``s`` times the read noise, with negative values set to 0."""
     found: F4 = np.maximum(r.clean() - np.float32(s * READ), np.float32(0))
     return found

@@ -1,4 +1,4 @@
-"""Random cameras that depart from their description, and what is recorded of them."""
+"""Random cameras that differ from their description, and patterns recorded with them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lfcal.fit.spread import held_out_rows, spread_out
 __all__ = ["Truth", "described_plan", "random_truth", "recorded"]
 
 FULL = 0.8
-"""Share of the full well that the brightest pixel reaches."""
+"""Fraction of the full well that the brightest pixel reaches."""
 
 DEPTHS = (3.0, 4.0)
 """Virtual depths of the planes."""
@@ -30,7 +30,7 @@ CUTOUTS = {"bench": 55, "r29": 141}
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """A camera as it is, beside its description.
+    """A true camera and its description.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Truth:
 
 
 def described_plan(name: str = "bench", *, cutout: int | None = None, depths: tuple[float, ...] = DEPTHS) -> ScanPlan:
-    """Return the scan of some virtual depths of a preset on a sensor that is no larger than it must be."""
+    """Return the scan of some virtual depths of a preset on the smallest sufficient sensor."""
     camera = preset(name)
     size = cutout or CUTOUTS[name]
     ny, nx = (round(n) for n in camera.period_px)
@@ -60,8 +60,8 @@ def described_plan(name: str = "bench", *, cutout: int | None = None, depths: tu
 def random_truth(plan: ScanPlan, rng: np.random.Generator, *, size: float = 0.3) -> Truth:
     """Return a camera with errors of 1-3 % of gap and focal lengths, aberrations, iris and offset errors.
 
-    Aberrations are ``size`` waves at the pupil's rim in all; the array is turned by 0.1 degrees (rms) and displaced by
-    a third of a pixel, the iris turned by 0.1 rad and of another size by 5 % (rms).
+    The aberrations add up in quadrature to ``size`` waves. The array is rotated by 0.1 degrees and displaced by a
+    third of a pixel. The iris is rotated by 0.1 rad, and its size differs by 5 %. These values are rms values.
     """
     setup = Setup(plan.camera, described_effects(plan.camera), (0.0,) * len(plan.depths_um))
     vector = _vector(plan, setup)
@@ -83,7 +83,7 @@ def random_truth(plan: ScanPlan, rng: np.random.Generator, *, size: float = 0.3)
 
 
 def _percent(rng: np.random.Generator) -> float:
-    """Return 1 to 3 %, more or less."""
+    """Return a fraction of 1 to 3 % with a random sign."""
     return float(rng.choice([-1.0, 1.0]) * rng.uniform(0.01, 0.03))
 
 
@@ -103,9 +103,9 @@ def recorded(
     stage_px: float = 0.0,
     index: NDArray[np.intp] | None = None,
 ) -> Measured:
-    """Return ``count`` noisy patterns spread over period and planes, in electrons; a fifth is kept aside.
+    """Return ``count`` noisy patterns in electrons, spread over period and planes; a fifth of them is held out.
 
-    The brightest pixel has 80 % of the full well; noise is that of photons and of the read-out.
+    The brightest pixel reaches 80 % of the full well. The noise is photon noise and read noise.
     """
     plan, sensor = truth.plan, truth.plan.camera.sensor
     every = np.argwhere(np.ones(plan.shape[:3], np.bool_))

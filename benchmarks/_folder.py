@@ -11,6 +11,8 @@ __all__ = ["FolderOption"]
 
 FolderOption: TypeAlias = Annotated[
     Path | None,
-    typer.Option("--folder", exists=True, file_okay=False, help="Where to write; the temporary files' by default."),
+    typer.Option(
+        "--folder", exists=True, file_okay=False, help="Folder to write to; default: that of temporary files."
+    ),
 ]
-"""Disk that a benchmark writes to and cleans up."""
+"""Option for the folder in which a benchmark writes and removes its files."""

@@ -1,4 +1,4 @@
-"""Other ways to project, for timing side by side: pyolaf 0.2.1 where it is installed, and a lean FFT loop."""
+"""Other projectors for comparison: pyolaf 0.2.1, if it is installed, and a minimal loop of FFTs."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ def pyolaf_version() -> str:
 
 
 class LeanFFT:
-    """The method of published codes as a few lines of scipy: 'same' convolutions, one per source position.
+    """The method of published codes in a few lines of scipy: one 'same' convolution per source position.
 
-    Transforms are as short as the result allows, in single precision, on all processors; the back projection uses HT
-    the same way, as published codes do.
+    Transforms are as short as possible, in single precision, and use all processors. As in published codes, the back
+    projection uses HT in the same way.
     """
 
     def __init__(self, H: NDArray[Any], workers: int) -> None:
         self.H, self.HT, self.workers = H, transpose(H), workers
 
     def forward(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return the image of a volume ``(nz, Y, X)``; position (0, 0) of H lies at pixel (0, 0)."""
+        """Return the image of a volume ``(nz, Y, X)``; position (0, 0) of H is at pixel (0, 0)."""
         images = [self._same(self.H[z], volume[z]) for z in range(len(volume))]
         return np.sum(images, axis=0) if len(images) > 1 else images[0]
 
@@ -62,7 +62,7 @@ class LeanFFT:
 
 
 class _Dense:
-    """A pattern in the form pyolaf asks its sparse patterns for."""
+    """A pattern with the interface that pyolaf expects of sparse patterns."""
 
     def __init__(self, pattern: NDArray[Any]) -> None:
         self.pattern = pattern
@@ -76,8 +76,8 @@ class _Dense:
 class PyolafPair:
     """pyolaf's projectors (numpy) on the same H, which must have an odd square period.
 
-    Its positions count from the image's middle (`anchor`), and its image lies a pixel off its volume: the two are
-    not transposes of each other.
+    Its positions are relative to the middle of the image (`anchor`). Its image is displaced by a pixel relative to its
+    volume, so its two projections are not transposes of each other.
     """
 
     def __init__(self, H: NDArray[Any], image_shape: tuple[int, int]) -> None:

@@ -1,4 +1,4 @@
-"""The projection of a Raytrix R29: 95 x 55 positions, 181 x 181 pixels, 11 planes, read from disk plane by plane."""
+"""Projection for a Raytrix R29: 95 x 55 positions, 181 x 181 pixels, 11 planes that are read one by one."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LIMIT = 12 * 10**9
 
 @dataclass(frozen=True, slots=True)
 class R29Result:
-    """What was forecast and what was measured, seconds for all 11 planes."""
+    """Forecast and measurement; times are in seconds for all 11 planes."""
 
     shape: tuple[int, int]
     device: str
@@ -74,7 +74,7 @@ class R29Result:
 
 
 class _Repeated:
-    """H whose planes are all read from the same place: reading costs what it would, the disk holds one plane."""
+    """H whose planes are all read from one stored plane: the reading time is realistic, the file is small."""
 
     def __init__(self, plane: NDArray[Any], planes: int) -> None:
         self.data = plane
@@ -87,7 +87,7 @@ class _Repeated:
         return plane
 
     def __getitem__(self, key: Any) -> Any:
-        """Return values of the one plane there is."""
+        """Return values of the stored plane."""
         return self.data[(0, *key[1:])]
 
 
@@ -99,10 +99,10 @@ def run_r29(
     workers: int,
     device: str | ArrayDevice = "cpu",
 ) -> R29Result:
-    """Measure one forward and one back projection and hold them against the forecast.
+    """Measure one forward and one back projection, and compare them with the forecast.
 
     A synthetic uint16 plane (342 MB) is written to ``folder`` and read as a memory map, one plane at a time.
-    ``full`` projects all 11 planes; else one is measured and scaled.
+    ``full`` projects all 11 planes; otherwise, the times of one plane are scaled.
     """
     found = find_device(device) if isinstance(device, str) else device
     place = Path(tempfile.mkdtemp(prefix="lfcal_r29_", dir=folder))
@@ -113,7 +113,7 @@ def run_r29(
         before = peak_memory()
         at = "cpu" if found is None else found
         P = Projector(_Repeated(stored, planes), shape, workers=workers, memory_limit=LIMIT, device=at)
-        # one after the other: the peak of memory is that of all three.
+        # one after the other: the peak memory is that of all three
         seconds = _time(P)
         peak = max(0, peak_memory() - before)
         cost, scale = P.forecast().chosen, PLANES / planes
@@ -149,7 +149,7 @@ def _time(P: Projector) -> tuple[float, float, float]:
     prepared = time.perf_counter() - start
     volume = np.random.default_rng(0).random((1, *P.image_shape), np.float32).repeat(nz, axis=0)
     forward = adjoint = np.inf
-    # an accelerator's first run loads what it needs, and others are short
+    # the first run on an accelerator includes its initialisation, and the others are short
     for _ in range(1 if P.device is None else 3):
         start = time.perf_counter()
         image = P.forward(volume)
@@ -162,7 +162,7 @@ def _time(P: Projector) -> tuple[float, float, float]:
 def _forecast(
     stored: NDArray[Any], shape: tuple[int, int], method: str, workers: int, device: str | ArrayDevice
 ) -> str:
-    """Return the forecast of all 11 planes for an image of ``shape``, in words."""
+    """Return the forecast of all 11 planes for an image of ``shape``, as text."""
     H = _Repeated(stored, PLANES)
     return str(Projector(H, shape, method=method, workers=workers, memory_limit=LIMIT, device=device).forecast())
 

@@ -25,22 +25,22 @@ REPEATS = 3
 
 @dataclass(frozen=True, slots=True)
 class WithinRow:
-    """One way to project.
+    """A projection within a tolerance.
 
     Attributes
     ----------
     tolerance
-        Asked for; 0 is exact.
+        Requested tolerance; 0: exact.
     device
-        Where it is projected.
+        Device that computes the projection.
     prepare_s, forward_s, adjoint_s
-        Seconds of the quickest of some runs, of the same plane in the same process.
+        Time of the fastest run (s).
     operand_bytes
-        Of the plane, prepared.
+        Memory of the prepared plane (bytes).
     error
-        Of an image and a back projection of random values, relative L1.
+        Relative L1 errors of an image and a back projection of random values.
     worst
-        Relative L1 error of the image of a single point, the worst of some.
+        Largest relative L1 error of the images of some single points.
     """
 
     tolerance: float
@@ -57,9 +57,9 @@ class WithinRow:
 def run_reduced(
     side: int, tolerances: Sequence[float], workers: int, device: str | ArrayDevice = "auto"
 ) -> list[WithinRow]:
-    """Return the exact projection of a simulated plane and those within ``tolerances``, run in turns.
+    """Return times and errors of the exact projection of a simulated plane and of those within ``tolerances``.
 
-    On the processor, and beside it on ``device``, where ``auto`` finds one.
+    They run in turns on the processor and on ``device``; ``auto`` uses an accelerator if it finds one.
     """
     for tolerance in tolerances:
         check_number("tolerance of the projection", tolerance, above=0, below=1)
@@ -77,7 +77,7 @@ def run_reduced(
             P = Projector(H, (side, side), method=method, tolerance=tolerance, workers=workers, device=place).prepare()
             made.append((tolerance, P, time.perf_counter() - start))
     best = [[np.inf, np.inf] for _ in made]
-    for _ in range(REPEATS):  # in turns: what else the machine does meets all alike
+    for _ in range(REPEATS):  # in turns, so that other load affects all of them equally
         for (_, P, _), least in zip(made, best, strict=True):
             for k, run in enumerate((lambda P=P: P.forward(g), lambda P=P: P.adjoint(f))):
                 least[k] = min(least[k], _seconds(run))
@@ -94,7 +94,7 @@ def run_reduced(
 
 
 def show_reduced(rows: Sequence[WithinRow], side: int) -> None:
-    """Print the table, beside the exact projection."""
+    """Print the table, with speed-ups relative to the exact projection."""
     from lfcal.base.units import format_bytes
     from lfcal.base.units import format_seconds as seconds
     from lfcal.cli._console import print_table
@@ -121,7 +121,7 @@ def show_reduced(rows: Sequence[WithinRow], side: int) -> None:
         "set-up",
         "forward",
         "adjoint",
-        "times quicker",
+        "speed-up (forward, adjoint)",
         "bytes",
         "error: image, back, point",
     ]

@@ -1,9 +1,9 @@
-"""Cameras and scenes that solvers are tried on: the light lies on other planes and beside the voxels that are sought.
+"""Cameras and scenes for the comparison of solvers; the light comes from between the reconstructed voxels.
 
-The volume that is sought has a plane every step of depth and a voxel every pixel. The light comes from twice as many
-planes, none of them one of these, and from voxels beside those pixels, through an H that is simulated for those places
-to a finer tolerance. So no solver inverts the very matrix that the image was made by, and its discretisation is part
-of the error, as with a real frame.
+The reconstructed volume has one plane per step of depth and one voxel per pixel. The light comes from twice as many
+other planes, and from voxels displaced by a fraction of a pixel. An H that is simulated for these positions, with a
+finer tolerance, projects it. So no solver inverts the matrix that made the image, and the error of its
+discretisation is included, as with a real frame.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ __all__ = ["CAMERAS", "SCENES", "Problem", "Subject", "problem_of", "subject_of"
 
 F8 = NDArray[np.float64]
 Place = tuple[F8, F8, F8]
-"""Depth in planes from the middle one, row and column in pixels from the middle, of every voxel."""
+"""Depth (planes), row and column (px) of every voxel, relative to the middle of the volume."""
 
 PEAK, BACKGROUND = 200.0, 5.0
-"""Photons of the brightest pixel beside the background, and those of the background."""
+"""Photons in the brightest pixel without background, and photons of the background."""
 
 COARSE, FINE = 0.2, 0.1
-"""Tolerance of the H that is inverted, and of that by which images are made."""
+"""Tolerance of the H that solvers use, and of the H that makes the images."""
 
 BESIDE = 0.4
-"""Pixels by which the voxels that shine lie beside those that are sought; patterns' cutouts stay where they are."""
+"""Displacement of the emitting voxels from the reconstructed ones (px); the cutouts of the patterns do not move."""
 
 DOTS = 14
-"""Beads of a scene."""
+"""Number of beads in a scene."""
 
 
 @dataclass(frozen=True)
 class _Setup:
-    """A camera, the virtual depths or depths (µm) of what is sought, and the side of patterns and of images (px)."""
+    """A camera, the virtual depths or depths (µm) of the planes, and the side of patterns and of images (px)."""
 
     camera: Callable[[], Camera]
     depths: tuple[float, ...]
@@ -51,18 +51,18 @@ class _Setup:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A camera with the H that is inverted and the one by which images are made.
+    """A camera with the H that solvers use and the H that makes the images.
 
     Attributes
     ----------
     name
-        Of the camera.
+        Name of the camera.
     sought
-        H of ``nz`` planes.
+        H of the ``nz`` reconstructed planes.
     fine
-        H of ``2 nz`` planes, beside those pixels.
+        H of ``2 nz`` other planes, for the displaced voxels.
     side
-        Side of images (px).
+        Side of the images (px).
     """
 
     name: str
@@ -73,16 +73,16 @@ class Subject:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """An image and what made it.
+    """An image and its true volume.
 
     Attributes
     ----------
     truth
-        ``(nz, Y, X)``, in the photons of ``image``.
+        True volume ``(nz, Y, X)``, in photons of ``image``.
     image
-        ``(Y, X)`` with noise, in photons; `BACKGROUND` included.
+        Image ``(Y, X)`` with noise and `BACKGROUND`, in photons.
     beads
-        Where single beads are (plane, row, column), in planes and pixels of ``truth``; empty: there are none.
+        Positions (plane, row, column) of single beads, in planes and pixels of ``truth``; empty if there are none.
     """
 
     truth: F8
@@ -93,7 +93,7 @@ class Problem:
 def _microscope() -> Camera:
     from lfcal.camera import preset
 
-    # lenslets of whole pixels
+    # the pitch is a whole number of pixels
     camera = preset("lfm_60x12")
     lattice = replace(camera.periodic, pitch_um=100.1)
     return replace(camera, lattice=lattice, sensor=replace(camera.sensor, shape=(260, 260), pixel_um=100.1 / 11))
@@ -116,11 +116,11 @@ CAMERAS = {
     "bench": _Setup(_bench, (2.2, 2.8, 3.4, 4.0, 4.6), True, 61, 96),
     "r29-like": _Setup(_r29_like, (2.2, 2.8, 3.4, 4.0, 4.6), True, 71, 96),
 }
-"""What solvers are tried on: a native plane in the middle, virtual depths of one lens type, of three."""
+"""Cameras: one with the native plane in the middle of the volume, and two at virtual depths above 2."""
 
 
 def subject_of(name: str, side: int = 0) -> Subject:
-    """Return the camera ``name`` with both H, simulated; images of ``side`` pixels, 0: small ones."""
+    """Return the camera ``name`` with both simulated H; images have a side of ``side`` pixels (0: small ones)."""
     from lfcal.camera import ScanPlan
     from lfcal.simulate.accuracy.planner import plan_effects
     from lfcal.simulate.simulate import simulate_psf
@@ -153,7 +153,7 @@ def _bead_places(planes: int, side: int) -> F8:
 
 
 def _beads(place: Place, planes: int, side: int) -> F8:
-    """Return beads at places of no grid: 1 pixel rms across, half a plane along."""
+    """Return beads at positions off the grid, with rms widths of 1 pixel and half a plane."""
     z, y, x = place
     found = np.zeros(z.shape)
     for at in _bead_places(planes, side):
@@ -162,7 +162,7 @@ def _beads(place: Place, planes: int, side: int) -> F8:
 
 
 def _sheet(place: Place, planes: int, side: int) -> F8:
-    """Return a tilted sheet through all planes but half of the outermost, with stripes, fading towards the edges."""
+    """Return a tilted sheet with stripes that reaches into the outermost planes and fades towards the edges."""
     z, y, x = place
     height = (planes - 2) * x / (0.8 * side)
     fade = np.exp(-((np.hypot(y, x) / (0.4 * side)) ** 6))
@@ -171,7 +171,7 @@ def _sheet(place: Place, planes: int, side: int) -> F8:
 
 
 def _shell(place: Place, planes: int, side: int) -> F8:
-    """Return a vesicle's membrane."""
+    """Return the membrane of a vesicle."""
     z, y, x = place
     radius = np.sqrt((y**2 + x**2) / (0.33 * side) ** 2 + (z / (0.45 * planes)) ** 2)
     lit: F8 = np.exp(-(((radius - 1) / 0.07) ** 2) / 2)
@@ -179,11 +179,11 @@ def _shell(place: Place, planes: int, side: int) -> F8:
 
 
 SCENES = {"beads": _beads, "sheet": _sheet, "shell": _shell}
-"""Light at each place, of a volume of so many planes and so many pixels a side."""
+"""Functions of the positions, number of planes and side (px) that return the light at each position."""
 
 
 def problem_of(subject: Subject, scene: str, seed: int = 0) -> Problem:
-    """Return the noisy image of a scene, by the fine H, and the truth where the volume is sought."""
+    """Return the noisy image of a scene, made with the fine H, and its light at the reconstructed voxels."""
     from lfcal.reconstruct import Projector
 
     planes, side = len(subject.sought), subject.side

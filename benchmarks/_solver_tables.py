@@ -23,7 +23,7 @@ def _shown(error: float | None) -> str:
 
 def rows_of(trials: Sequence[Trial]) -> tuple[list[str], list[list[str]]]:
     """Return headers and cells: a row for each scene and solver."""
-    headers = ["scene", "solver", *(f"{n}" for n in UNITS), "iterations", "least", "auto: NRMSE", "s", "bead width"]
+    headers = ["scene", "solver", *(f"{n}" for n in UNITS), "iterations", "smallest", "auto: NRMSE", "s", "bead width"]
     rows = []
     for one in trials:
         cells = [_shown(one.at(n)) for n in UNITS]
@@ -34,7 +34,7 @@ def rows_of(trials: Sequence[Trial]) -> tuple[list[str], list[list[str]]]:
 
 
 def verdict(trials: Sequence[Trial]) -> list[str]:
-    """Return how often the default is the best, or within 3 % of it, at each time, camera by camera."""
+    """Return, for each time and camera, the scenes in which the default solver is the best or within 3 % of it."""
     ours = SolverChoice()
     lines = [
         f"{ours.name} wins or ties after {units} iterations of rl: {_won(trials, ours.name, units)}" for units in UNITS
@@ -44,7 +44,7 @@ def verdict(trials: Sequence[Trial]) -> list[str]:
 
 
 def _won(trials: Sequence[Trial], ours: str, units: float | None, iterations: int = 1) -> str:
-    """Return the scenes of each camera where ``ours`` is best at a time; None: that of so many iterations of its."""
+    """Return the scenes of each camera in which ``ours`` wins or ties after a time; None: its own ``iterations``."""
     won: dict[str, list[str]] = {}
     for camera, scene in _pairs(trials):
         there = {one.solver: one for one in trials if (one.camera, one.scene) == (camera, scene)}
@@ -60,27 +60,27 @@ def _won(trials: Sequence[Trial], ours: str, units: float | None, iterations: in
 
 
 def markdown(trials: Sequence[Trial], command: str, chart: str = "") -> str:
-    """Return the page of the table that ``command`` made, with the picture ``chart`` where there is one."""
+    """Return a page with the table that ``command`` made, and with the picture ``chart`` unless it is empty."""
     times = ", ".join(f"{n}" for n in UNITS)
     parts = [
         "# Solvers compared",
         "",
-        f"Made by `{command}`; not to be edited.",
-        f"Numbers are the NRMSE of the volume after as much processor time as {times} iterations of",
-        "Richardson-Lucy take with that camera; `auto` is where a run that stops by left-out pixels ends, and after",
-        "how many processor seconds. Bead width is the full width at half maximum of the beads at the end, over that",
-        f"of the truth. What is within {100 * (TIE - 1):.0f} % of the best counts as a tie.",
+        f"Made by `{command}`; do not edit this page.",
+        f"The numbers are the NRMSE of the volume after the processor time that {times} iterations of",
+        "Richardson-Lucy take with this camera. `auto` lists the NRMSE and the processor time of a run that stops with",
+        "held-out pixels. Bead width is the full width at half maximum of the beads at the end, divided by the true",
+        f"width. Errors within {100 * (TIE - 1):.0f} % of the smallest one count as a tie.",
         "",
-        f"Noise is that of photons, {PEAK:g} in the brightest pixel over a background of {BACKGROUND:g}. The light",
-        f"lies in twice as many planes as are sought, none of them one of these, and {BESIDE:g} pixels off the",
-        f"voxels; the frame is made with H simulated for those places to within {100 * FINE:g} %, while H that is",
-        f"inverted is simulated to within {100 * COARSE:g} %. `bench` and `r29-like` have no plane near the native",
-        "one.",
+        f"The noise is photon noise: {PEAK:g} photons in the brightest pixel over a background of {BACKGROUND:g}. The",
+        "light comes from twice as many planes as are reconstructed, all of them different, and from voxels",
+        f"displaced by {BESIDE:g} pixels. H for these positions is simulated with a tolerance of {100 * FINE:g} %,",
+        f"and H for the reconstruction with {100 * COARSE:g} %. `bench` and `r29-like` have no plane near the native",
+        "plane.",
         "",
         *(f"- {line}" for line in verdict(trials)),
     ]
     if chart:
-        parts += ["", f"![Error of each solver against processor time]({chart})", "", "Dots: where `auto` ends."]
+        parts += ["", f"![Error of each solver against processor time]({chart})", "", "Dots mark where `auto` stops."]
     for name in dict.fromkeys(one.camera for one in trials):
         own = [one for one in trials if one.camera == name]
         headers, rows = rows_of(own)
@@ -96,7 +96,7 @@ def markdown(trials: Sequence[Trial], command: str, chart: str = "") -> str:
 
 
 def draw(path: Path, trials: Sequence[Trial]) -> None:
-    """Draw error against processor seconds: a panel per camera and scene, dots where runs stop by themselves."""
+    """Draw error against processor time, one panel per camera and scene; dots mark automatic stops."""
     from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     ours = SolverChoice().name

@@ -1,4 +1,4 @@
-"""How solvers are tried: the error of a volume against the processor time it took."""
+"""Trials of solvers: the error of the volume against processor time."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from lfcal.reconstruct.solvers.multiplicative import richardson_lucy
 __all__ = ["TIE", "UNITS", "Trial", "trial", "unit_of"]
 
 UNITS = (5, 10, 20)
-"""Times at which errors are compared: as long as so many iterations of Richardson-Lucy take."""
+"""Times at which errors are compared, in iterations of Richardson-Lucy."""
 
 TIE = 1.03
-"""Errors within this factor of the least are as good."""
+"""Errors within this factor of the smallest one count as a tie."""
 
 
 @dataclass(frozen=True)
@@ -33,15 +33,15 @@ class Trial:
     Attributes
     ----------
     camera, scene, solver
-        Their names.
+        Names of camera, scene and solver.
     unit_s
         Processor time of an iteration of Richardson-Lucy with this camera (s).
     seconds, errors
         Processor time after each iteration (s), and the NRMSE of its volume.
     width
-        Full width at half maximum of the beads in their planes at the end, over that of the truth; None: no beads.
+        Full width at half maximum of the beads in their planes at the end, relative to the true width; None: no beads.
     stop
-        Where a run that stops by left-out pixels ends: its processor time (s), and NRMSE.
+        Processor time (s) and NRMSE of a run that stops with held-out pixels.
     """
 
     camera: str
@@ -54,7 +54,7 @@ class Trial:
     stop: tuple[float, float]
 
     def at(self, units: float) -> float | None:
-        """Return the error at a time, in iterations of Richardson-Lucy; None: before the first iteration's end."""
+        """Return the error at a time, in iterations of Richardson-Lucy; None before the end of the first iteration."""
         done = [e for s, e in zip(self.seconds, self.errors, strict=True) if s <= units * self.unit_s * (1 + 1e-9)]
         return done[-1] if done else None
 
@@ -73,10 +73,10 @@ def unit_of(P: Projector, problem: Problem) -> float:
 def trial(
     subject: Subject, P: Projector, problem: Problem, names: tuple[str, str], unit: float, longest: float
 ) -> Trial:
-    """Return what a solver comes to on a frame in as long as ``longest`` iterations of Richardson-Lucy take.
+    """Return the trial of a solver on a frame, for the time of ``longest`` iterations of Richardson-Lucy.
 
-    ``names``: of scene and solver; ``unit``: the processor time of one such iteration (s). What the solver prepares
-    of H is not in the time: it is done once for all frames.
+    ``names`` are those of scene and solver, and ``unit`` is the processor time of one such iteration (s). The time
+    excludes what the solver prepares of H, because this is done once for all frames.
     """
     choice = SolverChoice(names[1], 10 * int(longest), BACKGROUND)
     reconstruct(P, problem.image, SolverChoice(names[1], 1, BACKGROUND))
@@ -87,10 +87,10 @@ def trial(
     while spent < longest * unit:
         start = time.process_time()
         record = next(work, None)
-        if record is None:  # it ended by itself
+        if record is None:  # the solver ended before the time limit
             break
         spent += time.process_time() - start
-        assert record.state is not None  # a solver's own records have it
+        assert record.state is not None  # records that a solver yields have a state
         volumes.append(record.state.volume.copy())
         seconds.append(spent)
     work.close()
@@ -104,7 +104,7 @@ def trial(
 
 
 def _stopped(P: Projector, problem: Problem, solver: str, longest: float) -> tuple[float, float]:
-    """Return processor time (s) and error of a run that stops by itself, of at most as many iterations."""
+    """Return processor time (s) and error of a run that stops automatically, of at most ``longest`` iterations."""
     choice = SolverChoice(solver, int(longest), BACKGROUND, auto=True)
     start = time.process_time()
     found = reconstruct(P, problem.image, choice)
@@ -112,6 +112,6 @@ def _stopped(P: Projector, problem: Problem, solver: str, longest: float) -> tup
 
 
 def _error(volume: NDArray[Any], problem: Problem) -> float:
-    # threads of linear algebra that wait for more would count as processor time of what is measured next
+    # waiting threads of linear algebra would count as processor time of the next measurement
     with one_blas_thread():
         return nrmse(volume, problem.truth)

@@ -1,4 +1,4 @@
-"""A target before the bench camera as it truly is: frames with every effect, and what a user knows of it."""
+"""A target in front of the true bench camera: frames with every effect, and the description that a user has."""
 
 from __future__ import annotations
 
@@ -36,31 +36,31 @@ SIDE, CUTOUT, DEPTH = 720, 49, 4.0
 HOLES, PITCH_PX, HOLE_UM = 12, 57.0, 20.0
 MARKS = ((0, 0), (0, 1), (1, 0))
 SPREAD = 0.1
-"""Of the brightness of holes (relative, rms)."""
+"""Relative rms scatter of the brightness of holes."""
 
 FINE = Sampling(samples_per_px=6.0, margin_px=24)
-"""Of the frames: finer than a fit's derivatives, with the light of wide angles."""
+"""Sampling of the frames, which is finer than that of the fit and includes light at large angles."""
 
 LOOKED_AT = 24
-"""Positions of a region at which an H is held against the true one."""
+"""Positions of a region at which an H is compared with the true one."""
 
 
 @dataclass(frozen=True, eq=False)
 class TargetScene:
-    """A camera as it is and as it is described, and the plan of a target before it.
+    """A true and a described camera, and the plan of a target in front of it.
 
     Attributes
     ----------
     plan
-        What a user has: the described camera, the target as it was ordered, lying straight.
+        Plan of the user: the described camera, and the target as ordered, without rotation and tilt.
     really
-        The target as it lies: its pose.
+        The target with its true pose.
     truth
-        The camera as it is.
+        The true camera.
     light
-        Effects of the light of frames that are no part of ``truth``: cat's eye, distortion.
+        Effects on the frames that are not part of ``truth``: cat's eye, distortion.
     seed
-        Of brightness and noise.
+        Seed of brightness and noise.
     """
 
     plan: TargetPlan
@@ -75,7 +75,7 @@ class TargetScene:
         return replace(self.plan.scan, camera=self.truth.setup.camera)
 
     def camera(self, sampling: Sampling = FINE) -> TargetCamera:
-        """Return the simulator that makes the frames: coherent, every hole in its place, at its depth, of its size."""
+        """Return the coherent simulator of the frames, with the true position, depth and size of every hole."""
         effects = (*self.truth.setup.effects, *self.light, ShotNoise(), ReadNoise(), Quantisation())
         plan = replace(self.plan, scan=self.true_plan)
         brightness = uneven(self.really, SPREAD, self.seed)
@@ -89,14 +89,14 @@ class TargetScene:
         return np.stack([camera.exposed(light, k).astype(np.uint16) for k, light in enumerate(lights)])
 
     def view(self, frames: NDArray[np.uint16]) -> FrameSource:
-        """Return the first frames as a user has them: with the plan, their dark level subtracted."""
+        """Return frames as a user has them: with the plan, after subtraction of the dark level."""
         count = len(frames)
         plan = self.plan_of(count)
         source = ArraySource(frames, [(0, 0, k) for k in range(count)])
         return corrected_view(TargetFrames(source, plan), CorrectionRecipe(), plan.scan)
 
     def plan_of(self, count: int) -> TargetPlan:
-        """Return the plan of the first frames alone."""
+        """Return the plan of the first ``count`` frames."""
         return replace(self.plan, offsets_px=(self.plan.offsets_px[0][:count],))
 
     def true_patterns(self, plan: ScanPlan) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
@@ -106,7 +106,7 @@ class TargetScene:
         return at, self.true_light(plan, at)
 
     def true_light(self, plan: ScanPlan, at: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return the true patterns ``(n, nt, ns)`` of points at positions of a region, as shares of the light."""
+        """Return the true patterns ``(n, nt, ns)`` of points at positions of a region, as fractions of the light."""
         cats_eye = tuple(one for one in self.light if isinstance(one, MechanicalVignetting))
         setup = replace(self.truth.setup, effects=(*self.truth.setup.effects, *cats_eye))
         return predicted(setup, plan, at)
@@ -119,11 +119,11 @@ def predicted(setup: Setup, plan: ScanPlan, at: NDArray[np.intp]) -> NDArray[np.
 
 
 def target_scene(frames: int, seed: int = 0, *, wrong: bool = True) -> TargetScene:
-    """Return the scene of so many frames.
+    """Return the scene with a number of frames.
 
-    The camera departs from its description as those of ``benchmarks.fit`` do, unless it is not to be ``wrong``: by
-    1 to 3 % of gap and focal lengths, 5 % of the iris, 0.3 waves of aberrations, and an array beside its place. Its
-    cat's eye is stronger than the usual one, by which a fit begins.
+    If ``wrong``, the camera differs from its description as in ``benchmarks.fit``: by 1 to 3 % in gap and focal
+    lengths, 5 % in the iris, 0.3 waves of aberrations, and a displaced array. Its cat's eye is stronger than the
+    typical one, with which a fit starts.
     """
     camera = preset("bench")
     camera = replace(camera, sensor=replace(camera.sensor, shape=(SIDE, SIDE)))
@@ -147,7 +147,7 @@ def _described(scan: ScanPlan) -> Truth:
 
 
 def _spread_out(count: int, period: tuple[int, int]) -> list[tuple[float, float]]:
-    """Return offsets that spread evenly over a period (Roberts' sequence), about the middle."""
+    """Return offsets that are evenly spread over a period about its middle (Roberts' sequence)."""
     g = 1.32471795724474602596
     steps = np.arange(1, count + 1)
     shares = np.stack([(steps / g) % 1.0, (steps / g**2) % 1.0], axis=1) - 0.5

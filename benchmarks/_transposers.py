@@ -1,4 +1,4 @@
-"""Ways to transpose H that are timed side by side, and the memory they run in."""
+"""Methods of transposing H that are compared, and functions that measure them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Scaled:
-    """A time, and the share of the work that was really run to find it."""
+    """A time, and the fraction of the work that was run to measure it."""
 
     seconds: float
     share: float = 1.0
@@ -38,7 +38,7 @@ class Scaled:
 
 def random_matrix(shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return H of this shape filled with random numbers, as in the paper."""
-    H = np.empty(shape, np.float32)  # filled by threads, each with a generator of its own
+    H = np.empty(shape, np.float32)  # filled by threads, each with a separate generator
     flat = H.reshape(-1)
     for_each_chunk(lambda a, b: np.random.default_rng(a).random(out=flat[a:b], dtype=np.float32), flat.size)
     return H
@@ -47,7 +47,7 @@ def random_matrix(shape: tuple[int, ...]) -> NDArray[np.float32]:
 def interleaved(
     works: Mapping[str, Callable[[], Any]], rounds: int, clock: Callable[[], float] = time.perf_counter
 ) -> dict[str, float]:
-    """Return the least seconds of each work by ``clock``, run in turns after one round to warm up."""
+    """Return the shortest time of each work (s) by ``clock``; they run in turns, after one round to warm up."""
     for work in works.values():
         work()  # compiles, and touches the memory once
     times: dict[str, list[float]] = {name: [] for name in works}
@@ -67,7 +67,7 @@ def copy_parallel(source: NDArray[Any], out: NDArray[Any], workers: int | None) 
 
 @njit()
 def _read_words(words: NDArray[np.uint64], start: int, stop: int) -> int:
-    """Return the exclusive or of words ``start`` to ``stop``: it needs every one of them, and costs next to nothing."""
+    """Return the exclusive or of words ``start`` to ``stop``, which reads every word at almost no cost."""
     total = np.uint64(0)
     for k in range(start, stop):
         total ^= words[k]
@@ -82,7 +82,7 @@ def read_once(source: NDArray[Any], workers: int | None) -> None:
 
 
 def check_transposed(H: NDArray[Any], HT: NDArray[Any]) -> None:
-    """Raise `LfcalError` unless ``HT`` is the transpose of ``H`` at two thousand random places."""
+    """Raise `LfcalError` unless ``HT`` is the transpose of ``H`` at two thousand random entries."""
     ny, nx, nt, ns = H.shape[1:]
     rng = np.random.default_rng(1)
     z, y, x, t, s = (rng.integers(0, n, 2000) for n in H.shape)
@@ -92,9 +92,9 @@ def check_transposed(H: NDArray[Any], HT: NDArray[Any]) -> None:
 
 
 def paper_loop(H: NDArray[Any], out: NDArray[Any], budget: float) -> Scaled:
-    """Return the time of the loop in figure 9 of the paper, all depths at once as there, in numpy.
+    """Return the time of the loop in figure 9 of the paper, written in numpy, with all depths at once.
 
-    It is stopped after ``budget`` seconds and scaled by the assignments made.
+    The loop stops after ``budget`` seconds, and its time is scaled by the number of assignments.
     """
     ny, nx, nt, ns = H.shape[1:]
     along_s, along_t = _paper_indices(ns, nx), _paper_indices(nt, ny)
@@ -151,7 +151,7 @@ def pyolaf_backward(H: NDArray[Any], pixels: int, planes: int) -> tuple[NDArray[
         "usedLensletCenters": {"px": grid, "vox": grid},
     }
     start = time.perf_counter()
-    with contextlib.redirect_stderr(io.StringIO()):  # its progress bar
+    with contextlib.redirect_stderr(io.StringIO()):  # the progress bar of pyolaf
         back = lf.LFM_computeBackwardPatterns(patterns, resolution, "full", [])
     seconds = time.perf_counter() - start
     share = pixels**2 / (n**2 * planes)

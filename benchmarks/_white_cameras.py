@@ -1,4 +1,4 @@
-"""White images of distorted arrays whose places are known, drawn without anything of the fit."""
+"""White images of distorted arrays with known lenslet centres, drawn without code of the fit."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ SOFT_PX = 0.4
 
 @dataclass(frozen=True, eq=False)
 class WhiteCamera:
-    """A drawn white image, and what it was drawn from.
+    """A drawn white image and its true values.
 
     Attributes
     ----------
     frame
-        ``(rows, columns)``, dark level `DARK`.
+        White image ``(rows, columns)`` with dark level `DARK`.
     index, places
         ``(n, 2)``: indices (q, r) of the lenslets drawn, and their true centres (x, y) (pixels).
     kind, pitch_px, nominal_px, turn_rad
-        Of the array; the nominal pitch is 2 % wrong.
+        Kind, pitch, nominal pitch (2 % wrong) and rotation of the array.
     called
-        Form of lattice that it was drawn with.
+        Form of the distortion with which the image was drawn.
     """
 
     frame: NDArray[np.uint16]
@@ -49,7 +49,7 @@ class WhiteCamera:
 
 
 def white_camera(number: int) -> WhiteCamera:
-    """Draw camera ``number``: square or hexagonal, turned up to 45 degrees, bent by 1-3 px at the corners."""
+    """Draw camera ``number``: square or hexagonal, rotated by up to 45 degrees, distorted by 1-3 px at the corners."""
     import numpy as np
 
     rng = np.random.default_rng(1000 + number)
@@ -73,7 +73,7 @@ def white_camera(number: int) -> WhiteCamera:
 
 
 def _bend(u: NDArray[np.float64], number: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return displacements of points ``u`` (n, 2), 1 at the corners: radial, or a relay's orders two and three."""
+    """Return displacements of points ``u`` (n, 2), 1 at the corners: radial, or of the orders 2 and 3 of a relay."""
     import numpy as np
 
     by = rng.uniform(1, 3)
@@ -90,7 +90,7 @@ def _bend(u: NDArray[np.float64], number: int, rng: np.random.Generator) -> NDAr
 
 
 def _discs(places: NDArray[np.float64], pitch: float) -> NDArray[np.float64]:
-    """Return discs of light about ``places``, one by one, with soft edges."""
+    """Return an image of discs with soft edges, centred at ``places``."""
     import numpy as np
 
     image = np.zeros(SHAPE)

@@ -1,7 +1,7 @@
-"""Sittings that are clicked through the window: what a user presses, named and counted.
+"""Sittings in the window that are run as a user runs them, with a count of clicks, names and keys.
 
-A click is a press of a mouse button. A name is a file that is named in a dialog, and ends with Return. A key is a press
-of any other key.
+A click is a press of a mouse button. A name is a file name that is typed in a dialog and ended with Return. A key is
+a press of any other key.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from benchmarks._window_layout import new_stage
 __all__ = ["SITTINGS", "Hand", "Sat", "clicks"]
 
 BAD = ((0, 3, 4), (0, 9, 20), (0, 15, 7))
-"""Positions (z, y, x) that are displaced where bad ones are to be repaired."""
+"""Positions (z, y, x) that are displaced in the sittings that repair bad positions."""
 
 SMALL = (480, 640)
-"""Rows and columns of the sensor of the Raytrix sitting: as many clicks as with 29 megapixels, in less time."""
+"""Rows and columns of the sensor in the Raytrix sitting: fewer than 29 megapixels, with the same clicks."""
 
 
 @dataclass
 class Sat:
-    """What a sitting took.
+    """Counts of a sitting.
 
     Attributes
     ----------
     clicks, names, keys
-        How many there were.
+        Numbers of clicks, typed names and keys.
     did
-        All of them in words, in their order.
+        Descriptions of all of them, in order.
     """
 
     clicks: int = 0
@@ -47,7 +47,7 @@ class Sat:
 
 
 class Hand:
-    """Presses what is seen in the window of a stage, and counts.
+    """Clicks and keys on visible widgets in the window of a stage, with their counts.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Hand:
         self.stage, self.window, self.folder, self.sat = stage, stage.window, stage.folder, Sat()
 
     def until(self, condition: Callable[[], object], what: str) -> None:
-        """Wait, and count nothing; raises `TimeoutError` that says what the window showed instead."""
+        """Wait without counting; raise `TimeoutError` with what the window showed instead."""
         try:
             self.stage.until(condition, what)
         except TimeoutError as error:
@@ -68,7 +68,7 @@ class Hand:
             raise TimeoutError(f"{error}; {', '.join(self.sat.did)}; {shown}; {'; '.join(log)}") from None
 
     def click(self, widget: Any, what: str = "") -> None:
-        """Click a widget that is seen."""
+        """Click a visible widget."""
         from PySide6.QtCore import Qt
         from PySide6.QtTest import QTest
 
@@ -79,7 +79,7 @@ class Hand:
         QTest.mouseClick(widget, Qt.MouseButton.LeftButton)
 
     def press(self, text: str, *, view: bool = False) -> None:
-        """Click the button with this text that is seen: in the rail, the page that is looked at, or as a ``view``."""
+        """Click the visible button with this text in the rail or the current page, or the button of a ``view``."""
         from PySide6.QtWidgets import QAbstractButton
 
         def fits(one: Any) -> bool:
@@ -104,7 +104,7 @@ class Hand:
         QTest.keyClick(widget or self.window, pressed.key(), pressed.keyboardModifiers())
 
     def leads_to(self, button: str) -> None:
-        """Wait until the line of the next step has this button, and no other is about to take its place."""
+        """Wait until the line of the next step has this button, and no change of the line is pending."""
         line = self.window.next_line
 
         def there() -> bool:
@@ -120,7 +120,7 @@ class Hand:
 
     @contextmanager
     def named(self, path: Path, *, save: bool = False) -> Iterator[None]:
-        """Answer the next dialog of files: name a file that is there, or press Save where a name is offered."""
+        """Answer the next file dialog: type the name of an existing file, or press Save for the proposed name."""
         from PySide6.QtWidgets import QFileDialog
 
         asked: list[str] = []
@@ -144,7 +144,7 @@ class Hand:
 
 # -- sittings ----------------------------------------------------------------------------------------------
 def sample(hand: Hand) -> None:
-    """Open the sample: H, HT, the sums of its planes and its aperture are shown, and it is judged."""
+    """Open the sample: H, HT, the depth-plane sums, the aperture and the verdict are shown."""
     welcome = hand.window.tools.welcome()
     hand.click(welcome.buttons["sample"])
     hand.until(lambda: hand.window.project.state.psf, "H")
@@ -156,7 +156,7 @@ def sample(hand: Hand) -> None:
 
 
 def sample_export(hand: Hand) -> None:
-    """Export H and HT of the sample, whose hexagonal array no code can use, to a plain file."""
+    """Export H and HT of the sample, whose hexagonal array no other code can use, to a plain file."""
     _opened(hand)
     hand.leads_to("Export as .mat")
     with hand.named(out := hand.folder / "sample.mat", save=True):
@@ -192,13 +192,13 @@ def folder(hand: Hand) -> None:
 
 
 def dropped(hand: Hand) -> None:
-    """From a folder of frames that is dropped on the window to H."""
+    """From a folder of frames, dropped on the window, to H."""
     hand.window.take_files([str(_frames(hand.folder))])
     _assembled(hand)
 
 
 def computed(hand: Hand) -> None:
-    """Compute H of a plan; its time and error are in view before."""
+    """Compute H of a plan, after its time and error are shown."""
     _planned(hand)
     hand.press("Record")
     hand.press(next(spec.title for spec in hand.window.specs if spec.key == "simulate"), view=True)
@@ -246,7 +246,7 @@ def multiplexed(hand: Hand) -> None:
 
 
 def repaired(hand: Hand) -> None:
-    """Record bad positions again: the new H and its difference from the one before are shown."""
+    """Record bad positions again: the new H and its difference from the old one are shown."""
     first = _deceived(hand)
     window = hand.window
     window.go("acquire")
@@ -260,7 +260,7 @@ def repaired(hand: Hand) -> None:
 
 
 def left_out(hand: Hand) -> None:
-    """Leave bad positions out of H, filled by a fit: the new H and its difference from the one before are shown."""
+    """Leave bad positions out and fill them from a fit: the new H and its difference from the old one are shown."""
     first = _deceived(hand)
     hand.next("Leave them out")
     _compared(hand, first)
@@ -277,7 +277,7 @@ SITTINGS: Mapping[str, Callable[[Hand], None]] = {
 """All sittings by name; the first line of their docstring says what each does."""
 
 
-# -- what they begin with ----------------------------------------------------------------------------------
+# -- initial states ----------------------------------------------------------------------------------
 XML = """<?xml version="1.0"?><RayCalibData version="1.0"><offset units="pix"><x>22.07</x><y>8.62</y></offset>
 <diameter units="pix">11.0</diameter><rotation units="rad">2.5e-5</rotation><lens_border units="pix">1</lens_border>
 <tcp units="virtual_depth">2.1</tcp>
@@ -290,7 +290,7 @@ XML = """<?xml version="1.0"?><RayCalibData version="1.0"><offset units="pix"><x
 <depth_range units="virtual_depth"><min>2</min><max>4</max></depth_range></lens_type>
 <lens_type id="2"><offset units="lens"><x>1.0</x><y>0.0</y></offset>
 <depth_range units="virtual_depth"><min>3</min><max>5</max></depth_range></lens_type></RayCalibData>"""
-"""A calibration as Raytrix writes it, of three lens types, with micro-images small enough to be recorded in a test."""
+"""A Raytrix calibration with three lens types, and with micro-images small enough to be recorded in a test."""
 
 
 def _plan(planes: int = 1) -> Any:
@@ -308,7 +308,7 @@ def _planned(hand: Hand) -> None:
 
 
 def _shorten(hand: Hand) -> None:
-    """Take one plane of the plan: the sitting is the same, and ten times shorter."""
+    """Reduce the plan to one plane, which makes the same sitting ten times shorter."""
     plan = hand.window.project.state.plan
     assert plan is not None
     one = replace(plan, depths_um=plan.depths_um[:1], exposure_s=plan.exposures[:1], settle_s=0.0)
@@ -322,7 +322,7 @@ def _opened(hand: Hand) -> None:
 
 
 def _frames(folder: Path) -> Path:
-    """Return a copy of the sample's frames, as somebody else would have them."""
+    """Return a copy of the frames of the sample, as frames of another program."""
     from lfcal.simulate import sample_session
 
     return Path(shutil.copytree(sample_session(), folder / "theirs"))
@@ -336,7 +336,7 @@ def _assembled(hand: Hand) -> None:
 
 
 class _Deceived:
-    """A stage that is displaced at a few positions, which its encoder does not see."""
+    """A stage that is displaced at a few positions, which its encoder does not report."""
 
     waits = False
 
@@ -357,7 +357,7 @@ class _Deceived:
 
 
 def _deceived(hand: Hand) -> Path:
-    """Open a session of which a few positions were displaced, and its H; wait for the verdict."""
+    """Open a session with a few displaced positions, and its H; wait for the verdict."""
     from lfcal.acquire import Options, record
     from lfcal.devices import open_rig
     from lfcal.tasks import Assemble
@@ -387,7 +387,7 @@ def _compared(hand: Hand, first: Path) -> None:
 
 # -- the table ---------------------------------------------------------------------------------------------
 def clicks(names: Iterable[str] = SITTINGS) -> dict[str, dict[str, Any]]:
-    """Return what each sitting took in a window that has just been opened."""
+    """Return the counts of each sitting, each in a new window."""
     found = {}
     for name in names:
         with TemporaryDirectory() as place:

@@ -1,4 +1,4 @@
-"""How long the window's thread is held: by what a user does at R29 size, and by the first look at each page."""
+"""How long actions of the user on an R29, and the first display of each page, hold the thread of the window."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ __all__ = ["LONG_MS", "LongestTurn", "first_visits", "holds"]
 IDLE_S = 300.0
 
 LONG_MS = 50.0
-"""A turn of the event loop that a user notices (ms)."""
+"""Duration of a turn of the event loop above which a user notices it (ms)."""
 
 
 class LongestTurn:
-    """Lets a window work, and notes the longest turn of its event loop in processor time (ms), and the long ones."""
+    """Longest turn of the event loop of a window (ms of processor time), and the number of long ones, by action."""
 
     def __init__(self, app: Any, busy: Callable[[], bool]) -> None:
         self._app, self._busy = app, busy
@@ -31,7 +31,7 @@ class LongestTurn:
         self.long: dict[str, int] = {}
 
     def do(self, name: str, action: Callable[..., object], *values: Any) -> None:
-        """Do ``action`` with ``values``, and what follows from it until nothing is at work."""
+        """Do ``action`` with ``values``, and process events until the window is idle."""
         self.turn(name, action, *values)
         end, calm = time.monotonic() + IDLE_S, 0
         while calm < 5 and time.monotonic() < end:
@@ -48,12 +48,12 @@ class LongestTurn:
         self.long[name] = self.long.get(name, 0) + (ms > LONG_MS)
 
     def result(self) -> dict[str, tuple[float, int]]:
-        """Return the longest turn (ms) of each action, and how many were longer than `LONG_MS`."""
+        """Return the longest turn (ms) of each action, and the number of turns longer than `LONG_MS`."""
         return {name: (ms, self.long[name]) for name, ms in self.found.items()}
 
 
 def holds(plane: tuple[int, int, int, int], frame: tuple[int, int]) -> dict[str, tuple[float, int]]:
-    """Return the longest hold (ms of processor time) of each action, with an H of ``plane`` and such a frame."""
+    """Return the longest turn (ms of processor time) of each action, with an H and a frame of these shapes."""
     from PySide6.QtWidgets import QApplication
 
     from lfcal.psf import PSFMatrix
@@ -117,7 +117,7 @@ print(json.dumps(visit_all(Path({folder!r}))))
 
 
 def visit_all(folder: Path) -> dict[str, tuple[float, int]]:
-    """Return the longest hold (ms) and the number of long ones, of the first look at each page and of two plans."""
+    """Return the longest turn (ms) and the number of long ones, for the first display of each page and two plans."""
     from PySide6.QtWidgets import QApplication
 
     from lfcal_gui.app import begin, make_window, parse
@@ -129,7 +129,7 @@ def visit_all(folder: Path) -> dict[str, tuple[float, int]]:
     begin(window, options)
     held = LongestTurn(app, lambda: window.jobs.busy)
     shown = time.monotonic()
-    while time.monotonic() < shown + 2 * IMPORT_MS / 1e3:  # nobody is faster
+    while time.monotonic() < shown + 2 * IMPORT_MS / 1e3:  # no user acts sooner
         held.do("after the start", lambda: None)
     for spec in window.specs:
         held.do(spec.title, window.go, spec.key)
@@ -143,7 +143,7 @@ def visit_all(folder: Path) -> dict[str, tuple[float, int]]:
 
 
 def first_visits() -> dict[str, tuple[float, int]]:
-    """Return the same, measured in a process that has imported nothing yet."""
+    """Return the result of `visit_all` in a new process, which has imported nothing."""
     with TemporaryDirectory() as folder:
         code = VISITS.format(folder=folder)
         environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}

@@ -1,4 +1,4 @@
-"""What one sees of the window with the sample open: controls of each view, share of H and HT, time of a hover."""
+"""Layout of the window with the open sample: controls of each view, area of H and HT, response to the pointer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIZES = ((1920, 1080), (1280, 800), (1000, 600))
 
 
 def controls(root: Any) -> list[Any]:
-    """Return what can be clicked, typed into or chosen from in a widget, as far as it is seen; parts count once."""
+    """Return the visible controls in a widget; the parts of a control are not counted."""
     from PySide6.QtWidgets import QAbstractButton, QAbstractItemView, QAbstractSlider, QComboBox, QLineEdit, QScrollBar
 
     from lfcal_gui.widgets import Contrast, PeriodMap
@@ -36,12 +36,12 @@ def _parents(widget: Any, root: Any) -> set[Any]:
 
 
 def _inside(widget: Any, root: Any) -> bool:
-    """Return whether some of a widget is seen: what an inspector scrolls to is not at first sight."""
+    """Return whether a part of a widget is visible without scrolling."""
     return widget.window() is root.window() and not widget.visibleRegion().isEmpty()
 
 
 def new_stage(folder: Path) -> Any:
-    """Return a stage with a window of a new project, whose files are in a folder."""
+    """Return a stage with a window and a new project; files are written into ``folder``."""
     from PySide6.QtWidgets import QApplication
 
     from lfcal_gui.app import make_window, parse
@@ -50,14 +50,14 @@ def new_stage(folder: Path) -> Any:
     app: Any = QApplication.instance() or QApplication(["lfcal"])
     window = make_window(app, parse([]), folder=folder)
     window.show()
-    window.activateWindow()  # keys go to the window that is active
+    window.activateWindow()  # keys go to the active window
     stage = Stage(app, window, folder / "made")
     stage.turn()
     return stage
 
 
 def _sample(folder: str) -> Any:
-    """Return a stage with the sample session, judged."""
+    """Return a stage with the judged sample session."""
     from lfcal_gui.scenes.sample import open_sample
 
     stage = new_stage(Path(folder))
@@ -66,7 +66,7 @@ def _sample(folder: str) -> Any:
 
 
 def layout() -> dict[str, Any]:
-    """Return controls by view, header and rail, primary buttons, and the share of H and HT at three sizes."""
+    """Return the numbers of controls and primary buttons, and the fraction of H and HT at three sizes."""
     with TemporaryDirectory() as folder:
         stage = _sample(folder)
         window = stage.window
@@ -101,7 +101,7 @@ def layout() -> dict[str, Any]:
 
 
 def hovering(count: int = 200) -> dict[str, float]:
-    """Return how long it takes from the pointer on a pixel of H until its HT is drawn, and from a plane to H (ms)."""
+    """Return the times (ms) from pointing at a pixel of H to its HT drawn, and from choosing a plane to H drawn."""
     with TemporaryDirectory() as folder:
         stage = _sample(folder)
         page = stage.page("h")

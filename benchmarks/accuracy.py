@@ -1,4 +1,4 @@
-"""``python -m benchmarks accuracy``: seconds and error of every level of the simulator, against its reference."""
+"""``python -m benchmarks accuracy``: time and error of every level of the simulator, relative to its reference."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["register"]
 
 REPEATS = 3
-"""Measurements of a time, of which the least counts."""
+"""Number of measurements of a time, of which the shortest counts."""
 
 
 def register(bench: typer.Typer) -> None:
@@ -37,19 +37,21 @@ def register(bench: typer.Typer) -> None:
 def command(
     camera: CameraArgument = "bench",
     *,
-    virtual_depth: float = typer.Option(4.0, help="Plane, as virtual depth (main lens)."),
-    depth: float | None = typer.Option(None, help="Plane in µm away from the camera, instead."),
-    tolerance: float = typer.Option(0.03, help="Relative L1 error for which a level is picked."),
+    virtual_depth: float = typer.Option(4.0, help="Virtual depth of the plane (main lens)."),
+    depth: float | None = typer.Option(
+        None, help="Depth of the plane in µm, positive away from the camera, instead of its virtual depth."
+    ),
+    tolerance: float = typer.Option(0.03, help="Relative L1 error for which a level is chosen."),
     positions: int = typer.Option(3, min=1, help="Positions compared with the reference."),
-    figure: Path | None = typer.Option(None, "-o", "--out", help="Draw the curve into this PNG."),
-    asked: str = typer.Option("3,1,0.3", help="Tolerances (%) that are asked for, to see what comes of them."),
+    figure: Path | None = typer.Option(None, "-o", "--out", help="File for a plot of the curve (.png)."),
+    asked: str = typer.Option("3,1,0.3", help="Tolerances (%) for which the true error is measured."),
     check: bool = typer.Option(
         False, "--check", help="Also simulate the whole H and compare its time with the forecast."
     ),
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Measure what each step of accuracy costs for one plane of a camera.
+    """Measure the processor time of each level of accuracy for one plane of a camera.
 
     Example: `python -m benchmarks accuracy r29 --virtual-depth 4 -o r29.png`
     """
@@ -61,7 +63,7 @@ def command(
 
     wanted = read_planes(asked, lengths=False)
     for share in wanted:
-        check_number("tolerance asked for (%)", share, above=0, at_most=400)
+        check_number("requested tolerance (%)", share, above=0, at_most=400)
     if figure is not None:
         check_output(figure, camera, force=force)
     described = load_camera(camera)
@@ -96,7 +98,7 @@ def _show(found: Ladder, title: str) -> None:
             format_seconds(r.setup_seconds),
             format_seconds(r.position_seconds),
             format_seconds(r.whole_seconds),
-            ("efficient" if r.efficient else "") + (", picked" if r is found.chosen else ""),
+            ("efficient" if r.efficient else "") + (", chosen" if r is found.chosen else ""),
         ]
         for r in found.rungs
     ]
@@ -112,7 +114,7 @@ def _timed(plan: ScanPlan, tolerance: float) -> dict[str, float]:
     from lfcal.simulate import predict_seconds, simulate_psf
 
     predicted = predict_seconds(plan, tolerance=tolerance)
-    # processor time: what else runs on the machine does not count, and the forecast is in the same unit.
+    # processor time, which other programs hardly affect, and which the forecast predicts
     start = time.process_time()
     simulate_psf(plan, tolerance=tolerance)
     measured = time.process_time() - start
@@ -121,20 +123,20 @@ def _timed(plan: ScanPlan, tolerance: float) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """What comes of a tolerance, for the computation alone: the same effects for all.
+    """Result of a tolerance, for the error of the computation alone.
 
     Attributes
     ----------
     asked
-        Relative L1 error asked for.
+        Requested relative L1 error.
     level, label
-        What was settled on.
+        Chosen level and sampling.
     stated, true
-        Error by the probe, and against the finest reference at other positions.
+        Error stated by the probe, and error relative to the finest reference at other positions.
     seconds
-        CPU-seconds of a position.
+        Processor time of a position (s).
     reference_seconds
-        Those of the coherent reference at the fewest samples that reach as much.
+        Processor time of a position by the coherent reference, with the coarsest sampling of the same accuracy (s).
     """
 
     asked: float
@@ -180,7 +182,7 @@ def _reached(plan: ScanPlan, asked: float, positions: int) -> Reached:
 
 
 def _least(seconds: Callable[[], float]) -> float:
-    """Return the least of some measurements: what else the machine does only adds to them."""
+    """Return the shortest of some measurements, because other load only lengthens them."""
     return min(seconds() for _ in range(REPEATS))
 
 
@@ -204,5 +206,5 @@ def _show_reached(found: Sequence[Reached]) -> None:
         ]
         for r in found
     ]
-    headers = ["asked", "settled on", "stated", "true", "per position", "times the first", "reference takes, times"]
-    print_table(headers, rows, title="what comes of a tolerance: effects that it calls for, error of the computation")
+    headers = ["requested", "chosen", "stated", "true", "per position", "÷ first row", "reference ÷ this"]
+    print_table(headers, rows, title="results of tolerances: error of the computation, with the effects of each")

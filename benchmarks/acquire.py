@@ -1,4 +1,4 @@
-"""``python -m benchmarks acquire``: a session against a bare loop that writes the same bytes as safely."""
+"""``python -m benchmarks acquire``: a session compared with a bare loop that writes the same bytes as safely."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def command(
     rounds: int = typer.Option(5, "--rounds", min=1, help="Rounds; the median ratio counts."),
     json: JsonOption = False,
 ) -> None:
-    """Time planning, and simulator, runner and journal against a bare loop of pwrite and fdatasync.
+    """Time planning, and compare a session with a bare loop of pwrite and fdatasync.
 
     Example: `python -m benchmarks acquire`
     """
@@ -40,7 +40,7 @@ def command(
     planning = time_planning()
     plan = bench_plan(cutout)
     with tempfile.TemporaryDirectory(prefix="lfcal-bench-", dir=folder) as place:
-        # pair by pair, so that a slow moment of the disk falls on both; the median leaves outliers out.
+        # in pairs, so that slow moments of the disk affect both; the median excludes outliers
         pairs = [(time_session(plan, Path(place)), time_bare_loop(plan, Path(place))) for _ in range(rounds)]
     ratio = float(np.median([session / bare for session, bare in pairs]))
     session, bare = (float(np.median(times)) for times in zip(*pairs, strict=True))
@@ -67,7 +67,7 @@ def command(
 
 
 def time_planning() -> float:
-    """Return the seconds to plan 57,475 positions and go through every step once."""
+    """Return the time (s) to plan 57,475 positions and iterate over every step once."""
     from lfcal.acquire.options import Options
     from lfcal.acquire.schedule import Schedule
     from lfcal.camera import ScanPlan, preset
@@ -90,7 +90,7 @@ def bench_plan(cutout: int) -> ScanPlan:
 
 
 def time_session(plan: ScanPlan, folder: Path) -> float:
-    """Return the seconds per frame of a whole session, from laying out the file to the last acknowledgement."""
+    """Return the time per frame (s) of a whole session, from creating the file to the last acknowledgement."""
     import shutil
 
     from lfcal.acquire.options import Options
@@ -106,7 +106,7 @@ def time_session(plan: ScanPlan, folder: Path) -> float:
 
 
 def time_bare_loop(plan: ScanPlan, folder: Path) -> float:
-    """Return the seconds per frame to write the same bytes at the same places, one fdatasync each."""
+    """Return the time per frame (s) to write the same bytes at the same places, with one fdatasync per frame."""
     from lfcal.acquire.recording.records import RECORD
     from lfcal.base.system import reserve, sync_data, write_at
 
@@ -116,7 +116,7 @@ def time_bare_loop(plan: ScanPlan, folder: Path) -> float:
     descriptor = os.open(folder / "bare", os.O_RDWR | os.O_CREAT)
     try:
         first = count * len(record)
-        # the recording reserves its space too: growing a file costs more than writing into it.
+        # as in a recording, because growing a file takes longer than writing into it
         reserve(descriptor, first + count * len(frame))
         write_at(descriptor, bytes(first), 0)
         sync_data(descriptor)

@@ -1,4 +1,4 @@
-"""``benchmarks aperture``: synthetic depth-plane sums of irises, round stops under ripple, and stuck blades."""
+"""``python -m benchmarks aperture``: synthetic sums of irises, round stops with ripple, and stuck blades."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ RIPPLES = (0.0, 0.02, 0.04, 0.08)
 PITCHES = (12.0, 20.0, 26.0, 31.0, 40.0, 55.0)
 PATTERNS = ("square", "hexagonal", "random")
 ROUND_SNRS = (20.0, 50.0, 100.0, 200.0, 500.0)
-"""Round stops are tried where noise is low: a clean recording must not take ripple for blades."""
+"""SNRs of round stops: with little noise, ripple must not be mistaken for blades."""
 
 OUT = (-0.2, -0.08, 0.08, 0.2)
 STUCK_SNR = 2.0
-"""Lit level over the noise of one pixel, as in all of this benchmark."""
+"""Signal divided by the noise of one pixel, as for all SNRs of this benchmark."""
 
 FILL = {"stuck": 0.36}
-"""Radius over the side: a blade that lies further out must stay in the picture."""
+"""Radius divided by the side of the image, so that a blade displaced outwards stays in the image."""
 
 
 def register(bench: typer.Typer) -> None:
@@ -36,9 +36,9 @@ def register(bench: typer.Typer) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One synthetic aperture: an ``iris``, a ``round`` stop under ripple or an iris with a ``stuck`` blade.
+    """One synthetic aperture: an ``iris``, a ``round`` stop with ripple, or an iris with a ``stuck`` blade.
 
-    ``out`` is how much further out blade ``stuck`` lies, of the apothem.
+    ``out`` is the outward displacement of the blade ``stuck``, as a fraction of the apothem.
     """
 
     blades: int
@@ -56,10 +56,10 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What the fit made of it: errors in pixels, degrees and per cent; seconds.
+    """Result of the fit: errors in pixels, degrees and per cent, and the time (s).
 
-    ``right`` says whether the count is; of a round stop, that no blades are named; of a stuck blade, that this one is.
-    ``out_sigmas`` is the error of how far it is out, over its stated error.
+    ``right`` states whether the number of blades is correct and, for a stuck blade, whether this blade was identified.
+    ``out_sigmas`` is the error of its displacement divided by the stated error.
     """
 
     trial: Trial
@@ -81,18 +81,18 @@ def trials(per_cell: int, side: int) -> list[Trial]:
 
 
 def round_stops(count: int, side: int) -> list[Trial]:
-    """Return ``count`` round stops, each ripple, pitch, pattern and noise in its turn."""
+    """Return ``count`` round stops, with all combinations of ripple, pitch, pattern and noise in turn."""
     found = []
     for t in range(count):
         ripple, snr = RIPPLES[t % len(RIPPLES)], ROUND_SNRS[t % len(ROUND_SNRS)]
-        # strides that share no factor with the lengths, so that all combinations come
+        # strides that yield all combinations
         pitch, pattern = PITCHES[(t // 4) % len(PITCHES)], PATTERNS[(t // 24) % len(PATTERNS)]
         found.append(Trial(9, 1.0, snr, t, side, "round", ripple, pitch, pattern))
     return found
 
 
 def stuck_blades(count: int, side: int) -> list[Trial]:
-    """Return ``count`` irises with one blade out of place."""
+    """Return ``count`` irises with one displaced blade."""
     found = []
     for t in range(count):
         blades, curvature = BLADES[t % len(BLADES)], CURVATURES[t // 7 % len(CURVATURES)]
@@ -141,13 +141,13 @@ def run(trial: Trial) -> Outcome:
 def command(
     *,
     per_cell: int = typer.Option(8, "--trials", min=1, help="Trials per blade count, curvature and SNR; 8 make 840."),
-    rounds: int = typer.Option(500, min=0, help="Round stops under ripple."),
-    stuck: int = typer.Option(84, min=0, help="Irises with a stuck blade."),
+    rounds: int = typer.Option(500, min=0, help="Number of round stops with ripple."),
+    stuck: int = typer.Option(84, min=0, help="Number of irises with a stuck blade."),
     side: int = typer.Option(187, min=63, help="Side of the depth-plane sum (px)."),
-    workers: int | None = typer.Option(None, help="Processes; every processor by default."),
+    workers: int | None = typer.Option(None, help="Number of processes; default: every processor."),
     json: JsonOption = False,
 ) -> None:
-    """Recover irises from noisy depth-plane sums, tell round stops under ripple, name stuck blades.
+    """Fit irises to noisy depth-plane sums, recognise round stops with ripple, and identify stuck blades.
 
     Example: `python -m benchmarks aperture --trials 8`
     """
@@ -161,7 +161,7 @@ def command(
     run(work[0])  # compile once, into the cache that the processes share
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(worker_count(workers), mp_context=spawn, initializer=warm_up) as pool:
-        # trials depend on their seeds alone: any number of processes gives the same result.
+        # trials depend only on their seeds, so any number of processes gives the same result
         outcomes = list(pool.map(run, work, chunksize=4))
     if json:
         print_json(outcomes)
@@ -170,7 +170,7 @@ def command(
 
 
 def warm_up() -> None:
-    """Load everything a trial needs, so that the first one is timed like the others."""
+    """Load all modules of a trial, so that the first one is timed like the others."""
     run(Trial(5, 0.0, 20.0, 0, 95))
 
 
@@ -222,7 +222,7 @@ def _irises(outcomes: Sequence[Outcome]) -> None:
         "area (%)",
         "curvature error",
     ]
-    print_table(headers, rows, title=f"{len(outcomes)} irises of 5-11 blades, medians of errors")
+    print_table(headers, rows, title=f"{len(outcomes)} irises of 5 to 11 blades, median errors")
     typer.echo(f"right counts: {sum(o.right for o in outcomes)} of {len(outcomes)}")
 
 
@@ -237,9 +237,9 @@ def _rounds(outcomes: Sequence[Outcome]) -> None:
                 told = _share(o.kind == "round" for o in cell)
                 wrong = sum(o.confident and o.kind != "round" for o in cell)
                 rows.append([pattern, f"{100 * ripple:g} %", str(len(cell)), f"{told:.0f} %", str(wrong)])
-    headers = ["ripple", "amplitude", "stops", "told as round", "confident, wrong"]
+    headers = ["ripple", "amplitude", "stops", "recognised as round", "confident, wrong"]
     pitches = f"{min(PITCHES):g} to {max(PITCHES):g} px"
-    print_table(headers, rows, title=f"{len(outcomes)} round stops under ripple of {pitches}, pixel SNR 20 to 500")
+    print_table(headers, rows, title=f"{len(outcomes)} round stops with ripple of {pitches}, pixel SNR 20 to 500")
 
 
 def _stuck(outcomes: Sequence[Outcome]) -> None:
@@ -260,7 +260,7 @@ def _stuck(outcomes: Sequence[Outcome]) -> None:
                     str(sum(o.confident and not o.right for o in cell)),
                 ]
             )
-    headers = ["out by", "irises", "blade named", "within its error", "within three", "confident, wrong"]
+    headers = ["displaced by", "irises", "blade named", "within its error", "within three", "confident, wrong"]
     print_table(headers, rows, title=f"{len(outcomes)} irises with a stuck blade, pixel SNR {STUCK_SNR:g}")
     typer.echo(f"stuck blades named: {_share(o.confident and o.right for o in outcomes):.0f} %")
 

@@ -1,4 +1,4 @@
-"""``python -m benchmarks assemble``: frames to H against decoding alone, and the memory of a file-to-file transpose."""
+"""``python -m benchmarks assemble``: assembly compared with decoding alone, and the memory of a file transpose."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def register(app: typer.Typer) -> None:
 
 def assemble_command(
     *,
-    rows: int = typer.Option(19, help="Positions down."),
-    columns: int = typer.Option(55, help="Positions across."),
+    rows: int = typer.Option(19, help="Rows of positions."),
+    columns: int = typer.Option(55, help="Columns of positions."),
     size: int = typer.Option(512, help="Side of a frame (px)."),
     cutout: int = typer.Option(181, help="Side of the cutout (px)."),
     repeats: int = typer.Option(3, help="Repetitions; medians are printed."),
     json: JsonOption = False,
 ) -> None:
-    """Assemble H from 16-bit PNG files; how much of the time is more than decoding them.
+    """Compare the time of assembling H from 16-bit PNG files with the time of decoding them.
 
     Example: `python -m benchmarks assemble`
     """
@@ -41,7 +41,7 @@ def assemble_command(
         folder = Path(name)
         _write_session(folder, rows, columns, size, cutout)
         decode, whole = [], []
-        # the first round compiles kernels and fills the disk cache, and is not counted.
+        # the first round compiles kernels and fills the disk cache, so it does not count
         for _ in range(repeats + 1):
             decode.append(_decode(folder))
             whole.append(_assemble(folder, rows, columns, cutout))
@@ -52,7 +52,7 @@ def assemble_command(
         return
     title = f"{rows * columns} frames of {size} x {size} px, 16-bit PNG, cutout {cutout} x {cutout}, dark subtracted"
     print_table(
-        ["", "time", "of decoding"],
+        ["", "time", "÷ decoding"],
         [
             ["decoding alone, same threads", format_seconds(a), "1"],
             ["frames to H file", format_seconds(b), f"{b / a:.2f}"],
@@ -73,7 +73,7 @@ def _write_session(folder: Path, rows: int, columns: int, size: int, cutout: int
     top, left = (size - cutout - rows) // 2, (size - cutout - columns) // 2
     for y in range(rows):
         for x in range(columns):
-            # shifted rather than drawn anew: quick to make, and no two frames are equal.
+            # shifted instead of drawn again: fast, and no two frames are equal
             frame = np.roll(noise, (7 * y, 5 * x), (0, 1))
             frame[top + y : top + y + cutout, left + x : left + x + cutout] += spots
             cv2.imwrite(str(folder / "frames" / f"y{y}_x{x}.png"), np.rint(frame).astype(np.uint16))
@@ -124,7 +124,7 @@ def transpose_command(
     planes: int = typer.Option(11, help="Depth planes."),
     json: JsonOption = False,
 ) -> None:
-    """Transpose an H file to an HT file in a process of its own; its time and peak memory.
+    """Transpose an H file to an HT file in a separate process, and measure its time and peak memory.
 
     Example: `python -m benchmarks transpose-file`
     """
@@ -156,7 +156,7 @@ def _transpose_file(folder: Path, gigabytes: float, planes: int) -> dict[str, An
     nx = max(1, round(gigabytes * 1e9 / (4 * planes * ny * nt * nt)))
     shape = (planes, ny, nx, nt, nt)
     rng = np.random.default_rng(0)
-    # 70 % zeros: H is dark between the micro-images, which decides what packing costs.
+    # 70 % zeros, as between micro-images, because they determine the cost of compression
     row = rng.random((nx, nt, nt), np.float32) * (rng.random((nx, nt, nt), np.float32) > 0.7)
     with PSFWriter(folder / "H.h5", shape) as writer:
         for z in range(planes):

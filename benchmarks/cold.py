@@ -1,4 +1,4 @@
-"""``python -m benchmarks cold``: how long the first run of a command takes, which compiles kernels, and a later run."""
+"""``python -m benchmarks cold``: times of the first run of a command, which compiles kernels, and a later run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["register"]
 COMMANDS = "demo,simulate,assemble,inspect,transpose,fit,reconstruct,white"
 
 COMPILING = "from lfcal.base import compiled; from lfcal.cli import main; compiled.SPARED_S = 0; main()"
-"""Program that compiles kernels for any work."""
+"""Program that compiles kernels for work of any size."""
 
 
 def register(bench: typer.Typer) -> None:
@@ -117,7 +117,7 @@ def _commands(assembled: Path) -> dict[str, list[object]]:
 def _timed(arguments: Sequence[object], out: Path, cache: Path, *, compile_all: bool = False) -> tuple[float, float]:
     """Return the wall time and processor time (s) of a command in a new process, with kernels cached in a folder.
 
-    With ``compile_all``, kernels are compiled for any work.
+    With ``compile_all``, kernels are compiled for work of any size.
     """
     run = ["-c", COMPILING] if compile_all else ["-m", "lfcal"]
     line = [sys.executable, *run, *map(str, arguments), str(out)]

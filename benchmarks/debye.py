@@ -1,4 +1,4 @@
-"""``python -m benchmarks debye``: the microscope's path against pyolaf's, same optics, plane and cutout."""
+"""``python -m benchmarks debye``: simulation of a microscope compared with pyolaf, for one plane and cutout."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ POSITIONS = ((0, 0), (4, 2), (7, 7))
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One way of computing all positions of a plane.
+    """One computation of all positions of a plane.
 
     Attributes
     ----------
     name
-        Which code, how finely.
+        Code and sampling.
     seconds
-        Processor time of the best of the runs.
+        Processor time of the fastest run (s).
     error
-        Mean relative L1 error against the converged reference, each response scaled to the same light.
+        Mean L1 error relative to the converged reference, with each response scaled to the same light.
     positions
-        Positions it delivers.
+        Number of computed positions.
     """
 
     name: str
@@ -56,12 +56,12 @@ def register(bench: typer.Typer) -> None:
 
 def command(
     *,
-    depth: float = typer.Option(25.0, help="Plane in µm away from the objective."),
-    cutout: int = typer.Option(151, help="Pixels of the cutout, odd."),
-    repeat: int = typer.Option(3, min=1, help="Runs of each; the best counts."),
+    depth: float = typer.Option(25.0, help="Depth of the plane in µm, positive away from the objective."),
+    cutout: int = typer.Option(151, help="Side of the cutout (px), odd."),
+    repeat: int = typer.Option(3, min=1, help="Runs of each; the fastest counts."),
     json: JsonOption = False,
 ) -> None:
-    """Time the 20x/0.5 microscope's plane; beside pyolaf 0.2.1 where it is installed.
+    """Time the simulation of a plane of the 20x/0.5 microscope, by lfcal and by pyolaf 0.2.1 if it is installed.
 
     Example: `python -m benchmarks debye --depth 25 --cutout 151`
     """
@@ -84,14 +84,14 @@ def _show(rows: list[Row], title: str) -> None:
         ]
         for r in rows
     ]
-    headers = ["code", "processor time", "L1 error", "positions", "pyolaf's time over it"]
+    headers = ["code", "processor time", "L1 error", "positions", "pyolaf ÷ this"]
     print_table(headers, table, title=title)
     if theirs is None:
         typer.echo("pyolaf is not installed: pip install pyolaf==0.2.1 to compare")
 
 
 def measure(depth_um: float, cutout: int, repeat: int) -> list[Row]:
-    """Return the times and errors of one plane; pyolaf's row last, where it is installed."""
+    """Return the times and errors of one plane; the last row is that of pyolaf, if it is installed."""
     from lfcal.camera import preset
     from lfcal.simulate.engines.base import Sampling
     from lfcal.simulate.engines.microscope import DebyePlane
@@ -99,7 +99,7 @@ def measure(depth_um: float, cutout: int, repeat: int) -> list[Row]:
     from lfcal.simulate.staging import scene_of
 
     if cutout % 2 == 0 or cutout < 31:
-        raise InputError.expected("cutout", "an odd number from 31 on", cutout, "choose another")
+        raise InputError.expected("cutout", "an odd number of at least 31", cutout, "choose another")
     scene = scene_of(preset("lfm_20x05"), z_um=depth_um, cutout=(cutout, cutout))
     judge = ReferencePlane(scene, Sampling(REFERENCE_SAMPLES))
     wanted = [judge.rows([y], [x])[0, 0] for y, x in POSITIONS]
@@ -116,7 +116,7 @@ def measure(depth_um: float, cutout: int, repeat: int) -> list[Row]:
     theirs = _pyolaf()
     if theirs is not None:
         seconds, responses = _best(lambda: _pyolaf_plane(theirs, depth_um, cutout), repeat)
-        # its entry (i, j) is the source at (i, j) - 7 from the lenslet; a quarter of them is computed
+        # entry (i, j) of pyolaf is the source at (i, j) - 7 from the lenslet; it computes a quarter of them
         found_there = [np.asarray(responses[7 - y, 7 - x, 0].toarray())[::-1, ::-1] for y, x in POSITIONS]
         rows.append(Row("pyolaf 0.2.1, 1 sample per pixel", seconds, _error(found_there, wanted), 64))
     return rows
@@ -144,7 +144,7 @@ def _pyolaf() -> Any:
 
 
 def _pyolaf_plane(lf: Any, depth_um: float, cutout: int) -> Any:
-    """Return pyolaf's forward patterns of one plane of the preset, as its own driver computes them."""
+    """Return the forward patterns of one plane of the preset, as the driver of pyolaf computes them."""
     pitch, focal, pixels = 125.0, 2500.0, 15
     pixel, k = pitch / pixels, 2 * math.pi / 0.525
     camera = {

@@ -1,4 +1,4 @@
-"""``benchmarks demosaic``: error against seconds of every filter, OpenCV's and colour-demosaicing's on photographs."""
+"""``python -m benchmarks demosaic``: error and time of demosaicing filters of several programs on photographs."""
 
 from __future__ import annotations
 
@@ -35,25 +35,25 @@ SHIPPED = (
     ("sklearn", "datasets/images/flower.jpg"),
     ("matplotlib", "mpl-data/sample_data/grace_hopper.jpg"),
 )
-"""Public photographs, by the package that they ship with."""
+"""Public photographs, with the package that contains them."""
 
 BORDER_PX = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One way to demosaic.
+    """One demosaicing method.
 
     Attributes
     ----------
     name
-        Whose, and which.
+        Program and filter.
     psnr_db
-        Mean over the photographs, of 255 and away from the border.
+        Mean PSNR over the photographs, without borders, for values up to 255 (dB).
     worst_db
-        The least of them.
+        Lowest PSNR of a photograph (dB).
     seconds_per_megapixel
-        Shortest of the rounds, over all photographs.
+        Time of the fastest round over all photographs.
     """
 
     name: str
@@ -69,15 +69,19 @@ def register(bench: typer.Typer) -> None:
 
 def command(
     images: list[Path] | None = typer.Argument(
-        None, help="Colour photographs; by default those that ship with scikit-image, scikit-learn and matplotlib."
+        None, help="Colour photographs; default: those in scikit-image, scikit-learn and matplotlib."
     ),
     *,
-    pattern: str = typer.Option("GRBG", help="Filters; others are compared for Bayer patterns only."),
-    rounds: int = typer.Option(3, min=1, help="Times each way is run; the shortest counts."),
-    workers: int | None = typer.Option(None, min=1, help="Threads, OpenCV's too; every processor by default."),
+    pattern: str = typer.Option(
+        "GRBG", help="Colour filter pattern; other programs are compared only for Bayer patterns."
+    ),
+    rounds: int = typer.Option(3, min=1, help="Runs of each method; the fastest counts."),
+    workers: int | None = typer.Option(
+        None, min=1, help="Number of threads, including those of OpenCV; default: every processor."
+    ),
     json: JsonOption = False,
 ) -> None:
-    """Compare error and time of demosaicing on photographs at half their size.
+    """Compare error and time of demosaicing methods on photographs at half size.
 
     Example: `python -m benchmarks demosaic --pattern X-Trans`
     """
@@ -91,7 +95,7 @@ def command(
         return
     table = [[r.name, f"{r.psnr_db:.2f}", f"{r.worst_db:.2f}", f"{1e3 * r.seconds_per_megapixel:.0f}"] for r in rows]
     title = f"{modulator.name}, {len(files)} photographs at half size: {', '.join(file.stem for file in files)}"
-    print_table(["way", "mean PSNR (dB)", "worst (dB)", "time (ms per megapixel)"], table, title=title)
+    print_table(["method", "mean PSNR (dB)", "worst (dB)", "time (ms per megapixel)"], table, title=title)
 
 
 def _shipped() -> Iterator[Path]:
@@ -102,13 +106,15 @@ def _shipped() -> Iterator[Path]:
 
 
 def halved(file: Path) -> Image:
-    """Return a photograph ``(3, rows, columns)`` in 0 … 255 at half its size, free of what it was demosaiced with."""
+    """Return a photograph ``(3, rows, columns)`` with values 0 to 255 at half size, without demosaicing artefacts."""
     import cv2
 
     image = cv2.imread(str(file), cv2.IMREAD_COLOR)
     if image is None or min(image.shape[:2]) < 8 * BORDER_PX:
         got = "none" if image is None else f"{image.shape[1]} x {image.shape[0]} px"
-        raise InputError.expected(str(file), f"a colour image of {8 * BORDER_PX} px or more", got, "name another")
+        raise InputError.expected(
+            str(file), f"a colour image of {8 * BORDER_PX} px or more", got, "choose another file"
+        )
     rows, columns = (n // 4 * 2 for n in image.shape[:2])
     pairs = image[: 2 * rows, : 2 * columns, ::-1].reshape(rows, 2, columns, 2, 3)
     return np.ascontiguousarray(pairs.mean((1, 3), dtype=np.float32).transpose(2, 0, 1))
@@ -117,7 +123,7 @@ def halved(file: Path) -> Image:
 def measure(
     photographs: list[Image], modulator: Modulator, pattern: str, workers: int | None, rounds: int
 ) -> list[Row]:
-    """Return error and time of each way that demosaics the pattern, best first."""
+    """Return error and time of each method for the pattern, best first."""
     frames = [multiplex(image, modulator).astype(np.float32) for image in photographs]
     megapixels = sum(frame.size for frame in frames) / 1e6
     rows = []
@@ -130,7 +136,7 @@ def measure(
 
 
 def mean_psnr(filter: str, pattern: str = "GRBG", workers: int | None = None) -> float:
-    """Return the mean PSNR (dB) of one of lfcal's filters over the photographs of `SHIPPED` that are installed."""
+    """Return the mean PSNR (dB) of a filter of lfcal over the installed photographs of `SHIPPED`."""
     photographs = [halved(file) for file in _shipped()]
     modulator = cfa(pattern)
     found = [
@@ -153,7 +159,7 @@ def _psnr(found: Image, truth: Image) -> float:
 
 
 def _ours(modulator: Modulator, workers: int | None) -> dict[str, Way]:
-    # the periodic sinc is a full matrix: the Fourier route is the same
+    # without the slow periodic sinc, whose result equals that of the Fourier route
     names = [name for name in (*SPATIAL_FILTERS, *COLOUR_FILTERS) if name != LINEAR_FILTERS[-1]]
     ways: dict[str, Way] = {
         f"lfcal {name}": lambda frame, name=name: demultiplex(frame, modulator, filter=name, workers=workers)  # type: ignore[misc]
@@ -180,11 +186,11 @@ def _opencv(pattern: str, workers: int | None) -> dict[str, Way]:
 
 
 def _colour_demosaicing(pattern: str) -> dict[str, Way]:
-    """Return those of colour-demosaicing where it is installed."""
+    """Return the methods of colour-demosaicing, if it is installed."""
     if pattern not in ("RGGB", "BGGR", "GRBG", "GBRG") or importlib.util.find_spec("colour_demosaicing") is None:
         return {}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it tells of its own optional packages
+        warnings.simplefilter("ignore")  # warnings about its optional packages
         library: Any = importlib.import_module("colour_demosaicing")
     found = {
         "Malvar 2004": library.demosaicing_CFA_Bayer_Malvar2004,

@@ -1,4 +1,4 @@
-"""``benchmarks effects``: what is said of effects and of the error, against finer simulations at other positions."""
+"""``python -m benchmarks effects``: estimates of effects and errors, compared with finer simulations."""
 
 from __future__ import annotations
 
@@ -23,37 +23,37 @@ if TYPE_CHECKING:
 __all__ = ["Judged", "difference", "finest", "judge", "other_positions", "register"]
 
 FINEST = 0.003
-"""Expected error of the computation that estimates are judged by."""
+"""Expected error of the computation with which estimates are compared."""
 
 REFERENCE = 0.002
-"""Expected error of the coherent reference that judges what is simulated."""
+"""Expected error of the coherent reference with which simulations are compared."""
 
 JUDGE = 2
-"""Index of the grid that judges microscopes with exact angles: finer than those that they usually take."""
+"""Index of the grid that is the reference for microscopes with exact angles; finer than those usually chosen."""
 
 SMALLEST = 0.002
-"""Estimates are judged where they or the truth exceed this share of the image."""
+"""Estimates are judged if they or the true value exceed this fraction of the image."""
 
 MOST_RUNS = 24
-"""Samples of the light that the judge computes; larger sources are left out of a scene."""
+"""Largest number of samples of the light; effects that need more are left out of a scene."""
 
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """One scene.
+    """Results for one scene.
 
     Attributes
     ----------
     scene
-        Number of the random scene, and what it is.
+        Number and description of the random scene.
     pairs
-        For each effect its name, the estimate, whether it was measured, and the truth.
+        Name of each effect, its estimate, whether the estimate was measured, and the true value.
     tolerance, error
-        Relative L1 error that was asked for, and what came out of it.
+        Requested and true relative L1 error.
     stated
-        What the plane says that it reached.
+        Error that the plane states.
     seconds
-        CPU-seconds of the plan, the measurements of effects included.
+        Processor time of the plan, including measurements of effects (s).
     """
 
     scene: str
@@ -75,13 +75,13 @@ def register(bench: typer.Typer) -> None:
 
 
 def command(
-    scenes: int = typer.Option(60, min=1, help="Random cameras and depths."),
-    tolerance: float = typer.Option(0.03, help="Relative L1 error asked for."),
+    scenes: int = typer.Option(60, min=1, help="Number of random cameras and depths."),
+    tolerance: float = typer.Option(0.03, help="Requested relative L1 error."),
     *,
     first: int = typer.Option(0, min=0, help="Number of the first scene."),
     json: JsonOption = False,
 ) -> None:
-    """Judge estimates of effects and the error of what is simulated, over random cameras, near focus and far from it.
+    """Compare estimates of effects and the stated errors of simulations with the truth, for random cameras.
 
     Example: `python -m benchmarks effects --scenes 20`
     """
@@ -93,7 +93,7 @@ def command(
             off = [f"{name} {e / max(t, 1e-9):.2g}" for name, e, _, t in judged.telling if not within(e, t)]
             typer.echo(
                 f"{judged.scene}: error {100 * judged.error:.2g} % (stated {100 * judged.stated:.2g} %), "
-                f"{len(judged.telling) - len(off)} of {len(judged.telling)} estimates within 2"
+                f"{len(judged.telling) - len(off)} of {len(judged.telling)} estimates within a factor of 2"
                 + (f"; {', '.join(off)}" if off else "")
             )
     _report(found, tolerance, json)
@@ -122,7 +122,7 @@ def _report(found: Sequence[Judged], tolerance: float, json: bool) -> None:
 
 
 def judge(number: int, tolerance: float) -> Judged:
-    """Return what is said of a random scene, and what is true of it."""
+    """Return the stated and the true values of a random scene."""
     from benchmarks._effect_scenes import random_plan
     from lfcal.simulate import plan_effects
     from lfcal.simulate.plane_task import budgeted
@@ -148,20 +148,20 @@ def judge(number: int, tolerance: float) -> Judged:
 
 
 def _counting(selection: EffectSelection, known: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Return what acts on this camera's H: all that is no error of build, and the errors that are known."""
+    """Return the effects on H of this camera: those that are not errors of construction, and the known errors."""
     names = {effect.name for effect in known}
     rows = (row.effect for row in selection.rows)
     return tuple(e for e in rows if e.acts_on.enters_h and (not e.deviation or e.name in names))
 
 
 def other_positions(plan: ScanPlan) -> tuple[list[int], list[int]]:
-    """Return rows and columns of positions where nothing was measured or settled."""
+    """Return rows and columns of positions at which the simulator measured nothing."""
     from lfcal.simulate.engines.extent import SWITCH
     from lfcal.simulate.staging import outlook_of
 
     ny, nx = plan.period
     outlook = outlook_of(plan, 0)
-    if outlook.has_lens and outlook.fresnel_main < SWITCH:  # what holds for one position says little of another
+    if outlook.has_lens and outlook.fresnel_main < SWITCH:  # errors differ between positions
         return sorted({(k * ny) // 4 + ny // 7 for k in range(4)}), sorted({(k * nx) // 7 + nx // 9 for k in range(7)})
     return sorted({ny // 3, (6 * ny) // 7}), sorted({nx // 5, (4 * nx) // 7, (9 * nx) // 10})
 
@@ -183,7 +183,7 @@ def _pairs(
         if isinstance(effect, LightEffect):
             truth = difference(beside, _wave(plan, (*still, effect), ys, xs))
         else:
-            # without diffraction rays are followed, and nothing that calls for waves is seen
+            # without diffraction, rays are traced, and effects that need waves are not visible
             rays = isinstance(effect, LensletDiffraction)
             others = tuple(e for e in still if e is not effect and not (rays and e.needs_waves))
             truth = difference(_wave(plan, others, ys, xs), beside)
@@ -199,7 +199,7 @@ def difference(without: NDArray[np.float32], with_it: NDArray[np.float32]) -> fl
 
 
 def _wave(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[int]) -> NDArray[np.float32]:
-    """Return responses computed more finely than anything that is judged."""
+    """Return responses computed with finer sampling than all that is judged."""
     from lfcal.simulate.accuracy.sampling import steps_for
     from lfcal.simulate.response import PlaneResponse
     from lfcal.simulate.staging import resolve_level, scene_for
@@ -213,7 +213,7 @@ def _wave(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[i
 
 
 def finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[int]) -> NDArray[np.float32]:
-    """Return responses by the coherent reference; of a microscope by a fine grid, or the finest of the Debye path."""
+    """Return responses of the coherent reference or, for a microscope, of a fine grid or the finest Debye sampling."""
     from lfcal.base.errors import LfcalError
     from lfcal.simulate.accuracy.sampling import steps_for
     from lfcal.simulate.response import PlaneResponse
@@ -221,14 +221,14 @@ def finest(plan: ScanPlan, effects: tuple[Effect, ...], ys: list[int], xs: list[
 
     scene, level = resolve_level(scene_for(plan, 0, effects))
     steps = steps_for(scene, level)
-    if level == "debye" and steps[0].level == "grid":  # one field after the other by the reference takes minutes
+    if level == "debye" and steps[0].level == "grid":  # the reference takes minutes for the separate fields
         step = steps[min(JUDGE, len(steps) - 1)]
         return PlaneResponse(plan, 0, effects, level=step.level, sampling=step.sampling).rows(ys, xs)
     if level == "wave":
         finest = next(step.sampling for step in steps_for(scene, "reference") if step.expected <= REFERENCE)
         try:
             return PlaneResponse(plan, 0, effects, level="reference", sampling=finest).rows(ys, xs)
-        except LfcalError:  # a grid too large
+        except LfcalError:  # the grid is too large
             return _wave(plan, effects, ys, xs)
     finest = replace(steps[-1].sampling, nodes_per_px=8)
     return PlaneResponse(plan, 0, effects, sampling=finest).rows(ys, xs)

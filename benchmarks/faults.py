@@ -1,4 +1,4 @@
-"""``python -m benchmarks faults``: faults put into recordings: which are named, at which rank, and what they cost."""
+"""``python -m benchmarks faults``: faults added to recordings, and the findings, ranks and costs reported."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ if TYPE_CHECKING:
 __all__ = ["Alarm", "Tried", "alarms", "register", "tried"]
 
 CLEAN = 40
-"""Cameras without a fault."""
+"""Number of recordings without a fault."""
 
 DEAR, COSTLY = 0.1, 0.03
-"""True costs above which a fault must be named first or second, and must be named at all."""
+"""True costs above which a fault must be named first or second, or must be named at any rank."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """What an inspection says of one fault.
+    """Result of an inspection of a recording with one fault.
 
     Attributes
     ----------
     camera, fault, strength, unit
-        What was put into what.
+        Camera, and the fault that was added.
     true, told
-        What it costs, and what is said of it (NRMSE); None: nothing was.
+        True and reported cost (NRMSE); None: no cost was reported.
     rank
-        Place among all that was named, from 1; 0: not named.
+        Rank among all named faults, from 1; 0: not named.
     found
-        Everything that was named, the costliest first.
+        All named faults, the costliest first.
     seconds
-        Of the inspection.
+        Time of the inspection (s).
     """
 
     camera: str
@@ -61,13 +61,13 @@ class Tried:
 
     @property
     def within(self) -> bool | None:
-        """Whether the cost is right within a factor 2; None where none was told or there is next to none."""
+        """Whether the cost is correct within a factor of 2; None if none was reported or the true cost is small."""
         return None if self.told is None or self.true < COSTLY else self.true / 2 <= self.told <= 2 * self.true
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """What an inspection says of a camera without a fault."""
+    """Result of an inspection of a recording without a fault."""
 
     camera: str
     merit: str
@@ -83,16 +83,18 @@ def register(bench: typer.Typer) -> None:
 
 def command(
     *,
-    cameras: str = typer.Option("bench,r29-like,lfm_20x05,lfm_60x12", help="Cameras that faults are put into."),
+    cameras: str = typer.Option("bench,r29-like,lfm_20x05,lfm_60x12", help="Cameras whose recordings get faults."),
     first: int = typer.Option(0, min=0, help="Number of the first fault of the list."),
-    faults: int | None = typer.Option(None, min=1, help="Faults from there on; all by default."),
+    faults: int | None = typer.Option(None, min=1, help="Number of faults; default: all that follow."),
     strengths: str = typer.Option("1,2,3", help="Strengths, from weak (1) to strong (3)."),
-    patterns: int = typer.Option(60, min=24, help="Patterns that are compared with the camera."),
-    clean: bool = typer.Option(False, "--clean", help="Inspect 40 cameras without a fault instead."),
-    keep: Path | None = typer.Option(None, help="File that results are added to; what stands there is not done again."),
+    patterns: int = typer.Option(60, min=24, help="Number of patterns that are compared with the camera."),
+    clean: bool = typer.Option(False, "--clean", help="Inspect 40 recordings without a fault instead."),
+    keep: Path | None = typer.Option(
+        None, help="File to which results are appended; results in the file are not computed again."
+    ),
     json: JsonOption = False,
 ) -> None:
-    """Put faults into simulated recordings, and hold what the inspection says against what they cost.
+    """Add faults to simulated recordings, and compare the reported costs with the true ones.
 
     Example: `python -m benchmarks faults --cameras bench --strengths 3 --keep faults.jsonl`
     """
@@ -134,7 +136,7 @@ def command(
 
 
 def _kept(file: Path, patterns: int) -> dict[tuple[str, str, float], Tried]:
-    """Return the results that stand in a file, of so many patterns, by camera, fault and strength."""
+    """Return the results in a file for a number of patterns, by camera, fault and strength."""
     found = {}
     lines = read_text(file).splitlines() if file.exists() else []
     for number, line in enumerate(lines, 1):
@@ -162,7 +164,7 @@ def _truth(recording: Recording) -> TrueCost:
 
 
 def tried(camera: str, recording: Recording, truth: TrueCost, fault: Injected, strength: float, patterns: int) -> Tried:
-    """Return what an inspection says of a recording with a fault."""
+    """Return the result of an inspection of a recording with a fault."""
     values = fault.put_in(recording, strength)
     start = time.perf_counter()
     inspection = _inspected(recording, values, patterns)
@@ -186,7 +188,7 @@ def _inspected(recording: Recording, values: object, patterns: int) -> Inspectio
 
 
 def _ranked(inspection: Inspection) -> list[tuple[str, float | None]]:
-    """Return what is named, the costliest first: findings, and metrics that nothing stands for."""
+    """Return the named faults, the costliest first: findings, and bad metrics that no finding explains."""
     from lfcal.judge.inspection import worst_first
 
     found: list[tuple[float, str, float | None]] = [(-worst_first(f)[0], f.name, f.cost) for f in inspection.faults]
@@ -198,7 +200,7 @@ def _tell(one: Tried) -> None:
     told = "-" if one.told is None else f"{one.told:.3f}"
     place = f"named {one.rank}" if one.rank else "NOT NAMED" if one.true > COSTLY else "not named"
     typer.echo(
-        f"{one.camera}, {one.fault} {one.strength:g} {one.unit}: true cost {one.true:.3f}, told {told}, {place}"
+        f"{one.camera}, {one.fault} {one.strength:g} {one.unit}: true cost {one.true:.3f}, reported {told}, {place}"
         f" [{'; '.join(one.found)}]"
     )
 
@@ -225,11 +227,17 @@ def _report(found: Sequence[Tried], json: bool) -> None:
                 f"{sum(right)} of {len(right)}",
             ]
         )
-    headers = ["camera", "faults", f"cost > {DEAR:g}: first or second", f"cost > {COSTLY:g}: named", "cost within 2"]
+    headers = [
+        "camera",
+        "faults",
+        f"cost > {DEAR:g}: first or second",
+        f"cost > {COSTLY:g}: named",
+        "cost within a factor of 2",
+    ]
     print_table(headers, rows)
     typer.echo(f"true cost above {DEAR:g} named first or second: {first} of {len(dear)}")
     typer.echo(f"true cost above {COSTLY:g} named: {named} of {len(costly)} ({_percent(named, len(costly))})")
-    typer.echo(f"cost within a factor 2: {sum(judged)} of {len(judged)} ({_percent(sum(judged), len(judged))})")
+    typer.echo(f"cost within a factor of 2: {sum(judged)} of {len(judged)} ({_percent(sum(judged), len(judged))})")
 
 
 def _percent(some: int, of: int) -> str:
@@ -237,7 +245,7 @@ def _percent(some: int, of: int) -> str:
 
 
 def alarms(patterns: int, *, quiet: bool = True) -> list[Alarm]:
-    """Return what an inspection says of cameras without a fault."""
+    """Return the results of inspections of recordings without a fault."""
     from benchmarks._fault_clean import clean_cameras
 
     found = []
@@ -255,4 +263,4 @@ def _tell_alarms(found: Sequence[Alarm], json: bool) -> None:
     if json:
         print_json({"cameras": found, "bad": bad, "fair": fair})
         return
-    typer.echo(f"of {len(found)} cameras without a fault: {bad} bad, {fair} fair")
+    typer.echo(f"of {len(found)} recordings without a fault: {bad} bad, {fair} fair")

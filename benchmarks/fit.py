@@ -1,4 +1,4 @@
-"""``python -m benchmarks fit``: random cameras retrieved from a few noisy patterns, judged at every position."""
+"""``python -m benchmarks fit``: random cameras fitted to a few noisy patterns, judged at every position."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def register(bench: typer.Typer) -> None:
 def command(
     camera: str = typer.Argument("bench", help="bench or r29."),
     *,
-    cameras: int = typer.Option(3, min=1, help="How many random cameras."),
-    patterns: int = typer.Option(40, min=6, help="Recorded patterns of each, over all depths."),
+    cameras: int = typer.Option(3, min=1, help="Number of random cameras."),
+    patterns: int = typer.Option(40, min=6, help="Number of recorded patterns per camera, over all depths."),
     depths: str = typer.Option("3,4", help="Virtual depths of the planes: A,B,C."),
-    positions: int = typer.Option(0, min=0, help="Positions a plane at which the model is judged; 0: every one."),
-    cutout: int = typer.Option(0, min=0, help="Pixels of the patterns; 0: what the camera needs."),
-    stage: float = typer.Option(0.0, min=0.0, help="Rms of sources beside their places (px)."),
-    seed: int = typer.Option(0, help="Of the first camera."),
+    positions: int = typer.Option(0, min=0, help="Positions per plane at which the model is judged; 0: all."),
+    cutout: int = typer.Option(0, min=0, help="Side of the patterns (px); 0: default of the camera."),
+    stage: float = typer.Option(0.0, min=0.0, help="Rms error of the source positions (px)."),
+    seed: int = typer.Option(0, help="Seed of the first camera."),
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Retrieve random cameras from a few noisy patterns: the error of H everywhere, and how far sigmas hold.
+    """Fit random cameras to a few noisy patterns; report the error of H at all positions, and that of the sigmas.
 
     Example: `python -m benchmarks fit --cameras 10`
     """
@@ -73,10 +73,10 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 
 def line(one: dict[str, Any]) -> str:
-    """Return what a camera came to in a line."""
+    """Return the results of a camera as one line."""
     return (
-        f"camera {one['seed']}: H {100 * one['error_l1']:.2f} % off (L1, at worst {100 * one['worst_l1']:.2f} %), "
-        f"described {100 * one['described_l1']:.0f} %, stated {one['stated']}, chi² {one['chi2']:.3f}, "
+        f"camera {one['seed']}: error of H {100 * one['error_l1']:.2f} % (L1, worst {100 * one['worst_l1']:.2f} %), "
+        f"as described {100 * one['described_l1']:.0f} %, stated {one['stated']}, chi² {one['chi2']:.3f}, "
         f"pulls {one['pull_rms']:.2f}, {one['seconds']:.0f} s; {', '.join(one['groups'])}"
     )
 
@@ -88,7 +88,7 @@ def summary(found: list[dict[str, Any]]) -> list[list[str]]:
     worst = np.array([one["error_l1"] for one in found])
     pulls = np.concatenate([list(one["pulls"].values()) for one in found])
     return [
-        ["H at most 0.5 % off", f"{int((worst <= 0.005).sum())} of {len(found)}"],
+        ["error of H at most 0.5 %", f"{int((worst <= 0.005).sum())} of {len(found)}"],
         ["median, worst error of H (L1)", f"{100 * np.median(worst):.2f} %, {100 * worst.max():.2f} %"],
         ["pulls, rms", f"{np.sqrt((pulls**2).mean()):.2f} ({pulls.size} unknowns)"],
         ["beyond 3 sigma", f"{int((np.abs(pulls) > 3).sum())}"],
@@ -97,7 +97,7 @@ def summary(found: list[dict[str, Any]]) -> list[list[str]]:
 
 
 def judged(fit: Fit, truth: Truth, positions: int = 0) -> dict[str, Any]:
-    """Return errors of the model of H against the truth's, and the pulls of what was found."""
+    """Return errors of the fitted H relative to the true one, and the pulls of the fitted values."""
     whole = measured_error(fit, truth, positions)
     pulls = {n: (p.value - truth.values[n]) / p.sigma for n, p in fit.parameters.items()}
     return {
@@ -112,9 +112,9 @@ def judged(fit: Fit, truth: Truth, positions: int = 0) -> dict[str, Any]:
 
 
 def measured_error(fit: Fit, truth: Truth, positions: int = 0) -> dict[str, float]:
-    """Return relative errors of the model over ``positions`` of each plane, 0 for every one: L1, L2, the worst pattern.
+    """Return relative errors of the model over ``positions`` of each plane (0: all): L1, L2, worst pattern.
 
-    Both are computed at the finest sampling; the gains are those that fit best, as a normalised H has them.
+    Model and truth are computed with the finest sampling. The gain of each plane is fitted, as in a normalised H.
     """
     import numpy as np
 

@@ -43,9 +43,11 @@ def register(bench: typer.Typer) -> None:
 def command(
     camera: CameraArgument = "bench",
     *,
-    tolerance: float = typer.Option(0.03, help="Relative L1 error asked for."),
-    rows: int = typer.Option(0, min=0, help="Rows of positions that are simulated; 0: all."),
-    scenes: int = typer.Option(0, "--random", min=0, help="Number of random cameras instead, each at 30 to 0.5 %."),
+    tolerance: float = typer.Option(0.03, help="Requested relative L1 error."),
+    rows: int = typer.Option(0, min=0, help="Number of simulated rows of positions; 0: all."),
+    scenes: int = typer.Option(
+        0, "--random", min=0, help="Number of random cameras to use instead, each with tolerances of 30 to 0.5 %."
+    ),
     first: int = typer.Option(0, min=0, help="Number of the first random camera."),
     json: JsonOption = False,
 ) -> None:
@@ -81,7 +83,7 @@ def command(
         ]
         for one in found
     ]
-    headers = ["depth", "cutout", "by the description", "by a short run", "taken", "description/taken", "run/taken"]
+    headers = ["depth", "cutout", "from the description", "by a short run", "taken", "description/taken", "run/taken"]
     print_table(headers, table, title=f"{described.name}, tolerance {100 * tolerance:g} %")
 
 
@@ -104,7 +106,7 @@ def _plans(camera: Camera, rows: int) -> list[ScanPlan]:
 
 
 def _timed(plan: ScanPlan, tolerance: float) -> dict[str, float]:
-    """Return the seconds of one plane: foretold by its description, by a short run, and taken (processor time)."""
+    """Return the processor time of one plane (s): forecast from the description and by a short run, and measured."""
     from lfcal.simulate import plan_effects, predict_seconds, simulate_psf
 
     chosen = plan_effects(plan, tolerance)
@@ -159,7 +161,7 @@ def _scene(number: int) -> Iterator[Kept]:
     plan, _ = random_plan(number)
     plan = replace(plan, cutout=(min(plan.cutout[0], WIDEST), min(plan.cutout[1], WIDEST)))
     ys, xs = other_positions(plan)
-    # one wavelength: more of them take many times as long for a sum of the same
+    # one wavelength: the time is proportional to their number
     off = {"bandwidth": "off"}
     try:
         truth = finest(plan, plan_effects(plan, 1e-9, off).effects, ys, xs)
@@ -182,7 +184,7 @@ def _scene(number: int) -> Iterator[Kept]:
 def _repeat(plan: ScanPlan, settings: dict[str, str], found: list[Kept]) -> None:
     """Measure the last tolerance and the fastest finer one again, in turn, if the last one was slower.
 
-    Other programs may have interfered; the least of all times counts for both.
+    Other programs may have interfered. For both tolerances, the shortest time counts.
     """
     from lfcal.simulate import plan_effects
 

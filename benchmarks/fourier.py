@@ -1,4 +1,4 @@
-"""``python -m benchmarks fourier``: projection of a Fourier light-field microscope side by side with its bare FFTs."""
+"""``python -m benchmarks fourier``: projection of a Fourier light-field microscope compared with its FFTs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 IMAGE, CUTOUT, PLANES, REPEATS = 1200, 859, 9, 7
-"""The preset ``flfm_20x05``: its sensor, its cutout over ± 40 µm, and planes."""
+"""Side of the sensor and of the cutout of ``flfm_20x05`` over ± 40 µm (px), planes, and runs."""
 
 
 def register(bench: typer.Typer) -> None:
@@ -26,7 +26,7 @@ def register(bench: typer.Typer) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """Processor seconds of projections, of a solver's iteration and of its FFTs alone: the fastest of runs in turn."""
+    """Processor time (s) of the projections, of an iteration and of the FFTs alone, each of the fastest run."""
 
     method: str
     transforms: int
@@ -46,12 +46,11 @@ def command(
     repeats: int = typer.Option(REPEATS, min=1, help="Runs of each, in turn; the fastest of each counts."),
     json: JsonOption = False,
 ) -> None:
-    """Compare one forward and one back projection, and an iteration, with the FFTs that they need at least.
+    """Compare one forward and one back projection, and an iteration, with the FFTs that they require.
 
-    The iteration is that of Richardson-Lucy, from one volume to the next. With n planes, these are n + 1 forward and
-    n + 1 back transforms; those of H are made once. Both use scipy.fft and one thread, and are measured in processor
-    time. Other programs compete for caches and memory, which only lengthens it. The fastest run of each therefore
-    counts.
+    The iteration is that of Richardson-Lucy. With n planes, n + 1 forward and n + 1 inverse transforms are required;
+    those of H are made once. All runs use scipy.fft with one thread, and are measured in processor time. Other
+    programs compete for caches and memory, which only lengthens the time. The fastest run of each therefore counts.
 
     Example: `python -m benchmarks fourier`
     """

@@ -1,4 +1,4 @@
-"""``benchmarks frames``: what reading and correcting a frame costs beside the bare decoder and a plain copy."""
+"""``python -m benchmarks frames``: reading and correcting a frame, compared with plain decoding and copying."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def register(bench: typer.Typer) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One comparison: seconds of the project and of what it is held against."""
+    """One comparison: time of lfcal and time of the reference (s)."""
 
     what: str
     seconds: float
@@ -38,7 +38,7 @@ class Row:
 
     @property
     def ratio(self) -> float:
-        """How many times the reference."""
+        """Time of lfcal divided by that of the reference."""
         return self.seconds / self.reference_s
 
 
@@ -48,7 +48,7 @@ def command(
     repeats: int = typer.Option(5, min=1, max=100, help="Runs of each; the fastest counts."),
     json: JsonOption = False,
 ) -> None:
-    """Time readers against their bare decoders, and corrections against a plain copy, side by side.
+    """Compare the time of readers with that of plain decoders, and the time of corrections with that of a copy.
 
     Example: `python -m benchmarks frames --megapixels 29`
     """
@@ -68,7 +68,7 @@ def command(
         )
         return
     print_table(
-        ["What", "Time", "Against", "Its time", "Ratio"],
+        ["task", "time", "reference", "its time", "ratio"],
         [[r.what, format_seconds(r.seconds), r.against, format_seconds(r.reference_s), f"{r.ratio:.3g}"] for r in rows],
         title=f"One 16-bit frame of {megapixels:g} megapixels, one thread, fastest of {repeats}",
     )
@@ -98,7 +98,7 @@ def fastest(function: Callable[[], Any], repeats: int) -> float:
         start = time.perf_counter()
         function()
         times.append(time.perf_counter() - start)
-    # the fastest run is the one that nothing else disturbed.
+    # the fastest run is the least disturbed one
     return min(times)
 
 
@@ -136,7 +136,7 @@ def corrections(frame: NDArray[np.uint16], repeats: int) -> list[Row]:
 
 
 def readers(frame: NDArray[np.uint16], repeats: int, folder: Path) -> list[Row]:
-    """Return the rows for files, each read through a session and by the bare decoder."""
+    """Return the rows for files, each read by a frame source and by the plain decoder."""
     import cv2
     import numpy as np
     import tifffile
@@ -160,7 +160,7 @@ def readers(frame: NDArray[np.uint16], repeats: int, folder: Path) -> list[Row]:
             Row(
                 f"read {name}, checked",
                 fastest(partial(source.read, 0), repeats),
-                "bare decoder",
+                "plain decoder",
                 fastest(decode, repeats),
             )
         )

@@ -1,4 +1,4 @@
-"""``python -m benchmarks inspect``: what the inspection of a plane costs against reading it once."""
+"""``python -m benchmarks inspect``: time and memory of the inspection of H, compared with reading it once."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What reading and inspecting cost: seconds, and bytes above what the process held before."""
+    """Times of reading and inspecting (s), and additional memory of the process (bytes)."""
 
     plane_bytes: int
     planes: int
@@ -59,10 +59,12 @@ class Figures:
 def command(
     *,
     preset_name: str = typer.Option("r29", "--preset", help="Camera whose planes are simulated."),
-    cutout: int = typer.Option(181, min=21, help="Side of the cutout (px); 181 makes 685 MB of a plane of r29."),
-    planes: int = typer.Option(1, min=1, help="Planes."),
-    noise: float = typer.Option(0.003, help="Noise of a pixel over the brightest one; a noisy file packs badly."),
-    compression: str = typer.Option("gzip", help="gzip, zstd or none."),
+    cutout: int = typer.Option(181, min=21, help="Side of the cutout (px); with 181, a plane of r29 has 685 MB."),
+    planes: int = typer.Option(1, min=1, help="Number of depth planes."),
+    noise: float = typer.Option(
+        0.003, help="Noise of a pixel divided by the brightest pixel; noise compresses poorly."
+    ),
+    compression: str = typer.Option("gzip", help="Compression of the file: gzip, zstd or none."),
     folder: FolderOption = None,
     workers: WorkersOption = None,
     json: JsonOption = False,
@@ -74,7 +76,7 @@ def command(
     problem = Problem(preset_name, cutout | 1, planes, noise, compression, workers)
     with tempfile.TemporaryDirectory(prefix="lfcal_inspect_", dir=folder) as place:
         path = Path(place) / "H.h5"
-        # in a process of its own, so that its memory does not count.
+        # in a separate process, so that its memory does not count
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as child:
             child.submit(write, path, problem).result()
         found = measure(path, workers)
@@ -85,12 +87,12 @@ def command(
 
 
 def measure(path: Path, workers: int | None) -> Figures:
-    """Return what one reading and one inspection of the H file cost."""
+    """Return time and memory of one reading and one inspection of the H file."""
     from lfcal.judge.quality import inspect
     from lfcal.psf import open_psf
 
-    # compiled kernels are part of neither the time nor the memory that is compared.
-    inspect(small(), workers=workers)  # compile
+    # the compilation of kernels counts neither as time nor as memory
+    inspect(small(), workers=workers)
     before = peak_memory()
     start = time.perf_counter()
     with open_psf(path) as H:
@@ -123,7 +125,7 @@ def _show(found: Figures, compression: str) -> None:
         ["inspect", seconds(found.inspect_s), f"{found.ratio:.2f}", format_bytes(found.inspect_peak_bytes)],
     ]
     title = f"{found.planes} planes of {format_bytes(found.plane_bytes)}, {compression}; found {found.merit}"
-    print_table(["", "time", "times reading", "memory"], rows, title=title)
+    print_table(["", "time", "÷ reading", "memory"], rows, title=title)
 
 
 def write(path: Path, problem: Problem) -> None:
@@ -143,7 +145,7 @@ def write(path: Path, problem: Problem) -> None:
         path, plan.shape, depths=plan.depths_um, camera=camera, compression=problem.compression, workers=workers
     ) as writer:
         for z, depth in enumerate(depths):
-            # plane by plane: 11 planes of the R29 in float32 are 7.5 GB.
+            # plane by plane, because 11 planes of the R29 in float32 have 7.5 GB
             one = ScanPlan.for_camera(camera, virtual_depths=[depth], cutout=plan.shape[3:])
             values = simulate_psf(one, (), workers=workers).plane(0).copy()  # a plane is read-only
             top = float(values.max())
@@ -153,7 +155,7 @@ def write(path: Path, problem: Problem) -> None:
 
 
 def small() -> PSFMatrix:
-    """Return a small H that makes every kernel compile."""
+    """Return a small H with which every kernel is compiled."""
     from lfcal.camera import ScanPlan, preset
     from lfcal.simulate import simulate_psf
 

@@ -1,4 +1,4 @@
-"""``python -m benchmarks lattice``: lattices of distorted cameras beside the truth they were drawn from."""
+"""``python -m benchmarks lattice``: fitted lattices of distorted arrays, compared with the true ones."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ BOUND_PX = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What the fit of one camera found.
+    """Result of the fit for one camera.
 
     Attributes
     ----------
     rms_px, largest_px
-        Distance of the fitted from the true places of all lenslets in the frame (pixels).
+        Rms and largest distance between fitted and true centres of all lenslets in the frame (px).
     pull
-        Rms of the distances from the truth, over what the fit's covariance makes of them: 1 where errors are honest.
+        Rms of the distances in units of their standard errors: 1 if the stated errors are correct.
     """
 
     camera: int
@@ -50,11 +50,11 @@ def register(bench: typer.Typer) -> None:
 
 def command(
     *,
-    cameras: int = typer.Option(COUNT, min=1, help="Cameras, of which every fourth repeats kind and distortion."),
+    cameras: int = typer.Option(COUNT, min=1, help="Number of cameras; every fourth repeats kind and distortion."),
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Fit white images of distorted arrays: square and hexagonal, turned up to 45°, SNR 20, 5 % dead lenslets.
+    """Fit white images of distorted arrays: square and hexagonal, rotated by up to 45°, SNR 20, 5 % dead lenslets.
 
     Example: `python -m benchmarks lattice --cameras 4`
     """
@@ -66,7 +66,7 @@ def command(
 
 
 def measure(number: int, workers: int | None) -> Trial:
-    """Return what the fit finds of camera ``number``."""
+    """Return the result of the fit for camera ``number``."""
     from lfcal.lattice import fit_lattice
 
     camera = white_camera(number)
@@ -79,7 +79,7 @@ def measure(number: int, workers: int | None) -> Trial:
 
 
 def _against(fit: LatticeFit, camera: WhiteCamera) -> tuple[float, float, float]:
-    """Return rms and largest distance of the fitted lenslets from the true ones, and the pull of the free numbers."""
+    """Return rms and largest distance of the fitted lenslets from the true ones, and the pull of the parameters."""
     import numpy as np
     from scipy.spatial import cKDTree
 
@@ -92,7 +92,7 @@ def _against(fit: LatticeFit, camera: WhiteCamera) -> tuple[float, float, float]
     assert fit.errors is not None
     form = next(form for form in FORMS if form.name == fit.form)
     columns = design(fit.model, form, fit.index, DistortionFrame.of(fit.shape)).reshape(-1, form.size)
-    # the free numbers that the distances amount to, whitened by their covariance
+    # the parameters that correspond to the distances, whitened with their covariance
     size = np.sqrt(np.diag(fit.errors.covariance))
     numbers = np.linalg.lstsq(columns * size, off.T.ravel(), rcond=None)[0]
     correlation = fit.errors.covariance / size / size[:, None]
@@ -116,8 +116,6 @@ def _show(trials: list[Trial]) -> None:
     ]
     mean = math.sqrt(sum(t.pull**2 for t in trials) / len(trials))
     right = sum(t.form == t.called for t in trials)
-    title = (
-        f"{right} of {len(trials)} in the form drawn; bound {BOUND_PX} px rms; pull {mean:.2f} rms (1: honest errors)"
-    )
+    title = f"{right} of {len(trials)} with the form drawn; bound {BOUND_PX} px rms; pull {mean:.2f} rms"
     headers = ["", "array", "drawn", "form chosen", "rms (px)", "largest (px)", "pull", "seconds"]
     print_table(headers, rows, title=title)

@@ -1,4 +1,4 @@
-"""``python -m benchmarks multiplex``: demosaicing and views of a 29-megapixel frame beside OpenCV and memory copies."""
+"""``python -m benchmarks multiplex``: demosaicing and views of 29 megapixels, compared with OpenCV and copies."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ VIEWS = 31
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Seconds of one way, its ratio to OpenCV's bilinear demosaic plus one copy of its output; PSNR of colours (dB)."""
+    """Times (s) of one method, of OpenCV's bilinear demosaic and of a copy of the output; PSNR of colours (dB)."""
 
     name: str
     seconds: float
@@ -32,7 +32,7 @@ class Timing:
 
     @property
     def ratio(self) -> float:
-        """Time over that of OpenCV and the copy."""
+        """Time divided by that of OpenCV and the copy together."""
         return self.seconds / (self.opencv + self.copy)
 
 
@@ -52,7 +52,7 @@ def bayer_frame(shape: tuple[int, int]) -> NDArray[np.uint16]:
 
 
 def measure(shape: tuple[int, int], filters: list[str], workers: int | None, rounds: int) -> list[Timing]:
-    """Return the times of each way; outputs are allocated and touched before."""
+    """Return the times of each method, with outputs that were allocated and written before."""
     import cv2
     import numpy as np
 
@@ -69,7 +69,7 @@ def measure(shape: tuple[int, int], filters: list[str], workers: int | None, rou
     spare = np.ones_like(colours)
     bgr = np.ones((*shape, 3), np.uint16)
     views = lattice_channels(frame, lattice, VIEWS, workers=workers)
-    # touched before timing: the first write to fresh memory costs more than the copy.
+    # written before, because the first write to new memory takes longer than the copy
     spare_views = np.ones_like(views)
     if workers is not None:
         cv2.setNumThreads(workers)
@@ -97,12 +97,14 @@ def measure(shape: tuple[int, int], filters: list[str], workers: int | None, rou
 def command(
     *,
     quick: bool = typer.Option(False, "--quick", help="One round on a quarter of the frame."),
-    filters: str = typer.Option("linear,cubic,lmmse,directional", help="Filters of the demosaicing."),
-    rounds: int = typer.Option(5, min=1, help="Times each way is run; the least time counts."),
-    workers: int | None = typer.Option(None, min=1, help="Threads, OpenCV's too; every processor by default."),
+    filters: str = typer.Option("linear,cubic,lmmse,directional", help="Filters for demosaicing."),
+    rounds: int = typer.Option(5, min=1, help="Runs of each method; the fastest counts."),
+    workers: int | None = typer.Option(
+        None, min=1, help="Number of threads, including those of OpenCV; default: every processor."
+    ),
     json: JsonOption = False,
 ) -> None:
-    """Time demosaicing and 31 x 31 views of a 6576 x 4384 frame beside OpenCV's bilinear demosaic and a copy.
+    """Compare demosaicing and 31 x 31 views of a 6576 x 4384 frame with OpenCV's bilinear demosaic and a copy.
 
     Example: `python -m benchmarks multiplex --quick`
     """
@@ -127,7 +129,7 @@ def command(
             ]
         )
         return
-    _show(rows, f"{shape[1]} x {shape[0]} px, {worker_count(workers)} threads, least times")
+    _show(rows, f"{shape[1]} x {shape[0]} px, {worker_count(workers)} threads, shortest times")
 
 
 def _show(rows: list[Timing], title: str) -> None:
@@ -144,7 +146,7 @@ def _show(rows: list[Timing], title: str) -> None:
         for r in rows
     ]
     headers = [
-        "way",
+        "method",
         "output (MB)",
         "lfcal (ms)",
         "OpenCV bilinear demosaic (ms)",

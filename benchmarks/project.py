@@ -1,4 +1,4 @@
-"""``python -m benchmarks project``: forward and back projection side by side with pyolaf and a lean FFT loop."""
+"""``python -m benchmarks project``: forward and back projection, compared with pyolaf and a loop of FFTs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 IMAGE, PERIOD, CUTOUT, REPEATS, SIDE = 1001, 11, 111, 5, 2000
-"""What is projected where nothing else is said."""
+"""Default sides of image, period and cutout (px), number of runs, and side of the R29 region (px)."""
 
 
 def register(bench: typer.Typer) -> None:
@@ -28,7 +28,7 @@ def register(bench: typer.Typer) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One way to project."""
+    """One projection method."""
 
     name: str
     setup_s: float
@@ -39,38 +39,42 @@ class Row:
 
     @property
     def pair_s(self) -> float:
-        """Seconds forward and back."""
+        """Time of forward and back projection together (s)."""
         return self.forward_s + self.adjoint_s
 
 
 def command(
     *,
     image: int = typer.Option(IMAGE, min=32, help="Side of the image (px)."),
-    period: int = typer.Option(PERIOD, min=1, help="Period (px), odd."),
+    period: int = typer.Option(PERIOD, min=1, help="Side of the period (px), odd."),
     cutout: int = typer.Option(CUTOUT, min=3, help="Side of the cutout (px), odd."),
-    planes: int = typer.Option(1, min=1, help="Depth planes."),
-    repeats: int = typer.Option(REPEATS, min=1, help="Runs of lfcal's methods; the fastest counts."),
+    planes: int = typer.Option(1, min=1, help="Number of depth planes."),
+    repeats: int = typer.Option(REPEATS, min=1, help="Runs of the methods of lfcal; the fastest counts."),
     r29: bool = typer.Option(False, "--r29", help="The R29 problem instead: 95 x 55 positions, 181 x 181, 11 planes."),
-    full: bool = typer.Option(False, "--full", help="With --r29: all 11 planes instead of one, scaled."),
+    full: bool = typer.Option(
+        False, "--full", help="With --r29: project all 11 planes instead of scaling the time of one."
+    ),
     side: int = typer.Option(SIDE, "--side", help="With --r29: side of the image region (px)."),
     frame: bool = typer.Option(False, "--frame", help="With --r29: the whole frame, 4384 x 6576, instead of --side."),
-    density: float = typer.Option(1.0, "--density", help="With --r29: share of H that is not zero."),
+    density: float = typer.Option(1.0, "--density", help="With --r29: fraction of the entries of H that are not zero."),
     tolerance: str = typer.Option(
-        "", "--tolerance", help="With --r29: a simulated plane instead, exactly and within these shares: 0.002,0.005."
+        "",
+        "--tolerance",
+        help="With --r29: project a simulated plane, exactly and within these tolerances: 0.002,0.005.",
     ),
     device: str = typer.Option(
         "",
         "--device",
-        help="With --r29: what projects, cpu (the default), cuda, cuda:1 or auto; with --tolerance: next to the "
-        "processor, auto by default.",
+        help="With --r29: device of the projection: cpu (default), cuda, cuda:1 or auto. With --tolerance: device that "
+        "is compared with the processor (default auto).",
     ),
     folder: FolderOption = None,
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Time one forward and one back projection of the same H by every method, with their errors.
+    """Measure time and error of one forward and one back projection with the same H by every method.
 
-    pyolaf 0.2.1 takes part where it can be imported: `pip install --target DIR pyolaf==0.2.1 tqdm --no-deps`, then
+    pyolaf 0.2.1 is included if it can be imported: `pip install --target DIR pyolaf==0.2.1 tqdm --no-deps`, then
     `PYTHONPATH=DIR python -m benchmarks project`.
 
     Example: `python -m benchmarks project --r29`
@@ -114,7 +118,7 @@ def command(
 
 
 def _refuse(given: Mapping[str, bool], other: str) -> None:
-    """Raise `InputError` for the first option that was given and would be ignored: it requires ``other`` with it."""
+    """Raise `InputError` for the first given option that would be ignored: it requires ``other``."""
     from lfcal.base.errors import InputError
 
     for option in (name for name, said in given.items() if said):
@@ -137,7 +141,7 @@ def measure(image: int, period: int, cutout: int, planes: int, repeats: int, wor
     def ours(method: str, dtype: Any, anchor: tuple[int, int] = (0, 0)) -> Projector:
         return Projector(H, shape, anchor, method, dtype=dtype, workers=workers).prepare()
 
-    # double precision is the truth that the others are held against.
+    # double precision is the reference for the others
     exact = ours("polyphase", np.float64)
     truth = exact.adjoint(data[1])
     rows = [_row("polyphase, float64", lambda: ours("polyphase", np.float64), data, truth, 1)]
@@ -145,7 +149,7 @@ def measure(image: int, period: int, cutout: int, planes: int, repeats: int, wor
         rows.append(_row(f"{kind}, float32", partial(ours, kind, np.float32), data, truth, repeats))
     rows.append(_row("per-position FFT, scipy", lambda: LeanFFT(H, workers), data, truth, 1))
     if pyolaf_version():
-        # pyolaf places position (0, 0) elsewhere: its truth is computed for its own anchor.
+        # pyolaf has another anchor, for which a separate reference is computed
         there = ours("polyphase", np.float64, PyolafPair(H, shape).anchor).adjoint(data[1])
         rows.append(_row(f"pyolaf {pyolaf_version()}", lambda: PyolafPair(H, shape), data, there, 1))
     return rows
@@ -154,7 +158,7 @@ def measure(image: int, period: int, cutout: int, planes: int, repeats: int, wor
 def _row(
     name: str, make: Callable[[], Any], data: tuple[NDArray[Any], NDArray[Any]], truth: NDArray[Any], repeats: int
 ) -> Row:
-    """Time a projector pair; report its back projection's error and how far the pair is from adjoint."""
+    """Return the times of a projector pair, the error of its back projection, and the deviation from an adjoint."""
     import numpy as np
 
     g, f = data
@@ -179,7 +183,7 @@ def _best(run: Callable[[], NDArray[Any]], repeats: int) -> tuple[NDArray[Any], 
 
 
 def show(rows: list[Row], title: str) -> None:
-    """Print the table, with how many times faster lfcal is than each."""
+    """Print the table, with the time of each method relative to the fastest one of lfcal."""
     from benchmarks._projectors import pyolaf_version
     from lfcal.base.units import format_seconds as seconds
     from lfcal.cli._console import print_table
@@ -202,10 +206,10 @@ def show(rows: list[Row], title: str) -> None:
         "set-up",
         "forward",
         "adjoint",
-        "times lfcal's best",
+        "÷ fastest of lfcal",
         "largest error / peak",
-        "⟨Hg,f⟩ against ⟨g,HTf⟩",
+        "adjoint mismatch",
     ]
     print_table(headers, cells, title=title)
     if not pyolaf_version():
-        typer.echo("pyolaf is not installed and took no part: see --help")
+        typer.echo("pyolaf is not installed, so it was not compared: see --help")

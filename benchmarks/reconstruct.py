@@ -1,4 +1,4 @@
-"""``benchmarks reconstruct``: what accuracy costs in time, by iterations, precision, threshold, method and solver."""
+"""``python -m benchmarks reconstruct``: error against time for iterations, precision, threshold and solvers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def register(bench: typer.Typer) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One way to reconstruct."""
+    """Settings of one reconstruction."""
 
     group: str
     name: str
@@ -56,7 +56,7 @@ SETTINGS = (
     Setting("regularisation", "total variation 0.01", solver="rl-tv", strength=0.01),
     Setting("regularisation", "Tikhonov 0.1", solver="rl-tikhonov", strength=0.1),
 )
-"""What is compared."""
+"""Settings that are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,18 +75,24 @@ class Curve:
 def command(
     *,
     image: int = typer.Option(320, min=64, help="Side of the image (px)."),
-    iterations: int = typer.Option(60, "--iterations", "-n", min=2, help="Iterations of each setting."),
+    iterations: int = typer.Option(60, "--iterations", "-n", min=2, help="Number of iterations of each setting."),
     photons: float = typer.Option(2000.0, help="Photons in the brightest pixel."),
-    phantom_name: str = typer.Option("vesicle", "--phantom", help="points, vesicle or plume."),
-    psf: Path | None = typer.Option(None, "--psf", help="H file; by default the bench preset is simulated, 5 planes."),
-    chart: Path = typer.Option(Path("bench_reconstruct.png"), "--chart", help="Where to draw error against seconds."),
-    two_point: bool = typer.Option(False, "--two-point", help="Resolution of two points against depth instead."),
+    phantom_name: str = typer.Option("vesicle", "--phantom", help="Test volume: points, vesicle or plume."),
+    psf: Path | None = typer.Option(
+        None, "--psf", help="H file; default: a simulation of the preset bench with 5 planes."
+    ),
+    chart: Path = typer.Option(
+        Path("bench_reconstruct.png"), "--chart", help="File for a plot of the error against time (.png)."
+    ),
+    two_point: bool = typer.Option(
+        False, "--two-point", help="Measure the two-point resolution against depth instead."
+    ),
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Reconstruct a known volume in many ways; print and draw the error against the seconds it took.
+    """Reconstruct a known volume with many settings; print and draw the error against time.
 
-    Also times 20 iterations of Richardson-Lucy against one per-position reference projection of the same volume.
+    The command also compares 20 iterations of Richardson-Lucy with one per-position projection of the same volume.
 
     Example: `python -m benchmarks reconstruct -n 60 --chart error.png`
     """
@@ -108,7 +114,7 @@ def command(
     show(
         curves, reference, f"{phantom_name}, H {H.shape}, image {image} x {image}, {photons:g} photons, {count} threads"
     )
-    typer.echo(f"error against seconds: {chart}")
+    typer.echo(f"error against time: {chart}")
 
 
 def simulated() -> PSFMatrix:
@@ -128,7 +134,7 @@ def _opened(path: Path) -> PSFMatrix:
 
 
 def against_reference(H: PSFMatrix, image: int, workers: int) -> dict[str, float]:
-    """Return the seconds of one per-position projection of all planes, and of 20 Richardson-Lucy iterations."""
+    """Return the times of one per-position projection of all planes and of 20 Richardson-Lucy iterations (s)."""
     import numpy as np
 
     from lfcal.reconstruct import Projector
@@ -159,7 +165,7 @@ def scene(H: PSFMatrix, image: int, photons: float, name: str, workers: int) -> 
     P = Projector(H, (image, image), workers=workers, dtype=np.float64)
     truth = phantom(name, P.volume_shape)
     clean = np.maximum(P.forward(truth), 0)
-    # volume and image are scaled together, so that the error is in the same photons.
+    # volume and image have the same scale, so that the error is in photons
     scale = photons / clean.max()
     return truth * scale, np.random.default_rng(1).poisson(clean * scale).astype(np.float64)
 
@@ -167,7 +173,7 @@ def scene(H: PSFMatrix, image: int, photons: float, name: str, workers: int) -> 
 def measure(
     setting: Setting, H: PSFMatrix, truth: NDArray[Any], frame: NDArray[Any], iterations: int, workers: int
 ) -> Curve:
-    """Return the error against time of one setting; measuring the error is not in the time."""
+    """Return the error against time of one setting; the time excludes the computation of the error."""
     import numpy as np
 
     from lfcal.reconstruct import Projector
@@ -195,11 +201,11 @@ def measure(
 
 
 def show(curves: list[Curve], reference: dict[str, float], title: str) -> None:
-    """Print the table: least error, when it was reached, and when 5 % above the best of plain Richardson-Lucy."""
+    """Print the smallest error, its time, and the time to 5 % above the smallest error of plain Richardson-Lucy."""
     from lfcal.base.units import format_seconds as seconds
     from lfcal.cli._console import print_table
 
-    # time to the same error: the only fair comparison of solvers whose iterations cost differently.
+    # time to the same error, because iterations of the solvers take different times
     goal = 1.05 * min(curves[0].errors)
     rows = []
     for c in curves:
@@ -223,7 +229,7 @@ def show(curves: list[Curve], reference: dict[str, float], title: str) -> None:
         "projection",
         "set-up",
         "per iteration",
-        "least NRMSE",
+        "smallest NRMSE",
         "at iteration",
         "after",
         f"NRMSE {goal:.3f} after",
@@ -238,7 +244,7 @@ def show(curves: list[Curve], reference: dict[str, float], title: str) -> None:
 
 
 def show_resolution(H: PSFMatrix, image: int, iterations: int, photons: float, chart: Path, json: bool) -> None:
-    """Print and draw the least distance at which two points are seen apart, plane by plane."""
+    """Print and draw the smallest distance at which two points are resolved, for each plane."""
     from lfcal.base.figures import LINES, figure, save_figure
     from lfcal.cli._console import print_json, print_table, run_work
     from lfcal.reconstruct import Projector, iter_two_point
@@ -259,13 +265,13 @@ def show_resolution(H: PSFMatrix, image: int, iterations: int, photons: float, c
         resolved = [r for r in found if r.distance < float("inf")]
         axes.plot([r.depth_um for r in resolved], [r.distance for r in resolved], "o-", color=LINES[0])
         axes.set_xlabel("depth z (µm)")
-        axes.set_ylabel("least resolved distance (voxels)")
+        axes.set_ylabel("smallest resolved distance (voxels)")
         save_figure(fig, chart)
     typer.echo(f"resolution against depth: {chart}")
 
 
 def draw(curves: list[Curve], chart: Path) -> None:
-    """Draw the error of each setting against seconds, set-up included: a panel per group, plain RL in all of them."""
+    """Draw the error of each setting against time with set-up: one panel per group, each with plain RL."""
     from lfcal.base.figures import LINES, figure, save_figure
 
     groups = list(dict.fromkeys(c.setting.group for c in curves if c.setting is not PLAIN))
@@ -280,7 +286,7 @@ def draw(curves: list[Curve], chart: Path) -> None:
             axes.set_title(group)
             axes.legend()
         for axes in panels[2:]:
-            axes.set_xlabel("time, set-up included (s)")
+            axes.set_xlabel("time with set-up (s)")
         for axes in panels[::2]:
-            axes.set_ylabel("NRMSE against the true volume (1)")
+            axes.set_ylabel("NRMSE relative to the true volume (1)")
         save_figure(fig, chart)

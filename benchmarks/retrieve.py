@@ -1,4 +1,4 @@
-"""``python -m benchmarks retrieve``: the error of H against the frames that it takes, fitted and recorded."""
+"""``python -m benchmarks retrieve``: the error of a fitted and a recorded H against the number of frames."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ def register(bench: typer.Typer) -> None:
 
 @dataclass(frozen=True)
 class Reached:
-    """What a number of frames comes to.
+    """Result for a number of frames.
 
     Attributes
     ----------
     frames
-        Recorded frames.
+        Number of recorded frames.
     seconds
-        Processor time of the fit (s); 0 of a recorded H.
+        Processor time of the fit (s); 0 for a recorded H.
     errors
-        Relative L1 error of H, of each camera.
+        Relative L1 error of H for each camera.
     """
 
     frames: int
@@ -55,19 +55,19 @@ def command(
     camera: str = typer.Argument("bench", help="bench or r29."),
     *,
     counts: str = typer.Option(COUNTS, "--counts", help="Numbers of recorded patterns: A,B,C."),
-    cameras: int = typer.Option(3, min=1, help="Random cameras for each number."),
-    positions: int = typer.Option(30, min=1, help="Positions a plane at which H is judged."),
-    cutout: int = typer.Option(0, min=0, help="Pixels of the patterns; 0: what the camera needs."),
-    per_frame: float = typer.Option(2.0, "--per-frame", min=0.001, help="Seconds of stage and exposure for a frame."),
-    seed: int = typer.Option(0, help="Of the first camera."),
+    cameras: int = typer.Option(3, min=1, help="Number of random cameras for each number of patterns."),
+    positions: int = typer.Option(30, min=1, help="Positions per plane at which H is judged."),
+    cutout: int = typer.Option(0, min=0, help="Side of the patterns (px); 0: default of the camera."),
+    per_frame: float = typer.Option(2.0, "--per-frame", min=0.001, help="Time of stage and exposure for a frame (s)."),
+    seed: int = typer.Option(0, help="Seed of the first camera."),
     chart: Path | None = typer.Option(
-        None, "--chart", help="Where to draw error against frames, stage time and seconds."
+        None, "--chart", help="File for a plot of the error against frames, stage time and processor time (.png)."
     ),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Retrieve random cameras from few and many noisy patterns, beside H as the whole scan records it.
+    """Fit random cameras to few and many noisy patterns, and compare the fitted H with that of a whole scan.
 
     Example: `python -m benchmarks retrieve --chart frames.png`
     """
@@ -84,7 +84,7 @@ def command(
     for count in numbers:
         fitted.append(_fitted(plan, count, seeds, positions, workers))
         if not json:
-            typer.echo(f"{count} patterns: H {100 * fitted[-1].median:.2f} % off, {fitted[-1].seconds:.0f} s")
+            typer.echo(f"{count} patterns: error of H {100 * fitted[-1].median:.2f} %, {fitted[-1].seconds:.0f} s")
     whole = _recorded(plan, seeds, positions)
     if chart is not None:
         _draw(chart, fitted, whole, camera, per_frame)
@@ -111,12 +111,12 @@ def _numbers(text: str) -> list[int]:
     except ValueError:
         found = []
     if not found or found[0] < 3:
-        raise InputError.expected("--counts", "whole numbers from 3 on", repr(text), "for example 6,24,96")
+        raise InputError.expected("--counts", "whole numbers of at least 3", repr(text), "for example 6,24,96")
     return found
 
 
 def _fitted(plan: ScanPlan, count: int, seeds: range, positions: int, workers: int | None) -> Reached:
-    """Return what fits of ``count`` patterns come to."""
+    """Return the result of fits to ``count`` patterns."""
     import numpy as np
 
     from benchmarks._fit_cameras import random_truth, recorded
@@ -136,7 +136,7 @@ def _fitted(plan: ScanPlan, count: int, seeds: range, positions: int, workers: i
 
 
 def _recorded(plan: ScanPlan, seeds: range, positions: int) -> Reached:
-    """Return how far recorded patterns are off: what H is that has each of them once."""
+    """Return the error of an H with one recorded frame per position."""
     import numpy as np
 
     from benchmarks._fit_cameras import random_truth, recorded
@@ -159,7 +159,7 @@ def _draw(path: Path, fitted: list[Reached], whole: Reached, camera: str, per_fr
 
     axes: list[tuple[str, Any]] = [
         ("recorded frames", lambda one: one.frames),
-        (f"minutes on the stage, {per_frame:g} s a frame", lambda one: one.frames * per_frame / 60),
+        (f"stage time (minutes), {per_frame:g} s per frame", lambda one: one.frames * per_frame / 60),
         ("processor time of the fit (s)", lambda one: one.seconds),
     ]
     with figure(9.0, 3.2) as fig:
@@ -180,5 +180,5 @@ def _draw(path: Path, fitted: list[Reached], whole: Reached, camera: str, per_fr
             panel.set_xlabel(label)
             if k == 0:
                 panel.set_ylabel("error of H (%, relative L1)")
-        fig.suptitle(f"{camera}: H of two depths, noise of an 80 % full pixel", fontsize=10)
+        fig.suptitle(f"{camera}: H of two depths, brightest pixel at 80 % of the full well", fontsize=10)
         save_figure(fig, path)

@@ -1,4 +1,4 @@
-"""``python -m benchmarks solvers``: error against processor seconds of every solver, by camera and scene."""
+"""``python -m benchmarks solvers``: error of every solver against processor time, by camera and scene."""
 
 from __future__ import annotations
 
@@ -22,17 +22,19 @@ def command(
     *,
     camera: str = typer.Option("lfm_60x12,bench,r29-like", "--camera", help="Cameras: A,B,C."),
     scene: str = typer.Option("beads,sheet,shell", "--scene", help="Scenes: A,B,C."),
-    solver: str = typer.Option("", "--solver", help="Solvers: A,B,C; all by default."),
+    solver: str = typer.Option("", "--solver", help="Solvers: A,B,C; default: all."),
     full: bool = typer.Option(False, "--full", help="Larger images, and three times as many iterations."),
-    table: Path | None = typer.Option(None, "--table", help="Where to write the table as Markdown."),
-    chart: Path | None = typer.Option(None, "--chart", help="Where to draw error against processor seconds."),
+    table: Path | None = typer.Option(None, "--table", help="File for the table (Markdown)."),
+    chart: Path | None = typer.Option(
+        None, "--chart", help="File for a plot of the error against processor time (.png)."
+    ),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Reconstruct beads, a tilted sheet and a shell by every solver: the error after equal processor time.
+    """Reconstruct beads, a tilted sheet and a shell with every solver, and compare errors after equal times.
 
-    Example: `python -m benchmarks solvers --chart docs/images/solvers.png --table docs/solvers.md`
+    Example: `python -m benchmarks solvers --chart solvers.png --table solvers.md`
     """
     from benchmarks._solver_scenes import CAMERAS, SCENES, problem_of, subject_of
     from benchmarks._solver_tables import draw, markdown, rows_of, verdict
@@ -74,7 +76,7 @@ def command(
 
 
 def _origin(table: Path, chart: Path | None, *, full: bool) -> tuple[str, str]:
-    """Return the command that makes the page ``table`` again, and its link to the chart."""
+    """Return the command that makes the page ``table``, and its link to the chart."""
     words = ["python -m benchmarks solvers", *(["--full"] if full else [])]
     if chart is not None:
         words.append(f"--chart {chart.as_posix()}")

@@ -1,4 +1,4 @@
-"""``benchmarks storage``: the error of a stored H against its bytes, and against seconds to write and to read it."""
+"""``python -m benchmarks storage``: error of a stored H against its size, and the times to write and read it."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ class Stored:
     depth
         Virtual depth of the plane.
     name
-        How it is stored.
+        Method of storage.
     tolerance
-        Asked for; 0: none.
+        Requested tolerance; 0: none.
     bytes
-        Of the file.
+        Size of the file.
     write_s, read_s
-        Processor seconds to write it, and to read it back from the page cache; those of the quickest run.
+        Processor times (s) of the fastest writing, and of the fastest reading from the page cache.
     bound
-        Largest share (L1) that a pattern lacks, as the file states it; 0: it states none.
+        Largest relative error (L1) of a pattern that the file states; 0 if it states none.
     error
-        That of the image of random light, relative L1.
+        Relative L1 error of the image of random light.
     worst
-        Largest share that a pattern lacks, as measured.
+        Largest measured relative error (L1) of a pattern.
     """
 
     depth: float
@@ -70,19 +70,23 @@ class Stored:
 def command(
     camera: str = typer.Argument("bench", help="Preset."),
     *,
-    virtual_depths: str = typer.Option("4", "--virtual-depths", help="Virtual depths that are simulated: A,B,C."),
-    tolerances: str = typer.Option(SHARES, "--tolerances", help="Shares (L1) that a pattern may lack: A,B,C."),
-    planes: int = typer.Option(101, min=1, help="Planes to forecast, evenly spread over the virtual depths."),
+    virtual_depths: str = typer.Option("4", "--virtual-depths", help="Simulated virtual depths: A,B,C."),
+    tolerances: str = typer.Option(SHARES, "--tolerances", help="Largest relative errors (L1) of a pattern: A,B,C."),
+    planes: int = typer.Option(
+        101, min=1, help="Number of planes of the forecast, evenly spread over the virtual depths."
+    ),
     repeats: int = typer.Option(3, min=1, help="Runs of each; the fastest counts."),
-    chart: Path | None = typer.Option(None, "--chart", help="Where to draw error against bytes and seconds."),
+    chart: Path | None = typer.Option(
+        None, "--chart", help="File for a plot of the error against size and time (.png)."
+    ),
     folder: FolderOption = None,
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Store simulated planes as float32, rounded, and within tolerances: bytes, seconds, and true errors.
+    """Store simulated planes as float32, rounded, and within tolerances; report sizes, times and true errors.
 
-    Every plane is simulated with the cutout that it needs, and stored with that of the largest, as in an H file.
+    Every plane is simulated with its smallest sufficient cutout, and stored with the largest cutout of all planes.
 
     Example: `python -m benchmarks storage r29 --virtual-depths 2,4,6 --tolerances 0.005`
     """
@@ -99,11 +103,11 @@ def command(
     for depth, H in _simulated(camera, depths, workers):
         shape = H.shape
         if not json:
-            report(f"v = {depth:g}: H {shape}, of which {_filled(H)} pixels are the plane's own")
+            report(f"v = {depth:g}: H {shape}, of which {_filled(H)} pixels contain light")
         for row in _measured(H, depth, shares, repeats, folder, workers):
             rows.append(row)
             if not json:
-                report(f"  {row.name}: {8 * row.bytes / H.size:.2f} bits an entry")
+                report(f"  {row.name}: {8 * row.bytes / H.size:.2f} bits per entry")
     ahead = _forecast(rows, planes)
     if chart is not None:
         _draw(chart, rows, shape, f"{camera}, v = {', '.join(f'{depth:g}' for depth in depths)}")
@@ -114,7 +118,7 @@ def command(
 
 
 def _simulated(camera: str, depths: Sequence[float], workers: int | None) -> Iterator[tuple[float, PSFMatrix]]:
-    """Yield one plane after the other, each in the middle of the cutout of the largest."""
+    """Yield one plane after the other, each in the middle of the largest cutout."""
     import numpy as np
 
     from lfcal.camera import ScanPlan, preset
@@ -141,7 +145,7 @@ def _filled(H: PSFMatrix) -> str:
 def _measured(
     H: PSFMatrix, depth: float, shares: Sequence[float], repeats: int, folder: Path | None, workers: int | None
 ) -> Iterator[Stored]:
-    """Yield what each way to store a plane comes to."""
+    """Yield the results of each method to store a plane."""
     import numpy as np
 
     from lfcal.psf import open_psf, save
@@ -179,7 +183,7 @@ def _scratch(folder: Path | None) -> Iterator[Path]:
 
 
 def _lacking(found: NDArray[Any], truth: NDArray[Any]) -> float:
-    """Return the largest share that a pattern of a row of positions lacks."""
+    """Return the largest relative error (L1) of the patterns of a row of positions."""
     import numpy as np
 
     lacking = np.abs(found.astype(float) - truth).sum(axis=(1, 2))
@@ -188,7 +192,7 @@ def _lacking(found: NDArray[Any], truth: NDArray[Any]) -> float:
 
 
 class _Image:
-    """The image of random light by a plane, of three periods and all that their patterns reach."""
+    """The image of random light in three periods of a plane, with all pixels that their patterns reach."""
 
     def __init__(self, plane: NDArray[Any], workers: int | None) -> None:
         import numpy as np
@@ -210,7 +214,7 @@ class _Image:
         return found
 
     def error(self, plane: NDArray[Any]) -> float:
-        """Return how far the image by another plane is off, relative L1."""
+        """Return the relative L1 error of the image with another plane."""
         import numpy as np
 
         lacking = np.abs(self._of(plane) - self.truth).sum(dtype=float)
@@ -218,7 +222,7 @@ class _Image:
 
 
 def _forecast(rows: Sequence[Stored], planes: int) -> dict[str, float]:
-    """Return the bytes of so many planes, each way: linear between the virtual depths that were simulated."""
+    """Return the size of all planes by each method, interpolated linearly between the simulated virtual depths."""
     import numpy as np
 
     depths = sorted({row.depth for row in rows})
@@ -249,11 +253,13 @@ def _show(rows: Sequence[Stored], shape: tuple[int, ...], camera: str, planes: i
         ]
         for row in rows
     ]
-    headers = ["v", "stored as", "bytes", "bits an entry", "write", "read", "bound", "worst pattern", "image"]
-    print_table(headers, cells, title=f"{camera}: a plane of {shape[1:]}, float32 {format_bytes(4 * entries)} as it is")
+    headers = ["v", "stored as", "bytes", "bits per entry", "write", "read", "bound", "worst pattern", "image"]
+    print_table(
+        headers, cells, title=f"{camera}: a plane of {shape[1:]}, {format_bytes(4 * entries)} as uncompressed float32"
+    )
     for name, nbytes in ahead.items():
         share = nbytes / (4 * entries * planes)
-        told = f"{format_bytes(nbytes)} by forecast, {100 * share:.2g} % of float32 as it is"
+        told = f"{format_bytes(nbytes)} (forecast), {100 * share:.2g} % of uncompressed float32"
         typer.echo(f"{planes} planes, {name}: {told}")
 
 
@@ -263,9 +269,9 @@ def _draw(path: Path, rows: Sequence[Stored], shape: tuple[int, ...], what: str)
     entries = math.prod(shape[1:])
     depths = sorted({row.depth for row in rows})
     axes: list[tuple[str, Any]] = [
-        ("bits an entry", lambda row: 8 * row.bytes / entries),
-        ("processor ns an entry to write", lambda row: 1e9 * row.write_s / entries),
-        ("processor ns an entry to read", lambda row: 1e9 * row.read_s / entries),
+        ("bits per entry", lambda row: 8 * row.bytes / entries),
+        ("time to write (processor ns per entry)", lambda row: 1e9 * row.write_s / entries),
+        ("time to read (processor ns per entry)", lambda row: 1e9 * row.read_s / entries),
     ]
     with figure(9.0, 3.2) as fig:
         first = None

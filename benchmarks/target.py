@@ -1,4 +1,4 @@
-"""``python -m benchmarks target``: H from a few frames of many points, and from a single point, judged by the truth."""
+"""``python -m benchmarks target``: true errors of H from a few frames of many points and from a single point."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ UNKNOWNS = ("geometry", "focal_lengths", "iris", "wavefront", "cats_eye")
 
 @dataclass(frozen=True)
 class Way:
-    """How points are fitted: how many, which groups of unknowns, threads, and whether nothing is shown meanwhile."""
+    """Settings of the fit: number of points, groups of unknowns, threads, and whether progress is hidden."""
 
     points: int = 54
     unknowns: str | tuple[str, ...] = UNKNOWNS
@@ -43,20 +43,22 @@ def register(bench: typer.Typer) -> None:
 
 def command(
     *,
-    frames: int = typer.Option(30, min=1, help="Frames of the target for H of the centre."),
-    few: int = typer.Option(3, min=1, help="Frames of the fit that is judged in every part of the field."),
-    points: int = typer.Option(54, min=9, help="Points that each fit takes, spread over the field."),
-    unknowns: str = typer.Option(",".join(UNKNOWNS), help="Groups of unknowns A,B,C, or auto."),
-    seed: int = typer.Option(0, min=0, help="Of camera, brightness and noise."),
-    as_described: bool = typer.Option(False, help="The camera is as described but for its cat's eye."),
+    frames: int = typer.Option(30, min=1, help="Number of frames of the target for H of the centre."),
+    few: int = typer.Option(3, min=1, help="Number of frames of the fit that is judged in every part of the field."),
+    points: int = typer.Option(54, min=9, help="Number of points per fit, spread over the field."),
+    unknowns: str = typer.Option(",".join(UNKNOWNS), help="Groups of unknowns: A,B,C, or auto."),
+    seed: int = typer.Option(0, min=0, help="Seed of camera, brightness and noise."),
+    as_described: bool = typer.Option(
+        False, help="Use a camera that differs from its description only in its cat's eye."
+    ),
     workers: WorkersOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Simulate a target of 12 x 12 holes before a camera that is not as described, fit it, and judge H everywhere.
+    """Simulate a target in front of a camera that differs from its description, fit it, and judge H everywhere.
 
-    The target is turned by 1 degree, tilted by 2, its holes have 20 µm and are unequally bright; cat's eye, distortion
-    and all noise are in the frames. Beside it: the scan of a single point at the same exposure, and the same frames
-    taken modulo the period of the array.
+    The target has 12 x 12 holes of 20 µm with different brightness. It is rotated by 1 degree and tilted by 2 degrees.
+    The frames contain cat's eye, distortion and all noise. The results are compared with a scan of a single point at
+    the same exposure, and with a fit of the same frames modulo the period of the array.
 
     Example: `python -m benchmarks target`
     """
@@ -71,16 +73,16 @@ def command(
         print_json(found)
         return
     rows = [[one["what"], one["of"], one["error"], one["chi2"], one["seconds"]] for one in _rows(found)]
-    head = ["what", "frames", "H off the truth (L1)", "chi²", "seconds"]
+    head = ["method", "frames", "error of H (L1)", "chi²", "seconds"]
     print_table(head, rows, title=f"bench camera, 720 x 720 px, target of {found['holes']} holes")
     parts = [[name, _percent(one)] for name, one in found["few"]["parts"].items()]
-    print_table(["part of the field", "H off the truth (L1)"], parts, title=f"fit of {few} frames")
+    print_table(["part of the field", "error of H (L1)"], parts, title=f"fit of {few} frames")
     typer.echo(f"modulo the period: {found['modulo']['says']}")
-    typer.echo(f"before the fit H as described is {_percent(found['described'])} off")
+    typer.echo(f"error of H before the fit (camera as described): {_percent(found['described'])}")
 
 
 def compared(frames: int, few: int, way: Way | None = None, *, seed: int = 0, wrong: bool = True) -> dict[str, Any]:
-    """Return errors (relative L1) and seconds of all ways to H, as plain numbers."""
+    """Return errors (relative L1) and times (s) of all methods, as plain numbers."""
     from benchmarks._target_scene import target_scene
 
     way = way or Way()
@@ -114,7 +116,7 @@ def compared(frames: int, few: int, way: Way | None = None, *, seed: int = 0, wr
 
 
 def _fitted(scene: TargetScene, frames: NDArray[np.uint16], way: Way) -> dict[str, Any]:
-    """Return the fit of frames as a user makes it, with its chi² and seconds."""
+    """Return the fit of frames as a user runs it, with its chi² and time (s)."""
     from lfcal.campaign.point_fit import iter_fit_points
     from lfcal.campaign.points import iter_points_of
     from lfcal.fit.setup import starting_effects, with_given
@@ -141,9 +143,9 @@ def _fitted(scene: TargetScene, frames: NDArray[np.uint16], way: Way) -> dict[st
 
 
 def _modulo(scene: TargetScene, found: FieldFit, view: FrameSource, points: Any, way: Way) -> dict[str, Any]:
-    """Return what becomes of the same points modulo the period: how a fit of them is refused.
+    """Return the result of a fit of the same points modulo the period, which should be refused.
 
-    ``camera_chi2`` is that of the camera which the points told where they are: no other description is to blame.
+    ``camera_chi2`` is chi² of the camera that was fitted to the points at their true positions.
     """
     from lfcal.base.errors import InputError
     from lfcal.campaign.points import measured_modulo
@@ -168,7 +170,7 @@ def _modulo(scene: TargetScene, found: FieldFit, view: FrameSource, points: Any,
 
 
 def _chi2_of(found: FieldFit, measured: Measured) -> float:
-    """Return chi² of the camera as found for patterns, with the light that fits them best."""
+    """Return chi² of the fitted camera for patterns, with the best gain and background."""
     import numpy as np
 
     from lfcal.fit.fit import problem_of
@@ -182,7 +184,7 @@ def _chi2_of(found: FieldFit, measured: Measured) -> float:
 
 
 def error_of(found: NDArray[np.float64], true: NDArray[np.float64]) -> float:
-    """Return the relative error (L1) of patterns; as H is normalised, their common gain is that which fits best."""
+    """Return the relative error (L1) of patterns after fitting their common gain, because H is normalised."""
     gain = float((found * true).sum() / (found * found).sum())
     import numpy as np
 
@@ -199,7 +201,7 @@ def fit_error(scene: TargetScene, fit: FieldFit, plan: ScanPlan) -> float:
 
 
 def described_error(scene: TargetScene) -> float:
-    """Return the error of H of the camera as described, in the middle."""
+    """Return the error of H of the described camera in the centre of the field."""
     from benchmarks._target_scene import predicted
     from lfcal.fit.setup import Setup, described_effects
 
@@ -228,7 +230,7 @@ def _parts(scene: TargetScene, fit: FieldFit) -> dict[str, float]:
     found = {}
     for name, own in fit.fits.items():
         part, scan = own.planned, scene.plan.scan
-        # a period's cell in the middle of the part
+        # one period in the middle of the part
         anchor = tuple(
             float(round(a + (n - p) / 2)) for a, n, p in zip(part.anchor, part.period, scan.period, strict=True)
         )

@@ -59,8 +59,8 @@ TABLE_1 = (
 class Row:
     """One size measured: seconds for all planes, scaled from ``planes_run`` of them.
 
-    ``processor_ratio`` is the processor time of lfcal over that of the copy on one thread. Load on the machine hardly
-    changes it.
+    ``processor_ratio`` is the processor time of lfcal divided by that of the copy on one thread. Other load hardly
+    changes this ratio.
     """
 
     size: Size
@@ -75,7 +75,7 @@ class Row:
 
     @property
     def ratio(self) -> float | None:
-        """Time of lfcal over that of the faster copy."""
+        """Time of lfcal divided by that of the faster copy."""
         if self.lfcal is None or self.copy is None or self.copy_parallel is None:
             return None
         return self.lfcal / min(self.copy, self.copy_parallel)
@@ -83,7 +83,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How much to run."""
+    """Extent of the measurement."""
 
     planes: int
     memory: int
@@ -132,7 +132,7 @@ def iter_rows(sizes: tuple[Size, ...], settings: Settings) -> Work[list[Row]]:
 
 
 def measure(size: Size, settings: Settings) -> Row:
-    """Return the times of one size; every way writes into the same memory, touched before."""
+    """Return the times of one size; all methods write into the same memory, which was written before."""
     import numpy as np
 
     from benchmarks import _transposers as ways
@@ -203,7 +203,7 @@ def measure_plane(settings: Settings) -> PlaneTimes | None:
 
 @dataclass(frozen=True, slots=True)
 class Pyolaf:
-    """pyolaf 0.2.1 on 111/11 with 11 planes, or why it was not run."""
+    """Result of pyolaf 0.2.1 for 111/11 with 11 planes, or the reason why it was not run."""
 
     version: str = ""
     missing: str = ""
@@ -212,7 +212,7 @@ class Pyolaf:
 
 
 def measure_pyolaf(settings: Settings) -> Pyolaf:
-    """Return pyolaf's time, and whether its values are those of ``method="paper"`` (they are not all of HT)."""
+    """Return the time of pyolaf, and whether its values equal those of ``method="paper"`` (a part of HT)."""
     import numpy as np
 
     from benchmarks import _transposers as ways
@@ -233,24 +233,28 @@ def measure_pyolaf(settings: Settings) -> Pyolaf:
 
 def command(
     *,
-    sizes: str | None = typer.Option(None, help="Sizes pixels/positions, e.g. 111/11,181/55x95; all of Table 1."),
-    planes: int = typer.Option(PLANES, min=1, help="Depth planes nz."),
-    quick: bool = typer.Option(
-        False, "--quick", help="Fewer planes, rounds and steps of the paper's loop: about a minute."
+    sizes: str | None = typer.Option(
+        None, help="Sizes as pixels/positions, such as 111/11,181/55x95; default: all of Table 1."
     ),
-    memory: float | None = typer.Option(None, min=0.0, help="Memory for H and HT together (GB); 60 % of what is free."),
+    planes: int = typer.Option(PLANES, min=1, help="Number of depth planes."),
+    quick: bool = typer.Option(
+        False, "--quick", help="Use fewer planes, rounds and steps of the loop of the paper; takes about a minute."
+    ),
+    memory: float | None = typer.Option(
+        None, min=0.0, help="Memory for H and HT together (GB); default: 60 % of the free memory."
+    ),
     workers: WorkersOption = None,
     markdown: bool = typer.Option(False, "--markdown", help="Print the table as Markdown."),
     json: JsonOption = False,
 ) -> None:
-    """Time the transpose next to memory copies, the paper's loop, pyolaf and the paper's printed seconds.
+    """Compare the transpose with memory copies, the loop of the paper, pyolaf and the times printed in the paper.
 
     Example: `python -m benchmarks transpose --quick --sizes 111/11,187/31`
     """
     from lfcal.base.system import free_memory
     from lfcal.cli._console import print_json, run_work
 
-    # not all of the free memory: a machine that swaps would time its disk.
+    # not all of the free memory, because swapping would measure the disk
     limit = int(memory * 1e9) if memory is not None else int(0.6 * free_memory())
     settings = (
         Settings(planes, min(limit, 1_500_000_000), workers, 3, 0.3, 1)
@@ -284,7 +288,7 @@ HEADERS = (
 
 
 def cells(row: Row) -> list[str]:
-    """Return a row of the table; ``*`` marks what was scaled from less."""
+    """Return a row of the table; ``*`` marks scaled values."""
     part = "*" if row.planes_run < row.planes else ""
     loop = row.paper_loop
     return [
@@ -303,13 +307,13 @@ def _seconds(value: float | None, mark: str) -> str:
 
 
 def show(rows: list[Row], plane: PlaneTimes | None, pyolaf: Pyolaf, settings: Settings, *, markdown: bool) -> None:
-    """Print the table, what was scaled, and the lines on single slices, sums and pyolaf."""
+    """Print the table and the notes."""
     from lfcal.base.threads import worker_count
     from lfcal.cli._console import print_table
 
     table = [cells(row) for row in rows]
     threads = worker_count(settings.workers)
-    title = f"Transpose of float32 H, {settings.planes} depth planes: least seconds, {threads} threads"
+    title = f"Transpose of float32 H, {settings.planes} depth planes: shortest times (s), {threads} threads"
     if markdown:
         for line in (HEADERS, ["--:"] * len(HEADERS), *table):
             typer.echo(f"| {' | '.join(line)} |")
@@ -320,30 +324,32 @@ def show(rows: list[Row], plane: PlaneTimes | None, pyolaf: Pyolaf, settings: Se
 
 
 def notes(rows: list[Row], plane: PlaneTimes | None, pyolaf: Pyolaf) -> list[str]:
-    """Return what has to be said about the table, and the other measurements, one line each."""
+    """Return the notes on the table and the other measurements, one line each."""
     lines = [
-        "Every way writes into the same memory, touched before. Columns [17], [13], [19] and paper: seconds printed in "
-        "Table 1 of arXiv:2003.09133 (Matlab 2019a, i7-6700K)."
+        "All methods write into the same memory, which was written before. Columns [17], [13], [19] and paper: seconds "
+        "printed in Table 1 of arXiv:2003.09133 (Matlab 2019a, i7-6700K)."
     ]
     scaled = [
         f"{row.size.name} ({row.planes_run} of {row.planes} planes)" for row in rows if 0 < row.planes_run < row.planes
     ]
     if scaled:
-        lines.append(f"* scaled, memory did not hold them all: {', '.join(scaled)}.")
+        lines.append(f"* scaled, because not all planes fit into the memory: {', '.join(scaled)}.")
     loops = [row.paper_loop.share for row in rows if row.paper_loop is not None and row.paper_loop.share < 1]
     if loops:
-        lines.append(f"* paper's loop stopped after {min(loops):.2%} or more of its assignments, and scaled.")
+        lines.append(
+            f"* the loop of the paper was stopped after {min(loops):.2%} or more of its assignments, and scaled."
+        )
     left_out = [row.size.name for row in rows if row.planes_run == 0]
     if left_out:
-        lines.append(f"Not run, memory does not hold one plane twice: {', '.join(left_out)}.")
+        lines.append(f"Not run, because two copies of a plane do not fit into the memory: {', '.join(left_out)}.")
     if plane is None:
-        lines.append("HT slice and depth sum: not run, memory does not hold one R29 plane.")
+        lines.append("HT slice and depth sum: not run, because an R29 plane does not fit into the memory.")
     else:
         lines += [
             f"HT slice of an R29 plane ({format_bytes(plane.nbytes)}): median {1e3 * plane.slice_median:.2f} ms, "
             f"slowest of 200 {1e3 * plane.slice_slowest:.2f} ms (bound 2 ms).",
-            f"Depth-plane sum of it: {1e3 * plane.depth_sum:.1f} ms, reading it once {1e3 * plane.read_once:.1f} ms: "
-            f"{plane.depth_sum / plane.read_once:.2f} times (bound 2).",
+            f"Depth-plane sum: {1e3 * plane.depth_sum:.1f} ms; reading once {1e3 * plane.read_once:.1f} ms; ratio "
+            f"{plane.depth_sum / plane.read_once:.2f} (bound 2).",
         ]
     ours = next((row.lfcal for row in rows if row.size == TABLE_1[0] and row.planes == PLANES), None)
     return [*lines, _pyolaf_line(pyolaf, ours)]
@@ -351,8 +357,8 @@ def notes(rows: list[Row], plane: PlaneTimes | None, pyolaf: Pyolaf) -> list[str
 
 def _pyolaf_line(pyolaf: Pyolaf, ours: float | None) -> str:
     if pyolaf.found is None:
-        return f"pyolaf: not run ({pyolaf.missing}); `pip install pyolaf` brings it."
+        return f"pyolaf: not run ({pyolaf.missing}); install it with `pip install pyolaf==0.2.1`."
     share = f", scaled from {pyolaf.found.share:.2%} of the work" if pyolaf.found.share < 1 else ""
     times = f"; lfcal is {pyolaf.found.seconds / ours:,.0f} times faster" if ours else ""
-    values = "the same values as method paper" if pyolaf.same_as_paper else "other values than method paper"
+    values = f"the values {'equal' if pyolaf.same_as_paper else 'differ from'} those of method paper"
     return f"pyolaf {pyolaf.version} on 111/11, 11 planes: {pyolaf.found.seconds:.0f} s{share}{times}; {values}."

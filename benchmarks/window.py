@@ -1,7 +1,7 @@
-"""``python -m benchmarks window``: controls, pictures, hovering, clicks, scrubbing HT, live frames, start-up, holds.
+"""``python -m benchmarks window``: layout, response to the pointer, clicks, live frames, start-up, long turns.
 
-Beside the time on the clock, which other programs lengthen, stands the processor time of the window's thread, and where
-more threads are at work that of all of them.
+Other programs lengthen the wall time. The benchmark therefore also reports the processor time of the thread of the
+window and, where more threads work, that of all threads.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ def register(bench: typer.Typer) -> None:
 
 def command(
     *,
-    small: bool = typer.Option(False, "--small", help="A plane and a frame of a tenth of the size."),
-    only: str = typer.Option(",".join(MEASURED), help="Only some of these."),
+    small: bool = typer.Option(False, "--small", help="Use a plane and a frame of a tenth of the size."),
+    only: str = typer.Option(",".join(MEASURED), help="Measurements to run: A,B,C; default: all."),
     json: JsonOption = False,
 ) -> None:
-    """Measure the window: controls, pictures, hovering, clicks, scrubbing HT, live frames, start-up, longest holds.
+    """Measure the layout of the window, its response, clicks, live frames, start-up and longest turns.
 
     Example: `python -m benchmarks window --small --only scrubbing`
     """
@@ -99,15 +99,15 @@ def _start_words(start: dict[str, Any]) -> str:
 
 def _scrub_words(scrub: dict[str, Any]) -> str:
     return (
-        f"scrubbing HT over a {scrub['plane']} plane: {scrub['per_second']:.0f} pictures a second, "
-        f"longest {scrub['longest_ms']:.0f} ms; window's thread busy {scrub['busy_ms']:.1f} ms a picture (median)"
+        f"scrubbing HT over a {scrub['plane']} plane: {scrub['per_second']:.0f} pictures per second, "
+        f"longest {scrub['longest_ms']:.0f} ms; window's thread busy {scrub['busy_ms']:.1f} ms per picture (median)"
     )
 
 
 def _live_words(live: dict[str, Any]) -> str:
     return (
-        f"live frames of {live['frame']}: {live['per_second']:.1f} a second, window's thread busy "
-        f"{live['busy_ms']:.1f} ms a frame (median), all threads {live['all_ms']:.1f} ms a frame"
+        f"live frames of {live['frame']}: {live['per_second']:.1f} per second, window's thread busy "
+        f"{live['busy_ms']:.1f} ms per frame (median), all threads {live['all_ms']:.1f} ms per frame"
     )
 
 
@@ -122,12 +122,12 @@ def _listed(title: str, found: dict[str, tuple[float, int]]) -> str:
 
 
 def _layout_words(found: dict[str, Any]) -> str:
-    rows = [f"controls at first sight: header {found['header']}, rail {found['rail']}"]
+    rows = [f"visible controls: header {found['header']}, rail {found['rail']}"]
     for name, view in found["views"].items():
         width, height = view["least"]
         rows.append(
             f"  {view['place']}, {name}: {view['controls']}, primary buttons {view['primary']}, "
-            f"least {width} x {height}"
+            f"smallest size {width} x {height}"
         )
     for size, one in found["shares"].items():
         width, height = one["window"]
@@ -157,16 +157,16 @@ WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
     "layout": _layout_words,
     "hovering": _hover_words,
     "clicks": _click_words,
-    "first_visits": lambda found: _listed("first look at each page", found),
+    "first_visits": lambda found: _listed("first display of each page", found),
     "start_up": _start_words,
     "scrubbing": _scrub_words,
     "live_frames": _live_words,
-    "holds": lambda found: _listed("longest hold of each action", found),
+    "holds": lambda found: _listed("longest turn of each action", found),
 }
 
 
 def start_up(runs: int = 5) -> dict[str, Any]:
-    """Return the time from the first import to a usable window, ours and an empty one, side by side.
+    """Return the times from the first import to a usable window, for the window of lfcal and for an empty one.
 
     Modules are compiled before, as installers compile them.
     """
@@ -187,7 +187,7 @@ def start_up(runs: int = 5) -> dict[str, Any]:
 
 
 def _timed(code: str, compiled: Path) -> tuple[float, float]:
-    """Return seconds on the clock, and of the processor; ``compiled`` is the folder of compiled modules."""
+    """Return wall time and processor time (s); ``compiled`` is the folder of compiled modules."""
     place = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     place["PYTHONPYCACHEPREFIX"] = str(compiled)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=place)
@@ -202,7 +202,7 @@ def _app() -> Any:
 
 
 def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
-    """Return how fast HT is shown while the user drags over the period map, on a plane in memory."""
+    """Return the rate of displayed HT slices while the user drags over the period map, for a plane in memory."""
     from lfcal.psf import PSFMatrix
     from lfcal_gui.base_page import page_class
     from lfcal_gui.context import Context
@@ -242,7 +242,7 @@ def scrubbing(scale: float = 1.0, pictures: int = 200) -> dict[str, Any]:
 
 
 def _scrub(app: Any, page: Any, y: int, x: int) -> tuple[float, float]:
-    """Show another position; return how long it took until it was drawn (s), and of this the thread's own time."""
+    """Show another position; return the wall time until it is drawn, and the time of this thread (s)."""
     start, own = time.perf_counter(), time.thread_time()
     page.panel.map.chosen.emit(y, x)
     app.processEvents()
@@ -251,7 +251,7 @@ def _scrub(app: Any, page: Any, y: int, x: int) -> tuple[float, float]:
 
 
 def live_frames(scale: float = 1.0, seconds: float = 4.0) -> dict[str, Any]:
-    """Return how many new full frames a second are drawn, and how long the window's thread is busy with each."""
+    """Return the number of new frames drawn per second, and the time of the window's thread per frame."""
     from lfcal_gui.jobs import Jobs
     from lfcal_gui.models import Shot
     from lfcal_gui.theme import LIGHT, apply_theme

@@ -1,4 +1,4 @@
-"""``python -m benchmarks work``: what units cost by each executor, how they scale, and what many workers would take."""
+"""``python -m benchmarks work``: time of units by executor, scaling, and a forecast for many workers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def register(bench: typer.Typer) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What a number of workers, one thread each, would take: units, their bytes in memory, wall seconds of all."""
+    """Forecast for workers with one thread each: number of units, bytes per unit, and wall time of all (s)."""
 
     workers: int
     units: int
@@ -43,21 +43,20 @@ class Forecast:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Medians over rounds in which all were run side by side.
+    """Medians over rounds, each with one run of every executor.
 
     Attributes
     ----------
     seconds
-        Wall time by executor and workers, ``"dask 2"``; starting them included.
+        Wall time by executor and number of workers (``"dask 2"``), including their start (s).
     cpu_seconds
-        Processor time of the same, of all processes that are ended by then: what else the machine does changes it
-        little.
+        Processor time of all processes of the same runs, which other load hardly changes (s).
     overhead
-        Of dask over threads with as many workers, each round by itself, minus 1.
+        Time of dask divided by that of threads, minus 1, by number of workers.
     scaling
-        Of one worker over two, by executor.
+        Time with one worker divided by time with two, by executor.
     forecast
-        Of many workers.
+        Forecast for many workers.
     """
 
     seconds: dict[str, float]
@@ -70,17 +69,17 @@ class Figures:
 def command(
     camera: CameraArgument = "bench",
     *,
-    planes: int = typer.Option(101, min=2, help="Planes, a unit each."),
-    rows: int = typer.Option(0, min=0, help="Rows of positions that are simulated; 0: all."),
+    planes: int = typer.Option(101, min=2, help="Number of planes; each is a unit."),
+    rows: int = typer.Option(0, min=0, help="Number of simulated rows of positions; 0: all."),
     cutout: int = typer.Option(61, min=3, help="Side of the cutout (px), odd."),
-    tolerance: float = typer.Option(0.03, help="Relative L1 error asked for."),
-    executors: str = typer.Option("threads,processes,dask", "--executors", help="Which are timed."),
-    rounds: int = typer.Option(3, min=1, help="Rounds of one run of each; medians of their ratios count."),
-    many: int = typer.Option(64, "--many", min=1, help="Workers that are forecast."),
+    tolerance: float = typer.Option(0.03, help="Requested relative L1 error."),
+    executors: str = typer.Option("threads,processes,dask", "--executors", help="Executors: A,B,C."),
+    rounds: int = typer.Option(3, min=1, help="Number of rounds, each with one run of every executor; medians count."),
+    many: int = typer.Option(64, "--many", min=1, help="Number of workers of the forecast."),
     folder: FolderOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Simulate an H in units by every executor with one worker and two, and say what it costs and how it scales.
+    """Simulate an H in units with every executor and one or two workers; report times, overhead and scaling.
 
     Example: `python -m benchmarks work bench --planes 101`
     """
@@ -111,7 +110,7 @@ def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: in
     predicted = predict_seconds(plan, effects, tolerance=tolerance)
 
     def once(executor: str, workers: int, scan: ScanPlan) -> tuple[float, float]:
-        """Return the seconds of a run, and those of the processor."""
+        """Return wall time and processor time of a run (s)."""
         out, start, spent = place / f"{executor}_{workers}.h5", time.perf_counter(), _cpu_seconds()
         run = RunChoice(executor, workers)
         drain(iter_simulate_psf(scan, effects, run=run, tolerance=tolerance, out=out)).close()
@@ -119,7 +118,7 @@ def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: in
         out.unlink()
         return took
 
-    # kernels that are compiled in the first run of all, or read from the disk, are part of no time that is compared
+    # a first run compiles the kernels or reads them from the disk, so that no measured time includes this
     exposure = plan.exposure_s[0] if isinstance(plan.exposure_s, tuple) else plan.exposure_s
     first = replace(plan, depths_um=plan.depths_um[:1], exposure_s=exposure)
     for name in executors:
@@ -128,7 +127,7 @@ def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: in
     times: dict[tuple[str, int], list[float]] = {case: [] for case in cases}
     spent: dict[tuple[str, int], list[float]] = {case: [] for case in cases}
     for number in range(rounds):
-        # in turn, each round in another order: what else the machine does changes over minutes
+        # in turn, in another order in each round, because other load changes over minutes
         for case in cases[number % len(cases) :] + cases[: number % len(cases)]:
             wall, cpu = once(*case, plan)
             times[case].append(wall)
@@ -150,7 +149,7 @@ def _measured(plan: ScanPlan, tolerance: float, executors: list[str], rounds: in
 
 
 def _cpu_seconds() -> float:
-    """Return what this process and its children that ended have had of the processor."""
+    """Return the processor time of this process and of its ended children (s)."""
     found = os.times()
     return found.user + found.system + found.children_user + found.children_system
 
@@ -168,12 +167,12 @@ def _show(found: Figures, plan: ScanPlan) -> None:
         for name, scale in found.scaling.items()
     ]
     title = f"{plan.camera.name}: H {plan.shape}, {plan.shape[0]} units"
-    header = ["executor", "1 worker", "2 workers", "times quicker", "processor, 1", "processor, 2"]
+    header = ["executor", "1 worker", "2 workers", "speed-up", "processor, 1", "processor, 2"]
     print_table(header, rows, title=title)
     for workers, more in found.overhead.items():
-        typer.echo(f"dask over threads, {workers} at work: {100 * more:+.1f} %")
+        typer.echo(f"dask compared with threads, {workers} workers: {100 * more:+.1f} %")
     one = found.forecast
     typer.echo(
         f"{one.workers} workers by forecast: {one.units} units of {format_bytes(one.unit_bytes)}, "
-        f"about {format_seconds(one.seconds)} and what starting and joining take"
+        f"about {format_seconds(one.seconds)} without starting and joining"
     )

@@ -14,6 +14,6 @@ def show(made: tuple[ReducedFile, ...]) -> None:
         before, after = format_bytes(one.source_bytes), format_bytes(one.bytes)
         entries = 8 * one.bytes / one.matrix.size
         typer.echo(
-            f"{one.out}: H {one.matrix.shape}, {before} to {after} ({entries:.1f} bits an entry) in "
+            f"{one.out}: H {one.matrix.shape}, {before} to {after} ({entries:.1f} bits per entry) in "
             f"{format_seconds(one.seconds)}; no pattern loses more than {100 * one.bound[:, 2].max():.3g} %"
         )

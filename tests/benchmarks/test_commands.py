@@ -41,7 +41,7 @@ def test_wrong_options_are_refused(bench: Bench, tmp_path: Path) -> None:
         ("fit lfm_20x05", "camera: expected bench or r29, got 'lfm_20x05'"),
         ("fit --depths 3,x", "--depths: expected numbers, got '3,x'"),
         ("project --r29 --tolerance 2", "tolerance of the projection"),
-        ("retrieve --counts 6,x", "--counts: expected whole numbers from 3 on, got '6,x'"),
+        ("retrieve --counts 6,x", "--counts: expected whole numbers of at least 3, got '6,x'"),
         (f"retrieve --chart {old}", "exists"),
         ("solvers --solver magic", "--solver: expected"),
         (f"storage --chart {old}", "exists"),
@@ -65,8 +65,8 @@ def test_wrong_options_are_refused(bench: Bench, tmp_path: Path) -> None:
 def test_accuracy(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     chart = tmp_path / "c.png"
     shown = bench("accuracy", "lfm_20x05", "--depth", "5", "--positions", "1", "--asked", "30,10", "-o", chart)
-    assert "picked" in shown and "reference" in shown and chart.stat().st_size > 10_000
-    tolerances = shown.split("what comes of a tolerance")[1]
+    assert "chosen" in shown and "reference" in shown and chart.stat().st_size > 10_000
+    tolerances = shown.split("results of tolerances")[1]
     assert "30 %" in tolerances and "10 %" in tolerances and "px" in tolerances
     assert "exists; add --force" in bench("accuracy", "bench", "--positions", 1, "-o", chart, code=2)
     # the whole H takes minutes: what is predicted and run is replaced, what is said of it is not
@@ -90,7 +90,7 @@ def test_aperture(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(found) == 6 and {o["trial"]["side"] for o in found} == {95}
     assert all(o["right"] for o in found if o["trial"]["case"] == "iris")
     table = bench("aperture", "--trials", 3, "--workers", 1, *others)
-    assert "3 irises of" in table and "2 round stops under ripple" in table
+    assert "3 irises of" in table and "2 round stops with ripple" in table
     assert "1 irises with a stuck blade, pixel SNR 2" in table
 
 
@@ -289,7 +289,7 @@ def test_projection_within_tolerances(bench: Bench, monkeypatch: pytest.MonkeyPa
     assert exact["worst"] == 0 and 0 < coarse["worst"] <= 0.05 and fine["worst"] <= 0.005
     assert coarse["operand_bytes"] < exact["operand_bytes"]
     shown = " ".join(bench(*options, "--device", "cpu").split())
-    assert "times quicker" in shown and "no accelerator took part" in shown
+    assert "speed-up" in shown and "no accelerator took part" in shown
     # the memory of the processor replaces that of an accelerator
     monkeypatch.setattr(_reduced, "find_device", lambda text: ArrayDevice("numpy"))
     rows = bench.json(*options, "--device", "cuda")["rows"]
@@ -385,7 +385,7 @@ def test_fit(bench: Bench) -> None:
     (found,) = bench.json("fit", "bench", *options, "--seed", 3)
     assert found["seed"] == 3 and found["error_l1"] < 0.02 < found["described_l1"] and len(found["pulls"]) > 8
     shown = bench("fit", *options, "--seed", 3, "--stage", 0.05)
-    assert "camera 3: H" in shown and "of 1" in shown
+    assert "camera 3: error of H" in shown and "of 1" in shown
 
 
 @pytest.mark.long

@@ -66,8 +66,8 @@ def test_a_stand_in_with_pyolafs_interface(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_small_sizes_from_end_to_end(bench: Bench) -> None:
     out = bench(*"transpose --sizes 17/3,19/4x5,99/31 --quick --planes 3 --memory 0.00015".split())
-    assert "* scaled, memory did not hold them all: 19/4x5 (2 of 3 planes)." in out
-    assert "Not run, memory does not hold one plane twice: 99/31." in out
+    assert "* scaled, because not all planes fit into the memory: 19/4x5 (2 of 3 planes)." in out
+    assert "Not run, because two copies of a plane do not fit into the memory: 99/31." in out
     assert "pyolaf: not run" in out and "HT slice and depth sum: not run" in out
     small = "transpose --sizes 17/3 --quick --memory 0.01 --workers 1".split()
     (row,) = bench.json(*small)["rows"]
@@ -76,7 +76,7 @@ def test_small_sizes_from_end_to_end(bench: Bench) -> None:
     assert row["processor_ratio"] is None or row["processor_ratio"] > 0
     markdown = bench(*small, "--markdown")
     assert markdown.startswith("| ns | ny x nx | H | lfcal |") and "| 17 | 3 x 3 | 114.4 kB |" in markdown
-    assert "least seconds, 1 threads" in bench(*small)
+    assert "shortest times (s), 1 threads" in bench(*small)
 
 
 def test_plane_lines(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,7 +87,7 @@ def test_plane_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     assert plane.nbytes == 4 * 5 * 7 * 21**2
     lines = program.notes([], plane, program.Pyolaf("0.2.1", found=ways.Scaled(60.0, 0.5), same_as_paper=True))
     assert any("median" in line and "(bound 2 ms)" in line for line in lines)
-    assert lines[-1].endswith("60 s, scaled from 50.00% of the work; the same values as method paper.")
+    assert lines[-1].endswith("60 s, scaled from 50.00% of the work; the values equal those of method paper.")
 
 
 def test_sizes_are_those_of_table_1_or_chosen() -> None:
