@@ -85,7 +85,7 @@ class _Run:
         return f"{self.curve.title}: {inner}"
 
     def too_long(self, found: Truth | AccuracyStep | CostPoint | Progress) -> str:
-        """Return why the measurement ends here, because the next step would end too late; empty if it continues."""
+        """Return the reason to end the measurement if the next step would end too late; empty: continue."""
         if isinstance(found, Truth):
             return ""
         started = bool(self.curve.points)

@@ -124,7 +124,7 @@ def fit_discs(white: ArrayLike, camera: Camera) -> LensletDiscs:
 
 
 def _seeds(light: F8) -> tuple[list[tuple[F8, float]], tuple[float, float]]:
-    """Return middle and rough radius of each disc, the level between light and dark, and the dark."""
+    """Return middle and rough radius of each disc, the level between light and dark, and the dark level."""
     from lfcal.base import cv2
 
     finite = np.where(np.isfinite(light), light, 0.0)

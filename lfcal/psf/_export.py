@@ -212,7 +212,7 @@ def export_files(
 
 
 def export_notes(matrix: PSFMatrix, path: str | os.PathLike[str], options: ExportOptions) -> tuple[str, ...]:
-    """Return notes for users of the file, one line each, with what to do.
+    """Return notes and instructions for users of the file, one line each.
 
     The notes concern missing positions, and conventions of the codes that read ``.mat`` files.
     """

@@ -278,7 +278,7 @@ def _write_small(file: Any, values: dict[str, NDArray[np.float64] | str]) -> Non
 
 
 def mat_notes(matrix: PSFMatrix, options: MatOptions | None = None) -> tuple[str, ...]:
-    """Return notes on conventions of codes that read ``.mat`` files and differ from those of H, with what to do."""
+    """Return notes and instructions on conventions of codes for ``.mat`` files that differ from those of H."""
     options = options or MatOptions()
     ny, nx = matrix.period
     notes = []

@@ -180,7 +180,7 @@ def as_stored(planes: Planes) -> Planes:
 
 
 def _five(shape: tuple[int, ...]) -> tuple[int, int, int, int, int]:
-    """Return the shape of planes; whether it is that of an H is for `PSFMatrix` to say."""
+    """Return the shape of planes, after checking the number of axes."""
     nz, ny, nx, nt, ns = shape if len(shape) == 5 else check_psf_shape(shape)
     return nz, ny, nx, nt, ns
 

@@ -217,7 +217,7 @@ def computed_words(planes: Sequence[Mapping[str, Any] | None]) -> tuple[str, ...
 
 
 def _sampling_words(one: Mapping[str, Any]) -> str:
-    """Return the sampling of a plane's record as text: what its engine uses of it."""
+    """Return the sampling of a plane's record as text, with only the values that its engine uses."""
     sampling, engine = _within(one, "sampling"), one["engine"]
     if engine == "geometric":
         return ", rays integrated over the pixels"

@@ -261,7 +261,10 @@ class MatrixGroup:
         self._facts[z] = Facts(**known)
 
     def _conversion(self, z: int, plane: NDArray[Any]) -> tuple[Convert | None, float]:
-        """Return what turns a pattern of plane ``z`` into its stored type, and the step it is rounded to; 0: none."""
+        """Return the function that converts patterns of plane ``z`` to their stored type, and the step of rounding.
+
+        The function is None if nothing is converted. The step is 0 without rounding.
+        """
         dtype = self._stored.samples
         if self._stored.rounded:
             low, high = _range(plane, self._workers)
@@ -598,7 +601,7 @@ def _rounded(pattern: NDArray[Any], step: float) -> NDArray[np.float32]:
 
 
 def _add_rounded_by_numpy(pattern: NDArray[Any], step: float, total: NDArray[np.float64]) -> tuple[float, float]:
-    """Do the same as `add_rounded`, which need not be compiled for this."""
+    """Do the same as `add_rounded` with NumPy, without compiling it."""
     values = np.rint(pattern * np.float64(1 / step)) * step
     total += values
     return float(np.abs(pattern - values).sum()), float(np.abs(pattern).sum(dtype=np.float64))

@@ -148,7 +148,7 @@ class _Outcome:
 
     @classmethod
     def of(cls, camera: Camera, kept: Mapping[str, Any]) -> _Outcome:
-        """Return the same for the plan of a camera with the ``kept`` values."""
+        """Return the consequences of the plan of a camera with the ``kept`` values."""
         made = ScanPlan.for_camera(camera, **kept)
         numbers = sorted({0, len(made.depths_um) // 2, len(made.depths_um) - 1})
         ys, xs = (np.unique(np.linspace(0, n - 1, PHASES).round().astype(np.intp)) for n in made.period)
@@ -157,7 +157,7 @@ class _Outcome:
         return cls(seconds, cutout_for(camera, made.depths_um), np.array(patterns).reshape(len(numbers), -1))
 
     def change(self, camera: Camera, kept: Mapping[str, Any]) -> tuple[float, float, float]:
-        """Return the changes of time, cutout and patterns if the camera is another one."""
+        """Return the changes of time, cutout and patterns for another camera."""
         try:
             other = _Outcome.of(camera, kept)
         except (LfcalError, ZeroDivisionError, OverflowError):

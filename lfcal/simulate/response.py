@@ -267,7 +267,7 @@ class PlaneResponse:
 
 
 def _pairs_together(scene: AnyScene, ys: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the order of rows in which those that mirror each other follow each other: engines compute one."""
+    """Return an order of rows in which mirror images are adjacent, because engines compute only one of the two."""
     # neighbouring rows are in one block, because an engine mirrors rows only within a block
     twins = mirrored_rows(scene, ys)
     order = [i for k in range(len(ys)) if k not in twins for i in (k, *(t for t, of in twins.items() if of == k))]

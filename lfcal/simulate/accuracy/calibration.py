@@ -39,7 +39,7 @@ PLANES = 9
 """Number of planes of an engine whose median corrects its forecasts."""
 
 ASSUMED = 3
-"""Number of planes that are assumed to take as long as forecast, so that the first ones are not believed alone."""
+"""Number of assumed planes that take as long as forecast, so that the first measurements do not count alone."""
 
 MAX_CORRECTION = 5.0
 """Largest factor by which simulations correct the forecasts."""

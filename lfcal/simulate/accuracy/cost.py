@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 PROBED, PROBED_NEAR = 4, 12
-"""Number of positions that a probe computes, and near the native plane."""
+"""Number of positions that a probe computes: in general, and near the native plane."""
 
 PER_PLANE, PER_VALUE = 4e-3, 4e-9
 """CPU-seconds of a plane besides the engine: to start it, and for each value of its responses."""

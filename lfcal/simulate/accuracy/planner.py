@@ -354,7 +354,7 @@ class _Costs:
         return {effect.name for effect in effects if self.of(effect, USUAL) >= 0.2 * whole}
 
     def of_plane(self, plane: int, effects: Sequence[Effect], share: float) -> float:
-        """Return the seconds of a plane with some effects; source points and wavelengths multiply."""
+        """Return the seconds of a plane with some effects, for all source points and wavelengths."""
         outlook, engine = self.outlooks[plane], self.times(plane, share, effects)
         by_rays = self.level_of(effects) == "geometric"
         runs = len(light_samples(effects, outlook))

@@ -33,17 +33,17 @@ MARGIN = 1.1
 """Factor by which the error of a plane may exceed that of a few positions."""
 
 VISIBLE_COHERENT, VISIBLE_SUMMED = 0.65, 0.5
-"""Fraction of a sampling's error that a window twice as wide shows, which has an error too (measured)."""
+"""Fraction of a sampling's error that a comparison with a window twice as wide shows (measured)."""
 
 VISIBLE_BY_GRID = 0.9
-"""The same for windows compared with a grid, which has no such error."""
+"""The same for windows compared with a grid, which has no error of this kind."""
 
 VISIBLE_NODES = {1: 0.9, 2: 0.8, 3: 0.6, 4: 0.6}
 """Fraction of the error of up to four nodes per pixel on the Debye path that one node more shows (measured: at least
 0.87, 0.79, 0.6 and 0.6)."""
 
 VISIBLE_MORE_NODES = 0.4
-"""The same for more nodes (measured: at least 0.45): an odd number and one node more err alike."""
+"""The same for more nodes (measured: at least 0.45). An odd number of nodes and one more have similar errors."""
 
 OF_WINDOWS = 1.5
 """Factor by which the error of windows may exceed the expected one."""
@@ -230,7 +230,7 @@ class _ErrorProbe:
         return Settled(engine, step.level, sampling, self._improved(step, before))
 
     def _balanced(self, step: LevelSampling) -> tuple[PlaneEngine, Responses, Sampling]:
-        """Return what `balanced` does for a step; the engine of the last comparison is used again."""
+        """Return the result of `balanced` for a step; the engine of the last comparison is reused."""
         if self._last is not None and self._last[0] == (step.level, step.sampling):
             _, engine, sampling = self._last
             return engine, self._computed[step.level, sampling], sampling

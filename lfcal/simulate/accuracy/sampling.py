@@ -58,7 +58,7 @@ WIDEST = 1000
 """Largest margin of a window (px)."""
 
 SPARE = 0.6
-"""Nodes per pixel beyond the band of the light, with which aliases fall where pixels do not respond."""
+"""Nodes per pixel beyond the band of the light, so that aliases are at frequencies that pixels do not detect."""
 
 ONE_NODE = (0.16, 0.6)
 """Expected error of one node per pixel of the Debye path, divided by the square of `Fringes.band`: if the light is
@@ -98,8 +98,8 @@ CAUTION = 1.2
 fine: each happened in 9 % of all cases (13 % and 5 % with a ratio of 1)."""
 
 FINER_GRID = ((2, 0.75), (2, 0.55), (3, 0.8))
-"""Index of the sampling with which samplings on a grid are compared, and the fraction of their error that shows, at
-least."""
+"""Index of the sampling with which samplings on a grid are compared, and the smallest fraction of their error that this
+comparison shows."""
 
 GRID_REFERENCE = 1
 """Index of the coarsest sampling on a grid with which windows are compared."""
@@ -115,7 +115,7 @@ PUPIL_MARGINS = (8, 12, 18, 27, 40, 60, 90, 135, 200, 300, 450, 670, 1000)
 """Margins (px) of the windows behind single lenslets."""
 
 PUPIL_NODES, PUPIL_FLOOR = 8, 1e-5
-"""Nodes per pixel behind single lenslets, at most, and error that never matters."""
+"""Largest number of nodes per pixel behind single lenslets, and an error that is always negligible."""
 
 REFERENCE = ((1.0, 3, 0.03), (1.25, 4, 0.006), (1.6, 6, 0.002), (2.4, 10, 0.0005))
 """Samples of the reference: the ratio to the fewest for the light's angles, the fewest for the lenslets' edges, and the

@@ -45,7 +45,7 @@ class _Chromatic(SceneEffect):
 
 
 def _wavelengths(reach_px: float, outlook: Outlook) -> int:
-    """Return how many wavelengths make an even blur of spots that move by up to ``reach_px`` either way; 1 for none."""
+    """Return the number of wavelengths for an even blur of spots that move by up to ``reach_px`` in each direction."""
     return 1 if reach_px == 0 else min(25, 3 + math.ceil(1.5 * reach_px / min(outlook.widths_px)))
 
 

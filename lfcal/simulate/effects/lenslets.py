@@ -56,7 +56,7 @@ class MissingLenslets(SceneEffect):
     measured_by: ClassVar[str] = WHITE_IMAGE
 
     def __post_init__(self) -> None:
-        """Check every lenslet; of one given twice the last counts."""
+        """Check every lenslet; of entries for the same lenslet, keep the last."""
         Effect.__post_init__(self)
         known: dict[tuple[int, int], float] = {}
         for one in self.lenslets:

@@ -84,7 +84,7 @@ def objective_of(scene: Scene) -> Microscope:
 
 
 def _crossed(scene: Scene) -> Specimen | None:
-    """Return the specimen where light crosses its interface on the way to the objective."""
+    """Return the specimen if light crosses its interface on the way to the objective; otherwise None."""
     specimen, medium = scene.specimen, objective_of(scene).medium_index
     if specimen is None or specimen.index == medium or specimen.source_um(scene.z_um) < 0:
         return None

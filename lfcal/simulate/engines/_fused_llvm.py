@@ -261,7 +261,7 @@ def _step(module: Any, before: bool, after: bool) -> Any:
 
 
 def _function(module: Any, name: str, kinds: list[Any], define: Callable[[Any], None]) -> Any:
-    """Return a function of LLVM code, defined once: code at each call would take long to compile."""
+    """Return a function of LLVM code that is defined once, because code at each call would take long to compile."""
     function = cgutils.get_or_insert_function(module, ir.FunctionType(ir.VoidType(), kinds), name)
     if not function.blocks:
         function.linkage = "internal"
@@ -391,7 +391,7 @@ def _collect(_: Any, x: Any, at: Any, weights: Any, count: Any, line: Any, j: An
 
 @intrinsic  # type: ignore[untyped-decorator]
 def _turn(_: Any, x: Any, at: Any, y: Any, to: Any) -> Any:
-    """Copy ``LANES`` numbers on lanes from ``at`` on to ``to`` on, lanes and numbers exchanged (Eklundh 1972)."""
+    """Copy ``LANES`` numbers on lanes from ``at`` to ``to``; lanes and numbers are exchanged (Eklundh 1972)."""
 
     def implement(context: Any, b: Any, signature: Any, arguments: Any) -> Any:
         x, y = (_reals(context, b, signature, arguments, which) for which in (0, 2))

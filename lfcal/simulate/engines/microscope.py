@@ -267,10 +267,10 @@ class DebyePlane:
         return known
 
     def _matrix(self, phase: AxisPhase) -> Matrix:
-        """Return A ``(parities, 3, nodes, n)`` (real, imaginary, sum): a lenslet at ``place``, nodes moved.
+        """Return the matrices A of a phase, ``(parities, 3, nodes, n)``, as real part, imaginary part and their sum.
 
-        The first is for even fields, the second for odd ones, if there are any. The array is periodic, so nodes at
-        equal positions behind their lenslets have the same row. Each row is computed only once for all phases.
+        The first matrix is for even fields, the second for odd ones, if there are any. The array is periodic, so nodes
+        at equal positions behind their lenslets have the same row. Each row is computed only once for all phases.
         """
         with self._lock:
             known = self._matrices.get(phase)

@@ -39,11 +39,11 @@ PERIODS = 1.5
 """Ratio of the distance of a spot's aliases to the width of its window, so that no alias reaches into it."""
 
 FEWEST, ROWS_PER_SAMPLE = 48, 8
-"""Samples over a lenslet, at least; rows by which the area of its samples within the aperture is found."""
+"""Smallest number of samples over a lenslet; rows per sample for computing its area within the aperture."""
 
 FINER, IN_STEPS_OF = 2.5, 16
-"""For a fixed box: factor on the samples over a lenslet, and what they are a multiple of, so that small changes of the
-camera do not change their number."""
+"""For a fixed box: factor on the number of samples over a lenslet. The number is a multiple of the second value, so
+that small changes of the camera do not change it."""
 
 BLOCK_NODES = 1 << 22
 """Nodes on the sensor whose field is in memory at a time (complex64)."""
