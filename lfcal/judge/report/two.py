@@ -53,7 +53,7 @@ COLUMNS = (
     "scale",
     "difference at this scale (%)",
     "shift rows, columns (px)",
-    "left (%)",
+    "residual (%)",
     "correlation",
 )
 """Headings of `figure_rows`."""
@@ -206,7 +206,7 @@ def _page(found: Comparison, drawn: list[ReportPicture], seconds: float) -> str:
     rows = [[html_text(cell) for cell in row] for row in figure_rows(found)]
     reported = (
         '<p class="note">NRMSE: |A − B| / |B|. Scale: the number g that minimizes |A − g B|, with |A − g B| / |A| at '
-        "this scale. Left: the residual if B is also shifted. Lenslets: pixels behind lenslets of one type.</p>"
+        "this scale. Residual: the difference if B is also shifted. Lenslets: pixels behind lenslets of one type.</p>"
     )
     return html_page(
         f"{first} and {second}",
