@@ -128,8 +128,8 @@ class Evidence:
     >>> from lfcal.psf import open_psf
     >>> with open_psf("H.h5") as H:
     ...     evidence: Evidence = drain(iter_evidence(H, patterns=24))
-    >>> print(evidence.data.shape, f"{evidence.unlike.sum()} patterns unlike those of their places")
-    (24, 55, 55) 0 patterns unlike those of their places
+    >>> print(evidence.data.shape, f"{evidence.unlike.sum()} patterns that do not belong to their positions")
+    (24, 55, 55) 0 patterns that do not belong to their positions
     """
 
     matrix: PSFMatrix

@@ -536,7 +536,7 @@ def _inverse_slopes(camera: Camera | None, slopes: tuple[float, float] | None, p
     """Return the inverse slopes to search: equal steps of the disparity, one step beyond the range at both ends."""
     low, high = slopes or _slopes_of(camera)
     if not low < high or (low < MIN_SLOPE and high > -MIN_SLOPE and slopes is not None):
-        wanted = f"smallest and largest, both beyond ±{MIN_SLOPE:g} on one side"
+        wanted = f"smallest and largest, both above {MIN_SLOPE:g} or both below {-MIN_SLOPE:g}"
         raise InputError.expected(
             "slopes", wanted, f"{low:g} to {high:g}", "give such a range, or use the method views"
         )
