@@ -122,8 +122,9 @@ def _refuse(given: Mapping[str, bool], other: str) -> None:
     from lfcal.base.errors import InputError
 
     for option in (name for name, said in given.items() if said):
-        got = "it" if other.startswith("no ") else "none"
-        raise InputError.expected(option, f"{other} with it", got, f"leave {option} out, or change that")
+        needed = other.removeprefix("no ")
+        got, change = ("it", f"or {needed}") if needed != other else ("none", f"or add {needed}")
+        raise InputError.expected(option, f"{other} with it", got, f"leave {option} out, {change}")
 
 
 def measure(image: int, period: int, cutout: int, planes: int, repeats: int, workers: int) -> list[Row]:
