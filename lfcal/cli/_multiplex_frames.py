@@ -56,7 +56,7 @@ def demosaic(
     *,
     out: Path = typer.Option(..., "--out", "-o", help="File for red, green and blue (float32 TIFF)."),
     pattern: str | None = typer.Option(None, help="Colour filter pattern, such as GRBG; default: from the RAW file."),
-    route: str = typer.Option("spatial", help="spatial or fourier."),
+    route: str = typer.Option("spatial", help="Route: spatial or fourier."),
     filter: str | None = typer.Option(
         None,
         help="Filter of the spatial route: directional, lmmse, nearest, linear, cubic, lanczos, sinc or bilateral; "
@@ -98,7 +98,7 @@ def recover(
     context: typer.Context,
     frame: Path = typer.Argument(help="Frame recorded behind the modulator."),
     *,
-    modulator: str | None = typer.Option(None, help=f"Such as {GRAMMAR}."),
+    modulator: str | None = typer.Option(None, help=f"Modulator, such as {GRAMMAR}."),
     transmissions: Path | None = typer.Option(
         None,
         help="Instead of --modulator: .npy (N, rows, columns) with the fraction of each sample that a pixel receives; "
@@ -126,7 +126,7 @@ def recover(
     smoothness: float = typer.Option(
         1e-4, min=0, help="Weight of differences between grid nodes in the iterative solution."
     ),
-    iterations: int = typer.Option(400, min=1, help="Iterations at most."),
+    iterations: int = typer.Option(400, min=1, help="Largest number of iterations."),
     page: PageOption = 0,
     workers: WorkersOption = None,
     force: ForceOption = False,

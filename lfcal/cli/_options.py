@@ -100,7 +100,9 @@ OriginOption: TypeAlias = Annotated[
     ),
 ]
 
-PageOption: TypeAlias = Annotated[int, typer.Option("--page", min=0, help="Page of a file of many frames.")]
+PageOption: TypeAlias = Annotated[
+    int, typer.Option("--page", min=0, help="Page of a file with several frames, starting at 0.")
+]
 
 Chi2Option: TypeAlias = Annotated[
     float | None,
@@ -123,5 +125,5 @@ ExposureOption: TypeAlias = Annotated[
 ]
 
 UncorrectedOption: TypeAlias = Annotated[
-    bool, typer.Option("--uncorrected", help="Frames are not divided by a white image.")
+    bool, typer.Option("--uncorrected", help="Use the noise of frames that are not divided by a white image.")
 ]

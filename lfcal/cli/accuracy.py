@@ -26,9 +26,13 @@ def command(
     subject: str = typer.Argument(
         ..., help="H file, JSON of a scan plan, preset or camera file; list prints the names for --part."
     ),
-    depths: str = typer.Option("", help="Planes in µm (or mm), away from the camera: a,b,c or start:stop:step."),
+    depths: str = typer.Option(
+        "", help="Depths of the planes in µm (or mm), positive away from the camera: a,b,c or start:stop:step."
+    ),
     virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
-    cutout: str = typer.Option("", help="Size of the cutout, odd: 181 or ROWS,COLUMNS (px); default: by geometry."),
+    cutout: str = typer.Option(
+        "", help="Size of the cutout, odd: 181 or ROWS,COLUMNS (px); default: from the geometry."
+    ),
     *,
     part: list[str] = typer.Option(
         [], "--part", help="Part of the processing to measure, a name from `lfcal accuracy list`; may be repeated."

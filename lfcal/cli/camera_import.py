@@ -24,7 +24,7 @@ def command(
     ),
     *,
     name: str = typer.Option("", help="Name of the camera; default: the name in the file."),
-    frame: Path | None = typer.Option(None, help="A frame of the camera, to read the size of the sensor from."),
+    frame: Path | None = typer.Option(None, help="Frame of the camera, from which the size of the sensor is read."),
     values: dict[str, Any],
     resolution: str = typer.Option("", help="Resolution preset, if a Micro-Manager configuration has several."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Write the camera as JSON."),

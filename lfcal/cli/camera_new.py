@@ -35,7 +35,8 @@ def command(
     kind: str = typer.Option(
         "",
         "--type",
-        help="multifocus (three lens types), focused (one), microscope, or fourier (Fourier light-field microscope).",
+        help="Kind of camera: multifocus (three lens types), focused (one), microscope, or fourier (Fourier "
+        "light-field microscope).",
     ),
     start: str = typer.Option("", "--preset", help="Preset to start from."),
     name: str = typer.Option("", help="Name of the camera; default: the name of the file."),

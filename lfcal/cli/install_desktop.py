@@ -51,10 +51,10 @@ REFRESHED = (("update-desktop-database", "applications"), ("update-mime-database
 
 def command(
     *,
-    uninstall: bool = typer.Option(False, "--uninstall", help="Remove the workstation from the menu."),
+    uninstall: bool = typer.Option(False, "--uninstall", help="Remove the menu entry, its icon and the file type."),
     json: JsonOption = False,
 ) -> None:
-    """Add the workstation with its icon to the menu of this user's desktop, and let it open .lfcal files.
+    """Add lfcal-gui with its icon to the menu of this user's desktop, and let it open .lfcal files.
 
     Files are written below $XDG_DATA_HOME (~/.local/share); those of an earlier call are replaced.
 

@@ -46,8 +46,8 @@ MERITS = {
 }
 """Figures of merit of a modulator, and their headings."""
 
-ModulatorArgument: TypeAlias = Annotated[str, typer.Argument(help=f"Such as {GRAMMAR}.")]
-ModulatorsArgument: TypeAlias = Annotated[list[str], typer.Argument(help=f"Such as {GRAMMAR}.")]
+ModulatorArgument: TypeAlias = Annotated[str, typer.Argument(help=f"Modulator, such as {GRAMMAR}.")]
+ModulatorsArgument: TypeAlias = Annotated[list[str], typer.Argument(help=f"Modulators, such as {GRAMMAR}.")]
 ReferenceOption: TypeAlias = Annotated[
     str | None, typer.Option("--reference", help="Modulator that gains are relative to; default: the first.")
 ]

@@ -172,11 +172,15 @@ def command(
         None,
         help="White image of the same camera, from which the lattice and the weights of the pixels are determined.",
     ),
-    lattice: Path | None = typer.Option(None, help="lattice.json of `lfcal white`: used instead of a fit."),
+    lattice: Path | None = typer.Option(
+        None, help="lattice.json of `lfcal white`, used instead of fitting the lattice."
+    ),
     camera: str = typer.Option(
         "", help="Camera (preset, JSON, Raytrix XML): for the lattice without --white, depths, and lens types."
     ),
-    dark: Path | None = typer.Option(None, help="Dark frame, or a folder of them to average; subtracted from both."),
+    dark: Path | None = typer.Option(
+        None, help="Dark frame, or a folder of them to average; subtracted from frame and white image."
+    ),
     origin: OriginOption = "",
     mask: MaskOption = None,
     kind: str = typer.Option(

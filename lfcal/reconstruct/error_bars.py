@@ -359,7 +359,7 @@ def iter_error_bars(
     weights
         Weight of each pixel, ``(Y, X)``, not negative. None: 1.
     labels
-        Label of every voxel, ``(nz, Y, X)`` or ``(Y, X)`` for all planes: positive integers inside of regions, else 0.
+        Label of every voxel, ``(nz, Y, X)`` or ``(Y, X)`` for all planes: positive integers inside regions, else 0.
     imaging
         Function that draws an H from its uncertainty with a random generator, and returns its projector. An example is
         the H of a camera drawn from the covariance of a fit. It is called for each replicate, which this projector

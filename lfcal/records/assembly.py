@@ -75,7 +75,8 @@ class AssemblySettings:
     )
     dtype: str = opt(
         "rounded",
-        "Type of the stored values. rounded: 16 bits with a scale for each plane.",
+        "Type of the stored values. rounded: float32 in steps of at most 1/65535 of the range of the plane; compresses "
+        "better.",
         label="Stored type",
         choices=STORED_TYPES,
         more=True,

@@ -83,8 +83,8 @@ class VoxelGrid:
 
     voxel: float | str | None = opt(
         None,
-        "Side length of the voxels in all planes. auto: the smallest size of a sensor pixel in object space, which "
-        "depends on depth behind a main lens.",
+        "Side length of the voxels in all planes. auto: the smallest size of a sensor pixel in object space; with a "
+        "main lens, this size depends on the depth.",
         label="Voxel size",
         unit="µm",
         empty="in each plane, the size of a sensor pixel in object space",

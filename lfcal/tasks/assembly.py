@@ -313,7 +313,8 @@ class Assemble(AssembleRegions):
     )
     fill: Path | None = opt(
         None,
-        "Folder of a fit of this scan (lfcal fit). Its model fills missing positions, which remain marked as missing.",
+        "Folder of a fit of this scan (lfcal fit). Its model fills missing positions, which remain marked as not "
+        "recorded.",
         label="Fill from a fit",
         file="in",
         empty="not filled",

@@ -202,7 +202,8 @@ class ExportH5(_ExportView):
 
     dtype: str = opt(
         "",
-        "Data type of the stored values. rounded: 16 bits with a scale for each plane.",
+        "Type of the stored values. rounded: float32 in steps of at most 1/65535 of the range of the plane; compresses "
+        "better.",
         label="Stored type",
         choices=STORED_TYPES,
         empty="as in the source",

@@ -132,7 +132,7 @@ class Inspect(MatrixTask):
     strict: bool = opt(
         False,
         "Exit with code 1 if H should not be used as it is, or is not fully judged.",
-        label="Fail unless good",
+        label="Fail unless usable",
         more=True,
     )
 

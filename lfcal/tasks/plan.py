@@ -91,7 +91,7 @@ class _Plan(PlanTask):
     )
     depths: str | tuple[float, ...] = opt(
         (),
-        "Depths of the planes, increasing away from the camera: a,b,c or start:stop:step. In µm, unless a unit follows "
+        "Depths of the planes, positive away from the camera: a,b,c or start:stop:step. In µm, unless a unit follows "
         "(1.2mm).",
         label="Depth planes",
         unit="µm",

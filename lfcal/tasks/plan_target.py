@@ -77,8 +77,8 @@ class _PlanTarget(PlanTask):
     )
     most_frames: int | None = opt(
         None,
-        "Largest number of frames for each plane. If more would be needed, some positions are not shown; the result "
-        "states the fraction that is shown.",
+        "Largest number of frames for each plane. If more would be needed, some positions are not covered; the result "
+        "states the fraction that is covered.",
         label="Largest number of frames",
         at_least=1,
         empty="no limit",

@@ -47,7 +47,7 @@ WITHOUT_READOUT = "without readout (--frame-rate)"
 def depths_field(empty: str) -> tuple[float, ...]:
     """Declare the field ``depths`` of a task on a scan; ``empty`` states what applies if it is not set."""
     words = (
-        "Depths of the planes, increasing away from the camera: a,b,c or start:stop:step. In µm, unless a unit follows "
+        "Depths of the planes, positive away from the camera: a,b,c or start:stop:step. In µm, unless a unit follows "
         "(1.2mm)."
     )
     return opt((), words, unit="µm", read=read_depths, show=show_planes, empty=empty)

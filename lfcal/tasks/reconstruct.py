@@ -407,8 +407,8 @@ class ReconstructBars(_ReconstructTo):
     )
     labels: Path | None = opt(
         None,
-        "Image or stack of labels, positive integers inside of regions, with the planes in the order of the volume's "
-        "file. The sum over each region is listed with its uncertainty.",
+        "Image or stack of labels, with positive integers inside the regions and the planes in the order of the "
+        "volume file. The output lists the sum over each region with its uncertainty.",
         label="Regions",
         file="in",
         empty="no table of regions",

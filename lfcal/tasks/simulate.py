@@ -230,13 +230,17 @@ class _Simulate(Task):
         empty="the effects that matter for the tolerance",
     )
     tolerance: float = opt(
-        0.03, "Largest relative L1 error caused by omitted effects.", above=0, at_most=4, read=read_share
+        0.03,
+        "Largest relative L1 error of H, from omitted effects and from the computation.",
+        above=0,
+        at_most=4,
+        read=read_share,
     )
     level: str = opt(
         "auto",
         "Model of light propagation, from fast to accurate. geometric: rays. wave: waves from each lenslet "
         "separately. grid, microscope: waves from all lenslets together. reference: the most accurate. auto: "
-        "as accurate as the effects need.",
+        "the fastest that keeps the tolerance.",
         choices=LEVELS,
     )
 
