@@ -1,7 +1,7 @@
 """The next step, and the words of the rail; both follow from one record, `Sitting`. No Qt.
 
-`next_step` goes through `ROWS`; the first one that holds says what comes next, and optional steps on the way to H do
-not hold it up.
+`next_step` goes through `ROWS`; the first row that applies determines the next step. Optional steps on the way to H
+do not delay it.
 """
 
 from __future__ import annotations
@@ -53,42 +53,42 @@ class Sitting:
     camera, white
         Whether a camera was described, and compared with a white image.
     assumed
-        Names of values that were not stated and that time, cutout or H depend on.
+        Names of assumed values on which time, cutout or H depend.
     wrong, movable
-        Why the plan cannot work; empty where it can; and whether another place of the scan on the sensor helps.
+        Reason why the plan cannot work (empty: it can), and whether moving the scan on the sensor helps.
     plan, positions, planes, counted
-        Whether there is a plan; number of positions and of planes; what is counted: for a target the frames of its
-        plan and session, ``"frame"``.
+        Whether there is a plan; its numbers of positions and planes; what is counted (``"frame"`` for a target, whose
+        numbers are those of the frames).
     record_s, frame_bytes
-        Forecast of a recording, None where nothing was measured; and what its frames need.
+        Forecast of the recording time (None: not available), and disk space for its frames.
     source
-        Where H is to come from: ``"rig"``, ``"folder"``, ``"compute"``.
+        Source of H: ``"rig"``, ``"folder"`` or ``"compute"``.
     folder, unread, frames, missing, fresh
-        Whether a folder of frames is chosen; why its frames are not understood; their number, 0 where it is not known
-        yet; number of positions without one; whether H is older than they are.
+        Whether a folder of frames is chosen; reason why its frames cannot be used; their number (0: not yet known);
+        number of positions without a frame; whether H is older than the frames.
     corrections
-        Corrections of these frames that could be made and are not: ``"dark"``.
+        Corrections of these frames that are possible but not applied: ``"dark"``.
     make_s, compute_s, error
-        Forecasts for assembling and for computing H, None where nothing was measured; and the share by which a
-        computed H is off.
+        Forecasts of the time for assembling and for computing H (None: not available), and relative error of a
+        computed H.
     simulated, rig, rig_measured, free_bytes
         Whether the simulated devices are chosen; whether devices are connected; whether scale and axes of the stage
-        are measured; space on the disk of the session, None where it is not known.
+        are measured; free space on the disk of the session (None: unknown).
     recording, paused, stopped
-        Whether a session is being recorded, or held; why the last run stopped before its end.
+        Whether a session is being recorded, or is paused; reason why the last run stopped early.
     done, total, plane, left_s
-        Positions that are safe, and all; the plane under way from 0; what is left (s).
+        Number of positions saved to disk, and of all; index of the current plane; remaining time (s).
     job, job_words, job_left_s
-        Kind of the job under way, one of `JOBS`, with its stage and what is left.
+        Kind of the running job, one of `JOBS`, with its stage and remaining time.
     h, h_camera, verdict, filled
-        Whether there is an H; whether its file names a camera; its verdict, None where it was not judged; number of
-        bad positions that a model has filled.
+        Whether there is an H; whether its file states a camera; its verdict (None: not judged); number of bad
+        positions that a model has filled.
     export_title, export_ht, export_bytes
-        Name of the export that is offered, whether its file holds HT, and the size of its values without compression.
+        Name of the offered export, whether its file contains HT, and the size of its values without compression.
     exported, exported_bytes
         File that H was exported to, and its size.
     light_field, volume, voxels, reconstruct_s, depth_s
-        Whether a light field and its volume are there; voxels (z, y, x); forecasts of reconstruction and depth map.
+        Whether there are a light field and its volume; voxels (z, y, x); forecasts of reconstruction and depth map.
     """
 
     place: Place = "setup"
@@ -242,7 +242,7 @@ def _short(text: str, most: int) -> str:
 
 
 def _cause(stopped: str, most: int) -> str:
-    """Return why a recording stopped as a sentence: neither where, nor what to do, both of which the page says."""
+    """Return why a recording stopped, as a sentence without the position and the remedy, which the page shows."""
     words = _short(DEVICE.sub("", stopped).partition(";")[0], most)
     return words if words.endswith("…") else f"{words}."
 

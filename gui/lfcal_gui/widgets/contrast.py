@@ -38,14 +38,14 @@ STEP = 0.01
 class Contrast(QWidget):
     """Histogram, colours and levels of pictures that share one scale.
 
-    Drag a handle, move it with the arrow keys (Tab or Space: the other one), double-click it to type its value.
-    A menu has the automatic choices, scaling and colours.
+    Drag a handle, move it with the arrow keys (Tab or Space selects the other one), or double-click it to type its
+    value. A menu contains automatic contrast, scaling and colours.
 
     Parameters
     ----------
     picture
-        A `lfcal_gui.widgets.picture.Picture`, which gives the histogram; what is chosen holds for those that share its
-        contrast, too.
+        A `lfcal_gui.widgets.picture.Picture`, which provides the histogram. The chosen contrast also applies to
+        pictures that share it.
     """
 
     display_asked = Signal(dict, arguments=["changes"])
