@@ -88,7 +88,7 @@ class AccuracyPart:
 
 
 GROUP = "lfcal.accuracy"
-"""Entry point group for parts of the processing in other distributions."""
+"""Entry point group for parts of the processing in other packages."""
 
 
 def _check(part: AccuracyPart) -> None:

@@ -1,7 +1,7 @@
-"""Registries: parts found by name, from a package of lfcal and from other distributions.
+"""Registries: parts found by name, from a package of lfcal and from other packages.
 
 Each kind of part (image format, effect, metric, solver, page …) has a package, whose modules each define parts in one
-module attribute, and an entry point group for other distributions. To add a part, add one module.
+module attribute, and an entry point group for other packages. To add a part, add one module.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Registry(Generic[T]):
     attribute
         Module attribute that contains a part or a tuple of parts.
     group
-        Entry point group of other distributions; each point loads a part or a tuple of parts.
+        Entry point group of other packages; each point loads a part or a tuple of parts.
     order
         Sort key of the parts. None: by name.
     check
@@ -76,7 +76,7 @@ class Registry(Generic[T]):
                     raise ValueError(f"two {self.what}s are called {part.name!r}")
                 parts[part.name] = part
             for part in self._plugins():
-                parts.setdefault(part.name, part)  # other distributions cannot replace parts of lfcal
+                parts.setdefault(part.name, part)  # other packages cannot replace parts of lfcal
             key = self._order or (lambda part: part.name)
             self._parts = {part.name: part for part in sorted(parts.values(), key=key)}
         return self._parts
@@ -116,7 +116,7 @@ class Registry(Generic[T]):
         return found[name]
 
     def failures(self) -> dict[str, str]:
-        """Return the reasons why parts of other distributions could not be loaded or used, by name of entry point."""
+        """Return the reasons why parts of other packages could not be loaded or used, by name of entry point."""
         self._found()
         return dict(self._failures)
 

@@ -39,7 +39,7 @@ class _Commands(LazyGroup):
     def headings(self, names: tuple[str, ...]) -> Iterator[tuple[str, tuple[str, ...]]]:
         """Yield the headings of the list of commands."""
         yield from HEADINGS.items()
-        yield "Besides", tuple(name for name in names if name not in sum(HEADINGS.values(), ()))
+        yield "Other commands", tuple(name for name in names if name not in sum(HEADINGS.values(), ()))
 
 
 def build_app() -> typer.Typer:

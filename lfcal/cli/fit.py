@@ -1,4 +1,4 @@
-"""``lfcal fit``: find the camera that explains measured patterns, and compute H of it without noise."""
+"""``lfcal fit``: find the camera that explains measured patterns, and compute its H without noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``lfcal fit frames``: recalibrate a camera on ordinary frames, and compute H of it."""
+"""``lfcal fit frames``: recalibrate a camera with ordinary frames, and compute its H."""
 
 from __future__ import annotations
 

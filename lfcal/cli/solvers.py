@@ -1,4 +1,4 @@
-"""``lfcal solvers``: list solvers for volumes, including those from other distributions."""
+"""``lfcal solvers``: list solvers for volumes, including those from other packages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from lfcal.cli._options import JsonOption
 
 
 def command(*, json: JsonOption = False) -> None:
-    """List the solvers of lfcal reconstruct, including those from other distributions.
+    """List the solvers of lfcal reconstruct, including those from other packages.
 
     Example: `lfcal solvers`
     """

@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 GROUP = "lfcal.unknowns"
-"""Entry point group for groups of unknowns of other distributions."""
+"""Entry point group for groups of unknowns of other packages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +219,7 @@ def check_group(group: Group) -> None:
 
 
 def find_groups() -> Registry[Group]:
-    """Return the registry of all groups of unknowns, ordered by rank, including those of other distributions."""
+    """Return the registry of all groups of unknowns, ordered by rank, including those of other packages."""
     return Registry(
         "unknowns", "lfcal.fit.groups", "GROUPS", GROUP, order=lambda g: (g.rank, g.name), check=check_group
     )

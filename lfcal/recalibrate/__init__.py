@@ -1,4 +1,4 @@
-"""Recalibrate a camera on ordinary frames, whose objects are unknown.
+"""Recalibrate a camera with ordinary frames, whose objects are unknown.
 
 - ``_frames``: frames in electrons, checked; ``_window``: windows of the sensor on which they are compared with a model
 - ``_patterns``: H over a window, without a period, and sums over it

@@ -377,7 +377,7 @@ class FitMatrix(_Fit):
 
 @record
 class FitFrames(FitMatrix):
-    """Find the camera that explains measured patterns, and compute H of it without noise.
+    """Find the camera that explains measured patterns, and compute its H without noise.
 
     The fit estimates gap, focal lengths, iris and aberrations. It writes camera.json, effects.json, H.h5, fit.json
     and report/ into a folder. Several sources are regions of the field of one camera: the fit also finds how the

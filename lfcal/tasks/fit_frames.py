@@ -1,4 +1,4 @@
-"""Recalibrate a camera on ordinary frames, whose objects are unknown."""
+"""Recalibrate a camera with ordinary frames, whose objects are unknown."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Recalibrated(TaskResult):
 
 @record
 class Recalibrate(Task):
-    """Recalibrate a camera on ordinary frames, and compute H of it.
+    """Recalibrate a camera with ordinary frames, and compute its H.
 
     The frames may show any structured objects within the depth planes. The fit estimates gap, rotation, offset and
     pitch of the array, focal lengths, iris and aberrations together with each object and dark field. It writes

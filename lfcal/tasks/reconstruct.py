@@ -54,7 +54,7 @@ FORMATS = (".tif", ".ome.tif", ".ome.zarr", ".h5", ".npy")
 
 
 def _find(name: str) -> type[SolverFields]:
-    """Return the record of a solver, including those from other distributions."""
+    """Return the record of a solver, including those from other packages."""
     own = {SOLVER_KINDS.name_of(kind): kind for kind in OWN_SOLVERS}
     if name in own:
         return own[name]

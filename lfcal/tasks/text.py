@@ -99,7 +99,7 @@ def _reported(run: RunSettings | None) -> dict[str, Any]:
 
 def _call(whole: Any, names: set[tuple[str, str]], depth: int) -> str:
     kind = type(whole)
-    # solvers of other distributions have no class that could be imported
+    # solvers of other packages have no class that could be imported
     foreign = isinstance(whole, SolverFields) and kind.__name__ not in FACES
     called = "solver_settings" if foreign else kind.__name__
     names.add((FACES.get(called, "lfcal.tasks"), called))

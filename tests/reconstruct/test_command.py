@@ -1,4 +1,4 @@
-"""``lfcal reconstruct`` as a user runs it, also with solvers of other distributions."""
+"""``lfcal reconstruct`` as a user runs it, also with solvers of other packages."""
 
 from __future__ import annotations
 

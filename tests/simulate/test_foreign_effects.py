@@ -1,4 +1,4 @@
-"""Effects of other distributions: the documented one is complete, and broken ones are left out with a reason."""
+"""Effects of other packages: the documented one is complete, and broken ones are left out with a reason."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Readers for camera descriptions of other programs. Each module recognizes its format by the text of a file.
 
 - ``camera_format``: the interface of a reader, functions that readers share, and the choice of the reader for a file,
-  including readers from other distributions
+  including readers from other packages
 - ``lfcal_json``: lfcal's own camera.json
 - ``raytrix_xml``: the calibration file of a Raytrix camera, and its grid of lenses
 - ``olaf_yaml``: configuration of oLaF and pyolaf

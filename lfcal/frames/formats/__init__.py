@@ -1,7 +1,7 @@
 """Readers of image files, one module per format; most formats are recognized by the first bytes of a file.
 
 - ``image_file``: the interface of a format, shared checks, and the choice of the format for a file, including formats
-  from other distributions
+  from other packages
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""All metrics by name: those of `lfcal.judge.quality.metrics`, and those of other distributions.
+"""All metrics by name: those of `lfcal.judge.quality.metrics`, and those of other packages.
 
 Costs are reconstruction errors (NRMSE relative to the ideal H). Those of scan order, dark planes, missing and
 misplaced frames, background, truncation, hot pixels and flicker come from reconstructions with the fault added to a

@@ -1,4 +1,4 @@
-"""Solvers, found by registry; other distributions can add theirs (``docs/extending.md``).
+"""Solvers, found by registry; other packages can add theirs (``docs/extending.md``).
 
 - ``choice``: all solvers by name; ``solver``: definition of a solver; ``records``: its progress and result
 - ``multiplicative`` (Richardson-Lucy alone, with a penalty, extrapolated), ``ordered_subsets`` (of pixels, of views),

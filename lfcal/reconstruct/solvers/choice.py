@@ -31,7 +31,7 @@ from lfcal.records import SOLVER_ENDS, SolverFields
 __all__ = ["SOLVERS", "SolverChoice", "find_solvers", "iter_reconstruct", "iter_solve", "reconstruct"]
 
 GROUP = "lfcal.solvers"
-"""Entry point group of solvers of other distributions."""
+"""Entry point group of solvers of other packages."""
 
 CHOSEN = ("background", "read_noise", "saturation", "strength", "subsets", "tolerance")
 """Options contained in a `SolverChoice`; the others are arrays and states."""

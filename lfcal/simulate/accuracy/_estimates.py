@@ -78,7 +78,7 @@ def _is_run_without(effect: Effect, planes: Sequence[Outlook]) -> bool:
 
 
 def _hashable(*values: object) -> bool:
-    """Return whether measurements can be stored with these keys; effects of other distributions may hold arrays."""
+    """Return whether measurements can be stored with these keys; effects of other packages may hold arrays."""
     try:
         hash(values)
     except TypeError:

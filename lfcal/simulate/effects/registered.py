@@ -14,7 +14,7 @@ from lfcal.simulate.effects.outlook import Outlook
 __all__ = ["CATALOGUE", "GROUP", "catalogue", "check_effect", "find_effects"]
 
 GROUP = "lfcal.effects"
-"""Entry point group for effects of other distributions."""
+"""Entry point group for effects of other packages."""
 
 
 def check_effect(kind: type[Effect]) -> None:

@@ -155,7 +155,7 @@ def _strip(
 
 def _patterns(seed: int, strip: int, shape: tuple[int, ...]) -> Callable[[str], NDArray[np.float32]]:
     def pattern(name: str) -> NDArray[np.float32]:
-        # the same numbers as in earlier sessions; patterns of other distributions are identified by their names
+        # the same numbers as in earlier sessions; patterns of other packages are identified by their names
         key = PATTERNS.index(name) if name in PATTERNS else zlib.crc32(name.encode())
         rng = random_numbers(seed, FrameKind.PATTERN, key, strip)
         return rng.standard_normal(shape, np.float32)

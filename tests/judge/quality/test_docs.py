@@ -20,7 +20,7 @@ from tests.judge.plain_report import undrawn
 
 @pytest.fixture
 def declare(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Pretend that other distributions declare these metrics."""
+    """Pretend that other packages declare these metrics."""
     real = metadata.entry_points
 
     def pretend(**values: Any) -> None:
