@@ -137,7 +137,7 @@ def scan_noise(source: FrameSource, plan: ScanPlan) -> FrameNoise | None:
 
 
 def _stated(gatherer: Gatherer, order: NDArray[np.int64]) -> FrameNoise | None:
-    """Return the noise that the frames state of a typical sample, None where they state none."""
+    """Return the noise that the frames state for a typical sample; None if they state none."""
     try:
         found = gatherer.cut(int(order[len(order) // 2])).noise
     except LfcalError:  # a damaged frame is reported when its pattern is made

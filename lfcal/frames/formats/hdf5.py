@@ -138,7 +138,7 @@ class Hdf5Image(ImageFile):
         return f"{self.path.name} also contains /{name}; to correct with it, give {option} {self.path}::/{name}"
 
     def _signal(self) -> str:
-        """Return the dataset that NeXus attributes lead to from the root, empty where they lead to none."""
+        """Return the dataset to which NeXus attributes lead from the root; empty if they lead to none."""
         place = ""
         for _ in range(_NEXUS_DEPTH):
             values = self._file.attributes(place).plain()
