@@ -48,7 +48,8 @@ class PlaneTile:
     """Data of a plane: depth (µm), depth-plane sum ``(nt, ns)``, and apertures.
 
     The ``shape`` is that of the cutout, where only what is expected is shown. Of a plane that is being recorded there
-    are a ``word``, the share that is done (``progress``), and the ``merit`` once it was judged.
+    are a ``word``, the share that is done (``progress``), and the ``merit`` once it was judged. Of a simulated plane,
+    ``made`` states how it was computed.
     """
 
     depth_um: float
@@ -59,6 +60,7 @@ class PlaneTile:
     word: str = ""
     progress: float | None = None
     merit: str = ""
+    made: str = ""
 
     def outlines(self) -> tuple[tuple[str, Qt.PenStyle, NDArray[np.float64]], ...]:
         """Return colour, pen and points (row, column) of the outlines over the sum."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lfcal.base import InputError, centre, format_length
 from lfcal.camera import Camera
-from lfcal.psf import PSFMatrix, light_shares
+from lfcal.psf import PSFMatrix, computed_words, light_shares, simulated_planes
 from lfcal_gui.models import DisplaySettings, Levels, plane_words
 
 if TYPE_CHECKING:
@@ -431,6 +431,12 @@ def _numbers(aperture: Aperture) -> dict[str, str]:
         "Ellipticity": seen(f"{100 * aperture.ellipticity:.1f} %"),
         "Confidence": f"{100 * aperture.confidence:.0f} %" if aperture.confident else UNKNOWN,
     }
+
+
+def made_words(matrix: PSFMatrix, z: int) -> str:
+    """Return engine, sampling, processor time and error of a simulated plane as lines of text; else an empty string."""
+    lines = computed_words([simulated_planes(matrix.provenance, len(matrix))[z]])
+    return "\n".join(words.partition(": ")[2].replace("; ", "\n").replace(" x ", " × ") for words in lines)
 
 
 def aperture_tip(z: int, depth_um: float, count: int, fitted: Aperture | None, expected: Aperture | None) -> str:

@@ -488,6 +488,7 @@ class Page(BasePage):
         assert matrix is not None
         self.plane = self._plane_data = None
         self.panel.show_reading(f"Reading plane {z} …")
+        self.panel.show_made(model.made_words(matrix, z))
 
         def failed(words: str) -> None:
             self.context.message.emit(words)
@@ -552,7 +553,7 @@ def _plain(order: str) -> str:
 
 
 def _sum_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:
-    return {"image": matrix.depth_sum(z)}
+    return {"image": matrix.depth_sum(z), "made": model.made_words(matrix, z)}
 
 
 def _apertures_of(matrix: PSFMatrix, z: int) -> dict[str, Any]:

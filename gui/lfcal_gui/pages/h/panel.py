@@ -79,7 +79,8 @@ SIZE = (930, 560)
 
 def tip_of(z: int, tile: PlaneTile, count: int) -> str:
     """Return the tooltip for the aperture of plane ``z`` of ``count`` planes."""
-    return aperture_tip(z, tile.depth_um, count, tile.fitted, tile.expected)
+    made = f"computed with {tile.made}" if tile.made else ""
+    return "\n".join(filter(None, (aperture_tip(z, tile.depth_um, count, tile.fitted, tile.expected), made)))
 
 
 class Apertures(QDialog):
@@ -227,7 +228,7 @@ class HPanel(QWidget):
         self.verdict = VerdictCard("Show all checks of H, failed ones first, with the meaning and remedy of each")
         self.verdict.why_asked.connect(lambda: self.level_asked.emit("checks"))
         self.levels = QStackedWidget()
-        self.levels.addWidget(_scrolled(self.verdict, self._aperture_card(), self._profiles()))
+        self.levels.addWidget(_scrolled(self.verdict, self._aperture_card(), self._profiles(), self._made()))
         self.rows: dict[str, LevelRow] = {}
         self.level_titles: dict[str, QLabel] = {}
         rows = QVBoxLayout()
@@ -270,6 +271,13 @@ class HPanel(QWidget):
         profiles.column.addWidget(self.profile_title)
         profiles.column.addWidget(self.profile)
         return profiles
+
+    def _made(self) -> QWidget:
+        self.made = WrappedLabel(role="hint")
+        self.made_fold = Folded("Computation", "How this plane was computed: engine, sampling, processor time and error")
+        self.made_fold.column.addWidget(self.made)
+        self.made_fold.hide()
+        return self.made_fold
 
     def add_level(self, name: str, view: QWidget, *, scrolled: bool = True) -> None:
         """Add a level to the inspector; ``scrolled``: it scrolls as a whole instead of in parts."""
@@ -409,6 +417,11 @@ class HPanel(QWidget):
         self.readout.setText(words)
         for view in (self.main_view, self.linked_view, self.sum_view, self.profile):
             view.blank.wait(words)
+
+    def show_made(self, words: str) -> None:
+        """Show how the plane was computed; empty: it was not simulated, or its file does not state how."""
+        self.made.setText(words)
+        self.made_fold.setVisible(bool(words))
 
     def show_no_plane(self, words: str) -> None:
         """Show why a plane cannot be read, in place of pictures of another plane."""

@@ -178,6 +178,7 @@ def test_expected_apertures_are_drawn(open_page: OpenPage, context: Context, qtb
     for z, tile in enumerate(tiles):
         assert tile.image is not None and tile.fitted is not None and tile.expected is not None
         assert round(tile.fitted.apothem_px) == (18, 13)[z] and len(tile.outlines()) == 2
+        qtbot.waitUntil(lambda z=z: page.panel.strip.tiles[z].image is not None, timeout=GUARD_MS)
         tip = page.panel.strip.item(z).toolTip()
         assert "fitted: 7 blades" in tip and "expected: 7 blades" in tip and f"Plane {z} (0 to 1)" in tip
         assert set(drawn_in(tile)) == {FITTED, EXPECTED}
@@ -390,3 +391,29 @@ def test_damaged_planes_have_no_picture(open_page: OpenPage, context: Context, q
     page.look_into("fit")
     assert "No H yet" in page.empty.label.text() and not page.fitting.view.fit_button.isEnabled()
     assert page.checking.inspection is None and not page.checking.view.report_button.isEnabled()
+
+
+def test_a_simulated_plane_shows_how_it_was_computed(
+    page: Any, context: Context, tmp_path: Path, qtbot: QtBot
+) -> None:
+    assert page.panel.made_fold.isHidden() and "computed" not in page.panel.strip.item(0).toolTip(), "it was recorded"
+    sampling = {"samples_per_px": 3, "nodes_per_px": 2}
+    grid = {"engine": "grid", "sampling": sampling, "grid_side": 96, "processor_seconds": 2.5, "error": 0.012}
+    rays = {"engine": "geometric", "sampling": sampling, "processor_seconds": 0.25}
+    values = np.ones((3, 3, 4, 5, 7), np.float32)
+    made = PSFMatrix(values, depths=[1, 2, 3], provenance={"simulated": {"planes": [grid, None, rays]}})
+    save(made, tmp_path / "made.h5")
+    context.project.update("open", psf=str(tmp_path / "made.h5"), reference="")
+    idle(context.jobs, qtbot)
+    stated = {
+        0: "grid, 3 samples per pixel, 96 × 96 samples\n2.5 s of processor time\nerror at most 1.2 %",
+        1: "",
+        2: "geometric, rays integrated over the pixels\n0.25 s of processor time",
+    }
+    for z, words in stated.items():
+        page.set_intent(z=z)
+        idle(context.jobs, qtbot)
+        assert page.panel.made.text() == words and page.panel.made_fold.isHidden() is not bool(words)
+        qtbot.waitUntil(lambda z=z: page.panel.strip.tiles[z].image is not None, timeout=GUARD_MS)
+        tip = page.panel.strip.item(z).toolTip()
+        assert tip.endswith(f"computed with {words}") if words else "computed" not in tip
