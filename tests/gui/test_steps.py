@@ -184,6 +184,7 @@ def test_the_history_of_a_project_is_a_script_that_runs(
     window.project.start(ProjectState(camera=plan.camera, plan=plan, settings=settings))
     pages: dict[str, Any] = {key: window.page(key) for key in ("simulate", "reconstruct", "setup")}
     pages["setup"].save_plan(str(tmp_path / "my plan.json"))
+    idle(window.jobs, qtbot)
     pages["simulate"].simulate("sim.h5")
     idle(window.jobs, qtbot)
     pages["reconstruct"].exporting.start("H.npy")

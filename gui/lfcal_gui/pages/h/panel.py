@@ -274,7 +274,9 @@ class HPanel(QWidget):
 
     def _made(self) -> QWidget:
         self.made = WrappedLabel(role="hint")
-        self.made_fold = Folded("Computation", "How this plane was computed: engine, sampling, processor time and error")
+        self.made_fold = Folded(
+            "Computation", "How this plane was computed: engine, sampling, processor time and error"
+        )
         self.made_fold.column.addWidget(self.made)
         self.made_fold.hide()
         return self.made_fold

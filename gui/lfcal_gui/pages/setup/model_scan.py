@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, LfcalError, check_cutout
+from lfcal.base import Clock, InputError, LfcalError, Work, check_cutout, replace_whole
 from lfcal.camera import Camera, ScanPlan, half_cell, moved_onto_sensor
 from lfcal.records import rows
 from lfcal.tasks import PLAN_FORMATS, PlanScan, plan_text
@@ -183,6 +183,17 @@ def plan_files(plan: ScanPlan, half: NDArray[np.intp] | None, path: str | Path) 
     # a plan does not list the positions
     listed = {list_beside(path): partial(list_text, half)} if half is not None and name == "plan" else {}
     return {Path(path): partial(plan_text, plan, name, half), **listed}
+
+
+def iter_saved(files: Mapping[Path, Callable[[], str]]) -> Work[str]:
+    """Write the files of `plan_files`, and return what was saved as text."""
+    clock = Clock("saving the plan", len(files))
+    for k, (path, make) in enumerate(files.items()):
+        yield clock.at(k)
+        text = make()  # a format that cannot describe the plan leaves the old file
+        with replace_whole(path) as part:
+            part.write_text(text, encoding="utf-8")
+    return saved_words(files)
 
 
 def saved_words(files: Iterable[Path]) -> str:

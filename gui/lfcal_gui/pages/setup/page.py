@@ -33,9 +33,9 @@ from lfcal_gui.pages.setup.model_scan import (
     SAVED,
     default_plan,
     half_of,
+    iter_saved,
     moved,
     plan_files,
-    saved_words,
 )
 from lfcal_gui.pages.setup.model_scan import apply_change as change_plan
 from lfcal_gui.pages.setup.model_target import OF_SCAN, PlannedTarget, PlanSettings, read_plan, refused_setting
@@ -561,12 +561,19 @@ class Page(BasePage):
             self.refuse(str(error))
             return
         path = path or ask_target(self, "Save plan", "plan", SAVED, lambda to: list(plan_files(plan, half, to)))
-        files = plan_files(plan, half, path) if path else {}
-        if files and all(write_file(self, str(file), _writing(make)) for file, make in files.items()):
-            self.context.history.add(
-                self.context.taken("setup", f"Save plan {Path(path).name}", path, lambda: scan_step(state, path))
+        if path:
+            jobs, files, title = self.context.jobs, plan_files(plan, half, path), f"Save plan {Path(path).name}"
+            taken = self.context.taken("setup", title, path, lambda: scan_step(state, path))
+            # as a job: the positions of a large scan take a while to write
+            jobs.start(
+                title,
+                "setup",
+                lambda: iter_saved(files),
+                self.context.message.emit,
+                lambda job: self.refuse(job.error),
+                at_once=True,
+                taken=taken,
             )
-            self.context.message.emit(saved_words(files))
 
 
 def _iter_checked(camera: Camera, white: Path, dark: Path | None) -> Work[Checked]:
@@ -589,10 +596,6 @@ def _refused_half(plan: ScanPlan) -> str:
     except LfcalError as error:
         return str(error)
     return ""
-
-
-def _writing(make: Callable[[], str]) -> Callable[[Path], object]:
-    return lambda part: part.write_text(make(), encoding="utf-8")
 
 
 def _is_plan(path: str) -> bool:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from PySide6.QtWidgets import QFileDialog, QMessageBox
+from PySide6.QtWidgets import QFileDialog
 from pytestqt.qtbot import QtBot
 
 from lfcal.acquire import RedoList
 from lfcal.base import LfcalError, drain
 from lfcal.camera import Camera, Forecast, Marks, ScanPlan, StageAxes, preset, stage_table, useq_sequence
 from lfcal.simulate import iter_expected_light
+from lfcal.tasks import plan_text
 from lfcal_gui.context import Context
 from lfcal_gui.models import Step, next_step
-from lfcal_gui.pages.setup import model_picture
+from lfcal_gui.pages.setup import model_picture, model_scan
 from lfcal_gui.pages.setup.model_picture import ScanCosts, numbers_of
 from lfcal_gui.pages.setup.model_scan import ROWS, half_of
 from lfcal_gui.pages.setup.model_target import PlanSettings
@@ -220,6 +222,7 @@ def test_a_plan_is_made_and_saved(open_page: OpenPage, context: Context, qtbot: 
     context.project.update("planes", plan=replace(changed, depths_um=changed.depths_um[:2], exposure_s=0.01))
     assert page.panel.forecast.text() != before
     page.save_plan(str(tmp_path / "plan.json"))
+    idle(context.jobs, qtbot)
     assert ScanPlan.from_json((tmp_path / "plan.json").read_text()) == context.state.plan
     context.project.update("camera", camera=preset("r29"), plan=None)
     assert inspector.scan.isHidden()
@@ -230,7 +233,13 @@ def test_a_plan_is_made_and_saved(open_page: OpenPage, context: Context, qtbot: 
 
 @pytest.mark.parametrize(("name", "half"), [("csv", False), ("useq", False), ("csv", True)])
 def test_stage_positions_are_saved_for_other_programs(
-    open_page: OpenPage, context: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, half: bool
+    open_page: OpenPage,
+    context: Context,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    qtbot: QtBot,
+    name: str,
+    half: bool,
 ) -> None:
     """Each format of the command is offered by *Save …*; the file is that of the command, and so is the copied one."""
     (tmp_path / "saved").mkdir()
@@ -238,7 +247,13 @@ def test_stage_positions_are_saved_for_other_programs(
     plan = replace(half_plan(6.0), stage=StageAxes(origin_um=(1.0, 2.0, 3.0)))
     settings = PlanSettings(half_cell=half).into(context.state)
     context.project.update("plan", camera=plan.camera, plan=plan, settings=settings)
-    page, offered, said, warned = open_page("setup"), list[str](), list[str](), list[str]()
+    page, offered, said, threads = open_page("setup"), list[str](), list[str](), set[threading.Thread]()
+
+    def watched(*given: Any) -> str:
+        threads.add(threading.current_thread())
+        return plan_text(*given)
+
+    monkeypatch.setattr(model_scan, "plan_text", watched)
 
     def typed(*given: Any) -> tuple[str, str]:
         offered.extend(given[3].split(";;"))
@@ -247,6 +262,8 @@ def test_stage_positions_are_saved_for_other_programs(
     monkeypatch.setattr(QFileDialog, "getSaveFileName", typed)
     context.message.connect(said.append)
     page.save_plan()
+    idle(context.jobs, qtbot)
+    assert threads and threading.main_thread() not in threads, "a large scan takes a while to write"
     assert len(offered) == len(ROWS["written_as"].opt.choices)
     (made,) = Path.cwd().iterdir()
     assert "save the plan too" in said[-1] and made.name in said[-1]
@@ -256,11 +273,13 @@ def test_stage_positions_are_saved_for_other_programs(
     (copied,) = Path.cwd().glob("copied*")
     assert copied.read_text() == made.read_text()
     two = ScanPlan.for_camera(preset("bench"), virtual_depths=(3.0, 4.0), exposure_s=(0.01, 0.02))
-    monkeypatch.setattr(QMessageBox, "warning", lambda *given: warned.append(given[2]))
     whole = PlanSettings().into(context.state)
     context.project.update("plan", camera=two.camera, plan=two, settings=whole)
     page.save_plan(str(tmp_path / "plan.useq.json"))
-    assert "one for all planes" in warned[-1] and not list(tmp_path.glob("plan*")), "a format cannot describe it"
+    idle(context.jobs, qtbot)
+    assert "one for all planes" in page.notice.label.text() and not list(tmp_path.glob("plan*")), (
+        "a format cannot describe it"
+    )
 
 
 def test_only_what_changed_is_drawn(
@@ -292,7 +311,9 @@ def half_plan(rows: float) -> ScanPlan:
     return ScanPlan.for_camera(camera_of((rows, 12.0), 1), virtual_depths=(3.0,), cutout=31)
 
 
-def test_a_half_cell_scan_is_saved_with_its_list(open_page: OpenPage, context: Context, tmp_path: Path) -> None:
+def test_a_half_cell_scan_is_saved_with_its_list(
+    open_page: OpenPage, context: Context, tmp_path: Path, qtbot: QtBot
+) -> None:
     plan = half_plan(6.0)
     context.project.update("plan", camera=plan.camera, plan=plan)
     page, said = open_page("setup"), list[str]()
@@ -304,6 +325,7 @@ def test_a_half_cell_scan_is_saved_with_its_list(open_page: OpenPage, context: C
     assert "half-cell scan: expected frames that are not resampled" in scan.error
     assert context.state.plan == plan, "a half-cell scan takes frames as they are"
     page.save_plan(str(tmp_path / "plan.json"))
+    idle(context.jobs, qtbot)
     assert ScanPlan.from_json((tmp_path / "plan.json").read_text()) == plan
     assert len(RedoList.read(tmp_path / "plan_positions.json").positions) == 36
     assert "plan_positions.json for Positions in Record > Rig" in said[-1]

@@ -149,7 +149,7 @@ def test_a_point_is_no_target_and_the_page_says_what_to_type(open_page: OpenPage
 
 
 def test_what_is_planned_is_shown_and_written_the_same_by_every_route(
-    planned: Any, context: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    planned: Any, context: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, qtbot: QtBot
 ) -> None:
     target = planned.target
     plan = target.found.plan
@@ -181,6 +181,7 @@ def test_what_is_planned_is_shown_and_written_the_same_by_every_route(
     run = CliRunner().invoke(build_app(), ["acquire", "mine.json", "-o", "session", "--dry-run"])
     assert run.exit_code == 0, run.output
     planned.save_plan("plan.json")
+    idle(context.jobs, qtbot)
     scanned = context.history.taken[-1].step
     assert "target" not in scanned.arguments
 
@@ -261,6 +262,7 @@ def test_a_plan_of_other_values_is_shown_no_longer_and_a_saved_one_is_opened_aga
     plan = target.found.plan
     target.save_target(str(path))
     planned.save_plan(str(tmp_path / "plan.json"))
+    idle(context.jobs, qtbot)
     latest = context.history.latest("setup")
     assert latest == str(tmp_path / "plan.json"), "no copied step replaces the other plan"
     assert "--out=target_plan.json" in step(context.state, latest).arguments
