@@ -52,8 +52,11 @@ def test_an_ome_zarr_is_read_by_its_axes(tmp_path: Path, version: str) -> None:
         for k in range(24):
             np.testing.assert_array_equal(frames.read(k), FRAMES[tuple(frames.info(k).position)])
         np.testing.assert_array_equal(frames.read(3, (slice(2, 9), slice(5, 7))), frames.read(3)[2:9, 5:7])
-    image = open_image(path / (".zattrs" if version == "0.4" else "zarr.json"))
-    assert image.metadata["pixel_um"] == 0.5
+    for place in (path, path / (".zattrs" if version == "0.4" else "zarr.json")):
+        image = open_image(place)
+        assert image.metadata["pixel_um"] == 0.5 and image.pages == 24
+    write_zarr(tmp_path / "one.zarr", FRAMES[0, 0, 0], "yx", version)
+    np.testing.assert_array_equal(read_image(tmp_path / "one.zarr"), FRAMES[0, 0, 0])
     series = tmp_path / "series.zarr"
     write_zarr(series, FRAMES.reshape(24, 16, 18), "tyx", version)
     with pytest.raises(InputError, match="a scan order"):

@@ -93,6 +93,7 @@ from lfcal_gui.models.page import (
     PLACES,
     available_pages,
     file_state,
+    is_image,
     nothing,
     page_states,
 )

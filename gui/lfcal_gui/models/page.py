@@ -11,6 +11,9 @@ from pathlib import Path
 from lfcal.base import Registry
 from lfcal_gui.models.project import ProjectState
 
+ZARR = ".zarr"
+"""Suffix of a folder in the format OME-Zarr."""
+
 
 class PageState(Enum):
     """State of a page; the value is the displayed text."""
@@ -119,6 +122,14 @@ def _exists(module: str) -> bool:
         return importlib.util.find_spec(module) is not None
     except ModuleNotFoundError:
         return False
+
+
+def is_image(path: str) -> bool:
+    """Return whether a path may be one image: a file, or a folder in the format OME-Zarr."""
+    from lfcal.frames.formats import image_suffixes
+
+    suffix, place = Path(path).suffix.lower(), Path(path)
+    return place.is_dir() if suffix == ZARR else suffix in image_suffixes() and place.is_file()
 
 
 def nothing(path: str) -> bool:

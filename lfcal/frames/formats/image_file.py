@@ -235,7 +235,7 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
     Supported formats are greyscale TIFF (with one or several pages, 16-bit and others), PNG, PGM, ``.npy`` arrays,
     FITS, HDF5 stacks, OME-Zarr, NDTiff, and camera RAW (the unprocessed mosaic). Plug-ins add others. The format is
     detected from the first bytes of the file, except for camera RAW, which is recognized by the suffix, and for the
-    folders of OME-Zarr and NDTiff, which are opened by the file that describes them (``zarr.json``, ``NDTiff.index``).
+    folders of OME-Zarr and NDTiff. Give such a folder, or the file that describes it (``zarr.json``, ``NDTiff.index``).
 
     Parameters
     ----------
@@ -271,6 +271,8 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
     path, inside = split_dataset(path)
     if colour is not None and colour not in ("R", "G", "B"):
         raise InputError.expected("colour", "R, G or B", repr(colour), "choose one of these")
+    if path.is_dir():
+        path = container_in(path) or path
     head = _head(path)
     for form in FORMATS:
         if form.recognises(head, path):

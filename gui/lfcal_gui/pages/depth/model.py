@@ -140,13 +140,6 @@ def task_of(settings: DepthSettings, project: ProjectState, frame: str, out: str
     return from_flat(Depth, own | options)
 
 
-def takes(path: str) -> bool:
-    """Return whether a file may be an image."""
-    from lfcal.frames.formats import image_suffixes
-
-    return Path(path).is_file() and Path(path).suffix.lower() in image_suffixes()
-
-
 def frame_picture(path: str) -> NDArray[Any]:
     """Return the displayed image of a frame ``(rows, columns)``; for several colours, their mean."""
     from lfcal.frames import read_image

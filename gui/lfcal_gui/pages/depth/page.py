@@ -16,7 +16,7 @@ from lfcal.tasks import Depth, DepthForecast, MeasuredDepth
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, Shot, Taken, described, said_in_window, shown_of
+from lfcal_gui.models import PageSpec, ProjectState, Shot, Taken, described, is_image, said_in_window, shown_of
 from lfcal_gui.pages.depth import model
 from lfcal_gui.pages.depth.model import DepthSettings, Looked, Shade
 from lfcal_gui.pages.depth.panel import DepthPanel
@@ -132,7 +132,7 @@ class Page(BasePage):
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Accept a dropped image."""
-        if len(paths) == 1 and model.takes(paths[0]):
+        if len(paths) == 1 and is_image(paths[0]):
             self.open_frame(paths[0])
             return True
         return False

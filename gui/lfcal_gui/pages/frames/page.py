@@ -19,7 +19,7 @@ from lfcal.tasks import Assemble
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import Filling, PageSpec, ProjectState, options_in
+from lfcal_gui.models import Filling, PageSpec, ProjectState, is_image, options_in
 from lfcal_gui.pages.frames import model
 from lfcal_gui.pages.frames._import_dialog import ImportDialog
 from lfcal_gui.pages.frames._noticed import Noticed
@@ -224,11 +224,12 @@ class Page(BasePage):
             self._open()
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Accept a dropped folder of frames, or a list of frames."""
+        """Accept a dropped folder or list of frames; an image file of all frames only if this page is visible."""
         if len(paths) == 1 and Path(paths[0]).is_dir():
             self.open_folder(paths[0])
             return True
-        if len(paths) == 1 and Path(paths[0]).suffix.lower() in TABLE_SUFFIXES:
+        listed = len(paths) == 1 and Path(paths[0]).suffix.lower() in TABLE_SUFFIXES
+        if listed or (len(paths) == 1 and self.isVisible() and is_image(paths[0])):
             self.start_import(paths[0])
             return True
         return False

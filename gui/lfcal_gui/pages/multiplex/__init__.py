@@ -8,21 +8,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from lfcal_gui.models import PageSpec, PageState, ProjectState
+from lfcal_gui.models import PageSpec, PageState, ProjectState, is_image
 
 
 def state(project: ProjectState) -> PageState:
     """Return the state of the page, which needs no part of the project."""
     return PageState.READY
-
-
-def takes(path: str) -> bool:
-    """Return whether a file may be an image."""
-    from lfcal.frames.formats import image_suffixes
-
-    return Path(path).is_file() and Path(path).suffix.lower() in image_suffixes()
 
 
 PAGE = PageSpec(
@@ -33,5 +24,5 @@ PAGE = PageSpec(
     package=__name__,
     state=state,
     needs="lfcal.multiplex",
-    takes=takes,
+    takes=is_image,
 )

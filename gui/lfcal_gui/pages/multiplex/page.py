@@ -13,9 +13,8 @@ from lfcal.camera import Camera
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState
+from lfcal_gui.models import PageSpec, ProjectState, is_image
 from lfcal_gui.pages.multiplex import model as view
-from lfcal_gui.pages.multiplex import takes
 from lfcal_gui.pages.multiplex.figures_view import Drawing
 from lfcal_gui.pages.multiplex.model import IMAGES, ModulatorPicture, MultiplexSettings
 from lfcal_gui.pages.multiplex.model_compare import ModulatorComparison, compare
@@ -175,7 +174,7 @@ class Page(BasePage):
 
     def accept_drop(self, paths: list[str]) -> bool:
         """Accept a dropped image."""
-        if len(paths) == 1 and takes(paths[0]):
+        if len(paths) == 1 and is_image(paths[0]):
             self.open_image(paths[0])
             return True
         return False

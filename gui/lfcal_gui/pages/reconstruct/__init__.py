@@ -8,22 +8,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state
+from lfcal_gui.models import PageSpec, PageState, ProjectState, file_state, is_image
 
 
 def state(project: ProjectState) -> PageState:
     """Return the state of the page: whether a volume is saved."""
     there = file_state(project.psf, ready=False) is PageState.DONE
     return file_state(project.volume, ready=there)
-
-
-def takes(path: str) -> bool:
-    """Return whether a file may be an image."""
-    from lfcal.frames.formats import image_suffixes
-
-    return Path(path).is_file() and Path(path).suffix.lower() in image_suffixes()
 
 
 PAGE = PageSpec(
@@ -35,6 +26,6 @@ PAGE = PageSpec(
     state=state,
     place="use",
     needs="lfcal.reconstruct",
-    takes=takes,
+    takes=is_image,
     keys=(("Page up, Page down", "step through depth planes"), ("Home", "initial view of the volume")),
 )

@@ -13,21 +13,29 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import InputError, Work, format_bytes, format_seconds
+from lfcal.base import InputError, Work, format_bytes, format_seconds, map_npy
+from lfcal.base.h5 import H5File
 from lfcal.psf import PSFMatrix, mat_order_of
 from lfcal.reconstruct import (
+    DATASET,
     Resampling,
     SolverChoice,
     SolverProgress,
     SolverState,
+    VolumeFacts,
     cleaner,
     cropped,
     drift_note,
     drift_words,
+    load_volume,
     nrmse,
+    volume_facts,
 )
 from lfcal.reconstruct.solvers import iter_solve
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings
+
+VOLUMES_ALONE = (".h5", ".hdf5")
+"""Suffixes of volumes that no image has."""
 
 # -- light field ----------------------------------------------------------------------------------------
 LARGEST = 640
@@ -39,6 +47,44 @@ def light_field(path: str) -> NDArray[Any]:
     from lfcal.frames import read_image
 
     return read_image(Path(path))
+
+
+class OpenedVolume(NamedTuple):
+    """A volume ``(nz, Y, X)`` that was read from the file or folder ``path``, and what this states of it."""
+
+    path: str
+    values: NDArray[np.float32]
+    facts: VolumeFacts
+
+
+def opened(path: str) -> NDArray[Any] | OpenedVolume | None:
+    """Return the light field or the volume at ``path``. None: an H, which another page shows.
+
+    Files with several planes contain volumes.
+    """
+    planes = _planes_in(Path(path))
+    if planes is None:
+        return None
+    return read_volume(path) if planes > 1 else light_field(path)
+
+
+def read_volume(path: str) -> OpenedVolume:
+    """Return the volume in a file or folder."""
+    return OpenedVolume(path, load_volume(path), volume_facts(path))
+
+
+def _planes_in(path: Path) -> int | None:
+    """Return the number of planes in a file: 1 in a light field, more in a volume; None: it is an H."""
+    from lfcal.frames import open_image
+
+    if path.suffix.lower() in VOLUMES_ALONE:
+        with H5File(path, only=(DATASET,)) as file:
+            return 2 if DATASET in file else None
+    if path.suffix.lower() == ".npy" and map_npy(path).ndim > 3:
+        return None
+    image = open_image(path)
+    image.close()
+    return image.pages
 
 
 @dataclass(frozen=True, eq=False)

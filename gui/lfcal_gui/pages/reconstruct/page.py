@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +13,24 @@ from PySide6.QtWidgets import QFileDialog
 
 from lfcal.base import LfcalError, format_seconds
 from lfcal.psf import empty_words
-from lfcal.reconstruct import VolumeFacts
 from lfcal_gui.base_page import BasePage
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WAITS, JobState, WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, Shot, Taken, rough_seconds, stated_order
-from lfcal_gui.pages.reconstruct import takes
+from lfcal_gui.models import PageSpec, ProjectState, Shot, Taken, is_image, rough_seconds, stated_order
 from lfcal_gui.pages.reconstruct._costing import Costing
 from lfcal_gui.pages.reconstruct._exporting import Exporting
 from lfcal_gui.pages.reconstruct.model import ReconstructSettings, device_reason
 from lfcal_gui.pages.reconstruct.model_solving import (
+    VOLUMES_ALONE,
+    OpenedVolume,
     Solving,
     SolvingForecast,
     Synthetic,
     forecast_for,
     light_field,
     make_light_field,
+    opened,
+    read_volume,
 )
 from lfcal_gui.pages.reconstruct.panel import ReconstructPanel
 from lfcal_gui.pages.reconstruct.step import step
@@ -38,6 +41,7 @@ VOLUMES = (
     "TIFF stack, opens in ImageJ (*.tif);;OME-TIFF with depths (*.ome.tif);;OME-Zarr, a folder (*.ome.zarr);;"
     "HDF5 (*.h5);;numpy (*.npy)"
 )
+STORED = "Volumes (*.tif *.tiff *.h5 *.hdf5 *.npy);;All files (*)"
 STOPPING = "stopping after the current iteration …"
 FOLLOWED = ("psf", "light_field", "volume")
 
@@ -54,6 +58,8 @@ class Page(BasePage):
         self.saved: NDArray[Any] | None = None
         self._opened = ""
         self._ready: tuple[str, NDArray[Any]] | None = None  # read before the project changes
+        self._ready_volume: OpenedVolume | None = None
+        self._saved_as = ""  # file of the volume that was reconstructed here
         self._job = 0
         self._shown_iteration = -1
         self._seconds: float | None = None
@@ -64,11 +70,13 @@ class Page(BasePage):
             self.segments.addWidget(segment)
         self.tools.addWidget(self.panel.view.brightest)
         self.tools.addWidget(self.panel.view.overlay)
+        self.tools.addWidget(self.panel.open_volume)
         self.set_panel(self.panel)
         for form in (self.panel.form, self.panel.more):
             context.let_edit(form, lambda: self.settings)
         self.panel.pressed.connect(self._pressed)
         self.panel.make_asked.connect(self.make_light_field)
+        self.panel.volume_asked.connect(self.choose_volume)
         view = self.panel.view
         view.said.connect(self._say)
         self.shortcut("PgUp", lambda: view.set_cross(z=view.intent.z - 1))
@@ -101,6 +109,7 @@ class Page(BasePage):
         else:
             self._close()
         self.solving = self.synthetic = self.saved = self._seconds = None
+        self._saved_as = ""
         self.panel.show_no_volume()
         self._show_controls()
 
@@ -129,6 +138,12 @@ class Page(BasePage):
     def _show(self, state: ProjectState) -> None:
         self.context.matrices.want(state.psf)
         matrix = self.context.matrix(self.context.state.psf)
+        self.panel.area.setEnabled(matrix is not None)
+        if matrix is None and self.saved is not None:  # a volume is looked at without H
+            self.show_body()
+            self._facts = Path(state.volume).name
+            self._say(self.panel.view.readout)
+            return
         if matrix is None:
             self.hint.setText(self.spec.hint)
             self.show_no_matrix(
@@ -218,21 +233,37 @@ class Page(BasePage):
 
     def open_light_field(self, path: str) -> None:
         """Make an image the light field after checking that it can be read."""
+        self.load(Path(path).name, lambda: light_field(path), partial(self._take_light_field, path))
 
-        def read(image: NDArray[Any]) -> None:
-            self._ready = (path, image)
-            self.context.project.update("open light field", light_field=path)
-            if self._ready is not None:  # same path as before: the project did not change
-                self._load()
-
-        self.load(Path(path).name, lambda: light_field(path), read)
+    def _take_light_field(self, path: str, image: NDArray[Any]) -> None:
+        self._ready = (path, image)
+        self.context.project.update("open light field", light_field=path)
+        if self._ready is not None:  # same path as before: the project did not change
+            self._load()
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Accept a dropped image."""
-        if len(paths) == 1 and takes(paths[0]):
-            self.open_light_field(paths[0])
-            return True
-        return False
+        """Accept a dropped light field or volume; an HDF5 file only if this page is visible."""
+        if len(paths) != 1:
+            return False
+        alone = Path(paths[0]).suffix.lower() in VOLUMES_ALONE and self.isVisible()
+        taken = alone or is_image(paths[0])
+        if taken:
+            self.open_any(paths[0])
+        return taken
+
+    def open_any(self, path: str) -> None:
+        """Open a light field or a volume. The place H opens an H."""
+
+        def read(found: NDArray[Any] | OpenedVolume | None) -> None:
+            if isinstance(found, OpenedVolume):
+                self._take_volume(found)
+            elif found is not None:
+                self._take_light_field(path, found)
+            else:
+                self.context.go.emit("h", None)
+                self.context.files_offered.emit([path])
+
+        self.load(Path(path).name, lambda: opened(path), read)
 
     def _load(self) -> None:
         path = self.context.state.light_field
@@ -472,27 +503,51 @@ class Page(BasePage):
         self.context.history.add(taken)
         self.context.message.emit(f"volume saved as {path}")
         if begun == self.context.project.begun:  # else it is of a project that is no longer open
+            self._saved_as = path
             self.context.project.update("reconstruction", volume=path)
 
-    def _load_volume(self) -> None:
-        """Show the volume of the project, unless a newer one was reconstructed."""
-        from lfcal.reconstruct import load_volume, volume_facts
+    # -- stored volumes --------------------------------------------------------------------------------
+    def choose_volume(self, folder: bool) -> None:
+        """Ask for the file of a volume, or for its ``folder``."""
+        title = "Open volume"
+        path = QFileDialog.getExistingDirectory(self, title) if folder else ""
+        path = path if folder else QFileDialog.getOpenFileName(self, title, "", STORED)[0]
+        if path:
+            self.load(Path(path).name, lambda: read_volume(path), self._take_volume)
 
-        if self.solving is not None:
+    def _take_volume(self, found: OpenedVolume) -> None:
+        """Show a volume that was read instead of a reconstructed one."""
+        if self._job:
+            self.refuse("a reconstruction is running; stop it, then open the volume again")
             return
-        self.saved = None
-        self.panel.show_no_volume()
+        self._ready_volume, self._saved_as = found, ""
+        self.context.project.update("open volume", volume=found.path)
+        if self._ready_volume is not None:  # same path as before: the project did not change
+            self._load_volume()
+
+    def _load_volume(self) -> None:
+        """Show the volume of the project, unless it was reconstructed here."""
         path, jobs = self.context.state.volume, self.context.jobs
+        ready, self._ready_volume = self._ready_volume, None
+        if self._job or (self.solving is not None and path in ("", self._saved_as)):
+            return
+        self._close()
+        self.solving = self.saved = None
+        self.panel.show_no_volume()
+        self._show_controls()
         jobs.drop("reconstruct volume")
 
-        def loaded(found: tuple[NDArray[Any], VolumeFacts]) -> None:
-            volume, facts = found
+        def loaded(found: OpenedVolume) -> None:
             if self.solving is None and path == self.context.state.volume:
-                self.saved = volume
-                self.panel.view.set_volume(volume, facts.depths_um, facts.voxel_um, title=Path(path).name)
+                self.saved = found.values
+                facts = found.facts
+                self.panel.view.set_volume(found.values, facts.depths_um, facts.voxel_um, title=Path(path).name)
+                self._show(self.context.state)
 
-        if path and Path(path).exists():
-            jobs.load("reconstruct volume", lambda: (load_volume(path), volume_facts(path)), loaded, self.refuse)
+        if ready is not None and ready.path == path:
+            loaded(ready)
+        elif path and Path(path).exists():
+            jobs.load("reconstruct volume", lambda: read_volume(path), loaded, self.refuse)
 
     def _close(self) -> None:
         if self.solving is not None:

@@ -51,7 +51,7 @@ NOT_BY_ITSELF = "It cannot hold out pixels, so it ends after the number of itera
 
 NO_LIGHT_FIELD = (
     "No light field open\nOpen an image taken through these optics, or make one from a known "
-    "specimen to test this H.\nYou can also drop a .tif, .png or .raw file here."
+    "specimen to test this H.\nYou can also drop a light field or a volume here."
 )
 
 NO_CURVE = "Press Reconstruct. Each iteration adds a point."
@@ -83,6 +83,8 @@ class ReconstructPanel(QWidget):
 
     pressed = Signal(str, arguments=["key"])
     """A button was pressed: ``"open"``, ``"save"``, ``"again"``, or one of `GO`."""
+    volume_asked = Signal(bool, arguments=["folder"])
+    """Request to open a stored volume: a file, or a folder."""
     make_asked = Signal(str, arguments=["phantom"])
     """Request to make a light field from a phantom."""
 
@@ -100,6 +102,11 @@ class ReconstructPanel(QWidget):
         self.phantoms = QMenu(self)
         for name in PHANTOMS:
             self.phantoms.addAction(name).triggered.connect(lambda _=False, name=name: self.make_asked.emit(name))
+        self.open_volume = button("Open volume", "Open a volume that was reconstructed earlier or by another program")
+        kinds = QMenu(self)
+        for name, folder in (("File …", False), ("OME-Zarr folder …", True)):
+            kinds.addAction(name).triggered.connect(lambda _=False, folder=folder: self.volume_asked.emit(folder))
+        self.open_volume.setMenu(kinds)
         empty = {
             "Open light field …": (OPEN, lambda: self.pressed.emit("open")),
             "Simulate …": (MAKE, self._show_phantoms),

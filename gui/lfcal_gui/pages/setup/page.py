@@ -16,7 +16,7 @@ from lfcal.camera import CAMERA_FORMATS, PRESETS, Camera, Imported, ScanPlan, do
 from lfcal_gui.base_page import BasePage, Deed
 from lfcal_gui.context import Context
 from lfcal_gui.jobs import WindowJob
-from lfcal_gui.models import PageSpec, ProjectState, described, with_checked, with_described
+from lfcal_gui.models import PageSpec, ProjectState, described, is_image, with_checked, with_described
 from lfcal_gui.pages.setup import takes
 from lfcal_gui.pages.setup._inspector import BUTTONS, PRESET
 from lfcal_gui.pages.setup.model import (
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 LOST = "This camera cannot scan the planes of the plan, so the plan was removed. Undo restores it"
 LEAVES = "the cutout leaves the sensor"
-ASKS = "Which camera is it?\nA file or a preset gives most values of a camera. You can also drop a camera file here."
+ASKS = "Which camera is it?\nA file or a preset gives most values of a camera. You can also drop a camera or plan here."
 BY_HAND = "Begin with typical values, each marked as assumed, and type the values of your camera"
 SAMPLE = "A small recorded session with its camera: frames, dark and white frames, assembled into H"
 MATTERS = 0.01
@@ -401,7 +401,13 @@ class Page(BasePage):
             self.context.message.emit(f"camera saved as {path}")
 
     def accept_drop(self, paths: list[str]) -> bool:
-        """Accept a dropped plan or camera; other JSON and text files only if this page is visible."""
+        """Accept a dropped plan or camera; a white image, JSON and text files only if this page is visible."""
+        if len(paths) == 1 and self.isVisible() and _is_white(paths[0]):
+            if self.empty is None:
+                self.check_white(paths[0])
+            else:
+                self.refuse("Choose the camera, then drop the white image again.")
+            return True
         if len(paths) != 1 or not (takes(paths[0]) or Path(paths[0]).suffix.lower() in _suffixes()):
             return False
         if _is_plan(paths[0]):
@@ -596,6 +602,11 @@ def _refused_half(plan: ScanPlan) -> str:
     except LfcalError as error:
         return str(error)
     return ""
+
+
+def _is_white(path: str) -> bool:
+    """Return whether a file may be a white image; arrays are more often an H, and folders frames."""
+    return is_image(path) and Path(path).is_file() and Path(path).suffix.lower() != ".npy"
 
 
 def _is_plan(path: str) -> bool:

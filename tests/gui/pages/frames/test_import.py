@@ -86,6 +86,17 @@ def test_samples_and_colours(tmp_path: Path) -> None:
     assert "expected G1, R, B or G2" in survey(ImportChoice(str(tmp_path), channel="X"), plan_of(), None).problem
 
 
+def test_a_dropped_stack_is_imported_if_the_page_is_visible(open_page: Any, tmp_path: Path, qtbot: QtBot) -> None:
+    page, path = open_page("frames"), tmp_path / "scan.tif"
+    tifffile.imwrite(path, np.zeros((5, 16, 18), np.uint16))
+    assert page.accept_drop([str(path)])
+    qtbot.waitUntil(lambda: page.dialog.survey is not None, timeout=GUARD_MS)
+    assert page.dialog.choice.frames == str(path)
+    page.dialog.reject()
+    page.hide()
+    assert not page.accept_drop([str(path)])
+
+
 def test_the_dialog_opens_the_frames(qtbot: QtBot, context: Context, open_page: Any, folder: Path) -> None:
     page = open_page("frames")
     context.project.update("camera", camera=scan().camera, plan=plan())

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QComboBox
+from PySide6.QtWidgets import QComboBox, QFileDialog
 from pytestqt.qtbot import QtBot
 
 from lfcal.accuracy import CostPoint, Curve
@@ -21,6 +21,7 @@ from lfcal_gui.models import ProjectState, subject_of
 from lfcal_gui.pages.reconstruct import model
 from lfcal_gui.pages.reconstruct.model import NO_DEVICE, ReconstructSettings, device_reason
 from lfcal_gui.pages.reconstruct.page import Page
+from tests.frames.test_containers import write_zarr
 from tests.gui.conftest import OpenPage
 from tests.gui.pages.reconstruct.test_model import matrix_file
 from tests.gui.waiting import GUARD_MS, idle
@@ -69,6 +70,64 @@ def test_missing_positions_of_h_and_the_scale_of_a_saved_volume_are_said(
     assert prepared.solid.measured
     np.testing.assert_allclose(prepared.solid.sides, (2.5, 3.0), rtol=1e-5)
     assert prepared.solid.given.tolist() == [30.0, 10.0]
+
+
+VOLUME = np.random.default_rng(3).random((2, 4, 5)).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", ["v.ome.zarr", "other.zarr", "v.h5", "v.tif", "v.npy"])
+def test_a_dropped_volume_is_shown(page: Page, context: Context, qtbot: QtBot, tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    if name == "other.zarr":  # of another program
+        write_zarr(path, VOLUME, "zyx", "0.5")
+    else:
+        pytest.importorskip("zarr" if path.suffix == ".zarr" else "numpy")
+        save_volume(path, VOLUME, depths_um=None if path.suffix == ".npy" else [10.0, 30.0])
+    make(page, qtbot, tmp_path / "light.tif")
+    page.start()
+    ended(page, qtbot)
+    assert page.solving is not None
+    assert page.accept_drop([str(path)])
+    qtbot.waitUntil(lambda: page.saved is not None and page.panel.view.prepared is not None, timeout=GUARD_MS)
+    np.testing.assert_array_equal(page.saved, VOLUME)
+    assert context.state.volume == str(path) and context.state.light_field == str(tmp_path / "light.tif")
+    assert page.panel.view.prepared.solid.values.shape == VOLUME.shape and page.solving is None
+    context.project.update("no H", psf="")
+    assert page.empty is None and not page.panel.area.isEnabled(), "a volume is shown without H"
+
+
+def test_a_light_field_and_h_are_dropped_as_before(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
+    write_zarr(tmp_path / "one.zarr", VOLUME[0], "yx", "0.5")
+    assert page.accept_drop([str(tmp_path / "one.zarr")])
+    qtbot.waitUntil(lambda: page.image is not None, timeout=GUARD_MS)
+    np.testing.assert_array_equal(page.image, VOLUME[0])
+    offered: list[object] = []
+    context.go.connect(lambda key, _: offered.append(key))
+    context.files_offered.connect(offered.append)
+    assert page.accept_drop([context.state.psf])
+    idle(context.jobs, qtbot)
+    assert offered == ["h", [context.state.psf]] and context.state.volume == ""
+    page.hide()
+    assert not page.accept_drop([context.state.psf]), "H opens it"
+
+
+def test_a_volume_is_chosen_from_the_menu(
+    page: Page, context: Context, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("zarr")
+    file, folder = tmp_path / "v.tif", tmp_path / "v.ome.zarr"
+    for path in (file, folder):
+        save_volume(path, VOLUME)
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(file), ""))
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(folder))
+    for action, path in zip(page.panel.open_volume.menu().actions(), (file, folder), strict=True):
+        action.trigger()
+        idle(context.jobs, qtbot)
+        assert context.state.volume == str(path) and page.saved is not None
+    monkeypatch.setattr(QFileDialog, "getExistingDirectory", lambda *_: str(tmp_path))
+    action.trigger()
+    idle(context.jobs, qtbot)
+    assert context.state.volume == str(folder) and page.notice.isVisible(), "a folder without a volume replaces nothing"
 
 
 def test_no_light_field_without_h(

@@ -15,7 +15,7 @@ from pytestqt.qtbot import QtBot
 
 from lfcal.camera import PRESETS, Camera, LensletLattice, LensType, MainLens, ScanPlan, Sensor, preset
 from lfcal_gui.context import Context
-from lfcal_gui.models import lattice_points
+from lfcal_gui.models import lattice_points, with_described
 from lfcal_gui.pages.setup._optics_view import OpticsView
 from lfcal_gui.pages.setup.model_picture import DARK, LIT, ScanCosts, ScanScene, numbers_of
 from lfcal_gui.pages.setup.model_scan import default_plan, scan_path
@@ -167,6 +167,22 @@ def test_dropped_plans_are_opened(open_page: OpenPage, context: Context, qtbot: 
     assert page.accept_drop([str(tmp_path / "camera.json")])
     idle(context.jobs, qtbot)
     assert context.state.camera == preset("lfm_20x05") and context.state.plan is None
+
+
+def test_a_dropped_white_image_is_compared_with_the_camera(
+    open_page: OpenPage, context: Context, qtbot: QtBot, tmp_path: Path
+) -> None:
+    page, path = open_page("setup"), str(tmp_path / "white.tif")
+    tifffile.imwrite(path, draw_white((120, 160), pitch=16.0, kind="square").frame)
+    assert page.accept_drop([path]) and "Choose the camera" in page.notice.label.text()
+    context.project.update("camera", camera=preset("lfm_20x05"), settings=with_described(context.state))
+    assert page.accept_drop([path])
+    idle(context.jobs, qtbot)
+    assert page.check.windowTitle() and page._checked.name == "white.tif"
+    page.hide()
+    assert not page.accept_drop([path]), "another place may show it"
+    page.show()
+    assert not page.accept_drop([str(tmp_path)]), "a folder is of frames"
 
 
 class Listening(QPainter):
