@@ -1,11 +1,11 @@
-"""How the site is made of `docs`: run by mkdocs, never installed.
+"""Scripts that build the site from `docs`; mkdocs runs them, and they are not installed.
 
-- ``hooks``: what mkdocs calls
-- ``running``: tutorials are run while the site is built; their output and figures are real
-- ``reference``: pages of every public name, from the docstrings
-- ``tables``: tables made from registries, and every option of every command
-- ``schemas``: the JSON Schemas of camera, plan and session, made from their records when called
-- ``screens``: pictures of the workstation's pages
-- ``speed``: the picture of the section on speed, drawn from its table when called
-- ``links``: every link and anchor of the built site leads somewhere
+- ``hooks``: functions that mkdocs calls
+- ``running``: runs the tutorials while the site is built, so their output and figures are real
+- ``reference``: pages of all public names, from the docstrings
+- ``tables``: tables from registries, and of all options of all commands
+- ``schemas``: JSON Schemas of camera, plan and session, made from their records when run
+- ``screens``: pictures of the pages of the window
+- ``speed``: figure of the section on speed, drawn from its table when run
+- ``links``: check of all links and anchors of the built site
 """

@@ -1,4 +1,4 @@
-"""Functions whose signature is derived, as the reference shows them: an extension of griffe."""
+"""Extension of griffe that adds functions with derived signatures to the reference."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ _ON_PROGRESS = Parameter(
 
 
 class Drained(Extension):
-    """Show what users call: ``x = drained(iter_x)`` as a function, and the settings of a solver as its parameters.
+    """Show ``x = drained(iter_x)`` as a function, and the settings of a solver as its parameters.
 
-    The reference is made from the sources, where ``x`` is a value, and a solver takes its settings as one. A field of
-    a record is shown with the help, unit and range that it is declared with, also as a parameter of a function.
+    The reference is made from the sources, in which ``x`` is a value, and a solver has one parameter for its settings.
+    A field of a record is shown with its declared help, unit and range, also as a parameter of a function.
     """
 
     def on_package(self, *, pkg: Module, **_: Any) -> None:
-        """Replace them once all modules of a package are read."""
+        """Replace these definitions after all modules of a package are read."""
         for place in _places(pkg):
             for solver in place.members.values():
                 if isinstance(solver, Function):
@@ -56,7 +56,7 @@ class Drained(Extension):
 
 
 def _places(place: Module | Class) -> Iterator[Module | Class]:
-    """Yield a module or class, and those in it."""
+    """Yield a module or class, and all modules and classes in it."""
     yield place
     for inner in place.members.values():
         if isinstance(inner, Module | Class):
@@ -64,7 +64,7 @@ def _places(place: Module | Class) -> Iterator[Module | Class]:
 
 
 def _spread(solver: Function, package: Module) -> None:
-    """Replace the settings of a solver by their fields, where it is decorated by `with_settings`."""
+    """Replace the settings of a solver by their fields, if it is decorated with `with_settings`."""
     for decorator in solver.decorators:
         call = decorator.value
         if isinstance(call, ExprCall) and str(call.function) == "with_settings":
@@ -75,7 +75,7 @@ def _spread(solver: Function, package: Module) -> None:
 
 
 def _complete(function: Function) -> None:
-    """Give a function that is decorated by `lfcal.records.described_by` its whole docstring."""
+    """Set the complete docstring of a function that is decorated with `lfcal.records.described_by`."""
     said = function.docstring
     if said and any(str(decorator.value).startswith("described_by(") for decorator in function.decorators):
         run = getattr(importlib.import_module(function.module.path), function.name)
@@ -83,7 +83,7 @@ def _complete(function: Function) -> None:
 
 
 def _describe(field: Attribute) -> None:
-    """Give a field of a record, which is declared by `lfcal.records.opt`, its help for a docstring."""
+    """Set the docstring of a field that is declared by `lfcal.records.opt` to its help."""
     call = field.value
     declared = isinstance(call, ExprCall) and str(call.function) in ("opt", "required", "panel")
     if not declared or not isinstance(call, ExprCall):

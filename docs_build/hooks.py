@@ -1,4 +1,4 @@
-"""What mkdocs calls while it builds the site."""
+"""Functions that mkdocs calls while it builds the site."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ BESIDE = {
     "lfcal/psf/schema/lfcal-psf-2.schema.json": "lfcal-psf-2.schema.json",
     "lfcal/psf/schema/lfcal-psf-4.schema.json": "lfcal-psf-4.schema.json",
 }
-"""Files of the repository that pages link to, and their page in the site; those with an anchor are sections of it."""
+"""Files of the repository that pages link to, and their pages in the site; an anchor denotes a section of a page."""
 
 SHIM = "assets/iframe-worker.js"
-"""What the search needs where the site is opened from a folder."""
+"""File that the search needs if the site is opened from a folder."""
 
 TABLE = re.compile(r"<!-- table: (\w+) -->\n\*The site shows a table here[^\n]*")
-"""Where a page has a table, and what readers of the page itself see there."""
+"""Place of a table in a page, with the text that readers of the source of the page see."""
 
 TESTS = """# Hard cases and mutants
 
@@ -47,7 +47,7 @@ Two tables show how well the tests detect mistakes: cases in which simple numeri
 made on purpose.
 
 """
-"""Start of the page that holds the tables of the tests."""
+"""Start of the page with the tables of the tests."""
 
 ABOUT = """Every public name, by package. Names that you import from a package (`from lfcal.psf import ...`) have an
 example. The tests run each example in a folder with three entries: the sample session
@@ -55,21 +55,21 @@ example. The tests run each example in a folder with three entries: the sample s
 (`H.h5`)."""
 
 LATE = ("reference/", "changelog.md", "tests.md")
-"""Pages that come after the guides in the search."""
+"""Pages that the search lists after the guides."""
 
 _RAN: dict[str, str] = {}
-"""Pages as they are shown after they were run, by their place."""
+"""Pages after they were run, by their path."""
 
 
 def on_config(config: Any) -> Any:
-    """Put the pages that are made here at the end of the list of pages."""
+    """Append the generated pages to the navigation."""
     listed = [{one.name: one.page} for one in packages(ROOT)]
     config.nav = [*config.nav, {"Python": [{"All packages": "reference/index.md"}, *listed]}]
     return config
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Run the tutorials, make what is made of other files, and add it to the site."""
+    """Run the tutorials, and add the generated pages and pictures to the site."""
     for place, content in {**_beside(), **_reference()}.items():
         files.append(File.generated(config, place, content=content))
     files.append(File.generated(config, SHIM, content=Path(__file__).with_name(Path(SHIM).name).read_text()))
@@ -119,7 +119,7 @@ def _run(file: File, files: Files, config: Any) -> None:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Return a page as it is shown: after it was run, with links to files of the repository that lead into the site."""
+    """Return the page after it was run, with links to files of the repository replaced by links into the site."""
     if page.file.src_uri.startswith(LATE):
         page.meta["search"] = {"boost": 0.003}
     text = _RAN.get(page.file.src_uri, markdown)
@@ -136,7 +136,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def _keys(key: str) -> str:
-    """Return the table of a page's own keys in the window."""
+    """Return the table of the keys of a page of the window."""
     from lfcal_gui.models.page import PAGES
 
     pairs = PAGES.get(key).keys
@@ -146,11 +146,11 @@ def _keys(key: str) -> str:
 
 @event_priority(-200)
 def on_post_build(config: Any) -> None:
-    """Check every link, and what the search needs in a folder, after all plug-ins are done."""
+    """Check all links, and the files that the search needs in a folder, after all plug-ins are done."""
     site = Path(config.site_dir)
     if missing := [name for name in (SHIM, "search/search_index.js") if not (site / name).is_file()]:
         raise PluginError(f"the search does not work from a folder without {', '.join(missing)}")
     if not repair_search(site):
         raise PluginError("the theme's search has changed; adapt or remove docs_build/search.py")
     if broken := broken_links(site):
-        raise PluginError("links that lead nowhere:\n" + "\n".join(broken))
+        raise PluginError("broken links:\n" + "\n".join(broken))

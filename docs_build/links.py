@@ -1,4 +1,4 @@
-"""Every link and anchor of the built site leads somewhere; addresses elsewhere are not asked."""
+"""Check of all links and anchors of the built site; addresses of other sites are not checked."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["broken_links"]
 
 @dataclass
 class _Page(HTMLParser):
-    """Where a page leads, and the places in it that can be led to."""
+    """Links of a page, and the anchors in it."""
 
     links: set[str] = field(default_factory=set)
     places: set[str] = field(default_factory=set)
@@ -31,12 +31,12 @@ class _Page(HTMLParser):
 
 
 def broken_links(site: Path) -> list[str]:
-    """Return ``page: link`` for every relative link of the HTML files in ``site`` that leads nowhere."""
+    """Return ``page: link`` for every broken relative link of the HTML files in ``site``."""
     pages = {path.resolve(): _parsed(path) for path in sorted(site.rglob("*.html"))}
     return [
         f"{path.relative_to(site.resolve())}: {link}"
         for path, page in pages.items()
-        # the page of a missing address is shown at any depth, and so begins at the root
+        # the links of this page begin at the root, because it is shown for missing addresses at any depth
         if path.name != "404.html"
         for link in sorted(page.links)
         if not _leads(link, path, pages)

@@ -1,7 +1,7 @@
 """Check the English of changed lines: ``python -m docs_build.prose [REVISION]``.
 
 Only lines that differ from a revision of git are checked, in pages, comments, docstrings and messages. `WORDS` lists
-expressions that readers misunderstand, with what to write instead. A sentence may have `LONGEST` words.
+expressions that readers misunderstand, with their replacements. A sentence may have `LONGEST` words.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = ["LONGEST", "WORDS", "Finding", "changed_lines", "long_sentences", "pr
 
 ROOT = Path(__file__).resolve().parents[1]
 LONGEST = 30
-"""Most words of a sentence."""
+"""Largest number of words in a sentence."""
 
 WORDS = {
     r"told|tells?": "say, report, estimate, show",
@@ -39,7 +39,7 @@ WORDS = {
     r"as (?:it|they) stands?": "unchanged",
     r"from which on": "threshold, above which",
 }
-"""Expressions to avoid, with what to write instead."""
+"""Expressions to avoid, with their replacements."""
 
 PATTERNS = {re.compile(rf"(?<!-)\b(?:{word})\b", re.IGNORECASE): instead for word, instead in WORDS.items()}
 CODE = re.compile(r"`[^`]*`|https?://\S+|\]\([^)]*\)")
@@ -48,7 +48,7 @@ CHECKS_ITSELF = ("docs_build/prose.py", "tests/docs_build/test_prose.py")
 
 @dataclass(frozen=True)
 class Finding:
-    """An expression to avoid: where it is, and what to write instead."""
+    """An expression to avoid, with its file, its line and its replacement."""
 
     file: str
     line: int
@@ -61,7 +61,7 @@ class Finding:
 
 
 def words_found(text: str) -> Iterator[tuple[str, str]]:
-    """Yield each expression of ``text`` to avoid, with what to write instead."""
+    """Yield each expression of ``text`` to avoid, with its replacement."""
     plain = CODE.sub(" ", text)
     for pattern, instead in PATTERNS.items():
         yield from ((hit.group(0), instead) for hit in pattern.finditer(plain))
@@ -74,7 +74,7 @@ def long_sentences(text: str) -> list[str]:
 
 
 def prose_of(path: Path) -> dict[int, str]:
-    """Return what people read of a file, by line: a page without its code, or comments and texts of a program."""
+    """Return the prose of a file by line: a page without its code, or the comments and texts of a program."""
     text = path.read_text(encoding="utf-8", errors="replace")
     return _prose_of_page(text) if path.suffix == ".md" else _prose_of_program(text)
 
@@ -121,7 +121,7 @@ def changed_lines(revision: str, root: Path = ROOT) -> dict[str, set[int]]:
 
 
 def findings(revision: str, root: Path = ROOT) -> list[Finding]:
-    """Return what to change in the lines that were added since a revision."""
+    """Return the findings in the lines that were added since a revision."""
     found = []
     for name, lines in changed_lines(revision, root).items():
         path = root / name
@@ -134,7 +134,7 @@ def findings(revision: str, root: Path = ROOT) -> list[Finding]:
 
 
 def main() -> int:
-    """Print what to change; return the exit code."""
+    """Print the findings; return the exit code."""
     revision = sys.argv[1] if len(sys.argv) > 1 else "HEAD~1"
     try:
         found = findings(revision)

@@ -1,4 +1,4 @@
-"""Pages of every public name of the library, from the docstrings: one page a package, one section a module."""
+"""Reference pages of all public names, from the docstrings: one page per package, one section per module."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Module", "Package", "packages", "page_of"]
 
 @dataclass(frozen=True)
 class Module:
-    """A module with its public names, in the order in which it gives them."""
+    """A module with its public names, in the order of the source."""
 
     name: str
     summary: str
@@ -21,7 +21,7 @@ class Module:
 
 @dataclass(frozen=True)
 class Package:
-    """A package with its modules; ``exported`` are the names that it gives itself."""
+    """A package with its modules; ``exported`` are the names of its face."""
 
     name: str
     summary: str
@@ -30,12 +30,12 @@ class Package:
 
     @property
     def page(self) -> str:
-        """Where its page lies in the site."""
+        """Path of its page in the site."""
         return f"reference/{self.name}.md"
 
 
 def packages(root: Path, name: str = "lfcal") -> tuple[Package, ...]:
-    """Return ``name`` and all packages in it that have anything public; ``root`` is the folder of ``name``."""
+    """Return ``name`` and all packages in it that have public names; ``root`` is the folder that contains ``name``."""
     folders = [path.parent for path in sorted((root / name).rglob("__init__.py"))]
     found = (_package(folder, root) for folder in folders if not _private(folder, root))
     return tuple(one for one in found if one.modules or one.exported)
@@ -64,7 +64,7 @@ def _module(name: str, given: list[str], root: Path) -> Module:
 
 
 def _given(package: str, root: Path, face: str = "_face") -> dict[str, tuple[str, str]]:
-    """Return the public names of a package: the module that its face imports each from, and its name there."""
+    """Return the public names of a package, each with its module and its name there, as its face imports it."""
     path = root.joinpath(*package.split("."), f"{face}.py")
     return {
         alias.asname or alias.name: (str(node.module), alias.name)
@@ -75,7 +75,7 @@ def _given(package: str, root: Path, face: str = "_face") -> dict[str, tuple[str
 
 
 def _is_elsewhere(package: str, name: str, root: Path) -> bool:
-    """Return whether another package makes a name public, on the way to the module that defines it."""
+    """Return whether another package on the way to the defining module also makes a name public."""
     passed = package
     package, name = _given(package, root)[name]
     while True:
@@ -89,7 +89,7 @@ def _is_elsewhere(package: str, name: str, root: Path) -> bool:
 
 
 def _home(package: str, name: str, root: Path) -> tuple[str, str]:
-    """Return the module that defines a name which a package gives, and its name there."""
+    """Return the module that defines a name of a package, and its name there."""
     while name in (given := _given(package, root) | _given(package, root, "_shared")):
         package, name = given[name]
     return package, name
@@ -110,7 +110,7 @@ def _first_line(tree: ast.Module) -> str:
 
 
 def _defined(tree: ast.Module) -> list[str]:
-    """Return the public classes, functions, derived ones too, and documented values that a module defines itself."""
+    """Return the public classes, functions (also derived ones) and documented values that a module defines."""
     found = []
     for node, after in zip(tree.body, [*tree.body[1:], None], strict=True):
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):

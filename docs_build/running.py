@@ -25,23 +25,23 @@ FENCE = re.compile(r"^```(?P<kind>python|sh) run(?P<options>[^\n]*)\n(?P<code>.*
 PICTURE = re.compile(r"!\[[^\]]*\]\((?P<name>[^):#]+\.(?:png|svg))\)")
 
 LONGEST = 40
-"""Lines of output that are shown; of longer ones the middle is left out."""
+"""Largest number of lines of output that are shown; the middle of longer output is left out."""
 
 
 class TutorialError(Exception):
-    """A tutorial does not do what it says."""
+    """Exception for a tutorial that fails."""
 
 
 @dataclass(frozen=True)
 class Ran:
-    """A page as it is shown, and the pictures that it drew, by the names that it gives them."""
+    """A page after it was run, and the pictures that it drew, by name."""
 
     markdown: str
     pictures: dict[str, bytes]
 
 
 def runs(markdown: str) -> bool:
-    """Return whether a page has anything to run."""
+    """Return whether a page has blocks to run."""
     return FENCE.search(markdown) is not None
 
 
@@ -53,15 +53,15 @@ def run_page(markdown: str, folder: Path, shown: Callable[[str], bool] = lambda 
     markdown
         The page.
     folder
-        An empty folder, or one with what the page begins with.
+        Folder that is empty, or contains the files with which the page starts.
     shown
-        Whether a picture is a file of the site already.
+        Function that returns whether a picture is already a file of the site.
 
     Raises
     ------
     TutorialError
-        With the block and what it said, where a block fails (or does not, and the page says that it does:
-        ``sh run fails=2``), or where no block has drawn a picture that is shown.
+        If a block ends with another exit code than expected (0, or that of ``sh run fails=2``), with the block and its
+        output; or if no block has drawn a picture of the page.
     """
     names: dict[str, Any] = {"__name__": "__main__"}
 
@@ -79,7 +79,7 @@ def run_page(markdown: str, folder: Path, shown: Callable[[str], bool] = lambda 
             continue
         path = folder / name
         if not path.is_file():
-            raise TutorialError(f"{name}: shown, but no block of the page has drawn it")
+            raise TutorialError(f"{name}: the page shows this picture, but no block of the page has drawn it")
         pictures[name] = path.read_bytes()
     return Ran(text, pictures)
 
@@ -110,7 +110,7 @@ def _expected_code(options: str) -> int:
 
 
 def _shell(code: str, expected: int) -> str:
-    """Run the lines of a block one by one; the last one may be meant to fail."""
+    """Run the lines of a block one by one; only the last one may be expected to fail."""
     said = []
     lines = [words for line in code.replace("\\\n", " ").splitlines() if (words := shlex.split(line, comments=True))]
     for k, words in enumerate(lines):

@@ -28,13 +28,13 @@ OMITTED: dict[type, frozenset[str]] = {
     Run: frozenset({"recording", "stage"}),
     SessionFile: frozenset({"kept_aside", "target"}),
 }
-"""Entries that a file need not have."""
+"""Optional entries of files."""
 
 Schema = dict[str, Any]
 
 
 class _Maker:
-    """The definitions that a schema needs, by name."""
+    """Maker of schemas; it collects their definitions by name."""
 
     def __init__(self) -> None:
         self.definitions: dict[str, Schema] = {}
@@ -129,7 +129,7 @@ def schemas() -> dict[Path, Schema]:
 
 
 def text_of(schema: Schema) -> str:
-    """Return the text of a schema's file."""
+    """Return a schema as text."""
     return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
 
 

@@ -25,26 +25,26 @@ PICTURES = {
     "sessions": ("sample.sessions", "sessions"),
     "acquire": ("recording.recording", "acquire_record_paused"),
 }
-"""The scene of each page in ``lfcal_gui.scenes``, and the state to show. The last one replaces the sample's camera."""
+"""Scene of each page in ``lfcal_gui.scenes``, and its state. The last scene replaces the camera of the sample."""
 
 LONG = ("accuracy", "acquire")
-"""Pages whose scene ends with the state to show, because the others take long."""
+"""Pages whose scene ends with the state to show, because later states take long."""
 
 
 def take_screens(out: Path) -> dict[str, bytes]:
-    """Return a PNG of every page of the window, with the sample session and a recording, by the page's name.
+    """Return PNGs of all pages of the window with the sample session and a recording, by the name of the page.
 
     Raises
     ------
     RuntimeError
-        With the output of the window, if it could not be shown.
+        If the window could not be shown; the message contains its output.
     """
     command = [sys.executable, "-m", "docs_build.screens", str(out.resolve())]
     env = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
     # tutorials that run at the same time change the current folder
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=env, cwd=ROOT)
     if done.returncode:
-        raise RuntimeError(f"the window's pages could not be shown: {done.stdout}")
+        raise RuntimeError(f"the pages of the window could not be shown: {done.stdout}")
     return {key: (out / f"{key}.png").read_bytes() for key in PICTURES}
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 __all__ = ["repair_search"]
 
 KEY = re.compile(r"(\w)=\1\+(\w)\+(\w)\.id\}return \1")
-"""Where lunr joins labels and numbers of edges to the key of a state, in the theme's minified search worker."""
+"""Code in the minified search worker of the theme with which lunr joins labels and numbers to the key of a state."""
 
 
 def repair_search(site: Path) -> bool:

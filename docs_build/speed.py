@@ -1,4 +1,4 @@
-"""The picture of the section on speed, drawn from its table: ``python -m docs_build.speed``."""
+"""Figure of the section on speed, drawn from its table: ``python -m docs_build.speed``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def section(page: str) -> str:
 
 
 def ratios_of(page: str) -> list[tuple[str, str, float]]:
-    """Return what is done, by whom, and how many times longer that takes than with lfcal, of each row that says so."""
+    """Return the task, the other program and its time relative to lfcal, for each row that states one."""
     found = []
     for line in page.splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
@@ -30,7 +30,7 @@ def ratios_of(page: str) -> list[tuple[str, str, float]]:
 
 
 def short(what: str) -> str:
-    """Return what is done, with the error that it is done with."""
+    """Return the name of a task, with its error if it states one."""
     parts = what.split(", ")
     return ", ".join([parts[0], *(part for part in parts[1:] if part.endswith("error"))])
 
@@ -48,7 +48,7 @@ def draw(path: Path) -> None:
             axes.annotate(f" {times:,.0f} ×", (times, k), va="center", fontsize=9)
         axes.axvline(1, color="black", linewidth=1)
         longest = max(times for *_, times in rows)
-        axes.set(xscale="log", xlim=(0.8, 3 * longest), xlabel="time over that of lfcal, 2 cores")
+        axes.set(xscale="log", xlim=(0.8, 3 * longest), xlabel="time relative to lfcal, 2 cores")
         axes.invert_yaxis()
         axes.grid(False)
         axes.spines[["top", "right"]].set_visible(False)

@@ -1,6 +1,6 @@
-"""Tables of the site that are made from registries, records and commands: ``<!-- table: NAME -->`` in a page.
+"""Tables of the site, made from registries, records and commands: ``<!-- table: NAME -->`` in a page.
 
-`TABLES` lists them. `options_table` is the one of every option of every command.
+`TABLES` lists them. `options_table` contains all options of all commands.
 """
 
 from __future__ import annotations

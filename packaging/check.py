@@ -1,11 +1,11 @@
-"""Whether what is given to users works outside the checkout: a bundle, a wheel, a tool of uv.
+"""Check that a bundle, a wheel and a tool of uv work outside the checkout.
 
     python packaging/check.py bundle build/bundle/lfcal    # made with packaging/lfcal.spec
     python packaging/check.py wheel        # builds a wheel and installs it twice, in clean environments
 
-Each is used as a stranger does: in a folder of its own, with a home of its own and nothing of this checkout on the
-path. The demo is run, H is simulated by processes, exported, a volume reconstructed, the window started on the sample
-session, and every page of it grabbed. Only the standard library is needed here.
+Each is used as by a new user: in a separate folder, with a separate home folder, and without this checkout on the path.
+The script runs the demo, simulates H with several processes, exports it, reconstructs a volume, starts the window with
+the sample session, and takes a picture of every page. It needs only the standard library.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LARGEST_MB = 600
-"""Megabytes that a bundle may have."""
+"""Largest size of a bundle (MB)."""
 
 COMMANDS = 20
-"""Commands that the list has at least."""
+"""Smallest number of listed commands."""
 
 PAGES = (
     *("setup", "acquire", "frames", "h"),
     *("simulate", "reconstruct", "multiplex", "accuracy"),
 )
-"""Pages that the sample session, and one that is recorded, show with content."""
+"""Pages that the sample session and a recorded session show with content."""
 
 STARTS_S, PATIENCE_S = 30, 900
 
 
 @dataclass(frozen=True)
 class Programs:
-    """What starts the command line, the window, and the pictures of its pages."""
+    """Commands that start the command line, the window, and the pictures of its pages."""
 
     lfcal: tuple[str, ...]
     window: tuple[str, ...]
@@ -49,14 +49,14 @@ class Programs:
 
 
 class Failed(Exception):
-    """Something does not do what it should."""
+    """Exception for a failed check."""
 
 
 def main() -> int:
-    """Check what was asked for; return the exit code."""
+    """Run the requested check; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("bundle", "wheel"))
-    parser.add_argument("folder", nargs="?", type=Path, help="the bundle")
+    parser.add_argument("folder", nargs="?", type=Path, help="folder of the bundle")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="lfcal-check-", ignore_cleanup_errors=True) as scratch:
         try:
@@ -67,13 +67,13 @@ def main() -> int:
         except Failed as failure:
             print(f"FAILED: {failure}", flush=True)
             return 1
-    print("all is well")
+    print("all checks passed")
     return 0
 
 
 def check_bundle(folder: Path, scratch: Path) -> None:
-    """Check the size of a bundle, and what it does where the checkout is not."""
-    # both programs are one file where the system has links
+    """Check the size of a bundle, and its use outside the checkout."""
+    # both programs are one file if the system supports links
     files = {(found.st_dev, found.st_ino or path): found.st_size for path, found in _files(folder)}
     size = sum(files.values()) / 1e6
     print(f"size: {size:.0f} MB in {len(files)} files", flush=True)
@@ -111,7 +111,7 @@ def programs_in(folder: Path, python: str) -> Programs:
 
 
 def check_programs(programs: Programs, scratch: Path) -> None:
-    """Use the command line and the window as a stranger does."""
+    """Use the command line and the window as a new user does."""
     here = Path(tempfile.mkdtemp(prefix="used-", dir=scratch))
     print(f"-- {programs.lfcal[0]}", flush=True)
     check_commands(programs.lfcal, here)
@@ -120,7 +120,7 @@ def check_programs(programs: Programs, scratch: Path) -> None:
 
 
 def check_commands(lfcal: Sequence[str], here: Path) -> None:
-    """Run the demo, then simulate, fit, export and reconstruct with what came of it."""
+    """Run the demo, then simulate, export, verify and reconstruct."""
     print(run((*lfcal, "--version"), here).strip(), flush=True)
     listed = [line for line in run((*lfcal, "--help"), here).splitlines() if line.startswith("  ") and line[2] != " "]
     if len(listed) < COMMANDS:
@@ -153,17 +153,17 @@ def frame_of(here: Path) -> Path:
 
 
 def check_pages(screenshots: Sequence[str], here: Path) -> None:
-    """Let every page be shown with the sample session and a recording, and a picture taken of it."""
+    """Take a picture of every page with the sample session and a recording."""
     only = ("--scene", "sample", "--scene", "recording", "--theme", "light", "--size", "1280x800")
     run((*screenshots, str(here / "shots"), *only), here)
     there = {path.name.split("_light_")[0] for path in (here / "shots").glob("*.png") if path.stat().st_size > 10_000}
     if missing := set(PAGES) - {name.partition("_")[0] for name in there}:
-        raise Failed(f"pages that were not grabbed: {sorted(missing)}")
+        raise Failed(f"pages without a picture: {sorted(missing)}")
     print(f"{len(there)} pictures of {len(PAGES)} pages", flush=True)
 
 
 def check_window(window: Sequence[str], here: Path) -> None:
-    """Start the window on the sample session: it stays up, and ends in order when the system asks it to."""
+    """Check that the window runs with the sample session, and ends normally when it is asked to terminate."""
     process = subprocess.Popen(
         (*window, "--demo"),
         cwd=here,
@@ -180,13 +180,13 @@ def check_window(window: Sequence[str], here: Path) -> None:
         wanted = 1 if sys.platform == "win32" else 128 + signal.SIGTERM
         if process.returncode != wanted or "Traceback" in said:
             raise Failed(f"window: ended with {process.returncode}, not {wanted}: {said}") from None
-        print(f"window: up for {STARTS_S} s, ended in order", flush=True)
+        print(f"window: ran for {STARTS_S} s, ended normally", flush=True)
         return
-    raise Failed(f"window: ended by itself with {process.returncode}: {said}")
+    raise Failed(f"window: ended too early with {process.returncode}: {said}")
 
 
 def environment(here: Path) -> dict[str, str]:
-    """Return an environment in which nothing of this checkout is found, nor anything that it keeps elsewhere."""
+    """Return an environment without this checkout and without the files that it keeps elsewhere."""
     kept = (
         "PATH",
         "SYSTEMROOT",
@@ -202,13 +202,13 @@ def environment(here: Path) -> dict[str, str]:
     home = here / "home"
     home.mkdir(exist_ok=True)
     found |= dict.fromkeys(("HOME", "USERPROFILE", "LOCALAPPDATA", "APPDATA"), str(home))
-    # packages that were downloaded before are taken from where uv keeps them
+    # uv reuses the packages in its cache
     found.setdefault("UV_CACHE_DIR", str(Path.home() / ".cache" / "uv"))
     return found | {"QT_QPA_PLATFORM": "offscreen", "NO_COLOR": "1", "COLUMNS": "120", "PYTHONIOENCODING": "utf-8"}
 
 
 def run(words: Sequence[str], here: Path, more: dict[str, str] | None = None) -> str:
-    """Run a program in a folder of its own; return what it said on standard output."""
+    """Run a program in ``here``; return its standard output."""
     start = time.monotonic()
     program = shutil.which(words[0]) or words[0]
     done = subprocess.run(

@@ -19,7 +19,7 @@ class CommitHook(BuildHookInterface):
             prefix, commit = subprocess.run(git, capture_output=True, text=True, check=True).stdout.split("\n")[:2]
         except (OSError, subprocess.CalledProcessError):
             return
-        # an unpacked archive may lie in the repository of something else
+        # an unpacked archive may be in the repository of another project
         if version != "editable" and not prefix:
             self._file = Path(self.directory) / "_commit"
             self._file.parent.mkdir(parents=True, exist_ok=True)

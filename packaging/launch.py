@@ -1,7 +1,7 @@
-"""The first lines of both programs of a bundle, ``lfcal`` and ``lfcal-gui``: which one it is, its name tells.
+"""Start of both programs of a bundle, ``lfcal`` and ``lfcal-gui``, distinguished by the name of the file.
 
-A bundle has no Python beside it. What lfcal starts as a program of its own is therefore started here, too, by a first
-word that no command has.
+A bundle contains no Python executable. Programs that lfcal starts as separate processes are therefore started here too,
+selected by a first word that is no command.
 """
 
 import logging
@@ -12,13 +12,13 @@ import types
 from pathlib import Path
 
 SCREENSHOTS = "--screenshots"
-"""First word after which pictures of the pages are taken, see `lfcal_gui.screenshots`; the bundle's check does."""
+"""First word that starts `lfcal_gui.screenshots`; the check of the bundle uses it."""
 
 
 def main() -> int:
-    """Run what was asked for; return the exit code."""
+    """Run the requested program; return the exit code."""
     multiprocessing.freeze_support()  # a worker process ends here
-    # filters of HDF5 that no H file may have are left out of the bundle, which their package calls an error
+    # hdf5plugin logs an error for each filter that the bundle does not contain, because no H file may have it
     logging.getLogger("hdf5plugin").setLevel(logging.CRITICAL)
     _stand_in_for_opengl()
     _keep_compiled()
@@ -45,7 +45,7 @@ def main() -> int:
 
 
 def _stand_in_for_opengl() -> None:
-    """Answer pyqtgraph, which asks for OpenGL before it knows whether anybody draws with it; nobody does."""
+    """Replace the OpenGL modules of Qt, which pyqtgraph imports but lfcal never uses."""
     for name in ("QtOpenGL", "QtOpenGLWidgets"):
         module = types.ModuleType(f"PySide6.{name}")
         module.QOpenGLWidget = object
@@ -53,7 +53,7 @@ def _stand_in_for_opengl() -> None:
 
 
 def _keep_compiled() -> None:
-    """Let compiled modules and kernels be kept with the user's files: the bundle may be read-only, and signed."""
+    """Store compiled modules and kernels in the cache of the user, because the bundle may be read-only or signed."""
     from platformdirs import user_cache_path
 
     place = user_cache_path("lfcal", appauthor=False) / "compiled"

@@ -1,13 +1,13 @@
-"""Take out of a Linux bundle what lfcal never calls: half of its bytes are videos, debug symbols and second copies.
+"""Remove video codecs, debug symbols and duplicates, which lfcal never uses, from a Linux bundle.
 
-- OpenCV is linked with FFmpeg, an AVIF reader and an OpenBLAS of its own (80 MB), and does not load without them.
-  lfcal reads no videos: small libraries of the same names answer every call with nothing. The few functions of linear
-  algebra are passed on to the OpenBLAS that scipy brings.
-- Symbols for debuggers.
-- Libraries that two packages bring are one file with two names.
-- ``lfcal-gui`` is the same file as ``lfcal``, which looks at its name.
+- OpenCV is linked with FFmpeg, an AVIF reader and a separate OpenBLAS (80 MB), and does not load without them. lfcal
+  reads no videos, so small libraries of the same names replace them; their functions return 0. The few functions of
+  linear algebra are forwarded to the OpenBLAS of scipy.
+- Debug symbols are removed.
+- A library of two packages becomes one file with two names.
+- ``lfcal-gui`` becomes the same file as ``lfcal``, which checks its name.
 
-Wheels for Windows and macOS are put together differently; nothing is done there.
+Bundles for Windows and macOS have another structure, and are not changed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ UNCALLED = {
     "LIBAVUTIL": "libavutil",
     "LIBSWSCALE": "libswscale",
 }
-"""Libraries of FFmpeg by the version that their functions carry."""
+"""Libraries of FFmpeg by the symbol version of their functions."""
 
 ONLY_THEIRS = (
     "libaom-",
@@ -42,14 +42,14 @@ ONLY_THEIRS = (
     "libgfortran-",
     "libquadmath-",
 )
-"""Libraries that only those need."""
+"""Libraries that only FFmpeg and the other replaced libraries need."""
 
 AS_THEY_ARE = (".libs/", "PySide6/", "cv2/")
-"""Libraries without such symbols, or that do not survive strip after auditwheel has moved them."""
+"""Libraries without debug symbols, or that strip would damage because auditwheel has moved them."""
 
 
 def slim(folder: Path) -> None:
-    """Take out of the bundle in ``folder`` what is not needed."""
+    """Remove from the bundle in ``folder`` what is not needed."""
     if not sys.platform.startswith("linux"):
         return
     inside = folder / "_internal"
@@ -90,7 +90,7 @@ def _without_video(inside: Path) -> None:
 
 
 def _replace(libraries: Path, begins: str, code: list[str], version: str = "", needs: Path | None = None) -> None:
-    """Compile ``code`` as the library whose name ``begins`` so, with its functions of a ``version``."""
+    """Replace the library whose name starts with ``begins`` by compiled ``code`` of a symbol ``version``."""
     old = next(libraries.glob(f"{begins}*"))
     with tempfile.TemporaryDirectory() as scratch:
         source, script, made = (Path(scratch, name) for name in ("a.c", "a.map", "a.so"))

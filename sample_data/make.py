@@ -1,11 +1,11 @@
-"""Make the sample data: ``python sample_data/make.py [OUT]``. Seeded; the same files every time.
+"""Make the sample data: ``python sample_data/make.py [OUT]``. A fixed seed makes the same files every time.
 
-The small ``bench`` camera as its simulator sees it, noise and all, in the two ways that frames come:
+The data are simulated recordings of the small ``bench`` camera, with noise, in two forms:
 
-- ``session``: a folder of files, as another program leaves them: two depth planes of 33 x 19 positions, 16-bit PNG
+- ``session``: a folder of files, as another program would write them: two depth planes of 33 x 19 positions, 16-bit PNG
   frames, dark and white frames, camera, plan, manifest, and the known truth;
-- ``recorded``: a session that lfcal recorded itself with simulated camera and stage: the first plane, packed, with
-  its dark and reference frames.
+- ``recorded``: a session that lfcal recorded with a simulated camera and stage: the first plane, packed, with dark
+  and reference frames.
 """
 
 from __future__ import annotations
@@ -62,11 +62,11 @@ OPTICS: tuple[Effect, ...] = (
     ExactAngles(),
 )
 FINELY: dict[str, Any] = {"level": "grid", "sampling": Sampling(samples_per_px=8, margin_px=40, double=True)}
-"""Fixed, 0.1 % off, and in double precision: rounding must not decide how many photons a pixel catches."""
+"""Fixed level with an error of 0.1 %; double precision, so that rounding does not change the numbers of photons."""
 
 
 def sample_camera() -> Camera:
-    """Return the bench camera with just enough sensor for the scan."""
+    """Return the bench camera with the smallest sufficient sensor for the scan."""
     camera = preset("bench")
     return replace(camera, name="bench (sample session)", sensor=replace(camera.sensor, shape=SENSOR))
 
@@ -87,7 +87,7 @@ def recorded_plan() -> ScanPlan:
 
 
 def make(out: Path) -> None:
-    """Write the folder of files into ``out``, replacing what was there, and the light of its frames next to it."""
+    """Replace ``out`` by the folder of files, and write the light of its frames next to it."""
     shutil.rmtree(out, ignore_errors=True)
     source = sample_source()
     write_session(source, out, darks=DARKS, whites=WHITES)
@@ -103,7 +103,7 @@ def make_light(source: SimulatedCamera, out: Path) -> None:
 
 
 def make_recorded(out: Path) -> None:
-    """Record the session ``out`` with simulated devices and pack it, replacing what was there."""
+    """Replace ``out`` by a session that is recorded with simulated devices and packed."""
     shutil.rmtree(out, ignore_errors=True)
     plan = recorded_plan()
     optics = SimulatedCamera(plan, OPTICS, **FINELY, peak=0.8, seed=SEED)
@@ -113,7 +113,7 @@ def make_recorded(out: Path) -> None:
 
 
 def main() -> None:
-    """Make both."""
+    """Make both forms."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", nargs="?", type=Path, default=Path(__file__).parent)
     out = parser.parse_args().out

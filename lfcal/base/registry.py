@@ -1,4 +1,4 @@
-"""Registries: parts found by name, from a package of lfcal and from other packages.
+"""Registries: parts found by name, from lfcal and from other packages.
 
 Each kind of part (image format, effect, metric, solver, page …) has a package, whose modules each define parts in one
 module attribute, and an entry point group for other packages. To add a part, add one module.

@@ -124,7 +124,7 @@ def test_commands_are_run_line_by_line_and_only_the_last_may_fail(tmp_path: Path
         ("```sh run\nlfcal nosuch\n```\n", "exit code 2, not 0"),
         ("```sh run fails=2\nlfcal --version\n```\n", "exit code 0, not 2"),
         ("```sh run fails=2\nlfcal nosuch\nlfcal --version\n```\n", "exit code 2, not 0"),
-        ("![Never drawn](never.png)\n```python run\npass\n```\n", "never.png: shown"),
+        ("![Never drawn](never.png)\n```python run\npass\n```\n", "never.png: the page shows this picture"),
     ],
 )
 def test_a_page_that_does_not_do_what_it_says_is_an_error(tmp_path: Path, page: str, message: str) -> None:
