@@ -16,9 +16,8 @@ NOTHING = "Nothing to show yet."
 class Blank(QLabel):
     """A line of text in the middle of ``box`` on ``graphics``; ``words`` can be changed.
 
-    Where the box is that of a ``plot``, its axes have no numbers meanwhile; ``dark``: it lies on a picture's ground.
-
-    While the picture is read or made, `wait` says so in the place of the words.
+    If the box is that of a ``plot``, the axes have no numbers while the text is shown. If ``dark``, the text has the
+    colour for the dark background of a picture. `wait` shows what is being read or made instead of the text.
     """
 
     def __init__(

@@ -47,9 +47,9 @@ LEAST, WORD = 84, 16
 class PlaneTile:
     """Data of a plane: depth (µm), depth-plane sum ``(nt, ns)``, and apertures.
 
-    The ``shape`` is that of the cutout, where only what is expected is shown. Of a plane that is being recorded there
-    are a ``word``, the share that is done (``progress``), and the ``merit`` once it was judged. Of a simulated plane,
-    ``made`` states how it was computed.
+    ``shape`` is that of the cutout, if only the expected aperture is shown. A plane that is being recorded has a
+    ``word`` for its state and the recorded fraction (``progress``), and a ``merit`` as soon as it was judged. For a
+    simulated plane, ``made`` states how it was computed.
     """
 
     depth_um: float

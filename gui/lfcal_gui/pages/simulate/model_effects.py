@@ -36,8 +36,8 @@ class EffectRow:
     on, setting, reason
         Decision of the planner, choice of the user, and reason.
     share, upper_bound, size, formula
-        Estimated share of the image that is wrong without it, whether that is at most so; size with unit; how both
-        were found.
+        Estimated share of the image that is wrong without it, whether this is an upper bound, size with unit, and how
+        both were found.
     seconds_with, seconds_without
         Forecast of the cost of the whole plan with and without it (CPU-seconds).
     magnitudes
