@@ -71,6 +71,28 @@ def test_the_edge_of_a_field_shows_whether_it_can_be_edited(qapp: qt.QApplicatio
         assert max(edge_contrasts(field, theme, qtbot)) < 2.5, (theme.name, kind)
 
 
+@pytest.mark.parametrize("theme", THEMES.values(), ids=lambda one: one.name)
+def test_text_and_edges_are_told_from_every_ground(theme: Theme) -> None:
+    """WCAG 2 AA: 4.5 for text, 3 for the edges of fields."""
+    grounds = [QColor(getattr(theme, name)) for name in ("window", "panel", "raised")]
+    pairs = [("edge", 3.0), *((name, 4.5) for name in ("text", "muted", "accent", "good", "fair", "bad"))]
+    for (name, least), ground in product(pairs, grounds):
+        assert contrast(QColor(getattr(theme, name)), ground) >= least, (name, ground.name())
+    assert contrast(QColor(theme.accent_text), QColor(theme.accent)) >= 4.5
+    assert contrast(QColor(theme.canvas_text), QColor(theme.canvas)) >= 4.5
+
+
+def test_a_list_is_flat_with_an_arrow(qapp: qt.QApplication, qtbot: QtBot) -> None:
+    for theme in (LIGHT, DARK, NIGHT):
+        box = qt.QComboBox()
+        box.addItem("")
+        _, pixels = drawn(box, theme, qtbot)
+        inside = [row[12] for row in pixels[3:-3]]
+        assert len({one.rgb() for one in inside}) == 1, theme.name
+        arrow = [one for row in pixels[3:-3] for one in row[-20:-4]]
+        assert max(contrast(one, inside[0]) for one in arrow) >= 3, theme.name
+
+
 def test_checked_and_unchecked_boxes_are_visible(qapp: qt.QApplication, qtbot: QtBot) -> None:
     """Unchecked boxes of lists were dark on dark: only those outside lists had a style."""
     for theme, enabled in product((LIGHT, DARK, NIGHT), (True, False)):
