@@ -32,15 +32,22 @@ NO_LONGER = "Stop waiting for this file. It stays in the project and can be open
 
 
 class EmptyState(QWidget):
-    """Placeholder of an empty page: what to do next, and buttons that do it."""
+    """Placeholder of an empty page: what to do next, and buttons that do it.
+
+    The first of several lines of ``text`` is the title.
+    """
 
     def __init__(self, text: str, buttons: dict[str, Deed] | None = None, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         layout = QVBoxLayout(self)
         layout.addStretch()
-        self.label = WrappedLabel(text, role="hint")
-        self.label.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        layout.addWidget(self.label)
+        title, line, words = text.partition("\n")
+        self.title = WrappedLabel(title.rstrip("."), role="title")
+        self.label = WrappedLabel(words if line else text, role="hint")
+        self.title.setVisible(bool(line))
+        for label in (self.title, self.label):
+            label.setAlignment(Qt.AlignmentFlag.AlignCenter)
+            layout.addWidget(label)
         row = QHBoxLayout()
         row.addStretch()
         for title, (tip, action) in (buttons or {}).items():

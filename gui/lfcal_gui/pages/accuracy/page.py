@@ -76,7 +76,8 @@ class Page(BasePage):
         self.all_button.setEnabled(bool(there) and not self._job)
         if not there:
             self.show_empty(
-                "Accuracy is measured for a scan plan, or for H.\nMake a plan first, or open an H file.",
+                "Nothing to measure yet\n"
+                "Accuracy is measured for a scan plan, or for H. Make a plan first, or open an H file.",
                 {
                     "Go to Set up": self.lead("setup", "Choose the source positions and depth planes of the scan"),
                     "Go to H": self.lead("h", "Open an H that was assembled, simulated or fitted earlier"),

@@ -389,7 +389,7 @@ def test_damaged_planes_have_no_picture(open_page: OpenPage, context: Context, q
     assert "HDF5" in page.checking.view.message.text()
     context.project.update("none", psf="")
     page.look_into("fit")
-    assert "No H yet" in page.empty.label.text() and not page.fitting.view.fit_button.isEnabled()
+    assert page.empty.title.text() == "No H yet" and not page.fitting.view.fit_button.isEnabled()
     assert page.checking.inspection is None and not page.checking.view.report_button.isEnabled()
 
 

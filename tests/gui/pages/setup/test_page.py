@@ -61,7 +61,7 @@ def test_an_empty_project_asks_which_camera_it_is(window: MainWindow, monkeypatc
         assert page.hint.text() == "", "no plan yet"
         return page.empty is not None and page.empty.isVisible() and not any(one.isVisible() for one in parts)
 
-    assert asks() and page.empty.label.text().startswith("Which camera is it?")
+    assert asks() and page.empty.title.text() == "Which camera is it?"
     choices = {one.text(): one.text() for one in choice(page, "Choose a preset").menu().actions()}
     assert list(choices) == list(PRESETS)
     choice(page, "Choose a preset").menu().actions()[list(PRESETS).index("bench")].trigger()
