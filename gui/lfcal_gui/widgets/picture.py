@@ -71,6 +71,9 @@ RIM = QColor(0, 0, 0)
 RAMP, SCALE = 120, 140
 """Largest length of the colour bar of a legend, and of a scale bar (px)."""
 
+UNSCALED = 110
+"""Height of a picture that a scale bar would cover (px)."""
+
 SHORT = 40
 """Length of the colour bar of a legend if its quantity needs the space (px)."""
 
@@ -432,7 +435,7 @@ class Picture(QWidget):
             _paint_lines(painter, [(words, "") for words in shot.caption.splitlines()], area)
         lines = [(words, "") for words in shot.readout.splitlines()] + [self._note] * bool(self._note[0])
         self._readout_at = _paint_lines(painter, lines, area, right=True) if lines else QRectF()
-        if shot.pixel_um is not None:
+        if shot.pixel_um is not None and area.height() > UNSCALED:
             self._paint_scale(painter, area, shot.pixel_um / shot.step)
         if shot.tint is not None and self._tinted:
             _paint_tints(painter, shot.tint.ends, area)

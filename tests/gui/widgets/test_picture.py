@@ -288,6 +288,19 @@ def test_a_scale_bar_is_a_round_length() -> None:
         assert length * pixels * pixel_um == pytest.approx(float(number) * {"µm": 1, "mm": 1e3}[unit])
 
 
+def test_a_low_picture_has_no_scale_bar(qtbot: QtBot) -> None:
+    view = Picture()
+    qtbot.addWidget(view)
+    for height, drawn in ((300, True), (90, False)):
+        view.resize(300, height)
+        view.show()
+        seen = []
+        for pixel_um in (None, 5.5):
+            view.set_shot(Shot(np.ones((20, 20)), levels=(0.0, 2.0), pixel_um=pixel_um))
+            seen.append(view.grab().toImage())
+        assert (seen[0] != seen[1]) is drawn
+
+
 def test_arrows_of_axes_are_on_their_side_named_and_do_not_take_the_mouse(qtbot: QtBot) -> None:
     parent = QWidget()
     qtbot.addWidget(parent)

@@ -106,7 +106,7 @@ class Page(BasePage):
         self.record.show_state(state, folder=folder)
         if state.plan is None and not self.record.recording:  # a running recording keeps its buttons
             self.show_empty(
-                "Recording needs a scan plan: which positions, planes and cutout.",
+                "No scan planned yet\nA scan plan states where the point source goes. It follows from the camera.",
                 {"Go to Set up": self.lead("setup", "Choose the source positions and depth planes of the scan")},
             )
             return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from PySide6.QtCore import QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QAction
@@ -274,7 +275,7 @@ class SetupPanel(QWidget):
         if self._last is not None:
             picture, plan = self._last
             self.view.set_lattice(plan.camera if self.overlays["lattice"].isChecked() else None, picture.first)
-            self.view.set_shot(self._shot_of(picture))
+            self.view.set_shot(replace(self._shot_of(picture), pixel_um=plan.camera.sensor.pixel_um))
 
     def _shot_of(self, picture: LivePicture) -> Shot:
         overlays: tuple[Overlay, ...] = ()

@@ -394,6 +394,8 @@ class Loaded:
         Sensor row and column of the frame's first pixel; window and point are relative to it.
     crop
         Cutout ``(nt, ns)`` as used for H, before and after correction; None if it leaves the frame.
+    pixel_um
+        Side of a pixel on the sensor (µm).
     """
 
     position: Position
@@ -405,6 +407,7 @@ class Loaded:
     point: tuple[float, float]
     origin: tuple[int, int] = (0, 0)
     crop: tuple[NDArray[Any], NDArray[Any]] | None = None
+    pixel_um: float | None = None
 
 
 def load_frame(opened: Opened, position: Position) -> Loaded:
@@ -430,6 +433,7 @@ def load_frame(opened: Opened, position: Position) -> Loaded:
         (row - top, column - left),
         info.origin,
         _crop(cutout, corner, (raw, fixed.values), info.origin),
+        opened.plan.camera.sensor.pixel_um,
     )
 
 

@@ -251,14 +251,14 @@ class Page(BasePage):
         self.assemble_button.setEnabled(False)
         if not state.frames:
             self.show_empty(
-                "No frames yet.\nImport a folder of frames that this or another program recorded, or drop one here."
+                "No frames yet\nImport a folder of frames that this or another program recorded, or drop one here."
                 "\nFolders named dark and white in the same folder, and plan.json, are found automatically.",
                 {"Import any folder …": (IMPORT, self.choose_folder), "File or list …": (FILE, self.start_import)},
             )
             return
         if state.plan is None:
             self.show_empty(
-                "The frames need a scan plan: their positions and the cutout.",
+                "No scan planned yet\nThe plan states the positions of the frames, and the cutout.",
                 {"Go to Set up": self.lead("setup", "Choose the source positions and depth planes of the scan")},
             )
             return

@@ -215,7 +215,7 @@ class FramesPanel(QWidget):
         frame = loaded.raw if self.before_box.isChecked() else loaded.fixed
         row, column, rows, columns = loaded.window
         cutout = cutout_of(row, column, (rows, columns), loaded.point)
-        self.view.set_shot(Shot(frame, name="frame", overlays=cutout))
+        self.view.set_shot(Shot(frame, name="frame", overlays=cutout, pixel_um=loaded.pixel_um))
         crop = None if loaded.crop is None else loaded.crop[0 if self.before_box.isChecked() else 1]
         words = (
             "The cutout leaves the frame." if crop is None else f"{crop.shape[0]} × {crop.shape[1]} px, as used for H"

@@ -206,7 +206,7 @@ def _wrapped() -> QLabel:
     return label
 
 
-SIGMAS = 5.0
+SIGMA_ENDS = (-5.0, 5.0)
 """Residuals at the ends of the colour scale (sigma), which is fixed, so that noise looks like noise."""
 
 
@@ -256,10 +256,13 @@ class FitPictures(QWidget):
         measured, model = found.patterns[nearest], found.model[nearest]
         levels = levels_of(np.stack([measured, model]))
         name = "z{}_y{}_x{}".format(*nearest)
-        for view, image, what in ((self.measured, measured, "measured"), (self.model, model, "model")):
-            view.set_shot(Shot(image, what.capitalize(), found.unit, f"{what}_{name}", levels))
-        ends = (-SIGMAS, SIGMAS)
-        self.residual.set_shot(Shot(found.residual[nearest], "Residual", "", f"residual_{name}", ends, signed=True))
+        shots = (
+            (self.measured, Shot(measured, "Measured", found.unit, f"measured_{name}", levels)),
+            (self.model, Shot(model, "Model", found.unit, f"model_{name}", levels)),
+            (self.residual, Shot(found.residual[nearest], "Residual", "", f"residual_{name}", SIGMA_ENDS, signed=True)),
+        )
+        for view, shot in shots:
+            view.set_shot(replace(shot, pixel_um=found.fit.camera.sensor.pixel_um))
 
     def step(self, by: int) -> Place | None:
         """Return the position ``by`` patterns further in the displayed plane, row by row."""

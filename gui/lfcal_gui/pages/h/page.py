@@ -346,7 +346,7 @@ class Page(BasePage):
         self.hint.setText(self.spec.hint)
         self.show_no_matrix(
             path,
-            "No H yet.\nAssemble H from the frames of a scan or a folder, compute it from the camera, or open a file.",
+            "No H yet\nAssemble H from the frames of a scan or a folder, compute it from the camera, or open a file.",
             {
                 "Open H …": (OPEN, self.choose_file),
                 "Folder": self.lead("frames", "Assemble H from recorded frames"),

@@ -410,7 +410,7 @@ class HPanel(QWidget):
         """Show the depth-plane sum."""
         nt, ns = loaded.depth_sum.shape
         shown = Shot(loaded.depth_sum, name="depth_sum", quantity=self._unit, origin=(-(nt // 2), -(ns // 2)))
-        self.sum_view.set_shot(shown)
+        self.sum_view.set_shot(replace(shown, pixel_um=self._pixel_um))
         self._show_outlines(NO_LINE, NO_LINE)
         self.aperture_text.setText("fitting the aperture …")
 

@@ -286,7 +286,10 @@ class Page(BasePage):
     def _loaded(self, path: str, image: NDArray[Any]) -> None:
         self.image, self._opened = image, path
         self._show_file()
-        self.panel.view.light_field.set_shot(Shot(image, "Light field", name="light_field"), keep_view=False)
+        matrix = self.context.matrix(self.context.state.psf)
+        camera = self.context.state.camera if matrix is None or matrix.camera is None else matrix.camera
+        shot = Shot(image, "Light field", name="light_field", pixel_um=camera.sensor.pixel_um)
+        self.panel.view.light_field.set_shot(shot, keep_view=False)
         self._show_region()
         self._show_controls()
         self._forecast()

@@ -230,7 +230,8 @@ def pattern_of(
         response = PlaneResponse(plan, z, chosen, level=level, tolerance=share)
         values = response.rows([y], [x], workers=1)[0, 0]
     how = rung_label(response.level, None if response.level == "geometric" else response.settled)
-    return Shot(values, f"{plane_words(z, plan.shape[0])}, y {y}, x {x}: {how}", name="pattern")
+    words, pixel = f"{plane_words(z, plan.shape[0])}, y {y}, x {x}: {how}", plan.camera.sensor.pixel_um
+    return Shot(values, words, name="pattern", pixel_um=pixel)
 
 
 def used_point(curve: Curve | None, settings: SimulateSettings) -> CostPoint | None:

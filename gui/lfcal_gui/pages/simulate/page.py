@@ -139,7 +139,7 @@ class Page(BasePage):
     def _show(self, state: ProjectState) -> None:
         if state.plan is None:
             self.show_empty(
-                "The simulation needs a scan plan: its positions, planes and cutout.",
+                "No scan planned yet\nA scan plan states positions, planes and cutout of H.",
                 {"Go to Set up": self.lead("setup", "Choose the source positions and depth planes of the scan")},
             )
             return

@@ -145,9 +145,10 @@ class FramePanel(QWidget):
         self.frame = frame
         self.save_button.setEnabled(True)
         top, left = frame.window()
-        nt, ns = frame.question.plan.cutout
+        plan = frame.question.plan
+        nt, ns = plan.cutout
         cutout = cutout_of(top, left, (nt, ns), (top + nt // 2, left + ns // 2))
-        self.view.set_shot(Shot(frame.samples, name="frame", overlays=cutout))
+        self.view.set_shot(Shot(frame.samples, name="frame", overlays=cutout, pixel_um=plan.camera.sensor.pixel_um))
         self.words.setText(frame.words())
 
     def show_none(self) -> None:

@@ -40,7 +40,7 @@ def test_a_recorded_session_opens_by_dropping_it(qtbot: QtBot, context: Context,
     qtbot.waitUntil(lambda: page.loaded is not None, timeout=GUARD_MS)
     assert context.state.plan.shape[:3] == (1, 19, 33)
     assert context.state.camera == context.state.plan.camera
-    assert "627 frames of 55 × 55 px" in page.hint.text()
+    assert "627 frames of 55 × 55 px" in page.hint.text() and page.panel.view.shot.pixel_um == 5.5
     assert "saturated pixels: <b>0</b>" in page.panel.numbers.text()
     page.panel.lattice_box.setChecked(True)
     points = sum(len(one.points) for one in page.panel.view.overlays if isinstance(one, Symbols) and one.filled)

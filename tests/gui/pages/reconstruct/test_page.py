@@ -47,7 +47,7 @@ def make(page: Page, qtbot: QtBot, path: Path, name: str = "vesicle") -> None:
 def test_empty_states_say_what_comes_next(page: Page, context: Context, qtbot: QtBot) -> None:
     idle(context.jobs, qtbot)
     empty = page.panel.view.empty
-    assert "No light field open" in empty.label.text() and empty.isVisibleTo(page) and not page.panel.go.isEnabled()
+    assert empty.title.text() == "No light field open" and empty.isVisibleTo(page) and not page.panel.go.isEnabled()
     assert not page.panel.view.light_field.isVisibleTo(page) and page.panel.export.isVisibleTo(page)
     assert page.panel.misfit.blank.isVisibleTo(page) and "Reconstruct" in page.panel.misfit.blank.text()
     context.project.update("none", psf="")

@@ -200,6 +200,7 @@ def test_the_pattern_says_which_engine_computed_it(page: Any, context: Context, 
     idle(context.jobs, qtbot)
     z, y, x = page.panel.place.place
     found = pattern_of(small_plan(), (z, y, x), page.verdict.found, "auto", 0.02)
+    assert page.panel.view.shot.pixel_um == 5.5
     assert page.panel.view.shot.caption == found.caption and f"y {y}, x {x}: grid, 5 samples/px" in found.caption
     whole = simulate_psf(small_plan(), page.verdict.found, tolerance=0.02)
     np.testing.assert_allclose(page.panel.view.values, whole[z, y, x], atol=1e-7)

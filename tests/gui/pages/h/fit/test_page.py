@@ -100,6 +100,8 @@ def test_results_of_a_fit_are_copied_sorted_and_shown_by_position(fitted: Page, 
         np.testing.assert_array_equal(picture.values, values[place])
     np.testing.assert_array_equal(view.residual.values, found.fit.residual(*place))
     assert view.residual.levels == (-5.0, 5.0)
+    pixel = found.fit.camera.sensor.pixel_um
+    assert all(one.shot.pixel_um == pixel for one in (view.measured, view.model, view.residual))
     assert f"χ² {found.chi2[place]:.3g}" in fitted.panel.readout.text()
     view.model.hovered.emit(3, 4, 0.0)
     words = view.residual.note[0]
