@@ -84,8 +84,8 @@ class AssemblySettings:
     compression: str = opt("gzip", "Compression of the file.", choices=COMPRESSIONS, more=True)
     store_tolerance: float | None = opt(
         None,
-        "Largest fraction of a pattern's light (L1) that compression of the file may remove, as in lfcal reduce.",
-        label="Compression loss",
+        "Largest relative L1 error that rounding and cropping may cause in a stored pattern, as in lfcal reduce.",
+        label="Storage tolerance",
         above=0,
         below=1,
         empty="set by the stored type",

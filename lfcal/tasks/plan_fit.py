@@ -67,7 +67,7 @@ class PlanFit(PlanTask):
 
     plan: Path = required("Scan plan (.json), made by lfcal plan.", argument=True, file="in")
     count: int = required(
-        "Number of positions to choose. One fifth of them are held out to check the fit.",
+        "Number of positions to choose. One fifth of them is held out to check the fit.",
         label="Positions",
         short="-n",
         at_least=1,

@@ -81,7 +81,7 @@ class Reduce(CopyTask):
     out: Path = required("H file to write (.h5).", label="H file", short="-o", file="out")
     tolerance: float = opt(
         0.005,
-        "Largest fraction of a pattern's light (L1) that the reduction may remove.",
+        "Largest relative L1 error of a pattern that rounding and cropping may cause.",
         above=0,
         below=1,
         read=read_share,

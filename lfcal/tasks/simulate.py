@@ -372,8 +372,8 @@ class SimulateH(_OfOnePlan):
     out: Path = required("H file to write (.h5).", **OUT)
     store_tolerance: float | None = opt(
         None,
-        "Largest fraction of a pattern's light (L1) that compression of the file may remove, as in lfcal reduce.",
-        label="Compression loss",
+        "Largest relative L1 error that rounding and cropping may cause in a stored pattern, as in lfcal reduce.",
+        label="Storage tolerance",
         above=0,
         below=1,
         empty="without loss",
@@ -396,7 +396,7 @@ class SimulatePasses(_OfOnePlan):
     out: Path = required("H file to write (.h5).", **OUT)
     progressive: bool = opt(
         True,
-        "Simulate H in passes. H is complete after the first pass, and becomes more accurate with each. "
+        "Simulate H in passes. H is complete after the first pass, and becomes more accurate with each further pass. "
         "If you stop the simulation, the last complete H is kept.",
         label="Simulate in passes",
         chooses=True,
