@@ -74,7 +74,7 @@ class AxisPlace(Group):
     """
 
     name = "optical_axis"
-    title = "place of the optical axis on the sensor"
+    title = "position of the optical axis on the sensor"
     rank = 11
     core = True
     needs = NEEDS
@@ -146,7 +146,7 @@ class TravelTilt(Group):
     """Tilt, relative to the optical axis, of the direction in which the stage moves the source in depth."""
 
     name = "travel_tilt"
-    title = "tilt of the source's travel against the optical axis"
+    title = "tilt of the source's travel relative to the optical axis"
     rank = 14
     core = True
     needs = NEEDS

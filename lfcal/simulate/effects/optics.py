@@ -245,7 +245,7 @@ class ExactAngles(SceneEffect):
     """
 
     name: ClassVar[str] = "exact_angles"
-    title: ClassVar[str] = "angles beyond the paraxial"
+    title: ClassVar[str] = "non-paraxial angles"
     rank: ClassVar[int] = 60
     changes_work: ClassVar[bool] = True
 

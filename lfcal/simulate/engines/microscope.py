@@ -113,7 +113,7 @@ def debye_plane(scene: Scene, sampling: Sampling | None = None) -> PlaneEngine:
         return DebyePlane(scene, chosen)
     if scene.exact_rays:
         raise InputError.expected(
-            "effect 'angles beyond the paraxial'",
+            "effect 'non-paraxial angles'",
             "a plane whose light fits into one grid, or the level reference",
             "a plane with a wider field",
             "choose the level reference (--level reference), or switch the effect off (--effect exact_angles=off)",
