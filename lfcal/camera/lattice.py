@@ -233,8 +233,8 @@ class LensletLattice:
     def period_um(self) -> tuple[float, float]:
         """Rectangular period ``(y, x)`` of the array (µm), after which the lens types also repeat.
 
-        The periods are measured across and along the lenslet rows: x is along the rows if their direction is closer to
-        the rows of the sensor than to its columns; otherwise, y is. Shear and distortion are neglected.
+        The periods are measured along and across the lenslet rows. If the lenslet rows are closer to the rows of the
+        sensor than to its columns, x is the period along them; otherwise, y is. Shear and distortion are neglected.
         """
         across, along = self.row_step_um, self.pitch_um
         # odd rows are shifted by half a pitch, so a rectangular cell takes two rows; three types repeat every third

@@ -600,10 +600,9 @@ def half_cell(plan: ScanPlan) -> HalfCell:
     Raises
     ------
     InputError
-        If frames are resampled, or patterns half a period apart differ. They differ if the plan's period is odd along
-        an axis, if there is no lenslet of the same type half a period away, or if the distance to
-        this lenslet differs from half the plan's period by more than 0.05 px along an axis. The message states the
-        reason.
+        If frames are resampled, or patterns half a period apart differ; the message states the reason. They differ if
+        the plan's period is odd along an axis, or if there is no lenslet of the same type half a period away. They
+        also differ if the distance to this lenslet is not half the plan's period to within 0.05 px along each axis.
     """
     ny, nx = plan.period
     what, remedy = "half-cell scan", "scan the whole period, or choose positions for a fit (lfcal plan fit)"

@@ -105,10 +105,10 @@ def seen_patterns(
 def find_turned_frames(seen: Sequence[SeenPattern], plan: ScanPlan) -> TurnedFrames | None:
     """Return the orientations in which patterns match the camera.
 
-    The result is None if they match as delivered or in no orientation. It is also None if no conclusion is possible:
-    without patterns, if the frames do not have the shape of the sensor, if the position of the lattice is only assumed,
-    or if the camera cannot be simulated. Orientations that exchange rows and columns are compared only on a square
-    sensor.
+    The result is None if they match as delivered or in no orientation. It is also None if no conclusion is possible.
+    This is the case if there are no patterns, the frames do not have the shape of the sensor, the position of the
+    lattice is only assumed, or the camera cannot be simulated. Orientations that exchange rows and columns are compared
+    only on a square sensor.
 
     Parameters
     ----------

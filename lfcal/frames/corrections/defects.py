@@ -236,13 +236,13 @@ def iter_find_defects(
     """Find hot, dead and stuck pixels from the values of each pixel over the frames.
 
     Each pixel is compared with its eight nearest neighbours of the same colour, of which two may be defective. A pixel
-    is *hot* if its lowest value over the frames exceeds theirs by ``threshold`` robust standard deviations. It must
-    also exceed them by half of the amount by which they exceed the median of the lowest values of all pixels, and be
-    brighter than they are in half of the frames. A pixel is *dead* or *stuck* if its values vary by less than a tenth
-    of the range of its neighbours, although a spot surrounded it in some frame. A dead pixel remains at the level
-    without light. Dead and stuck pixels are found only in 8 or more frames, and only where spots cover them. Use frames
-    of different positions, or several dark frames: in frames of a single position, spots would look like hot pixels.
-    Frames are read a second time if any pixel is suspect.
+    is *hot* if its lowest value over the frames exceeds theirs by ``threshold`` robust standard deviations. The excess
+    must also be at least half of the amount by which theirs exceed the median of the lowest values of all pixels. In
+    addition, the pixel must be brighter than its neighbours in half of the frames. A pixel is *dead* or *stuck* if its
+    values vary by less than a tenth of the range of its neighbours, although a spot surrounded it in some frame. A dead
+    pixel remains at the level without light. Dead and stuck pixels are found only in 8 or more frames, and only where
+    spots cover them. Use frames of different positions, or several dark frames: in frames of a single position, spots
+    would look like hot pixels. Frames are read a second time if any pixel is suspect.
 
     Parameters
     ----------

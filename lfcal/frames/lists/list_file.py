@@ -51,8 +51,8 @@ SAMPLE = 50
 def is_plain(path: Path) -> bool:
     """Return whether a file is a manifest in lfcal's own form.
 
-    This is a CSV file with lfcal's column names only and whole numbers as at least half of its positions, an empty CSV
-    file, or any file without the suffix of a table, such as JSON.
+    It is a manifest if it has no suffix of a table, such as a JSON file, or if it is an empty CSV file. A CSV file with
+    rows must have only lfcal's column names, and at least half of its positions must be whole numbers.
     """
     if path.suffix.lower() not in TABLE_SUFFIXES:
         return True
@@ -279,8 +279,8 @@ def read_micromanager(path: Path, channel: str = "") -> tuple[Listing, dict[str,
     The file is ``metadata.txt`` or ``…_metadata.txt``. Versions 1.4 (``FrameKey-…``) and 2.0 (``Metadata-…``) are
     supported, with the entries ``XPositionUm``, ``YPositionUm``, ``ZPositionUm``, ``Exposure-ms`` and ``FileName``. The
     facts, if known, are ``pixel_um`` (``PixelSizeUm``, in object space), ``bit_depth``, ``saturation`` (the largest
-    value with this number of bits), ``roi`` (``ROI``, the region of the camera as column, row, width and height), and
-    ``dark``, the `Listing` of the only channel whose name indicates dark frames. Of the other channels, only
+    value with this number of bits), and ``roi`` (``ROI``, the region of the camera as column, row, width and height).
+    ``dark`` is the `Listing` of the only channel whose name indicates dark frames. Of the other channels, only
     ``channel`` is read; it may be empty if there is only one.
 
     Raises

@@ -57,9 +57,9 @@ def iter_measure_sensor(
     Raises
     ------
     InputError
-        If frames differ in shape, are too small, are identical, or have the same value everywhere; if flats are not
-        brighter than darks, an exposure has only one dark, or no light level has two flats; or if a file is used for
-        both flats and darks.
+        If frames differ in shape, are too small, are identical, or have the same value everywhere. Also if flats are
+        not brighter than darks, an exposure has only one dark, no light level has two flats, or a file is used for both
+        flats and darks.
     """
     files = [{frame.source for frame in held if isinstance(frame.source, Path)} for held in (flats, darks)]
     if both := sorted(file.name for file in files[0] & files[1]):
