@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfcal.base import Work, drained
+from lfcal.base.units import format_pixels
 from lfcal.camera import ScanPlan
 from lfcal.frames import AS_IS, ORIENTATIONS, FrameSource
 from lfcal.psf._spot_path import SpotPath, iter_spot_path
@@ -257,20 +258,13 @@ def _cause(
 ) -> tuple[str, str]:
     """Return whether frames or scan differ from the plan, and the reason if this is undetermined, or empty."""
     by_frames, by_scan = ORIENTATIONS[name].shape(frame) == sensor, frame == sensor
+    turned = f"their shape, {format_pixels(frame)}, is that of frames turned by 90 degrees"
     if name == AS_IS:
         known = by_scan or not _some_turn_fits(frame, sensor)
-        return (
-            "",
-            ""
-            if known
-            else f"their shape is that of frames turned by 90 degrees, {frame}, but the pattern moves as planned",
-        )
+        return "", "" if known else f"{turned}, but the pattern moves as planned"
     if not by_frames and not by_scan:
         if _some_turn_fits(frame, sensor):
-            return (
-                "",
-                f"they have the shape of turned frames, {frame}, but the pattern moves along rows as planned",
-            )
+            return "", f"{turned}, but the pattern moves along rows as planned"
         # frames cropped or binned by other programs: positions have no meaning
         return "either", ""
     if by_frames != by_scan:

@@ -1,7 +1,7 @@
 """Cameras and motors of pylablib (https://pylablib.readthedocs.io/) as devices of lfcal.
 
-lfcal counts in micrometres and seconds, and images as (row, column). pylablib counts regions as (first column, end
-column, first row, end row), and motors in their own unit.
+lfcal uses micrometres, seconds and (row, column). pylablib gives regions as (first column, end column, first row, end
+row) and the positions of a motor in the unit of its driver.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class PylablibBackend:
     name, title, has_stage = "pylablib", "cameras and motors of pylablib", True
     options: Mapping[str, str] = {
         "camera": "class of the camera and its arguments, such as Thorlabs.ThorlabsTLCamera:serial",
-        "bits": "bits of a sample of the camera; by default those of the sensor in the plan",
+        "bits": "bits per sample of the camera; by default those of the sensor in the plan",
         "x": "class of the motor of the x axis and its arguments, such as Thorlabs.KinesisMotor:27000001",
         "y": "the same for y",
         "z": "the same for z",
-        "um_per_unit": "micrometres in the unit in which the motors count; by default 1e6, for metres",
+        "um_per_unit": "micrometres per unit of the motor positions; by default 1e6, for metres",
         "limits": "travel x0:x1,y0:y1,z0:z1 (µm)",
     }
 
@@ -59,14 +59,14 @@ class PylablibBackend:
             raise InputError.expected("option limits", "x0:x1,y0:y1,z0:z1 in µm", "nothing", "give the travel")
         scale = number_option(options, "um_per_unit", 1e6, low=1e-9)
         bits = int(number_option(options, "bits", plan.camera.sensor.bit_depth, low=1, high=16))
-        with contextlib.ExitStack() as stack:  # if a device fails, those before it are closed
+        with contextlib.ExitStack() as stack:  # if a device cannot be opened, those opened before are closed
             camera, *motors = [_opened(options, key, stack) for key in ("camera", "x", "y", "z")]
             stack.pop_all()
         return Rig(_Camera(camera, options["camera"], bits), _Stage(motors, options, limits, scale))
 
 
 class _Camera:
-    """A camera of pylablib; `snap` starts the exposure, so a frame is never stale."""
+    """A camera of pylablib; `snap` starts the exposure, so that each frame is new."""
 
     def __init__(self, camera: Any, name: str, bits: int) -> None:
         self._camera, self.name = camera, f"pylablib {name}"
@@ -83,7 +83,7 @@ class _Camera:
             return Setting(seconds, float(self._camera.get_exposure()))
 
     def set_roi(self, roi: Roi) -> Setting[Roi]:
-        """Read only ``roi``; the camera may choose a larger region."""
+        """Set the region that the camera reads; it may choose a larger one."""
         with _errors(self.name, CameraError):
             self._camera.set_roi(roi.column, roi.column + roi.columns, roi.row, roi.row + roi.rows)
             left, right, top, bottom = self._camera.get_roi()[:4]
@@ -146,17 +146,17 @@ class _Stage:
 
 @contextlib.contextmanager
 def _errors(name: str, kind: type[Exception]) -> Iterator[None]:
-    """Convert the errors of a driver to those with which lfcal tries again."""
+    """Convert the errors of a driver to ``kind``, after which lfcal retries."""
     try:
         yield
     except (CameraError, StageError, FrameTimeout):
         raise
-    except Exception as error:  # each of pylablib's drivers has its own errors
+    except Exception as error:  # each driver of pylablib defines its own errors
         raise kind(f"{name}: {error}; check the device and its cable") from error
 
 
 def _opened(options: Mapping[str, str], key: str, stack: contextlib.ExitStack) -> Any:
-    """Return the device that option ``key`` names; ``stack`` closes it."""
+    """Open the device named by the option ``key``; ``stack`` closes it."""
     place, _, given = options.get(key, "").partition(":")
     maker, _, name = place.partition(".")
     try:
