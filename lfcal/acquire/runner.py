@@ -321,7 +321,7 @@ class Attempts:
 
 
 HOLD_S, TICK_S = 0.2, 0.01
-"""Waiting time before the next check of a session on hold, and the part of it that is real time (s)."""
+"""Time between two checks of a session on hold: in the rig's time, and at least in real time (s)."""
 
 Observer = Callable[[ScheduledFrame, Note, NDArray[Any]], None]
 """Function called in the recording thread with step, note and frame after each acknowledgement."""

@@ -18,7 +18,7 @@ _FUNCTIONS = (
     *("contourArea", "drawContours", "findContours", "polylines", "imdecode", "imencode", "imwrite"),
     *("getNumThreads", "setNumThreads"),
 )
-"""All functions that lfcal uses; every distribution has them, because none is of the contrib modules."""
+"""All functions that lfcal uses; every distribution has them, because none belongs to the contrib modules."""
 
 
 def _checked() -> Any:

@@ -18,7 +18,7 @@ AIRY_RADII = 3.0
 pattern, much less."""
 
 ELEMENTAL_AIRY_RADII = 8.0
-"""The same for single lenslets, whose spots are far apart: 2.1 % of the light of an outer spot is outside."""
+"""Margin in Airy radii of single lenslets with spots far apart: 2.1 % of the light of an outer spot is outside."""
 
 RAYS = 256
 

@@ -103,7 +103,7 @@ class PointOptics:
 
     @classmethod
     def of(cls, points: Points, measured: Regional) -> PointOptics:
-        """Return the optics of the points in ``measured``, in its order; all of them must be in ``points``."""
+        """Return the optics of the points in ``measured``, in the same order; all of them must be in ``points``."""
         scan, middles = points.plan.scan, np.zeros((len(measured), 2), np.intp)
         for plan, part, _ in measured.parts():
             middles[part] = np.floor(np.array(plan.anchor) + 0.5).astype(np.intp) + measured.index[part, 1:]

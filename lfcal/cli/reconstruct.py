@@ -21,7 +21,7 @@ UNTESTED = (
     "Intervals were tested only with 60 iterations of rl-nesterov, at least 10 replicates and a contrast of 0.9. "
     "Errors of H are included only as far as its noise is recorded."
 )
-"""The same for other settings."""
+"""What a reader of error bars from other settings should know."""
 
 
 def show(made: tuple[Reconstructed | ReconstructedBars | FittedFeatures | ReconstructionForecast, ...]) -> None:

@@ -39,7 +39,7 @@ APART = 0.3
 """Correlation with the model, relative to that of other patterns, below which a pattern is foreign."""
 
 APART_ASKED = 0.05
-"""The same for suspect patterns, whose information about the sensor is also in other patterns."""
+"""Value of `APART` for suspect patterns, whose information about the sensor is also in other patterns."""
 
 ASIDE_PX, SOME = 0.4, 0.25
 """Displacement of single cutouts (pixels) above which their patterns are foreign, and the fraction of all patterns up

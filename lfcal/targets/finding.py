@@ -31,7 +31,7 @@ OFF = 0.22
 """Largest displacement of a neighbour from its expected position, in pitches."""
 
 NEAR = 0.3
-"""The same for the first neighbours, from which the basis is measured."""
+"""Largest displacement, in pitches, of the first neighbours, from which the basis is measured."""
 
 
 def refined_basis(pixels: Array, basis: Array) -> Array:

@@ -265,7 +265,7 @@ def _greedy(phases: Phases, images: HoleImages, tolerance_px: float, most: int |
 
 
 def _product(phases: Phases, images: HoleImages, tolerance_px: float) -> Array | None:
-    """Return all pairs of row and column offsets, each of which cover one axis; None if the axes are not separable."""
+    """Return all pairs of row and column offsets, both found separately; None if the axes depend on each other."""
     at = phases.at(images.pixels)
     lines = []
     for axis in (0, 1):

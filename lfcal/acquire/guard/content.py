@@ -162,13 +162,13 @@ FIRST = (0.001, 0.03, 0.15, 0.15)
 LEAST = (0.003, 0.2, 0.5, 0.5)
 """Differences that are always tolerated, in the same units."""
 ELSEWHERE = (0.01, 0.5, 1.5, 1.5)
-"""The same, for a frame without neighbours that is compared with the latest one of another plane."""
+"""Differences tolerated in a frame without neighbours, which is compared with the latest one of another plane."""
 MANY = (0.01, 0.5, math.inf, math.inf)
-"""The same, for whole frames of many points, in which the light moves from one offset to the next."""
+"""Differences tolerated in whole frames of many points, in which the light moves from one offset to the next."""
 AGAIN = (0.003, 0.15, 0.5, 0.5)
-"""The same, for two frames of one position."""
+"""Differences tolerated between two frames of one position."""
 REFERENCES = (0.01, 0.25, 1.0, 1.0)
-"""The same, for two reference frames, between which lamp and stage may drift."""
+"""Differences tolerated between two reference frames, because lamp and stage may drift."""
 DARK = 0.1
 """Fraction of the expected light below which a frame is blank."""
 FAR_FROM_FULL, FEW_CLIPPED = 0.7, 4

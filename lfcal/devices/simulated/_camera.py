@@ -182,7 +182,7 @@ class SimCamera:
         return Setting(seconds, self._exposure)
 
     def fixed_settings(self) -> dict[str, Setting[str | None]]:
-        """Return exposure mode, gain mode and gamma in the way of a GenICam camera."""
+        """Return exposure mode, gain mode, gamma and gain under the names that GenICam cameras use."""
         wrong = {name: AUTOMATIC[name] for name in self._automatic}
         wanted: dict[str, str | None] = {**FIXED, "Gain": None}
         return {name: Setting(value, wrong.get(name, value or "0")) for name, value in wanted.items()}

@@ -213,7 +213,7 @@ CONTRAST = 0.5
 """A hot pixel differs from its neighbours by at least this fraction of their difference from the field."""
 
 PERSISTENCE = 0.5
-"""Fraction of the frames in which a hot pixel must stand out; the peak of a spot only passes by."""
+"""Fraction of the frames in which a hot pixel must stand out; the peak of a spot moves on to other pixels."""
 
 RESPONSE = 0.1
 """A pixel whose range of values is below this fraction of its neighbours' range does not respond."""

@@ -19,7 +19,7 @@ from lfcal.frames.formats.image_file import Format, ImageFile, decoding
 __all__ = ["RawImage", "codec_of"]
 
 PICTURES = {6, 7, 34892, 50002, 52546}
-"""Picture compression schemes in RAW files: JPEG, one process of which is lossless, and JPEG XL."""
+"""Compression schemes that RAW files share with pictures: JPEG, which has a lossless mode, and JPEG XL."""
 
 SONY = 32767
 """Scheme of Sony's compressed RAW, which rounds differences of 16 pixels to 7 bits."""

@@ -160,7 +160,7 @@ def _scale(planes: ListedPlanes, rising: float) -> tuple[float, float]:
 
 
 def _remedy(factor: float) -> str:
-    """Return the remedy for a z that must be multiplied by ``factor``: state the unit if the factor is one."""
+    """Return the remedy for z values to multiply by ``factor``: state the unit if ``factor`` is that of a unit."""
     for unit, power in (("mm", 1e3), ("um", 1e-3)):
         if LEAST < factor / power < MOST:
             return f"is z in {unit}? state its unit (--columns z_{unit}=COLUMN)"

@@ -331,7 +331,7 @@ def _listing(path: Path, entries: list[dict[str, Any]], notes: tuple[str, ...]) 
 def _of_channel(
     path: Path, entries: list[dict[str, Any]], wanted: str
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], tuple[str, ...]]:
-    """Return the entries of one channel, those of a dark one, and a note where there are several channels."""
+    """Return the entries of one channel, those of a dark channel, and a note if there are several channels."""
     names = list(dict.fromkeys(str(entry.get("Channel", "")) for entry in entries))
     dark = [name for name in names if _DARK.search(name)]
     light = [name for name in names if name not in dark]

@@ -216,9 +216,9 @@ def _local(part: NDArray[np.float64], use: NDArray[np.bool_]) -> NDArray[np.floa
 
 
 def find_dead(bright: NDArray[np.float32], good: NDArray[np.bool_], noise: float, cfa: str) -> NDArray[np.bool_]:
-    """Return the pixels with less than a quarter of the light of the dimmest third of their neighbours.
+    """Return a mask of the pixels with less than a quarter of the light of their third-dimmest neighbour.
 
-    Neighbours are the nearest eight of the same colour; at the edge of a micro-image most of them are lit.
+    Neighbours are the nearest eight of the same colour; even at the edge of a micro-image, most of them are lit.
     """
     from scipy import ndimage
 

@@ -29,7 +29,7 @@ EXPONENTS = np.geomspace(0.3, 3.0, 41)
 """Exponents that are tried."""
 
 LIKE, GAINED = 0.99, 4.0
-"""Correlation with the camera below which they are tried, and the factor of improvement that is required."""
+"""Correlation with the camera below which exponents are tried, and the required factor of improvement."""
 
 TURNS = 2
 """Number of iterations with linearized values, because derivatives are those of a linear response."""
