@@ -42,7 +42,7 @@ def stated(
     pitch: str = typer.Option("", help="Pitch of the micro-images: µm, or pixels as in 31.7px."),
     gap: str = typer.Option("", help="Distance from lenslets to sensor (µm)."),
     focus: str = typer.Option(
-        "", help="Virtual depths in focus, one per lens type: 2,3,5; inf is a focal length equal to the gap."
+        "", help="Virtual depths in focus, one per lens type: 2,3,5; inf: a focal length equal to the gap."
     ),
     wavelength: str = typer.Option("", help="Wavelength (nm)."),
     others: list[str] | None = typer.Option(

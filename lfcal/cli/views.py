@@ -198,9 +198,16 @@ def command(
     ),
     channel: str = typer.Option("", help="Channel of colour frames: R, G, B or each; default for a mosaic: all."),
     cfa: str = typer.Option("", help="Colour filters in row-major order, such as GRBG; default: from the file."),
-    slopes: str = typer.Option("", help="Planes of the focal stack as slopes (about virtual depths)."),
-    depths: str = typer.Option("", help="Planes of the focal stack as depths in µm or mm; needs --camera."),
-    samples: int = typer.Option(4, help="Samples of the focal stack per lenslet."),
+    slopes: str = typer.Option(
+        "",
+        help="Planes of the focal stack as slopes (about virtual depths): a,b,c or start:stop:step; default: -6:6:2, "
+        "with lens types 2:6:0.5.",
+    ),
+    depths: str = typer.Option(
+        "",
+        help="Planes of the focal stack as depths (µm, or with a unit): a,b,c or start:stop:step; needs --camera.",
+    ),
+    samples: int = typer.Option(4, help="Number of samples of the focal stack per lenslet, along each axis."),
     out: Path | None = typer.Option(None, "-o", "--out", help="Folder for stacks and images."),
     workers: WorkersOption = None,
     force: ForceOption = False,
