@@ -192,7 +192,7 @@ MUTANTS = (
     ),
     Mutant("Second Bessel function next to the axis", "the recurrence everywhere", value(radial, "SMALL", 1e-300)),
     Mutant(
-        "Sphere less its parabola",
+        "Sphere minus its parabola",
         "1 - sqrt(1 - s) - s/2 as it is written",
         rewritten(
             optics,
@@ -243,9 +243,7 @@ MUTANTS = (
         rewritten(field, "_envelope", ("local = max(half, box) < reach", "local = False")),
         InputError,
     ),
-    Mutant(
-        "Defocus beyond all reason (v = 1e12), rays only", "every lenslet of the shadow", every_lenslet, MemoryError
-    ),
+    Mutant("Extreme defocus (v = 1e12), rays only", "every lenslet of the shadow", every_lenslet, MemoryError),
     Mutant(
         "Eight waves of spherical aberration",
         "windows for rays without aberration",
@@ -273,7 +271,7 @@ MUTANTS = (
         rewritten(tables, "aperture_outline", ("scene.lattice.basis_um()", "scene.lattice.pitch_um * np.eye(2)")),
     ),
     Mutant(
-        "Half a pixel's slip",
+        "Displacement by half a pixel",
         "the cutout's middle at half its width",
         rewritten(reference.ReferencePlane, "_respond", ("(count // 2) * self.per_px", "count / 2 * self.per_px")),
     ),
@@ -339,12 +337,12 @@ MUTANTS = (
         rewritten(extent.Extent, "side", ("half = max(lit, reach, min(", "half = min(reach, min(")),
     ),
     Mutant(
-        "Even and odd numbers of samples to a pixel",
+        "Even and odd numbers of samples per pixel",
         "a pixel's middle is a sample",
         rewritten(grid.GridPlane, "__init__", ("0.5 if self.per_px % 2 == 0 else 0.0", "0.0")),
     ),
     Mutant(
-        "Few samples to a pixel",
+        "Few samples per pixel",
         "weights as the fit leaves them",
         value(nodes, "conserving", lambda rule: rule),
         EnergyError,

@@ -36,7 +36,7 @@ def test_small_cutout():
 
 
 @hard_case(
-    "Even and odd numbers of samples to a pixel",
+    "Even and odd numbers of samples per pixel",
     wrong="the samples of a pixel are displaced by half a sample",
     measure=ERROR + ", the larger one of 6 and 7 samples",
     bound=0.005,
@@ -48,7 +48,7 @@ def test_even_samples():
 
 
 @hard_case(
-    "Few samples to a pixel",
+    "Few samples per pixel",
     wrong="samples shared by two pixels have a wrong weight, so light is created or lost",
     measure="fraction of the light of a wide cutout that is created or lost between array and pixels",
     bound=2e-4,

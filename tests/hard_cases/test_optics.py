@@ -198,7 +198,7 @@ def test_aperture_near_index():
 
 
 @hard_case(
-    "Sphere less its parabola",
+    "Sphere minus its parabola",
     wrong="sqrt(1 - s) - 1 loses digits by cancellation; k sqrt(b^2 + r^2) has an error of 0.3 rad in single precision",
     measure="error of the exact defocus in waves, at 1e5 waves of defocus",
     bound=1e-10,
@@ -264,7 +264,7 @@ def test_enormous_defocus():
 
 
 @hard_case(
-    "Defocus beyond all reason (v = 1e12), rays only",
+    "Extreme defocus (v = 1e12), rays only",
     wrong="overflow, or a loop over every lenslet of the shadow",
     measure="response divided by that of evenly lit lenslets, minus 1",
     bound=0.05,
@@ -323,7 +323,7 @@ def test_long_lenslets():
 
 
 @hard_case(
-    "Half a pixel's slip",
+    "Displacement by half a pixel",
     wrong="a centring error of half a pixel causes an error of 177 %",
     measure="distance of the centroid from the central pixel for symmetric optics, all levels (px)",
     bound=1e-3,

@@ -29,7 +29,7 @@ def light_on_sensor(
     """Light in pixels x pixels about the axis, in units of the light through the pupil.
 
     ``aside`` (x, y) is where the chief ray of the point meets the sensor: a linear phase over the pupil.
-    ``per`` samples to a pixel, on lenslets and sensor alike; ``pad`` pixels more before light comes back in.
+    ``per`` samples per pixel, on lenslets and sensor alike; ``pad`` pixels more before light comes back in.
     """
     magnification, na, index, wavelength = optics
     step = pixel / per
