@@ -1,4 +1,4 @@
-"""Options of every test run."""
+"""Options and fixtures of all test runs."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ import pytest
 from tests.importing import begin_at_the_end
 from tests.shuffling import header, shuffle
 
-# Workers and the programs that tests start find compiled modules on disk: without them each compiles numba and scipy
-# anew, which takes it longer than all else it does.
+# Workers and the programs that tests start use compiled modules on disk. Without these, each would compile numba and
+# scipy again, which takes longer than all of its other work.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 # Forecasts of tests, and of the programs that they start, neither read nor write the user's cache.
 os.environ["LFCAL_CACHE"] = ""
 
-# Beside other workers more threads of BLAS only wait for each other, and busily: a fit takes an eighth longer.
+# With several workers, more threads of BLAS only wait for each other in busy loops: a fit takes an eighth longer.
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -38,9 +38,9 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
 
 
 def pytest_cmdline_main(config: pytest.Config) -> None:
-    """Give each worker a run of neighbours, which share what a module prepares; who is through takes from the others.
+    """Assign consecutive tests, which share the fixtures of a module, to each worker; idle workers take over others.
 
-    By default pytest-xdist deals tests out by turns, and every worker prepares everything.
+    By default, pytest-xdist distributes tests in turn, and every worker prepares all fixtures.
     """
     asked = any(str(one).startswith("--dist") for one in config.invocation_params.args)
     if getattr(config.option, "dist", "no") == "load" and not asked:
@@ -49,14 +49,14 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection(session: pytest.Session) -> None:
-    gc.disable()  # while modules are imported there is next to no garbage: until `pytest_collection_finish`
+    gc.disable()  # until `pytest_collection_finish`, because imports produce almost no garbage
     begin_at_the_end(session.config)
 
 
 def pytest_collection_finish() -> None:
-    """Let the collector of garbage leave out what stays until the end: half a million objects of modules and tests.
+    """Exclude the half million objects of modules and tests, which exist until the end, from garbage collection.
 
-    What a test makes is looked at less often than by default, where it takes a thirtieth of all time.
+    Objects of tests are also collected less often than by default, where this takes 3 % of the time.
     """
     gc.enable()
     gc.collect()
@@ -66,7 +66,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _same_speeds() -> Iterator[None]:
-    """Let nothing be chosen by how fast this machine is at the moment."""
+    """Make choices independent of the current speed of this machine."""
     from tests.speeds import same_speeds
 
     with same_speeds():
@@ -75,7 +75,7 @@ def _same_speeds() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def _compiled_kernels() -> Iterator[None]:
-    """Let no result depend on which kernels have been compiled before."""
+    """Make results independent of the kernels that have been compiled before."""
     from lfcal.base import compiled
 
     before, compiled.SPARED_S = compiled.SPARED_S, 0.0
@@ -100,14 +100,14 @@ OTHER_KERNELS = ("lattice", "multiplex", "reconstruct", "psf")
 
 
 def begin_with_different_kernels(items: list[pytest.Item]) -> None:
-    """Let the second of two workers, which begins in the middle, compile other kernels than the first.
+    """Make the second of two workers start in the middle, so that it compiles other kernels than the first.
 
-    Where both begin with simulations they compile the same kernels at the same time.
+    If both start with simulations, they compile the same kernels at the same time.
     """
 
     def place(item: pytest.Item) -> int:
         folder = item.nodeid.removeprefix("tests/").partition("/")[0]
-        # what comes before them by name fills the first half
+        # packages that precede them in the order of names fill the first half
         return 1 if folder in OTHER_KERNELS else 0 if folder < min(OTHER_KERNELS) and folder != "inspect" else 2
 
     items.sort(key=place)
@@ -141,7 +141,7 @@ def left_out(items: list[pytest.Item]) -> dict[pytest.Item, str]:
     for several in variants.values():
         marker = several[0].get_closest_marker("few")
         assert marker is not None
-        # by a checksum of their names, as neighbours in a list are similar
+        # by a checksum of their names, because neighbours in a list are similar
         for item in sorted(several, key=lambda one: zlib.crc32(one.nodeid.encode()))[marker.args[0] :]:
             found[item] = "one variant of many; run with --long"
     return found

@@ -1,4 +1,4 @@
-"""Distributions of others, made for a test: a module and its entry points, found as installed ones are."""
+"""Other packages, made for a test: a module and its entry points, found like installed ones."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 def text_of(page: str, section: str = "") -> str:
-    """Return a page of the documentation, or its section (``## section``)."""
+    """Return a page of the documentation, or one of its sections (``## section``)."""
     text = (DOCS / page).read_text(encoding="utf-8")
     if not section:
         return text
@@ -30,7 +30,7 @@ def code_of(page: str, section: str = "") -> list[str]:
 
 
 def names_of(page: str, section: str = "") -> dict[str, Any]:
-    """Return the names that the only Python block of a page or section makes."""
+    """Return the names that the only Python block of a page or section defines."""
     (block,) = code_of(page, section)
     names: dict[str, Any] = {}
     exec(block, names)
@@ -38,7 +38,7 @@ def names_of(page: str, section: str = "") -> dict[str, Any]:
 
 
 def install(monkeypatch: pytest.MonkeyPatch, folder: Path, module: str, source: str, points: dict[str, str]) -> None:
-    """Put a distribution on the path: ``points`` are ``{"group": "name = module:object"}``."""
+    """Put a package on the path, with the entry points ``points``: ``{"group": "name = module:object"}``."""
     (folder / f"{module}.py").write_text(source, encoding="utf-8")
     about = folder / f"{module}-1.0.dist-info"
     about.mkdir()
@@ -50,7 +50,7 @@ def install(monkeypatch: pytest.MonkeyPatch, folder: Path, module: str, source: 
 
 
 def in_a_new_process(folder: Path, code: str) -> str:
-    """Return what ``code`` prints in a process that finds the distributions in ``folder`` installed."""
+    """Return the output of ``code`` in a process in which the packages in ``folder`` are installed."""
     root = str(Path(__file__).parents[1])
     env = {**os.environ, "PYTHONPATH": os.pathsep.join((str(folder), root))}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)

@@ -1,7 +1,7 @@
-"""Test modules imported beforehand: of two workers one begins at the end, so that each compiles half of all files.
+"""Import test modules in advance: one of two workers starts at the end, so that each compiles half of all files.
 
-In a fresh checkout, reading the tests and all that they import into compiled files takes longer than importing those.
-Workers that go through the same list in step do all of it twice.
+In a new checkout, compiling the tests and the modules that they import takes longer than importing compiled files. Two
+workers that import in the same order compile every file twice.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["begin_at_the_end", "modules_below"]
 
 
 def modules_below(folders: Iterable[Path], ignored: Iterable[Path], root: Path) -> list[str]:
-    """Return the names of the test modules in folders, as pytest imports them, in its order."""
+    """Return the names of the test modules in folders, in the order in which pytest imports them."""
     left_out = tuple(ignored)
     files = (path for folder in folders if folder.is_dir() for path in sorted(folder.rglob("test_*.py")))
     return [
@@ -27,7 +27,7 @@ def modules_below(folders: Iterable[Path], ignored: Iterable[Path], root: Path) 
 
 
 def begin_at_the_end(config: pytest.Config) -> None:
-    """Import all test modules from the last one on, in every second worker; what fails is told when it is collected."""
+    """Import all test modules, starting with the last, in every second worker; pytest reports errors later."""
     worker = getattr(config, "workerinput", {}).get("workerid", "gw0")
     if int(worker.removeprefix("gw")) % 2 == 0:
         return

@@ -1,7 +1,7 @@
-"""Pictures whose labels are not measured, in tests that look at what is drawn and not at how it fits.
+"""Figures without layout, for tests that check the content of figures but not their layout.
 
-matplotlib measures every label of a figure twice before it draws it, which takes as long as drawing. With ``--long``
-all figures are laid out as they are for users.
+matplotlib measures every label of a figure twice before it draws it, which takes as long as drawing. With ``--long``,
+all figures are laid out as for users.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ LAYOUT = matplotlib.layout_engine.do_constrained_layout  # type: ignore[attr-def
 
 @contextmanager
 def not_laid_out() -> Iterator[None]:
-    """Let figures keep matplotlib's plain margins."""
+    """Keep the default margins of matplotlib."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(matplotlib.layout_engine, "do_constrained_layout", lambda *_, **__: {})
         yield
@@ -27,7 +27,7 @@ def not_laid_out() -> Iterator[None]:
 
 @contextmanager
 def laid_out() -> Iterator[None]:
-    """Lay figures out as for users, however the tests around do it."""
+    """Lay figures out as for users, regardless of the other tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(matplotlib.layout_engine, "do_constrained_layout", LAYOUT)
         yield

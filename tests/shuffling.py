@@ -1,4 +1,4 @@
-"""Tests in another order: ``--shuffle SEED``, which is printed; the same seed gives the same order again."""
+"""Tests in random order: ``--shuffle SEED``. The seed is printed, and the same seed gives the same order."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ T = TypeVar("T")
 
 
 def header(seed: int | None) -> list[str]:
-    """Return what a run says of its order."""
+    """Return a line on the order of a run."""
     return [] if seed is None else [f"order: --shuffle {seed}"]
 
 
 def shuffle(items: list[pytest.Item], seed: int) -> None:
-    """Deal the modules in another order, and in each the tests; variants of one test stay together.
+    """Shuffle the modules, and the tests in each module; variants of one test stay together.
 
-    Variants share what a module prepares for them, which would be made anew for each.
+    Variants share the fixtures of a module, which would otherwise be made again for each.
     """
     items[:] = shuffled(items, seed, lambda item: item.nodeid.partition("::")[0], _function)
 
@@ -31,7 +31,7 @@ def _function(item: pytest.Item) -> str:
 
 
 def shuffled(items: list[T], seed: int, *levels: Callable[[T], Hashable]) -> list[T]:
-    """Return ``items`` with the groups of each level in another order, within those of the level before."""
+    """Return ``items`` with the groups of each level shuffled within the groups of the level above."""
     if not levels:
         return items
     level, *finer = levels
@@ -39,6 +39,6 @@ def shuffled(items: list[T], seed: int, *levels: Callable[[T], Hashable]) -> lis
     for item in items:
         groups.setdefault(level(item), []).append(item)
     keys = list(groups)
-    # of the names as well: two modules with as many tests are not dealt alike
+    # the seed includes the names, so that modules with equal numbers of tests have different orders
     random.Random(f"{seed} {keys}").shuffle(keys)
     return [item for key in keys for item in shuffled(groups[key], seed, *finer)]

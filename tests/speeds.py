@@ -1,7 +1,7 @@
-"""Speeds of a machine that is the same in every run, for what is chosen by the speed of this one.
+"""Fixed speeds of a machine, in place of measured ones, for choices that depend on them.
 
-A method of projection that is chosen by measured speed may be another under load, and with it the last bits of a
-volume; and to measure takes longer than most projections of tests. Figures are about those of one core of a server.
+Under load, measured speeds may select another method of projection, which changes the last bits of a volume. Measuring
+also takes longer than most projections in tests. The values are about those of one core of a server.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ PRODUCTS, VALUES, BYTES = 2e10, 7e8, 3e9
 
 
 def _half(dtype: str) -> float:
-    """Return how many times longer numbers take than those of single precision."""
+    """Return the factor by which numbers of this type take longer than those of single precision."""
     return np.dtype(dtype).itemsize / (8 if np.dtype(dtype).kind == "c" else 4)
 
 
@@ -56,7 +56,7 @@ def gather_rate(phases: int, positions: int, dtype: str, workers: int) -> float:
 
 @contextmanager
 def same_speeds() -> Iterator[None]:
-    """Let methods of projection be chosen by these speeds."""
+    """Choose methods of projection by these speeds."""
     with pytest.MonkeyPatch.context() as patch:
         for speed in (gemm_seconds, product_seconds, copy_rate, window_seconds, fft_seconds, gather_rate):
             patch.setattr(rates, speed.__name__, speed)
@@ -65,7 +65,7 @@ def same_speeds() -> Iterator[None]:
 
 @contextmanager
 def measured_speeds() -> Iterator[None]:
-    """Let methods of projection be chosen by the speed of this machine, as they are beside tests."""
+    """Choose methods of projection by the speed of this machine, as outside of tests."""
     with pytest.MonkeyPatch.context() as patch:
         for name, speed in MEASURED.items():
             patch.setattr(rates, name, speed)

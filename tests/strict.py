@@ -1,4 +1,4 @@
-"""JSON as its standard has it: Python's own reader takes NaN and infinity, others refuse the whole document."""
+"""Strict JSON: the reader of Python accepts NaN and infinity, but other readers refuse such a document."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["strict_json"]
 
 
 def strict_json(text: str) -> Any:
-    """Return the value of one document of strict JSON."""
+    """Return the value of a document of strict JSON."""
 
     def refuse(constant: str) -> object:
         raise ValueError(f"not strict JSON: {constant}")

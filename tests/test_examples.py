@@ -1,4 +1,4 @@
-"""Every example of a docstring does what it says, and whatever a package gives is shown in one."""
+"""All examples in docstrings give the stated output, and every public name has an example."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def examples_of(module: types.ModuleType) -> list[doctest.DocTest]:
 
 
 def said_of(tests: list[doctest.DocTest]) -> str:
-    """Run examples in the order of their module; return what is wrong with them."""
+    """Run the examples of a module in their order; return the failures."""
     said: list[str] = []
     runner = doctest.DocTestRunner(verbose=False, optionflags=FLAGS)
     for test in sorted(tests, key=lambda test: test.lineno or 0):
@@ -49,7 +49,7 @@ def said_of(tests: list[doctest.DocTest]) -> str:
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder as the reference describes it: copies of the sample data, and the H of the session."""
+    """Return a folder with copies of the sample data and the H of the session, as the reference describes it."""
     folder = tmp_path_factory.mktemp("begun")
     for name in ("session", "recorded"):
         shutil.copytree(SAMPLES / name, folder / name)
@@ -94,7 +94,7 @@ def test_an_example_that_says_something_else_is_told() -> None:
 
 
 def given() -> dict[str, Any]:
-    """Return every function and class that a package gives, by its full name; no errors, protocols and enumerations."""
+    """Return the public functions and classes of a package by full name, without errors, protocols and enumerations."""
     found: dict[str, Any] = {}
     for package in packages(ROOT):
         there = importlib.import_module(package.name)
@@ -109,7 +109,7 @@ def given() -> dict[str, Any]:
 
 
 def shown() -> set[str]:
-    """Return every word of the examples, and of what they print."""
+    """Return all words of the examples and of their output."""
     words: set[str] = set()
     for name in WRITTEN:
         for test in examples_of(importlib.import_module(name)):
@@ -128,7 +128,7 @@ def imported_on_pages() -> set[str]:
 
 
 def test_what_packages_give_is_shown() -> None:
-    """A function in an example of its own or on a page; a class there or where it is made."""
+    """A function has an example in its docstring or on a page; a class occurs in some example."""
     words, pages = shown(), imported_on_pages()
     missing = [
         name

@@ -1,4 +1,4 @@
-"""Workers import the same modules, one of them from the other end."""
+"""Workers import the same modules, one of them in reverse order."""
 
 from __future__ import annotations
 

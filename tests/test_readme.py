@@ -1,4 +1,4 @@
-"""What the README says is what CI runs, and it works."""
+"""CI runs the commands of the README, and they work."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ bash = pytest.mark.skipif(os.name == "nt" or shutil.which("bash") is None, reaso
 
 
 def commands_of(line: str) -> list[list[str]]:
-    """Return the words of every command in a line of a shell."""
+    """Return the words of each command in a shell line."""
     found: list[list[str]] = [[]]
     for word in shlex.split(line, comments=True):
         if word == "&&":
@@ -49,7 +49,7 @@ NAMED = [
 
 
 def run_readme(folder: Path, binaries: Path) -> subprocess.CompletedProcess[str]:
-    """Run CI's script in a new folder, with the ``lfcal`` of ``binaries``."""
+    """Run the script of CI in a new folder, with the ``lfcal`` in ``binaries``."""
     folder.mkdir()
     path = os.pathsep.join([str(binaries), os.environ["PATH"]])
     arguments = ["bash", str(ROOT / ".ci" / "readme"), str(folder)]

@@ -1,4 +1,4 @@
-"""Another order is the same again for the same seed, and keeps together what belongs together."""
+"""The same seed gives the same order, and variants of a test stay together."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A file system with the rules of Windows: what a program has open is neither renamed, replaced nor removed.
+"""A file system with the rules of Windows: open files cannot be renamed, replaced or removed.
 
-Linux lets go of a name while the file is read on, so that a file which is still open when it is replaced shows
-nowhere else than on the machines of most laboratories.
+Linux allows all three, so without these rules a file that is still open when it is replaced causes an error only on
+the Windows machines of users.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Identity = tuple[int, int]
 
 
 class OpenFileError(PermissionError):
-    """What Windows says of a file that is open."""
+    """Error of Windows for a file that is open."""
 
 
 def held_files() -> set[Identity]:

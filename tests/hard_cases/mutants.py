@@ -1,4 +1,4 @@
-"""The naive form of every hard case in optics, sampling and specimens: what the case must notice."""
+"""Naive implementations of all hard cases in optics, sampling and specimens, which the cases must detect."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ Patch = pytest.MonkeyPatch
 
 
 def value(owner: Any, name: str, to: Any) -> Any:
-    """Return what sets ``owner.name``."""
+    """Return a function that sets ``owner.name``."""
     return lambda patch: patch.setattr(owner, name, to)
 
 
@@ -66,7 +66,7 @@ def lommel(u: float, v: np.ndarray) -> np.ndarray:
 
 
 def every_lenslet(patch: Patch) -> None:
-    """Ask for every lenslet of the shadow; a list of billions ends in an error before it takes the memory."""
+    """List every lenslet of the shadow; a list of billions raises an error before it needs the memory."""
     rewritten(
         geometric.GeometricPlane,
         "_visible_reach",
@@ -83,7 +83,7 @@ def every_lenslet(patch: Patch) -> None:
 
 
 def one_target(patch: Patch) -> None:
-    """Let all threads add to the arrays of one."""
+    """Make all threads add to the same arrays."""
     made: list[Any] = []
     target, add = wave.WavePlane._target, wave.WavePlane._add_lens
 
@@ -101,7 +101,7 @@ def one_target(patch: Patch) -> None:
 
 
 def hard_disc(radius: float, dx: float, reach: float) -> tuple[np.ndarray, float]:
-    """Return the disc as it is, over r^2."""
+    """Return the disc with hard edges, as a function of r^2."""
     step = 2 * radius * dx / 128
     return (step * np.arange(math.ceil(reach**2 / step) + 2) <= radius**2).astype(float), step
 

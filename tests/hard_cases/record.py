@@ -1,6 +1,6 @@
-"""Hard cases that state their trap, their bound and their figure, so that a table can be made of them.
+"""Hard cases that state the failure, the measured quantity and its bound, from which a table is made.
 
-A case is a function without arguments that returns its figure; the decorator makes a test of it::
+A case is a function without arguments that returns the measured value; the decorator turns it into a test::
 
     @hard_case("Source on the native plane", wrong="1/a is infinite", measure="error against the reference", bound=0.01)
     def test_native_plane() -> float: ...
@@ -23,7 +23,7 @@ __all__ = ["CASES", "HardCase", "hard_case", "load_cases", "worst"]
 
 @dataclass(frozen=True)
 class HardCase:
-    """One case: where it is, what naive numerics would do, what is measured, what holds."""
+    """One case: its place, the failure of naive code, the measured quantity, and its bound."""
 
     module: str
     name: str
@@ -39,7 +39,7 @@ CASES: dict[str, HardCase] = {}
 def hard_case(
     name: str, *, wrong: str, measure: str, bound: float
 ) -> Callable[[Callable[[], float]], Callable[[], None]]:
-    """Return a decorator that registers a case and asserts that its figure is finite and at most ``bound``."""
+    """Return a decorator that registers a case and asserts that its value is finite and at most ``bound``."""
 
     def register(function: Callable[[], float]) -> Callable[[], None]:
         assert name not in CASES, f"two hard cases are called {name!r}"
@@ -59,7 +59,7 @@ def hard_case(
 
 
 def worst(*values: float) -> float:
-    """Return the largest value, NaN if one is: `max` passes over a NaN that does not come first."""
+    """Return the largest value, or NaN if there is one, which `max` ignores unless it comes first."""
     return float(np.max([float(value) for value in values]))
 
 

@@ -1,4 +1,4 @@
-"""Naive code in the place of careful code: a function of the library with some of its text replaced."""
+"""Naive code in place of careful code: functions of the library with parts of their source replaced."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ __all__ = ["Mutant", "rewritten"]
 
 @dataclass(frozen=True)
 class Mutant:
-    """A naive form of what a hard case is about.
+    """A naive implementation that a hard case must detect.
 
     Attributes
     ----------
     row
-        The hard case that must notice it.
+        The hard case that must detect it.
     naive
-        What is done wrongly.
+        The mistake.
     plant
-        Puts it in the place of the library's code.
+        Function that replaces the code of the library.
     raises
-        The exception by which the case notices; None where its figure exceeds the bound.
+        The exception that the case raises; None if its value exceeds the bound.
     long
-        Whether the case takes too long for every run.
+        Whether the case takes too long to be part of every run.
     """
 
     row: str
@@ -40,9 +40,9 @@ class Mutant:
 
 
 def rewritten(owner: Any, name: str, *changes: tuple[str, str]) -> Callable[[pytest.MonkeyPatch], None]:
-    """Return what plants ``owner.name`` with each (old, new) replaced in its source; every old must be there, once.
+    """Return a function that installs ``owner.name`` with each (old, new) replaced; each old text must occur once.
 
-    ``owner`` is a module or a class; a compiled kernel takes part only in what calls it from Python.
+    ``owner`` is a module or a class. A replaced kernel has an effect only if it is called from Python.
     """
 
     def plant(patch: pytest.MonkeyPatch) -> None:
@@ -53,7 +53,7 @@ def rewritten(owner: Any, name: str, *changes: tuple[str, str]) -> Callable[[pyt
             assert source.count(old) == 1, f"{name} holds {source.count(old)} times {old!r}"
             source = source.replace(old, new)
         names: dict[str, Any] = {}
-        # the annotations are text there, too
+        # annotations are text in the replaced code, too
         code = compile("from __future__ import annotations\n" + source, f"<naive {name}>", "exec")
         space = sys.modules[function.__module__].__dict__
         exec(code, space, names)

@@ -19,12 +19,12 @@ COLUMNS = ("case", "failure of simple code", "measured quantity", "value", "boun
 
 
 def row(case: HardCase, figure: float) -> str:
-    """Return the table's line of a case."""
+    """Return the row of a case in the table."""
     return f"| {case.name} | {case.wrong} | {case.measure} | {figure:.2g} | {case.bound:g} |"
 
 
 def page(cases: dict[str, HardCase]) -> str:
-    """Return the page, every figure measured again."""
+    """Measure all values, and return the page."""
     parts = [HEAD]
     for module in sorted({case.module for case in cases.values()}):
         own = [case for case in cases.values() if case.module == module]

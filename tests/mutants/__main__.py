@@ -19,7 +19,7 @@ LEAST = 0.85
 
 
 def main() -> int:
-    """Judge the mutants that the options select; return 1 if fewer than `LEAST` of them are killed at first, else 0."""
+    """Judge the selected mutants; return 1 if fewer than `LEAST` of them are killed at the first run, else 0."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
     parser.add_argument("--count", type=int, default=60)
     parser.add_argument("--seed", type=int, help="of the choice; by default a new one, which is printed")

@@ -1,4 +1,4 @@
-"""Small mistakes as people make them, and where in a source they can be made."""
+"""Small mistakes that people make, and the places in a source where they can be made."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _nodes(tree: ast.AST, function: str = "") -> Iterator[tuple[str, ast.AST]]:
 
 
 def _mistakes(node: ast.AST, source: bytes, starts: list[int]) -> Iterator[tuple[str, int, int, str]]:
-    """Yield kind, start, stop and replacement of what can go wrong in one node."""
+    """Yield kind, start, stop and replacement of each mistake in one node."""
 
     def span(part: ast.AST) -> tuple[int, int]:
         line, column = part.lineno, part.col_offset  # type: ignore[attr-defined]
@@ -135,7 +135,7 @@ def _mistakes(node: ast.AST, source: bytes, starts: list[int]) -> Iterator[tuple
 
 
 def _is_value(node: ast.Name) -> bool:
-    """Return whether a name is that of a value: neither a class nor one that nobody reads."""
+    """Return whether a name is that of a value that is used: neither a class nor an unused name."""
     return node.id[0].islower()
 
 

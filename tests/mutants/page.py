@@ -25,7 +25,7 @@ def words_of(verdict: Verdict, reason: str) -> str:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A mutant, its first outcome, and the last one: with tests that were written since."""
+    """A mutant, its first outcome, and its outcome with the tests that were written later."""
 
     mutant: Mutant
     first: Verdict
