@@ -30,13 +30,14 @@ from lfcal.base import (
     map_npy,
     plain,
     storage_words,
+    understood,
 )
 from lfcal.base.h5 import H5File
 from lfcal.camera import ScanPlan
 from lfcal.judge.dated import FIT, QUALITY, read_dated_fit, read_inspection
 from lfcal.psf import FORMAT as PSF_FORMAT
 from lfcal.psf import head_of
-from lfcal.reconstruct import DATASET, VOLUME_FORMAT, zarr_contents
+from lfcal.reconstruct import DATASET, VOLUME_FORMAT, open_ome_zarr, zarr_contents
 
 __all__ = [
     "KINDS",
@@ -598,7 +599,15 @@ def picture_of(result: StoredResult) -> NDArray[Any] | None:
         return _middle(path, DATASET)
     if suffix == ".npy":
         return _image(map_npy(path))
+    if suffix == ".zarr":
+        return _of_zarr(path)
     return _of_tiff(path) if suffix in (".tif", ".tiff") else None
+
+
+def _of_zarr(path: Path) -> NDArray[Any]:
+    array = open_ome_zarr(path)[0]
+    with understood(path, "intact chunks", "copy it again"):
+        return np.asarray(array[tuple(n // 2 for n in array.shape[:-2])])
 
 
 def _sum_of(path: Path) -> NDArray[Any] | None:

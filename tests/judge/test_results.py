@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from lfcal.base.errors import StorageError
+from lfcal.base.errors import FileFormatError, StorageError
 from lfcal.base.h5.reading import H5Data
 from lfcal.base.progress import drain
 from lfcal.judge.results import (
@@ -101,6 +101,20 @@ def test_each_kind_is_found_by_its_content_with_its_picture(one_of_each: Path) -
     )
     assert json.loads(json.dumps(by_name["fit"].to_dict()))["facts"]["gap_um"].startswith("400 ±")
     check_pictures(found)
+
+
+def test_an_ome_zarr_has_a_picture_and_a_missing_chunk_a_reason(tmp_path: Path) -> None:
+    pytest.importorskip("zarr", reason="zarr is not installed")
+    volume = np.arange(60.0).reshape(3, 4, 5)
+    save_volume(tmp_path / "v.ome.zarr", volume, depths_um=[-10, 0, 10])
+    (one,) = find_results(tmp_path).results
+    assert one.kind == "volume" and dict(one.facts)["Depths"] == "-10 µm to 10 µm"
+    np.testing.assert_array_equal(picture_of(one), volume[1])
+    for chunk in (one.path / "0" / "0" / "1").rglob("*"):
+        if chunk.is_file():
+            chunk.write_bytes(b"damaged")
+    with pytest.raises(FileFormatError, match="intact chunks"):
+        picture_of(one)
 
 
 def test_damaged_and_half_written_results_have_a_reason(one_of_each: Path) -> None:
