@@ -59,6 +59,7 @@ class Page(BasePage):
         self._opened = ""
         self._ready: tuple[str, NDArray[Any]] | None = None  # read before the project changes
         self._ready_volume: OpenedVolume | None = None
+        self._bare = False
         self._saved_as = ""  # file of the volume that was reconstructed here
         self._job = 0
         self._shown_iteration = -1
@@ -138,13 +139,14 @@ class Page(BasePage):
     def _show(self, state: ProjectState) -> None:
         self.context.matrices.want(state.psf)
         matrix = self.context.matrix(self.context.state.psf)
-        self.panel.area.setEnabled(matrix is not None)
-        if matrix is None and self.saved is not None:  # a volume is looked at without H
+        self._show_bare(matrix is None and self.saved is not None)
+        if self._bare:
             self.show_body()
             self._facts = Path(state.volume).name
             self._say(self.panel.view.readout)
             return
         if matrix is None:
+            self._facts = self.spec.hint
             self.hint.setText(self.spec.hint)
             self.show_no_matrix(
                 state.psf,
@@ -170,6 +172,12 @@ class Page(BasePage):
         self._show_file()
         self._show_region()
         self._show_controls()
+
+    def _show_bare(self, bare: bool) -> None:
+        """Show a volume without the inspector, which is of use only with H."""
+        if bare != self._bare:
+            self._bare = bare
+            self.panel.area.setHidden(bare)
 
     def _say(self, words: str) -> None:
         """Show the readout of a voxel or, without a volume, a description of H."""
@@ -538,6 +546,8 @@ class Page(BasePage):
         self.solving = self.saved = None
         self.panel.show_no_volume()
         self._show_controls()
+        if self._bare:
+            self._show(self.context.state)
         jobs.drop("reconstruct volume")
 
         def loaded(found: OpenedVolume) -> None:

@@ -93,7 +93,10 @@ def test_a_dropped_volume_is_shown(page: Page, context: Context, qtbot: QtBot, t
     assert context.state.volume == str(path) and context.state.light_field == str(tmp_path / "light.tif")
     assert page.panel.view.prepared.solid.values.shape == VOLUME.shape and page.solving is None
     context.project.update("no H", psf="")
-    assert page.empty is None and not page.panel.area.isEnabled(), "a volume is shown without H"
+    assert page.empty is None and page.panel.area.isHidden(), "a volume is shown without H"
+    assert page.hint.text().startswith("plane")
+    context.project.update("no volume", volume="")
+    assert page.empty is not None and page.hint.text() == page.spec.hint and not page.panel.area.isHidden()
 
 
 def test_a_light_field_and_h_are_dropped_as_before(page: Page, context: Context, qtbot: QtBot, tmp_path: Path) -> None:
