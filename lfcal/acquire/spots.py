@@ -116,7 +116,7 @@ def _moments(share: NDArray[np.float64]) -> tuple[float, float]:
 def image_shift(before: NDArray[Any], after: NDArray[Any]) -> tuple[float, float, float]:
     """Return the displacement of the light between two frames of the same region (px), and their correlation.
 
-    The result is (rows, columns, correlation): the centroid in ``after`` minus that in ``before``, and the normalized
+    The result is (rows, columns, correlation): the centroid in ``after`` minus that in ``before``, and the normalised
     correlation of the unshifted frames. The correlation is 1 for frames that differ only in brightness.
 
     Raises

@@ -1,4 +1,4 @@
-"""OpenCV, checked: four distributions write the same folder ``cv2``, and removing one of them damages the others."""
+"""OpenCV, checked: four packages write the same folder ``cv2``, and removing one of them damages the others."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ T = TypeVar("T", bound=Named)
 class Registry(Generic[T]):
     """Registry of the parts of one kind by name, discovered on first use.
 
-    A part of another distribution is ignored if a part of lfcal has the same name.
+    A part of another package is ignored if a part of lfcal has the same name.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Registry(Generic[T]):
     order
         Sort key of the parts. None: by name.
     check
-        Function called with every part of another distribution; it raises an error if the part cannot be used.
+        Function called with every part of another package; it raises an error if the part cannot be used.
     make
         Function that turns the loaded object of an entry point into the part. None: the object is the part.
     """

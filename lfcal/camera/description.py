@@ -222,7 +222,7 @@ class Camera:
         return flipped * self.sensor.pixel_um
 
     def local(self, place: ArrayLike) -> Camera:
-        """Return a copy of the camera whose lattice is linearized about the sensor pixel ``place`` (row, column)."""
+        """Return a copy of the camera whose lattice is linearised about the sensor pixel ``place`` (row, column)."""
         x, y = self.sensor_um(place)
         return replace(self, lattice=self.lattice.local((float(x), float(y))))
 

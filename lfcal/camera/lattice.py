@@ -405,7 +405,7 @@ def cell_neighbours(basis: ArrayLike) -> Array:
         turn. Together with their negatives, they are the vectors to all these neighbours.
     """
     vectors = np.array(basis, float)
-    # normalized, because squares of lengths could overflow
+    # normalised, because squares of lengths could overflow
     unit = float(np.abs(vectors).max())
     short, long = vectors / unit
     # Gauss's reduction: the shortest vectors, at 60 to 90 degrees

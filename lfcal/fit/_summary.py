@@ -1,4 +1,4 @@
-"""Summarize a fit in numbers: values, standard deviations, correlations, and degeneracies.
+"""Summarise a fit in numbers: values, standard deviations, correlations, and degeneracies.
 
 A parameter that was fitted and one that was not are degenerate if they have the same effect on the patterns.
 """

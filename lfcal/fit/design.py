@@ -40,7 +40,7 @@ class Chosen:
     Parameters
     ----------
     information
-        Information from each single pattern, and the weights of the error to minimize.
+        Information from each single pattern, and the weights of the error to minimise.
     """
 
     def __init__(self, information: Information) -> None:

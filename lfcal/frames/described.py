@@ -16,7 +16,7 @@ __all__ = ["DescribedSource", "sensor_noise", "stated_noise"]
 
 
 def sensor_noise(sensor: Sensor) -> Noise:
-    """Return the noise of raw samples from the sensor's description: read noise, quantization noise and shot noise."""
+    """Return the noise of raw samples from the sensor's description: read noise, quantisation noise and shot noise."""
     gain = sensor.electrons_per_count
     return Noise((sensor.read_noise_e / gain) ** 2 + 1 / 12, 1 / gain, sensor.black_level)
 

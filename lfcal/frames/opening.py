@@ -23,7 +23,7 @@ __all__ = ["COMPONENTS", "RECORDINGS", "SOURCES", "TABLES", "datasets_in", "file
 SOURCES: Registry[SourceKind] = Registry(
     "frame source", "lfcal.frames.sources", "SOURCE", "lfcal.sources", order=lambda kind: (kind.rank, kind.name)
 )
-"""Every kind of source; the first that recognizes a path opens it."""
+"""Every kind of source; the first that recognises a path opens it."""
 
 
 TABLES = frozenset({".csv", ".tsv", ".txt", ".dat", ".json"})

@@ -104,7 +104,7 @@ Number: TypeAlias = float | NDArray[np.float64]
 class Noise(NamedTuple):
     """Model of the noise of a sample: at the value v, the variance is ``constant + slope * max(v - black, 0)`` counts².
 
-    A sensor with g electrons per count and r electrons of read noise has ``constant = (r / g)^2 + 1/12`` (quantization)
+    A sensor with g electrons per count and r electrons of read noise has ``constant = (r / g)^2 + 1/12`` (quantisation)
     and ``slope = 1 / g`` (photon noise). ``constant`` and ``slope`` are numbers, or arrays ``(rows, columns)`` with a
     value for every sample. ``black`` is the sample value without light (counts). None: unknown, and treated as 0.
 

@@ -48,7 +48,7 @@ class Figures:
     nrmse
         ``|a - b| / |b|``, without scaling.
     scale
-        Number g that minimizes ``|a - g b|``.
+        Number g that minimises ``|a - g b|``.
     scaled
         ``|a - g b| / |a|`` at this scale: 0 if both are proportional, 1 if they have nothing in common.
     shift_px

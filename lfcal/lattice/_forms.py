@@ -437,7 +437,7 @@ def _correlation(fit: FittedForm, blocks: Blocks) -> float:
 
 
 def _held_out_error(fit: FittedForm, index: NDArray[np.intp], frame: DistortionFrame, blocks: Blocks) -> float:
-    """Return the weighted sum of squares of each fold's residuals under a fit to the others (linearized)."""
+    """Return the weighted sum of squares of each fold's residuals under a fit to the others (linearised)."""
     columns = design(fit.model, fit.form, index, frame)[:, blocks.order]
     residual, weight = fit.residual[blocks.order], fit.weight[blocks.order]
     size = fit.form.size

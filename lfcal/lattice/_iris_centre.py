@@ -89,7 +89,7 @@ def iris_centre(
     model
         The lattice.
     centres, light
-        Lattice points (x, y) of working lenslets ``(n, 2)``, and the normalization of each ``(n,)``.
+        Lattice points (x, y) of working lenslets ``(n, 2)``, and the normalisation of each ``(n,)``.
     workers
         Number of threads. None: one for each available CPU core.
     """

@@ -39,7 +39,7 @@ MAX_LIGHT = 3.0
 """Largest light of a lenslet, relative to its surroundings, that counts in the mean of its class."""
 
 CLASS_REACH = 2
-"""Number of lenslets on each side whose mean light normalizes that of a class."""
+"""Number of lenslets on each side whose mean light normalises that of a class."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -146,7 +146,7 @@ class LatticeModel:
 def class_light(index: NDArray[np.intp], light: Array) -> Array:
     """Return the typical ``light`` ``(n,)`` of the class of each lenslet; NaN in ``light`` is left out.
 
-    Coatings and polarizers make alternate rows, columns or diagonals dimmer, and focal lengths one of three types.
+    Coatings and polarisers make alternate rows, columns or diagonals dimmer, and focal lengths one of three types.
     ``light`` is relative to the surroundings. Classes extend over the whole array, so an edge of the light does not
     form one.
     """

@@ -238,7 +238,7 @@ def centred(image: NDArray[np.float32], model: LatticeModel, workers: int | None
 
 
 def _surface(points: Array, light: Array, shape: tuple[int, int], degree: int) -> NDArray[np.float32]:
-    """Return the smooth ``light`` on every pixel, normalized to 1: a polynomial, or the exponential of one.
+    """Return the smooth ``light`` on every pixel, normalised to 1: a polynomial, or the exponential of one.
 
     A polynomial follows the edge of a shadow better, the exponential a strong fall-off such as that of a beam.
     """

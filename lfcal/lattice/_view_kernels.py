@@ -45,7 +45,7 @@ class ViewReading(NamedTuple):
 def _along(strip: Float, weights: Float, line: Float) -> None:
     """Write the weighted sum of neighbours of ``strip`` to ``line``."""
     n = line.size
-    # weights in variables, not in memory, so that the loops over k are vectorized
+    # weights in variables, not in memory, so that the loops over k are vectorised
     if weights.size == 4:
         a, b, c, d = weights[0], weights[1], weights[2], weights[3]
         for k in range(n):
@@ -107,7 +107,7 @@ def _mix(lines: Float, near: NDArray[np.int32], share: Float, mixed: Float) -> N
             for u in range(across):
                 row[u] = a * one[u]
             continue
-        # all lenslets in one loop, which is vectorized; rows are short
+        # all lenslets in one loop, which is vectorised; rows are short
         two, b = lines[near[c, 1]], share[c, 1]
         if most == 2:
             for u in range(across):

@@ -15,7 +15,7 @@ __all__ = ["Vignetting", "vignetting_map"]
 
 @dataclass(frozen=True, eq=False)
 class Vignetting:
-    """Relative illumination over the field, normalized to 1 at the maximum of a smooth surface fitted to the lenslets.
+    """Relative illumination over the field, normalised to 1 at the maximum of a smooth surface fitted to the lenslets.
 
     Attributes
     ----------

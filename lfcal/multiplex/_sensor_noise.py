@@ -1,6 +1,6 @@
 """Noise of a sensor, weights of recorded samples, and black level of recorded frames.
 
-Noise consists of read, dark, shot, quantization and fixed-pattern noise. The black level is one number, or one number
+Noise consists of read, dark, shot, quantisation and fixed-pattern noise. The black level is one number, or one number
 for each position in a pattern, as in RAW files.
 """
 
@@ -93,7 +93,7 @@ class SensorNoise:
     full_e
         Signal at full scale (electrons), which unmodulated light reaches.
     additive_e2
-        Signal-independent variance (electrons²) due to read noise, dark current, offsets and quantization.
+        Signal-independent variance (electrons²) due to read noise, dark current, offsets and quantisation.
     prnu
         Relative rms of the photo-response non-uniformity; 0 if frames are corrected for it.
 

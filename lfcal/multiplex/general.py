@@ -1,8 +1,8 @@
-"""The general route: regularized least squares for any modulator m(x, p), periodic or not, separable or not.
+"""The general route: regularised least squares for any modulator m(x, p), periodic or not, separable or not.
 
 If every pixel has different transmissions, no measurement channel can be interpolated, and super-pixels have no common
 decorrelation. The samples are then computed from all pixels together, on a separate grid with linear interpolation
-between its nodes. Conjugate gradients minimize sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2. Each iteration
+between its nodes. Conjugate gradients minimise sum w (i - sum_n m_n B rho_n)^2 + lambda |grad rho|^2. Each iteration
 takes about 14 multiply-adds per pixel and sample (`GeneralModel.operations`), and usually 20 to 200 iterations are
 needed. The routes for super-pixels take one pass.
 """
@@ -110,7 +110,7 @@ def iter_demultiplex_generally(
     tolerance: float = 1e-6,
     most: int = 400,
 ) -> Work[GeneralSamples]:
-    """Return `GeneralSamples` of a frame behind any modulator, periodic or not, by regularized least squares.
+    """Return `GeneralSamples` of a frame behind any modulator, periodic or not, by regularised least squares.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def iter_demultiplex_generally(
         same weight.
     smoothness
         Weight of the squared differences between adjacent nodes, relative to the mean weight of the measurements. This
-        regularization determines samples that no pixel measures.
+        regularisation determines samples that no pixel measures.
     tolerance
         Fraction of its initial value below which the norm of the gradient must fall for the iterations to stop.
     most

@@ -452,7 +452,7 @@ def gain_map(modulator: Modulator, reference: Modulator, chi2: ArrayLike | None 
 def sample_deviation(modulator: Modulator, noise: SensorNoise, *, decorrelation: str = "plain") -> Array:
     """Return the standard deviation of each sample, ``(N,)``, in unmodulated light, relative to full scale.
 
-    Every pixel has the noise that corresponds to the light that it receives: read, dark, quantization and shot noise,
+    Every pixel has the noise that corresponds to the light that it receives: read, dark, quantisation and shot noise,
     and response non-uniformity. Interpolation between super-pixels is not included.
 
     Parameters

@@ -158,7 +158,7 @@ def best_filter_set(
 ) -> Modulator:
     """Search for the filter transmissions for red, green and blue with the largest SNR gain at ``chi2``.
 
-    Transmissions may have any value from 0 to 1. The search minimizes the noise of the recovered colours, including the
+    Transmissions may have any value from 0 to 1. The search minimises the noise of the recovered colours, including the
     shot noise of each pixel, by a projected quasi-Newton method. It starts from the best set of ideal filters and from
     random sets.
 

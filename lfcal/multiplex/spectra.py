@@ -303,7 +303,7 @@ def spectral_array(
     filters
         Transmissions of the filters, 0 to 1. None: the included model filters R, G, B, C, M, Y and W.
     illuminant
-        Relative spectral power of the illuminant (one curve). Its number of photons is normalized to a mean of 1 over
+        Relative spectral power of the illuminant (one curve). Its number of photons is normalised to a mean of 1 over
         the bands. Samples are then reflectances, each multiplied by the fraction of the spectral range that its band
         occupies (`Modulator.light`). None: samples are the numbers of photons in each band.
     efficiency

@@ -144,7 +144,7 @@ def optics_of(provenance: Mapping[str, Any]) -> str | None:
 def light_shares(provenance: Mapping[str, Any]) -> bool:
     """Return whether H was simulated without frames, so that its values are fractions of the light and not counts.
 
-    An H assembled from simulated frames has counts; it is recognized by the noise seed in its provenance.
+    An H assembled from simulated frames has counts; it is recognised by the noise seed in its provenance.
     """
     simulated = provenance.get("simulated")
     return isinstance(simulated, Mapping) and "seed" not in simulated

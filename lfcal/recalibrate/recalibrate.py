@@ -1,4 +1,4 @@
-"""Recalibrate a camera on frames of unknown objects, and decide whether the result explains them."""
+"""Recalibrate a camera with frames of unknown objects, and decide whether the result explains them."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ STEPS = 40
 """Largest number of conjugate-gradient steps of a projection."""
 
 RIDGE = 1e-3
-"""Regularization of the projection, relative to the largest diagonal entry."""
+"""Regularisation of the projection, relative to the largest diagonal entry."""
 
 DARK = 1e-5
 """Value of a voxel, relative to the largest, below which it cannot change."""

@@ -13,7 +13,7 @@ __all__ = ["PHANTOMS", "nrmse", "phantom", "points", "vesicle"]
 
 
 def nrmse(estimate: ArrayLike, truth: ArrayLike) -> float:
-    """Return the normalized root-mean-square error: the norm of ``estimate - truth`` divided by that of ``truth``.
+    """Return the normalised root-mean-square error: the norm of ``estimate - truth`` divided by that of ``truth``.
 
     Raises
     ------

@@ -116,7 +116,7 @@ class _ReadNoise:
 class _Strength:
     strength: float | None = opt(
         None,
-        "Weight of the regularization term.",
+        "Weight of the regularisation term.",
         at_least=0,
         empty="0.002 for rl-tv, 0.02 for rl-tikhonov",
     )
@@ -163,7 +163,7 @@ class SieveSolver(_Subsets, _Em):
 
 @record
 class RlSolver(_Em):
-    """Settings of Richardson-Lucy without acceleration or regularization."""
+    """Settings of Richardson-Lucy without acceleration or regularisation."""
 
     name: str = _named("rl")
 
@@ -177,7 +177,7 @@ class RlTvSolver(_Strength, _Em):
 
 @record
 class RlTikhonovSolver(_Strength, _Em):
-    """Settings of Richardson-Lucy with Tikhonov-Miller regularization, which reduces noise and softens edges."""
+    """Settings of Richardson-Lucy with Tikhonov-Miller regularisation, which reduces noise and softens edges."""
 
     name: str = _named("rl-tikhonov")
 

@@ -1,4 +1,4 @@
-"""Summarize the frames of a target, and their cost compared with a single point, as plain JSON types."""
+"""Summarise the frames of a target, and their cost compared with a single point, as plain JSON types."""
 
 from __future__ import annotations
 

@@ -156,7 +156,7 @@ class Tails:
     Attributes
     ----------
     light
-        Mean pattern ``(rows, columns)`` with odd sides, normalized to a sum of 1 in its cutout. The window is four
+        Mean pattern ``(rows, columns)`` with odd sides, normalised to a sum of 1 in its cutout. The window is four
         cutouts wide, or the widest that fits on the grid of a wave computation (`WINDOWS`).
     cutout
         Rows and columns ``(nt, ns)`` of a cutout.

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from tests.architecture.sources import ROOT, text_of, tree_of
 from tests.architecture.test_house import FILES
 
-MODULE, PART, DRIVER = "attributes of a module", "what another distribution has registered", "a driver's own answer"
+MODULE, PART, DRIVER = "attributes of a module", "what another package has registered", "a driver's own answer"
 ALLOWED = {
     ("gui/lfcal_gui/log.py", "__version__"): MODULE,
     ("lfcal/base/files.py", "O_NOFOLLOW"): MODULE,

@@ -19,7 +19,7 @@ from lfcal.simulate.accuracy import calibration
 from tests.cli.conftest import Lfcal
 from tests.distribution import in_a_new_process, install
 
-# -- ``lfcal doctor`` names every part of another distribution that could not be loaded, with the reason --
+# -- ``lfcal doctor`` names every part of another package that could not be loaded, with the reason --
 KINDS = {
     "lfcal.formats": "image format",
     "lfcal.sources": "frame source",

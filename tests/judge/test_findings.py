@@ -68,7 +68,7 @@ MADE = ((Doubt, "findings"), (Judgement, "findings"), (QualityState, "alarms"), 
 
 
 def test_a_source_of_another_package_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Findings of another distribution are in the verdict with those of lfcal."""
+    """Findings of another package are in the verdict with those of lfcal."""
     short = FindingSource("short names", ("MatrixCheck",), lambda check: [finding(f"short name {check.path.name}")])
     monkeypatch.setattr(FINDING_SOURCES, "_parts", {**{one.name: one for one in FINDING_SOURCES}, short.name: short})
     check = MatrixCheck(Path("H.h5"), 2, True, (), 0)

@@ -144,7 +144,7 @@ PAGE = code_of("extending.md", "A solver")
 
 @pytest.fixture
 def foreign(tmp_path, monkeypatch):
-    """Install a solver of another distribution for one test."""
+    """Install a solver of another package for one test."""
 
     def put(source, name="SOLVER"):
         install(monkeypatch, tmp_path, "their_solver", source, {"lfcal.solvers": f"theirs = their_solver:{name}"})

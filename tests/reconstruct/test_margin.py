@@ -109,7 +109,7 @@ def test_margins_are_added_and_removed():
 
 def test_a_solver_without_weights_has_no_margin(monkeypatch: pytest.MonkeyPatch) -> None:
     """It would take the empty pixels outside the frame for dark ones."""
-    plain = Solver("plain", "of another distribution", lambda *_: iter(()), frozenset({"background"}))
+    plain = Solver("plain", "of another package", lambda *_: iter(()), frozenset({"background"}))
     monkeypatch.setattr(type(SOLVERS), "get", lambda *_: plain)
     assert SolverChoice("plain").margin == 0
     with pytest.raises(InputError, match=r"cannot ignore pixels outside the frame, got 5; set it to 0"):

@@ -206,7 +206,7 @@ class Sharp(Plain):
 
 @record
 class Soft(Plain):
-    """A way with a width, of another distribution."""
+    """A way with a width, of another package."""
 
     way: str = opt("soft", "The way.", flag="--by")
     edge: int = opt(2, "Its edge.", at_least=1)

@@ -24,7 +24,7 @@ Install = Callable[[str, str], None]
 
 @pytest.fixture
 def foreign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
-    """Install an effect of another distribution for one test."""
+    """Install an effect of another package for one test."""
 
     def put(source: str, name: str) -> None:
         install(monkeypatch, tmp_path, "their_effects", source, {"lfcal.effects": f"theirs = their_effects:{name}"})

@@ -237,7 +237,7 @@ def test_planned_simulation_lies_within_the_tolerance_of_everything(v: float, to
 
 @dataclass(frozen=True, eq=False)
 class Tabulated(fx.SceneEffect):
-    """An effect of another distribution that contains an array, and cannot be hashed or compared."""
+    """An effect of another package that contains an array, and cannot be hashed or compared."""
 
     table: np.ndarray = field(default_factory=lambda: np.ones(3))
     name = title = "tabulated"

@@ -31,7 +31,7 @@ COMPARED_COLUMNS = ("Plane, lenslets", "NRMSE (%)", "Scale", "Scaled (%)", "Shif
 COMPARED_TIPS = (
     "Number and depth of the plane, with both numbers where they differ; lenslet type whose pixels are compared",
     "|A − B| / |B|, without scaling",
-    "The factor g that minimizes |A − g B|",
+    "The factor g that minimises |A − g B|",
     "|A − g B| / |A|: 0 if both are equal up to scale, 1 if they have nothing in common",
     "Shift of A relative to B: rows, columns",
     "Residual of A after the best scale and shift",

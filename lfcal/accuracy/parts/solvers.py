@@ -75,7 +75,7 @@ def _solved(P: Projector, image: np.ndarray, truth: np.ndarray, name: str, setup
             if time.perf_counter() - start > seconds:
                 return
             yield AccuracyStep(f"{name}, further iterations", 0.0)
-    except LfcalError as error:  # a solver of another distribution may require more than an image
+    except LfcalError as error:  # a solver of another package may require more than an image
         yield AccuracyStep(f"{name}: {error}", 0.0)
     finally:
         work.close()

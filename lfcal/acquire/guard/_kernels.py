@@ -36,7 +36,7 @@ def measure(frame: NDArray[Any], out: NDArray[np.float64]) -> None:
         mean = block.mean()
         if mean < level:
             level, noise = mean, block.std()
-    # column by column, because the compiler can vectorize sums over columns
+    # column by column, because the compiler can vectorise sums over columns
     sums, moments, tops = np.zeros(columns), np.zeros(columns), np.full(columns, -np.inf)
     for r in range(rows):
         for c in range(columns):

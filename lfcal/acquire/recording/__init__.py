@@ -1,4 +1,4 @@
-"""The crash-safe recording: frames and records are written in place and synchronized, and are readable at any time.
+"""The crash-safe recording: frames and records are written in place and synchronised, and are readable at any time.
 
 - ``records``: the record of every frame, and checksums of both
 - ``recording_file``: one recording file, written in place and read; ``store``: the files of one session;

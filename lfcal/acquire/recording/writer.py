@@ -41,7 +41,7 @@ class Acknowledged(NamedTuple):
 
 
 class Writer:
-    """Writer that puts frames into a `Sink` and synchronizes it in a thread, with at most ``depth`` frames in flight.
+    """Writer that puts frames into a `Sink` and synchronises it in a thread, with at most ``depth`` frames in flight.
 
     Call all methods from one thread. An error of `Sink.sync` is raised by the next call of `flush`, by one of the next
     ``depth`` calls of `submit`, or by `collect`. No frame is acknowledged after it.

@@ -120,7 +120,7 @@ class _Bytes:
             raise error
 
     def read(self, size: int = -1) -> bytes:
-        """Return the next bytes; h5py recognizes a file-like object by this method, HDF5 calls `readinto`."""
+        """Return the next bytes; h5py recognises a file-like object by this method, HDF5 calls `readinto`."""
         buffer = bytearray(size)
         self.readinto(memoryview(buffer))
         return bytes(buffer)

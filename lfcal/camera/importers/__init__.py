@@ -1,4 +1,4 @@
-"""Readers for camera descriptions of other programs. Each module recognizes its format by the text of a file.
+"""Readers for camera descriptions of other programs. Each module recognises its format by the text of a file.
 
 - ``camera_format``: the interface of a reader, functions that readers share, and the choice of the reader for a file,
   including readers from other packages

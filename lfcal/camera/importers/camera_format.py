@@ -78,7 +78,7 @@ class CameraFormat:
     name
         Display name, such as ``"Raytrix XML"``.
     suffixes
-        Usual file suffixes, only for file dialogs; the format is recognized from the text of the file.
+        Usual file suffixes, only for file dialogs; the format is recognised from the text of the file.
     recognises
         Function that returns whether a file has this format, from the first characters of its text.
     read
@@ -151,10 +151,10 @@ def file_text(source: Path) -> str:
 CAMERA_FORMATS: Registry[CameraFormat] = Registry(
     "camera format", "lfcal.camera.importers", "FORMAT", "lfcal.camera_formats", order=lambda f: (f.rank, f.name)
 )
-"""All formats; the first that recognizes a text reads it."""
+"""All formats; the first that recognises a text reads it."""
 
 HEAD = 1 << 14
-"""Number of characters by which a format is recognized."""
+"""Number of characters by which a format is recognised."""
 
 
 def read_camera(path: str | os.PathLike[str], options: ImportOptions | None = None) -> Camera:

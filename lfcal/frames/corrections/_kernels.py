@@ -62,7 +62,7 @@ def correct_rows(
     slope = np.float32(terms.per_column)
     for r in range(start, stop):
         offset = np.float32(terms.offset + terms.per_row * (r + r0))
-        # one loop for each kind of chain: a branch per pixel would prevent vectorization
+        # one loop for each kind of chain: a branch per pixel would prevent vectorisation
         if dark.size and gain.size:
             for c in range(columns):
                 value = (np.float32(raw[r, c]) - level - dark[r0 + r, c0 + c]) * gain[r0 + r, c0 + c]

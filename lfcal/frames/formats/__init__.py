@@ -1,4 +1,4 @@
-"""Readers of image files, one module per format; most formats are recognized by the first bytes of a file.
+"""Readers of image files, one module per format; most formats are recognised by the first bytes of a file.
 
 - ``image_file``: the interface of a format, shared checks, and the choice of the format for a file, including formats
   from other packages

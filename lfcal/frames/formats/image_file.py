@@ -1,4 +1,4 @@
-"""Image files: they are recognized, opened as pages, and every declared size is checked."""
+"""Image files: they are recognised, opened as pages, and every declared size is checked."""
 
 from __future__ import annotations
 
@@ -221,7 +221,7 @@ def check_grey(path: Path, components: int, colour: str | None, bits: int) -> No
 FORMATS: Registry[Format] = Registry(
     "image format", "lfcal.frames.formats", "FORMAT", "lfcal.formats", order=lambda f: (f.rank, f.name)
 )
-"""All formats; the first that recognizes a file opens it."""
+"""All formats; the first that recognises a file opens it."""
 
 
 def image_suffixes() -> frozenset[str]:
@@ -234,7 +234,7 @@ def open_image(path: str | os.PathLike[str], *, colour: str | None = None, datas
 
     Supported formats are greyscale TIFF (with one or several pages, 16-bit and others), PNG, PGM, ``.npy`` arrays,
     FITS, HDF5 stacks, OME-Zarr, NDTiff, and camera RAW (the unprocessed mosaic). Plug-ins add others. The format is
-    detected from the first bytes of the file, except for camera RAW, which is recognized by the suffix, and for the
+    detected from the first bytes of the file, except for camera RAW, which is recognised by the suffix, and for the
     folders of OME-Zarr and NDTiff. Give such a folder, or the file that describes it (``zarr.json``, ``NDTiff.index``).
 
     Parameters

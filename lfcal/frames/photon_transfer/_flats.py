@@ -130,7 +130,7 @@ def measure_linearity(
     if len(set(x)) < 3:
         return None, "linearity: unknown, because fewer than three exposures are between 5 and 95 % of saturation"
     seconds_, values, errors = np.array(x), np.array(y), np.array(sigma)
-    # relative deviations are minimized, as EMVA requires: dim and bright levels have equal weight
+    # relative deviations are minimised, as EMVA requires: dim and bright levels have equal weight
     base = np.stack([1 / values, seconds_ / values], axis=1)
     line, *_ = np.linalg.lstsq(base, np.ones(values.size), rcond=None)
     fitted = line[0] + line[1] * seconds_

@@ -36,7 +36,7 @@ class SensorMeasurement:
     dark_level
         Mean of the darks with the shortest exposure (sample values), to which signals are relative.
     read_noise_counts, read_noise_e
-        Rms read noise without quantization noise, in sample values and in electrons.
+        Rms read noise without quantisation noise, in sample values and in electrons.
     saturation
         Sample value at which pixels are saturated.
     full_well_e

@@ -32,7 +32,7 @@ LIKE, GAINED = 0.99, 4.0
 """Correlation with the camera below which exponents are tried, and the required factor of improvement."""
 
 TURNS = 2
-"""Number of iterations with linearized values, because derivatives are those of a linear response."""
+"""Number of iterations with linearised values, because derivatives are those of a linear response."""
 
 MOST_SAG = 0.24
 """Largest bend of values that saturate gradually; at a quarter, the curve is flat at the brightest value."""
@@ -59,7 +59,7 @@ class _Law:
         raise NotImplementedError
 
     def further(self, more: float) -> _Law:
-        """Return the law with the remaining bend, measured on linearized values, added to it."""
+        """Return the law with the remaining bend, measured on linearised values, added to it."""
         raise NotImplementedError
 
     def words(self, sigma: float) -> str:

@@ -202,7 +202,7 @@ def step_pass(
     bb = 0.0
     ab = 0.0
     for t in range(nt - rows):
-        # float32 within a row keeps the loop vectorized; rows are added in float64, so that rounding does not build up
+        # float32 within a row keeps the loop vectorised; rows are added in float64, so that rounding does not build up
         laa = np.float32(0.0)
         lbb = np.float32(0.0)
         lab = np.float32(0.0)

@@ -135,7 +135,7 @@ def _around(frame: NDArray[np.float64], plane: NDArray[Any], index: NDArray[np.i
         for j, dx in enumerate(reach):
             b = np.asarray(plane[(index[0] + dy) % ny, (index[1] + dx) % nx], np.float64)
             b = b - _dark(b)
-            # the normalized correlation is independent of brightness: control frames may have another exposure
+            # the normalised correlation is independent of brightness: control frames may have another exposure
             product, other = float((a * b).sum()), float((b * b).sum())
             if norm > 0 and other > 0 and product > 0:
                 out[i, j] = max(0.0, 1.0 - product * product / (norm * other))

@@ -205,7 +205,7 @@ def _page(found: Comparison, drawn: list[ReportPicture], seconds: float) -> str:
     notes = "".join(f"<li>{html_text(note)}</li>" for note in found.notes)
     rows = [[html_text(cell) for cell in row] for row in figure_rows(found)]
     reported = (
-        '<p class="note">NRMSE: |A − B| / |B|. Scale: the number g that minimizes |A − g B|, with |A − g B| / |A| at '
+        '<p class="note">NRMSE: |A − B| / |B|. Scale: the number g that minimises |A − g B|, with |A − g B| / |A| at '
         "this scale. Residual: the difference if B is also shifted. Lenslets: pixels behind lenslets of one type.</p>"
     )
     return html_page(

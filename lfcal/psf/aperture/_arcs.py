@@ -53,7 +53,7 @@ def arcs_radius(
         x, y = x0 * u + y0 * v - arcs[j, 1], y0 * u - x0 * v
         along, across = 1 + k * x, k * y
         constant = k * (x * x + y * y) + 2 * x
-        # without a branch, the compiler vectorizes the loop
+        # without a branch, the compiler vectorises the loop
         for i in range(n):
             b = (ex[i] * u + ey[i] * v) * along + (ey[i] * u - ex[i] * v) * across
             root = b * b - k * constant

@@ -65,9 +65,9 @@ class Edge:
     level, noise
         Lit level and noise of a pixel.
     flat
-        The image normalized to a lit level of 1, without ripple.
+        The image normalised to a lit level of 1, without ripple.
     shade
-        The smooth lit level used for normalization, 1 at the centre.
+        The smooth lit level used for normalisation, 1 at the centre.
     ripple
         The ripple that was removed.
     smooth, half

@@ -31,7 +31,7 @@ def find_obstruction(
     Parameters
     ----------
     flat
-        Image normalized to a lit level of 1.
+        Image normalised to a lit level of 1.
     row, column
         Origin of the outline (pixels).
     edge

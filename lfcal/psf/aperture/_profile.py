@@ -28,7 +28,7 @@ def edge_profile(
     Parameters
     ----------
     flat
-        Image normalized to a lit level of 1 and a background of 0.
+        Image normalised to a lit level of 1 and a background of 0.
     row, column, radius
         Centre and mean radius (pixels).
     low, high

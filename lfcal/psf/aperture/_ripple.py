@@ -94,7 +94,7 @@ def find_ripple(flat: Values, row: float, column: float, radius: float) -> Rippl
     Parameters
     ----------
     flat
-        Image normalized to a lit level of 1.
+        Image normalised to a lit level of 1.
     row, column, radius
         Centre and radius of the disc, well inside the edge (pixels).
     """

@@ -72,7 +72,7 @@ def overlap_add(windows: Array, image: Array, tiling: Tiling, first: int) -> Non
         top = (first + k) // tiling.cells_x * tiling.period_y + tiling.row
         left = (first + k) % tiling.cells_x * tiling.period_x
         for t in range(rows):
-            # views of one row, so that the inner loop is vectorized
+            # views of one row, so that the inner loop is vectorised
             line = image[top + t, left : left + columns]
             window = windows[k, t]
             for s in range(columns):

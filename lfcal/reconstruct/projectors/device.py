@@ -115,7 +115,7 @@ class ArrayDevice:
         return self.xp.zeros(shape, dtype=self.dtype(dtype), device=self.place)
 
     def buffer(self, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Return an uninitialized host array to which `fetched` copies fastest (page-locked for accelerators)."""
+        """Return an uninitialised host array to which `fetched` copies fastest (page-locked for accelerators)."""
         if self.index is None:
             return np.empty(shape, dtype)
         if self.library == "torch":

@@ -1,4 +1,4 @@
-"""Choose a solver by name, from lfcal or another distribution, with its settings."""
+"""Choose a solver by name, from lfcal or another package, with its settings."""
 
 from __future__ import annotations
 

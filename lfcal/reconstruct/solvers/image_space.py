@@ -21,7 +21,7 @@ def iter_isra(P: Projector, image: ArrayLike, settings: IsraSettings) -> SolverW
 
     The update of the volume g is ``g <- g * HT(w f) / HT(w (Hg + b))`` (Daube-Witherspoon & Muehllehner 1986). Here f
     is the image, w its weights, b the background, and HT the transpose of H. Parameters and errors are those of
-    `richardson_lucy`, except for the read noise, because the algorithm minimizes squared differences without a noise
+    `richardson_lucy`, except for the read noise, because the algorithm minimises squared differences without a noise
     model.
 
     Yields

@@ -50,7 +50,7 @@ class LeastSquaresSettings(SolverSettings):
 
 @with_settings(LeastSquaresSettings)
 def iter_conjugate_gradient(P: Projector, image: ArrayLike, settings: LeastSquaresSettings) -> SolverWork:
-    """Minimize ``sum w (Hg + b - f)^2 + lambda |g|^2`` over volumes g by conjugate gradients (CGLS).
+    """Minimise ``sum w (Hg + b - f)^2 + lambda |g|^2`` over volumes g by conjugate gradients (CGLS).
 
     f is the image, w its weights, and b the background (Bjoerck 1996, section 7.4). lambda is ``damping`` times the
     largest value of ``HT w H 1``, where HT is the transpose of H and 1 a volume of ones. The volume of the returned

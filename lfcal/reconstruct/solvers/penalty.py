@@ -58,7 +58,7 @@ class TotalVariation:
         _check(self.weight, self.z_weight)
 
     def gradient(self, volume: NDArray[Any]) -> NDArray[Any]:
-        """Return minus `weight` times the divergence of the normalized gradient of ``volume`` ``(nz, Y, X)``."""
+        """Return minus `weight` times the divergence of the normalised gradient of ``volume`` ``(nz, Y, X)``."""
         # below a millionth of the peak, the direction of the gradient is only rounding.
         least = max(float(volume.max(initial=0.0)) * 1e-6, float(np.finfo(volume.dtype).tiny))
 

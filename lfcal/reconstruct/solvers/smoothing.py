@@ -84,7 +84,7 @@ def lanczos_kernel(width: float, lobes: int = 4) -> NDArray[np.float64]:
 class DepthSmoothing:
     """Low-pass filter that band-limits each plane to its sampling by the lenslets.
 
-    It is the smoothing step of the estimate-maximize-smooth (EMS) algorithm (Stefanoiu et al. 2019).
+    It is the smoothing step of the estimate-maximise-smooth (EMS) algorithm (Stefanoiu et al. 2019).
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class DepthSmoothing:
     def apply(self, volume: NDArray[Any]) -> NDArray[Any]:
         """Return a smoothed copy of ``volume`` ``(nz, Y, X)``, without negative values.
 
-        Near the border, the kernel is normalized to its part inside the volume. Raise `InputError` unless `widths` has
+        Near the border, the kernel is normalised to its part inside the volume. Raise `InputError` unless `widths` has
         one value for each plane.
         """
         if len(self.widths) != len(volume):

@@ -9,7 +9,7 @@ penalty lose nothing by continuing: they end at the best prediction. Neither the
 to be known.
 
 This rule is suitable for volumes that are viewed. In sums over regions, noise averages out, but parts of the object
-that have not been found do not. An estimate of sums needs less regularization than one of the entire volume
+that have not been found do not. An estimate of sums needs less regularisation than one of the entire volume
 (undersmoothing: Hall 1992, The Annals of Statistics 20, 675-694). A run for measuring therefore continues for the same
 number of iterations that were needed for the best prediction. The patience grows with the iterations, so that a random
 dip does not end it.

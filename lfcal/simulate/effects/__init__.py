@@ -1,6 +1,6 @@
 """Physical effects as objects. An ideal camera is the empty tuple of effects.
 
-An effect is one class in one module, which lists it in ``EFFECTS``. Other distributions add effects through the entry
+An effect is one class in one module, which lists it in ``EFFECTS``. Other packages add effects through the entry
 point group ``lfcal.effects`` (``docs/extending.md``).
 
 - ``base``: base class of all effects

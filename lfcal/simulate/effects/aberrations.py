@@ -176,7 +176,7 @@ class Zernike(_Aberration):
 class FieldAberrations(SceneEffect):
     """Third-order field dependence of the wavefront, for a lens whose elements may be decentred or tilted.
 
-    For the normalized field point h = (x + i y)/``radius_um``, coma is ``coma`` h. Astigmatism is ``astigmatism`` h²
+    For the normalised field point h = (x + i y)/``radius_um``, coma is ``coma`` h. Astigmatism is ``astigmatism`` h²
     plus the contribution of decentred elements, (``astigmatism_x`` + i ``astigmatism_y``) h. Spherical aberration is
     ``spherical`` |h|². In each case, the real part is the coefficient of the cosine Zernike term, and the imaginary
     part that of the sine term (Thompson 2005, eqs. 13 and 27). The effect `Zernike` adds the wavefront on the axis, and

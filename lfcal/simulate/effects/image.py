@@ -139,7 +139,7 @@ class Distortion(SceneEffect):
         )
 
     def on_scene(self, scene: Scene, outlook: Outlook) -> Scene:
-        """Return ``scene`` with images displaced by the distortion, linearized about the middle of the period.
+        """Return ``scene`` with images displaced by the distortion, linearised about the middle of the period.
 
         Raises
         ------

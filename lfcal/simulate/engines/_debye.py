@@ -6,7 +6,7 @@ al. 2013, eq. 3; Gu 1996)::
     U(r) = integral_0^alpha sqrt(cos t) sin t J0(k r sin t / M) exp(-2 i k z sin^2(t/2)) dt
 
 z > 0 is away from the objective, where the image is in front of the array. By Parseval, the energy through the pupil
-is 2 pi (M/k)^2 (1 - cos alpha), so the field is normalized without using its peak, which may be zero.
+is 2 pi (M/k)^2 (1 - cos alpha), so the field is normalised without using its peak, which may be zero.
 
 The dipoles of a vectorial scene give five fields, K_m(r) times cosine or sine of m phi, whose intensities add. K_m has
 J_m instead of J0, and the amplitude a_m in its integrand. Factors i^m, constant over a field, are omitted.
@@ -21,7 +21,7 @@ intensities add: of order m = 0, and of m = 1 and 2 by cosine and sine of m phi,
 so that the pupil is as bright as that of a scalar point, whose single field has a0 = 1.
 
 Behind a plane interface, n2 sin t2 = n1 sin t. Each plane wave has Fresnel's coefficients (Török et al. 1995;
-`Specimen.crossing`), a scalar one those of waves polarized along the interface. Its phase is k (d n2 cos t2 - D n1 cos
+`Specimen.crossing`), a scalar one those of waves polarised along the interface. Its phase is k (d n2 cos t2 - D n1 cos
 t), with D and d the depths of focal plane and source (Gibson and Lanni 1991). Beyond total reflection, cos t2 is
 imaginary: the light of a source close to the interface is attenuated by exp(-k d n2 |cos t2|).
 """

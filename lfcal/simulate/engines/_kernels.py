@@ -36,7 +36,7 @@ DISC_S = 3e-8
 
 
 class Split(NamedTuple):
-    """Complex values as two real arrays of the same shape, so that loops over them are vectorized."""
+    """Complex values as two real arrays of the same shape, so that loops over them are vectorised."""
 
     re: F4
     im: F4
@@ -283,7 +283,7 @@ def fold(
             k = h + i if side == 0 else h - i
             angle = turn_y * (k - h)
             c, s = field_re.dtype.type(math.cos(angle)), field_re.dtype.type(math.sin(angle))
-            part = field_re.dtype.type(0)  # summing a row in its own precision keeps the loop vectorized
+            part = field_re.dtype.type(0)  # summing a row in its own precision keeps the loop vectorised
             base = col - h
             r = row - h + k
             for j in range(n):

@@ -38,7 +38,7 @@ def add_tails(spots: Any, lacking: NDArray[np.float64], pattern: F4, beyond: int
         p, top, left = spot.position, spot.top - beyond, spot.left - beyond
         first, last = max(0, -left), min(m, image.shape[2] - left)
         for i in range(max(0, -top), min(m, image.shape[1] - top)):
-            # slices, because an index that might be negative prevents vectorization
+            # slices, because an index that might be negative prevents vectorisation
             onto, share = image[p, top + i, left + first : left + last], pattern[i, first:last]
             for j in range(last - first):
                 onto[j] += light * share[j]

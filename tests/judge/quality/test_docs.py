@@ -1,4 +1,4 @@
-"""The metric shown in the documentation is complete, is found as another distribution's, and is shown."""
+"""The metric shown in the documentation is complete, is found as another package's, and is shown."""
 
 from __future__ import annotations
 

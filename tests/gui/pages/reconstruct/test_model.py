@@ -91,7 +91,7 @@ def test_fields_that_matter_and_settings_of_older_projects() -> None:
     assert ReconstructSettings.from_dict({"auto": False}).stop == ""
     assert {spec.key for spec in FIELDS} == {f.name for f in fields(ReconstructSettings)}
     tips = {field.key: field.tip for field in FIELDS}
-    assert tips["strength"] == "Weight of the regularization term (≥ 0). Empty: 0.002 for rl-tv, 0.02 for rl-tikhonov"
+    assert tips["strength"] == "Weight of the regularisation term (≥ 0). Empty: 0.002 for rl-tv, 0.02 for rl-tikhonov"
     assert not [tip for tip in tips.values() if "; empty" in tip or ".;" in tip or ". (" in tip]
 
 
