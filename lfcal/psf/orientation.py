@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfcal.base import Work, drained
-from lfcal.base.units import format_pixels
+from lfcal.base import Work, drained, format_pixels
 from lfcal.camera import ScanPlan
 from lfcal.frames import AS_IS, ORIENTATIONS, FrameSource
 from lfcal.psf._spot_path import SpotPath, iter_spot_path
