@@ -329,7 +329,6 @@ class VolumeView(QWidget):
         for mode, tip in zip(MODES, VIEWS, strict=True):
             self.segments.append(segment(mode, tip, partial(self._change, mode=mode), on=mode == self.intent.mode))
             self.segments[-1].setAutoExclusive(True)
-        self.brightest = button("Brightest voxel", "Put the cross on the brightest voxel", self.go_to_brightest)
         self.overlay = button("Overlay", "Choose the colours, and what is drawn over the volume")
         menu = QMenu(self.overlay)
         menu.setToolTipsVisible(True)
@@ -341,6 +340,9 @@ class VolumeView(QWidget):
             tick.setToolTip(tip)
             tick.toggled.connect(lambda on, key=key: self._change(**{key: on}))
         menu.addSeparator()
+        self.brightest = menu.addAction("Brightest voxel")
+        self.brightest.setToolTip("Put the cross on the brightest voxel")
+        self.brightest.triggered.connect(lambda _=False: self.go_to_brightest())
         self.first_view = menu.addAction("Reset view")
         self.first_view.setToolTip("Restore the initial rotation and zoom (Home)")
         self.first_view.triggered.connect(lambda _=False: self.show_all())
@@ -518,8 +520,8 @@ class VolumeView(QWidget):
         self.side.setVisible(self._light_field)
         for one in self.segments:
             one.setEnabled(there)
-        for control in (self.brightest, self.overlay) if self.brightest.parent() is not None else ():
-            control.setVisible(there)
+        if self.overlay.parent() is not None:
+            self.overlay.setVisible(there)
 
     def _show(self) -> None:
         if self.intent.mode != MODES[0]:

@@ -69,7 +69,6 @@ class Page(BasePage):
         self.costing = Costing(context, self.panel, self._use, self)
         for segment in self.panel.view.segments:
             self.segments.addWidget(segment)
-        self.tools.addWidget(self.panel.view.brightest)
         self.tools.addWidget(self.panel.view.overlay)
         self.tools.addWidget(self.panel.open_volume)
         self.set_panel(self.panel)
