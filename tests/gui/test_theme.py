@@ -93,6 +93,17 @@ def test_a_list_is_flat_with_an_arrow(qapp: qt.QApplication, qtbot: QtBot) -> No
         assert max(contrast(one, inside[0]) for one in arrow) >= 3, theme.name
 
 
+def test_a_scroll_bar_is_slim_with_a_visible_handle(qapp: qt.QApplication, qtbot: QtBot) -> None:
+    for theme in (LIGHT, DARK, NIGHT):
+        area = qt.QScrollArea()
+        inner = qt.QLabel("\n" * 60)
+        area.setWidget(inner)
+        _, pixels = drawn(area, theme, qtbot)
+        middle = [row[-6] for row in pixels]
+        assert area.verticalScrollBar().width() == 10
+        assert max(contrast(one, QColor(theme.panel)) for one in middle) >= 3, theme.name
+
+
 def test_checked_and_unchecked_boxes_are_visible(qapp: qt.QApplication, qtbot: QtBot) -> None:
     """Unchecked boxes of lists were dark on dark: only those outside lists had a style."""
     for theme, enabled in product((LIGHT, DARK, NIGHT), (True, False)):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QIcon, QImage, QPainter, QPen, QPixmap, QPolygonF, QResizeEvent
-from PySide6.QtWidgets import QListWidget, QListWidgetItem, QStyle
+from PySide6.QtWidgets import QListWidget, QListWidgetItem
 
 from lfcal.base import format_plane
 from lfcal_gui.models import DisplaySettings, levels_of, minus, to_uint8
@@ -209,7 +209,7 @@ class Strip(QListWidget):
     def _fit(self) -> None:
         if not self._wrapping:
             scrolled = self.count() * self.gridSize().width() > self.viewport().width()
-            bar = self.style().pixelMetric(QStyle.PixelMetric.PM_ScrollBarExtent) if scrolled else 0
+            bar = self.horizontalScrollBar().sizeHint().height() if scrolled else 0
             self.setFixedHeight(self._height + bar)
 
     def set_tile(self, z: int, **known: Any) -> None:
