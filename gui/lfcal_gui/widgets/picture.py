@@ -578,7 +578,8 @@ class Picture(QWidget):
     def save_data(self, path: str = "") -> None:
         """Save the values as ``.npy``, or as text (``.csv``)."""
         if self.values is not None:
-            save_values(self, np.asarray(self.values), self.file_name, path)
+            jobs = self._jobs if self._in_background else None
+            save_values(self, np.asarray(self.values), self.file_name, path, jobs)
 
     def save_picture(self, path: str = "") -> None:
         """Save the picture with its overlays as PNG or SVG."""

@@ -12,9 +12,13 @@ from PySide6.QtCore import QPoint, QRect, QSize, Qt
 from PySide6.QtGui import QAction, QPainter
 from PySide6.QtWidgets import QApplication, QMenu, QWidget
 
-from lfcal.base import npy_header
+from lfcal.base import Clock, Work, drain, npy_header, replace_whole
+from lfcal_gui.jobs import Jobs
 from lfcal_gui.saving import ask_target, write_file, write_picture
 from lfcal_gui.widgets.enlarging import can_be_enlarged, enlarge, enlarged_of
+
+ROWS = 64
+"""Number of rows of a picture that are written at once."""
 
 PICTURES = "PNG (*.png);;SVG, lines stay lines (*.svg)"
 
@@ -79,20 +83,37 @@ def table_entries(widget: QWidget, name: str, lines: Callable[[str], Iterable[st
     ]
 
 
-def save_values(widget: QWidget, values: NDArray[Any], name: str, path: str = "") -> None:
-    """Save the values of a picture as ``.npy``, or as text (``.csv``); without a path, ask for one."""
+def save_values(widget: QWidget, values: NDArray[Any], name: str, path: str = "", jobs: Jobs | None = None) -> None:
+    """Save the values of a picture as ``.npy``, or as text (``.csv``); without a path, ask for one.
+
+    ``jobs`` runs it in the background, because the text of a whole sensor takes half a minute to write.
+    """
     path = path or ask_target(widget, "Save data", f"{name}.npy", "numpy (*.npy);;text (*.csv)")
-    if path:
-        write_file(widget, path, lambda part: _write_values(part, values, text=path.endswith(".csv")))
+    text = path.endswith(".csv")
+
+    def work() -> Work[None]:
+        with replace_whole(path) as part:
+            yield from _iter_values(part, values, text=text)
+
+    if path and jobs is not None:
+        jobs.start(f"Save {Path(path).name}", "", work, at_once=True)
+    elif path:
+        write_file(widget, path, lambda part: drain(_iter_values(part, values, text=text)))
 
 
-def _write_values(part: Path, image: NDArray[Any], *, text: bool) -> None:
+def _iter_values(part: Path, image: NDArray[Any], *, text: bool) -> Work[None]:
+    clock = Clock("saving the values", len(image))
     with part.open("wb") as file:
-        if text:
-            np.savetxt(file, image, delimiter=",", fmt="%.7g")
-        else:
+        if not text:
             file.write(npy_header(image.shape, image.dtype))
-            file.write(np.ascontiguousarray(image).data)
+        for row in range(0, len(image), ROWS):
+            yield clock.at(row)
+            rows = image[row : row + ROWS]
+            if text:
+                np.savetxt(file, rows, delimiter=",", fmt="%.7g")
+            else:
+                file.write(np.ascontiguousarray(rows).data)
+    yield clock.at(len(image))
 
 
 def write_svg(widget: QWidget, path: str) -> bool:

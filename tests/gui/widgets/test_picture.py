@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
@@ -209,6 +210,32 @@ def test_a_large_picture_draws_its_visible_part_and_keeps_point_sources(jobs: Jo
     step = place.height() / view.item.image.shape[0]
     assert step == 2.0
     assert (place.top() + (row + 0.5) * step, place.left() + (column + 0.5) * step) == (10 + 2 * 1234, 20 + 2 * 987)
+
+
+def test_the_values_of_a_large_picture_are_saved_in_the_background(
+    jobs: Jobs, qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "LARGE", 100)
+    view, threads = shown(qtbot, Picture(jobs=jobs)), set[threading.Thread]()
+    written = np.savetxt
+
+    def watched(*given: Any, **options: Any) -> None:
+        threads.add(threading.current_thread())
+        written(*given, **options)
+
+    monkeypatch.setattr(np, "savetxt", watched)
+    values = np.random.default_rng(5).random((130, 7), np.float32)
+    view.set_shot(Shot(values))
+    idle(jobs, qtbot)
+    for name in ("a.npy", "a.csv", "nowhere/a.csv"):
+        view.save_data(str(tmp_path / name))
+    (tmp_path / "file").write_text("")
+    view.save_data(str(tmp_path / "file" / "a.csv"))
+    idle(jobs, qtbot)
+    assert threads and threading.main_thread() not in threads
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), values)
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "a.csv", delimiter=","), values, rtol=1e-6)
+    assert [job.title for job in jobs.jobs() if job.error] == ["Save a.csv"]
 
 
 def test_fine_patterns_of_a_shrunk_picture_do_not_beat(qtbot: QtBot) -> None:
