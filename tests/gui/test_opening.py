@@ -357,7 +357,7 @@ def test_a_volume_is_not_shown_in_another_project(window: MainWindow, good: Path
     assert page.solving is None and page.synthetic is None and not solved._matrices
     view = page.panel.view
     assert view.volume is None and view.prepared is None and view.strip.count() == 0
-    assert not page.panel.save.isEnabled() and view.stack.currentWidget() is view.empty
+    assert page.panel.save.isHidden() and view.stack.currentWidget() is view.empty
     assert page.panel.status.text() == page.panel.took.text() == ""
     window.project.start(ProjectState(psf=str(good), volume=str(tmp_path / "volume.npy")))
     idle(window.jobs, qtbot)

@@ -211,7 +211,7 @@ class Page(BasePage):
         else:
             panel.show_go("start", enabled=ready)
         panel.again.setEnabled(ready and not running)
-        panel.save.setEnabled(done)
+        panel.save.setVisible(done)
         for widget in (panel.form, panel.more, panel.open, panel.make):
             widget.setEnabled(not running)
         if not running:

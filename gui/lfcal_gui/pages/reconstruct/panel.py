@@ -169,6 +169,9 @@ class ReconstructPanel(QWidget):
         self.go = QPushButton("Reconstruct")
         self.go.clicked.connect(lambda: self.pressed.emit(self._go))
         self.save = self._button("save", "Save volume …", "Write the volume: .tif (opens in ImageJ), .h5 or .npy")
+        held = self.save.sizePolicy()
+        held.setRetainSizeWhenHidden(True)  # nothing moves when there is a volume to save
+        self.save.setSizePolicy(held)
         column.addLayout(line(self.go, self.save, stretch=0))
         self.bar = QProgressBar(textVisible=False)
         self.status = QLabel(wordWrap=True)

@@ -134,7 +134,7 @@ def test_a_click_puts_the_cross_on_the_voxel_behind_it(view: VolumeView) -> None
     assert (view.intent.z, view.intent.y, view.intent.x) == (2, 4, 21)
     assert view.strip.currentRow() == 2 and "plane 2 (1.5 mm), y 4, x 21: 3 counts" in view.readout
     view.set_cross(z=0)
-    view.brightest.click()
+    view.brightest.trigger()
     assert view.intent.z == 2
 
 
