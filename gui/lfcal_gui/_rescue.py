@@ -56,7 +56,7 @@ class RestoreDialog(QDialog):
         self.restore, self.discard, self.later = QPushButton("Restore"), QPushButton("Discard"), QPushButton("Later")
         self.restore.setProperty("role", "primary")
         self.restore.setDefault(True)
-        self.restore.setToolTip("Open the unsaved copy. Save it under a name afterwards")
+        self.restore.setToolTip("Open the unsaved copy. Save the project afterwards to keep it")
         self.discard.setToolTip("Delete the copy permanently")
         self.later.setToolTip("Keep the copy, and ask again at the next start")
         self.discard.setAutoDefault(False)

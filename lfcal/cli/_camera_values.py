@@ -35,14 +35,14 @@ def stated(
     *,
     sensor: str = typer.Option("", help="Sensor: ROWSxCOLUMNS,PIXEL (µm), for example 4384x6576,5.5."),
     lens: str = typer.Option(
-        "", help="Main lens: FOCAL,F_NUMBER,DISTANCE (mm; to the working plane), such as 200,4,1000."
+        "", help="Main lens: FOCAL,F_NUMBER,DISTANCE, such as 200,4,1000; focal length and working distance in mm."
     ),
     objective: str = typer.Option("", help="Objective: MAGNIFICATION,NA,INDEX of the medium, for example 20,0.5,1."),
-    array: str = typer.Option("", help="Lenslets: hexagonal or square."),
-    pitch: str = typer.Option("", help="Pitch of the micro-images: µm, or pixels as in 31.7px."),
+    array: str = typer.Option("", help="Lattice of the lenslets: hexagonal or square."),
+    pitch: str = typer.Option("", help="Pitch of the micro-images in µm, or in pixels, such as 31.7px."),
     gap: str = typer.Option("", help="Distance from lenslets to sensor (µm)."),
     focus: str = typer.Option(
-        "", help="Virtual depths in focus, one per lens type: 2,3,5; inf: a focal length equal to the gap."
+        "", help="Virtual depths in focus, one per lens type, such as 2,3,5; inf: the focal length equals the gap."
     ),
     wavelength: str = typer.Option("", help="Wavelength (nm)."),
     others: list[str] | None = typer.Option(

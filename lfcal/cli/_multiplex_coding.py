@@ -48,11 +48,11 @@ class _Plane(NamedTuple):
 
 def coding(
     context: typer.Context,
-    source: str = typer.Argument(help="H file; or preset or camera file, whose patterns are simulated."),
+    source: str = typer.Argument(help="H file, or a preset or camera file, for which patterns are simulated."),
     *,
     points: int = typer.Option(7, min=2, max=255, help="Number of points in a block, whose patterns overlap."),
     step: int = typer.Option(1, min=1, help="Distance between points, in source positions (px in the image)."),
-    at: str = typer.Option("0,0", help="Y,X: position of the first point."),
+    at: str = typer.Option("0,0", help="Source position Y,X of the first point."),
     plane: int = typer.Option(0, min=0, help="Plane of the H file."),
     virtual_depth: float | None = typer.Option(
         None, help="With a camera: virtual depth of the simulated plane; default 4."
@@ -67,7 +67,7 @@ def coding(
     density: float = typer.Option(0.5, help="Fraction of points that are lit in a random code."),
     seed: int = typer.Option(0, min=0, help="Seed of random codes and of --monte-carlo."),
     signal: float | None = typer.Option(
-        None, help="Electrons in a point's brightest pixel in a frame; default: full well."
+        None, help="Electrons in the brightest pixel of a single point in one frame; default: the full well."
     ),
     sensor: str | None = typer.Option(None, help="Preset or camera file whose sensor to use; default: that of SOURCE."),
     gain: GainOption = 1.0,
@@ -81,10 +81,13 @@ def coding(
         None, help="With --display: folder for the frames to show (code_000.png …) and code.npy."
     ),
     repeat: int = typer.Option(
-        0, min=0, help="With --patterns: repeat the block after this distance (px in the image); 0: once."
+        0, min=0, help="With --patterns: repeat the block after this distance (px in the image); 0: show it once."
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="File for a plot of the gain of each entry and over light (.png)."
+        None,
+        "--out",
+        "-o",
+        help="File for plots of the gain of each entry of H, and of the gain as a function of the signal (.png).",
     ),
     mat_order: MatOrderOption = "",
     workers: WorkersOption = None,

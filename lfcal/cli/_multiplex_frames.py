@@ -45,7 +45,8 @@ DeviationOption: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         "--deviation",
-        help="File for the standard deviation of each sample; without sensor noise, in units of a pixel's noise.",
+        help="File for the standard deviation of each sample, in units of the noise of one pixel if no sensor is "
+        "given.",
     ),
 ]
 
@@ -62,7 +63,7 @@ def demosaic(
         help="Filter of the spatial route: directional, lmmse, nearest, linear, cubic, lanczos, sinc or bilateral; "
         "default directional.",
     ),
-    dark: float | None = typer.Option(None, help="Black level; default: from the RAW file."),
+    dark: float | None = typer.Option(None, help="Black level (counts); default: from the RAW file, else 0."),
     mask: MaskOption = None,
     page: PageOption = 0,
     workers: WorkersOption = None,
@@ -101,8 +102,8 @@ def recover(
     modulator: str | None = typer.Option(None, help=f"Modulator, such as {GRAMMAR}."),
     transmissions: Path | None = typer.Option(
         None,
-        help="Instead of --modulator: .npy (N, rows, columns) with the fraction of each sample that a pixel receives; "
-        "solved iteratively.",
+        help="Instead of --modulator: array (.npy; N, rows, columns) of the fraction of each sample that each pixel "
+        "receives. The samples are then found iteratively.",
     ),
     out: Path = typer.Option(..., "--out", "-o", help="File to write: float32 TIFF, one page per sample."),
     route: str = typer.Option(
@@ -110,7 +111,7 @@ def recover(
         help="Route for super-pixels: spatial, fourier, or both (the Fourier result goes to OUT_fourier.tif).",
     ),
     filter: str | None = typer.Option(
-        None, help="Filter for super-pixels without weights, such as cubic (see `multiplex filters`); default linear."
+        None, help="Filter if pixels have no weights, such as cubic (see `multiplex filters`); default linear."
     ),
     camera: str | None = typer.Option(
         None, help="Preset or camera file whose noise and saturation give the weights of pixels."
@@ -119,10 +120,10 @@ def recover(
     exposure: ExposureOption = 0.0,
     mask: WithoutOption = None,
     deviation: DeviationOption = None,
-    dark: float | None = typer.Option(None, help="Black level; default: from the file, else from --camera, else 0."),
-    spacing: float | None = typer.Option(
-        None, help="Solve iteratively on a grid with this number of pixels per sample."
+    dark: float | None = typer.Option(
+        None, help="Black level (counts); default: from the file, else from --camera, else 0."
     ),
+    spacing: float | None = typer.Option(None, help="Solve iteratively on a grid of nodes at this distance (px)."),
     smoothness: float = typer.Option(
         1e-4, min=0, help="Weight of differences between grid nodes in the iterative solution."
     ),
@@ -240,13 +241,18 @@ def views(
     out: Path = typer.Option(..., "--out", "-o", help="File to write: float32 TIFF, one page per view, by rows."),
     size: int = typer.Option(0, min=0, help="Number of views along a side; 0: as many as fit the pitch."),
     dark: Path | None = typer.Option(
-        None, help="Dark frame to subtract; default: the black level that the file states."
+        None,
+        help="Dark frame, or a folder of them to average, to subtract from frame and white image; default: the black "
+        "level stated by the file, else by --sensor, is subtracted from the frame.",
     ),
     route: str = typer.Option(
-        "spatial", help="Route: spatial; with --modulator also fourier, or both (OUT_fourier.tif)."
+        "spatial",
+        help="Route: spatial; with --modulator also fourier, or both (the Fourier result goes to OUT_fourier.tif).",
     ),
     filter: str | None = typer.Option(
-        None, help="Filter: nearest, linear or cubic; with --modulator also sinc. Default cubic; linear with weights."
+        None,
+        help="Filter: nearest, linear or cubic; with --modulator also sinc. Default: linear if pixels have weights, "
+        "else cubic.",
     ),
     modulator: str | None = typer.Option(None, help="Mask used instead of lenslets, such as MURA:11."),
     axes: str = typer.Option("lattice", help="Direction of the rows of views: lattice or frame."),

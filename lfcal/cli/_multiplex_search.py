@@ -47,7 +47,7 @@ def _needed_chi2(context: typer.Context, chi2: float | None, camera: str | None,
 
 def search(
     context: typer.Context,
-    what: str = typer.Argument("filters", help="What to search: filters, or the size of a mask, such as 11."),
+    what: str = typer.Argument("filters", help="What to search for: filters, or a mask of this size (px), such as 11."),
     *,
     chi2: Chi2Option = None,
     camera: PresetOption = None,
@@ -117,21 +117,23 @@ def _show_found(found: Frontier, out: Path | None, *, json: bool, stopped: bool 
 def design(
     context: typer.Context,
     what: str = typer.Argument(
-        help="What to design: a super-pixel of filters such as 2x2, or the size of a mask, such as 5."
+        help="What to design: a super-pixel of filters, such as 2x2, or a mask of this size (px), such as 5."
     ),
     *,
     chi2: Chi2Option = None,
     camera: PresetOption = None,
     gain: GainOption = 1.0,
     crosstalk: float = typer.Option(0.0, help="Fraction of the light that a pixel loses to its neighbours."),
-    letters: str = typer.Option("RGBCMYW", help="Filters to choose from."),
+    letters: str = typer.Option("RGBCMYW", help="Letters of the filters to choose from."),
     kinds: int | None = typer.Option(None, min=1, help="Largest number of different filters."),
-    levels: int = typer.Option(2, help="Number of transmission levels that can be printed."),
-    least_light: float = typer.Option(0.0, help="Smallest fraction of the light that must pass."),
+    levels: int = typer.Option(
+        2, help="Number of transmission levels that can be printed, equally spaced from 0 to 1."
+    ),
+    least_light: float = typer.Option(0.0, help="Smallest fraction of the light that filters or mask must transmit."),
     most_light: float = typer.Option(1.0, help="Largest fraction of the light that a mask may transmit."),
     starts: int = typer.Option(12, min=0, help="Number of random starts for masks too large for an exhaustive search."),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="File for the design: .npy, transmissions (rows, columns, N); .json, with its views."
+        None, "--out", "-o", help="File for the design: .json, or .npy for the transmissions only (rows, columns, N)."
     ),
     workers: WorkersOption = None,
     force: ForceOption = False,

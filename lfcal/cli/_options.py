@@ -56,7 +56,7 @@ JsonOption: TypeAlias = Annotated[bool, typer.Option("--json", help="Print the r
 WorkersOption: TypeAlias = Annotated[
     int | None,
     typer.Option(
-        "--workers", min=1, callback=_bound, help="Number of threads; default: LFCAL_WORKERS, or every processor."
+        "--workers", min=1, callback=_bound, help="Number of threads; default: LFCAL_WORKERS, else one per processor."
     ),
 ]
 
@@ -78,7 +78,7 @@ CameraArgument: TypeAlias = Annotated[
     str,
     typer.Argument(
         autocompletion=_presets,
-        help="Preset, or camera file: camera.json, Raytrix XML, oLaF yaml, napari-LF metadata …",
+        help="Preset, or camera file: camera.json, Raytrix XML, oLaF YAML, napari-LF metadata …",
     ),
 ]
 
@@ -113,11 +113,13 @@ Chi2Option: TypeAlias = Annotated[
 PresetOption: TypeAlias = Annotated[
     str | None,
     typer.Option(
-        "--camera", help="Preset or camera file, instead of --chi2, which is then derived from full well and noise."
+        "--camera", help="Preset or camera file, from whose full well and noise chi^2 is computed; instead of --chi2."
     ),
 ]
 
-GainOption: TypeAlias = Annotated[float, typer.Option("--gain", help="Amplifier gain of the camera.")]
+GainOption: TypeAlias = Annotated[
+    float, typer.Option("--gain", help="Amplifier gain as a factor: full scale is the full well divided by the gain.")
+]
 """Gain at which the full well and the read noise of a camera are compared."""
 
 ExposureOption: TypeAlias = Annotated[

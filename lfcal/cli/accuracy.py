@@ -24,22 +24,25 @@ if TYPE_CHECKING:
 def command(
     context: typer.Context,
     subject: str = typer.Argument(
-        ..., help="H file, JSON of a scan plan, preset or camera file; list prints the names for --part."
+        ..., help="H file, scan plan (.json), preset or camera file; or list, to print the names for --part."
     ),
     depths: str = typer.Option(
-        "", help="Depths of the planes in µm (or mm), positive away from the camera: a,b,c or start:stop:step."
+        "", help="Depths of the planes (µm, or with a unit), positive away from the camera: a,b,c or start:stop:step."
     ),
-    virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B."),
+    virtual_depths: str = typer.Option("", help="Planes as virtual depths v = a/B: a,b,c or start:stop:step."),
     cutout: str = typer.Option(
         "", help="Size of the cutout, odd: 181 or ROWS,COLUMNS (px); default: from the geometry."
     ),
     *,
     part: list[str] = typer.Option(
-        [], "--part", help="Part of the processing to measure, a name from `lfcal accuracy list`; may be repeated."
+        [], "--part", help="Part of the processing to measure, by its name in `lfcal accuracy list`; may be repeated."
     ),
-    error: str = typer.Option("1%", "--error", help="Error whose cost to report: 1% or 0.01."),
+    error: str = typer.Option("1%", "--error", help="Error for which to report the cost, such as 1% or 0.01."),
     seconds: float = typer.Option(
-        10.0, "--seconds", help="Time for each part (s). A reference that takes more than twice as long is not begun."
+        10.0,
+        "--seconds",
+        help="Approximate time limit of each part (s). A reference is not begun if it is expected to take longer than "
+        "twice this time, or 20 s if that is more.",
     ),
     draw: Path | None = typer.Option(None, "--draw", help="File for a plot of all curves (.png)."),
     mat_order: MatOrderOption = "",

@@ -26,7 +26,7 @@ def command(
         ..., help="White image: TIFF, PNG, NPY or camera RAW; or a folder of them to average."
     ),
     *,
-    dark: Path | None = typer.Option(None, help="Dark frame, or a folder of them to average; subtracted."),
+    dark: Path | None = typer.Option(None, help="Dark frame to subtract, or a folder of them to average."),
     channel: str = typer.Option(
         "", help="Channel of a colour image: R, G or B; default for a mosaic: the mean of its colours."
     ),

@@ -20,7 +20,9 @@ from lfcal.tasks import check_output, load_file
 def command(
     context: typer.Context,
     file: Path = typer.Argument(
-        ..., help="Raytrix XML, oLaF yaml, napari-LF or Micro-Manager metadata, Micro-Manager .cfg, camera.json."
+        ...,
+        help="Camera description: Raytrix XML, oLaF YAML, napari-LF or Micro-Manager metadata, Micro-Manager .cfg, or "
+        "camera.json.",
     ),
     *,
     name: str = typer.Option("", help="Name of the camera; default: the name in the file."),

@@ -30,12 +30,12 @@ UNASKED = ("lattice.row_pitch_um", "lattice.rotation_rad", "lattice.offset_um", 
 
 @with_values
 def command(
-    out: Path = typer.Option(..., "-o", "--out", help="The camera file to write."),
+    out: Path = typer.Option(..., "-o", "--out", help="Camera file to write."),
     *,
     kind: str = typer.Option(
         "",
         "--type",
-        help="Kind of camera: multifocus (three lens types), focused (one), microscope, or fourier (Fourier "
+        help="Kind of camera: multifocus (three lens types), focused (one lens type), microscope, or fourier (Fourier "
         "light-field microscope).",
     ),
     start: str = typer.Option("", "--preset", help="Preset to start from."),

@@ -22,10 +22,10 @@ PICTURES = (".png", ".pdf", ".svg")
 
 def command(
     flats: Path = typer.Argument(
-        ..., help="Flats: a file with several pages, a folder, or a folder with a subfolder for each light level."
+        ..., help="Flat frames: a file with several pages, a folder, or a folder with a subfolder for each light level."
     ),
     darks: Path = typer.Argument(
-        ..., help="Darks with the settings of the flats; the dark current requires several exposures."
+        ..., help="Dark frames with the settings of the flats; the dark current requires several exposure times."
     ),
     *,
     camera: str = typer.Option("", "--camera", help="Camera (preset or file) whose sensor is measured."),

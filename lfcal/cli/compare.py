@@ -23,7 +23,8 @@ def command(
     region: list[str] | None = typer.Option(
         None,
         "--region",
-        help="Name of a region in files with several; given twice: one for each H.",
+        help="Name of the region to compare, for files with several regions. Give it twice to choose one region for "
+        "each H.",
     ),
     by_number: bool = typer.Option(False, "--by-number", help="Match planes by their numbers, not by their depths."),
     mat_order: MatOrderOption = "",

@@ -181,7 +181,9 @@ def merits(
     exposure: ExposureOption = 0.0,
     uncorrected: UncorrectedOption = False,
     filter: str | None = typer.Option(
-        None, help="Filter of the reconstruction whose MTF is shown; default: that of demosaic."
+        None,
+        help="Reconstruction filter for the MTF, such as cubic (see `multiplex filters`); default: directional for "
+        "colour filters, else cubic.",
     ),
     workers: WorkersOption = None,
     json: JsonOption = False,

@@ -27,7 +27,8 @@ SHOWN = 5
 def command(
     fits: list[Path] = typer.Argument(
         metavar="FIT...",
-        help="Folders of lfcal fit in any order, or a folder that contains them; with --quality, inspections.",
+        help="Folders that `lfcal fit` wrote, in any order, or a folder that contains them; with --quality: "
+        "inspections.",
     ),
     *,
     out: Path | None = typer.Option(
@@ -41,7 +42,8 @@ def command(
     quality: bool = typer.Option(
         False,
         "--quality",
-        help="Compare inspections instead: reports of lfcal inspect, their quality.json, or H files to measure.",
+        help="Compare inspections instead: report folders of `lfcal inspect`, their quality.json, or H files to "
+        "inspect.",
     ),
     force: ForceOption = False,
     json: JsonOption = False,

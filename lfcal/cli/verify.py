@@ -17,7 +17,7 @@ def command(
     path: Path = typer.Argument(help="Folder of a recorded session, or H file (.h5)."),
     *,
     redo: Path | None = typer.Option(
-        None, "--redo", help="Write the damaged positions of a session into this list, for lfcal acquire --redo."
+        None, "--redo", help="File for the list of damaged positions of a session, for `lfcal acquire --redo`."
     ),
     force: ForceOption = False,
     workers: WorkersOption = None,

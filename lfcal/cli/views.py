@@ -176,15 +176,17 @@ def command(
         None, help="lattice.json of `lfcal white`, used instead of fitting the lattice."
     ),
     camera: str = typer.Option(
-        "", help="Camera (preset, JSON, Raytrix XML): for the lattice without --white, depths, and lens types."
+        "",
+        help="Camera (preset, JSON, Raytrix XML). It states the lattice if --white and --lattice are not given; "
+        "--depths and --types require a camera.",
     ),
     dark: Path | None = typer.Option(
-        None, help="Dark frame, or a folder of them to average; subtracted from frame and white image."
+        None, help="Dark frame, or a folder of them to average, to subtract from frame and white image."
     ),
     origin: OriginOption = "",
     mask: MaskOption = None,
     kind: str = typer.Option(
-        "", help="Kind of lattice in --white: square or hexagonal; default: detected, or from the camera."
+        "", help="Kind of lattice in --white: square or hexagonal; default: from the camera, else detected."
     ),
     pitch: float = typer.Option(0.0, help="Nominal pitch in --white (px), accurate to 10 %; default: detected."),
     axes: str = typer.Option("frame", help="Direction of the rows of views: frame or lattice."),
@@ -200,15 +202,15 @@ def command(
     cfa: str = typer.Option("", help="Colour filters in row-major order, such as GRBG; default: from the file."),
     slopes: str = typer.Option(
         "",
-        help="Planes of the focal stack as slopes (about virtual depths): a,b,c or start:stop:step; default: -6:6:2, "
-        "with lens types 2:6:0.5.",
+        help="Planes of the focal stack as slopes (approximately virtual depths): a,b,c or start:stop:step; default: "
+        "-6:6:2, with lens types 2:6:0.5.",
     ),
     depths: str = typer.Option(
         "",
         help="Planes of the focal stack as depths (µm, or with a unit): a,b,c or start:stop:step; needs --camera.",
     ),
     samples: int = typer.Option(4, help="Number of samples of the focal stack per lenslet, along each axis."),
-    out: Path | None = typer.Option(None, "-o", "--out", help="Folder for stacks and images."),
+    out: Path | None = typer.Option(None, "-o", "--out", help="Folder for views and focal stacks."),
     workers: WorkersOption = None,
     force: ForceOption = False,
     json: JsonOption = False,

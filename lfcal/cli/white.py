@@ -28,10 +28,10 @@ OF_DISCS = ("sensor.shape", "sensor.pixel_um", "lattice.offset_um")
 def command(
     image: Path = typer.Argument(..., help="White image: TIFF, PNG, NPY or camera RAW."),
     *,
-    dark: Path | None = typer.Option(None, help="Dark frame, or a folder of them to average; subtracted."),
+    dark: Path | None = typer.Option(None, help="Dark frame to subtract, or a folder of them to average."),
     camera: str = typer.Option("", help="Camera (preset, JSON, Raytrix XML) whose lattice is measured."),
     kind: str = typer.Option(
-        "", help="Kind of cells: square (also rectangles) or hexagonal; default: detected, or from the camera."
+        "", help="Kind of lattice: square (also rectangular) or hexagonal; default: from the camera, else detected."
     ),
     pitch: float = typer.Option(0.0, help="Nominal pitch (px), accurate to 10 %; default: detected."),
     channel: str = typer.Option(

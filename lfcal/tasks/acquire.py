@@ -473,7 +473,7 @@ class _Acquire(Task):
 def _again() -> Path | None:
     return opt(
         None,
-        "List of positions to record again, or to add (.json), from lfcal inspect or lfcal plan fit.",
+        "List of positions (.json) to record again, or to add, from lfcal inspect, lfcal verify or lfcal plan fit.",
         label="Positions to record again",
         file="in",
         empty="none",

@@ -248,7 +248,10 @@ class FaultPanel(QWidget):
         self.remove = button("Remove", "Remove the selected fault from the list", self._remove)
         self.list = QListWidget()
         self.list.setAccessibleName("Faults of the simulator")
-        self.list.setToolTip("Faults that will occur, each with its time. To remove one, select it and press Remove")
+        self.list.setToolTip(
+            "Faults that will occur, each with the number of the move, frame or reading at which it begins. To remove "
+            "one, select it and press Remove"
+        )
         self.list.setMaximumHeight(84)
         self.list.currentRowChanged.connect(lambda _: self._enable())
         self.hint = wrapped("hint", HINT)

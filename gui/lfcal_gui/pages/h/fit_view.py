@@ -113,7 +113,9 @@ class ChoicesPanel(QWidget):
         self.way.currentIndexChanged.connect(lambda _: self.edited.emit("auto", self.way.currentData() == "auto"))
         self.groups = _Groups()
         self.groups.setAccessibleName("Groups of unknowns")
-        self.groups.setToolTip("Tick the groups that may differ from the description; the others are fixed")
+        self.groups.setToolTip(
+            "Groups of camera values to fit; the others are fixed. If you choose the groups yourself, tick them here"
+        )
         for name, title, _ in group_rows():
             item = QListWidgetItem(title)
             item.setData(NAME, name)
